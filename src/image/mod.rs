@@ -1,0 +1,75 @@
+//! Pixels in memory: extents, row ranges and images. Row 0 is the top row, pixel (0, 0) the top left one.
+
+use std::fmt;
+use std::ops::Range;
+use std::str::FromStr;
+
+/// Size of one eye's image, pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
+pub struct Extent {
+    pub width: u32,
+    pub height: u32,
+}
+
+impl Extent {
+    pub const fn new(width: u32, height: u32) -> Self {
+        Self { width, height }
+    }
+
+    /// Number of pixels.
+    pub const fn area(self) -> usize {
+        self.width as usize * self.height as usize
+    }
+
+    pub fn rows(self) -> Range<u32> {
+        0..self.height
+    }
+}
+
+impl fmt::Display for Extent {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}x{}", self.width, self.height)
+    }
+}
+
+impl FromStr for Extent {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parsed = text
+            .split_once(['x', 'X'])
+            .and_then(|(w, h)| Some(Self::new(w.parse().ok()?, h.parse().ok()?)));
+        match parsed {
+            Some(e) if (1..=16384).contains(&e.width) && (1..=16384).contains(&e.height) => Ok(e),
+            _ => Err(format!("'{text}' is not a size: give WIDTHxHEIGHT, each 1 to 16384, e.g. 640x360")),
+        }
+    }
+}
+
+/// A row-major image of `T` per pixel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image<T> {
+    pub extent: Extent,
+    pub pixels: Vec<T>,
+}
+
+impl<T: Clone> Image<T> {
+    pub fn filled(extent: Extent, value: T) -> Self {
+        Self { extent, pixels: vec![value; extent.area()] }
+    }
+}
+
+impl<T> Image<T> {
+    /// Pixels in rows `rows`, top to bottom.
+    pub fn rows(&self, rows: Range<u32>) -> &[T] {
+        let w = self.extent.width as usize;
+        &self.pixels[rows.start as usize * w..rows.end as usize * w]
+    }
+
+    pub fn get(&self, x: u32, y: u32) -> &T {
+        &self.pixels[y as usize * self.extent.width as usize + x as usize]
+    }
+}
+
+/// Linear scene-referred RGB, f32.
+pub type RgbImage = Image<[f32; 3]>;

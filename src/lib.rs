@@ -1,0 +1,6 @@
+//! diptych renders stereo frames for virtual reality by path tracing, image-parallel over several GPUs.
+//!
+//! The modules stand in the order in which a frame flows through them; a module uses only those above it.
+
+pub mod image;
+pub mod scene;

@@ -1,0 +1,199 @@
+//! What is seen: geometry, materials, lights and the environment of a scene, in scene units and linear colour.
+//!
+//! A [`Scene`] is plain, validated data. It comes from a glTF file or from a generator of this crate, plus
+//! what a [shot](Shot) adds. It knows nothing of devices.
+
+use glam::{Affine3A, Vec2, Vec3, Vec4};
+
+/// Geometry of one glTF primitive: triangles with one material, in its own space.
+#[derive(Clone, Debug, Default)]
+pub struct Mesh {
+    pub positions: Vec<Vec3>,
+    /// One per position, unit length; empty: flat shading from the triangle.
+    pub normals: Vec<Vec3>,
+    /// Texture coordinate sets 0 and 1; each has one entry per position or is empty.
+    pub uvs: [Vec<Vec2>; 2],
+    /// Linear vertex colours that multiply base colour and alpha; one per position or empty.
+    pub colors: Vec<Vec4>,
+    /// Counter-clockwise seen from the front. Every index is below `positions.len()`.
+    pub triangles: Vec<[u32; 3]>,
+    /// Index into [`Scene::materials`].
+    pub material: usize,
+}
+
+/// A mesh put into the world.
+#[derive(Clone, Copy, Debug)]
+pub struct Instance {
+    /// Index into [`Scene::meshes`].
+    pub mesh: usize,
+    pub world_from_local: Affine3A,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum AlphaMode {
+    Opaque,
+    /// Covered where alpha >= cutoff, open elsewhere.
+    Mask { cutoff: f32 },
+    /// Covered with probability alpha.
+    Blend,
+}
+
+/// A texture as a material refers to it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TextureRef {
+    /// Index into [`Scene::textures`].
+    pub texture: usize,
+    /// Which of [`Mesh::uvs`].
+    pub uv_set: usize,
+}
+
+/// glTF 2.0 metallic-roughness material.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Material {
+    pub name: String,
+    /// Linear RGB and alpha factor.
+    pub base_color: Vec4,
+    /// sRGB-encoded colour, linear alpha; multiplies `base_color`.
+    pub base_color_texture: Option<TextureRef>,
+    pub metallic: f32,
+    /// Perceptual roughness, 0 to 1.
+    pub roughness: f32,
+    /// Emitted radiance, W/(m² sr): emissive factor times emissive strength. Leaves the front side only,
+    /// both sides of a double-sided material.
+    pub emissive: Vec3,
+    /// sRGB-encoded; multiplies `emissive`.
+    pub emissive_texture: Option<TextureRef>,
+    pub alpha_mode: AlphaMode,
+    pub double_sided: bool,
+}
+
+impl Default for Material {
+    /// glTF's default material, but with a dielectric (non-metal) base, as files without materials are meant.
+    fn default() -> Self {
+        Self {
+            name: String::new(),
+            base_color: Vec4::ONE,
+            base_color_texture: None,
+            metallic: 0.0,
+            roughness: 1.0,
+            emissive: Vec3::ZERO,
+            emissive_texture: None,
+            alpha_mode: AlphaMode::Opaque,
+            double_sided: false,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Wrap {
+    Repeat,
+    MirroredRepeat,
+    ClampToEdge,
+}
+
+/// An image with its sampler. `v` runs down the image, row 0 is at `v = 0` (glTF's convention).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Texture {
+    /// Index into [`Scene::images`].
+    pub image: usize,
+    pub wrap_u: Wrap,
+    pub wrap_v: Wrap,
+    /// Bilinear; else nearest.
+    pub linear: bool,
+}
+
+/// 8-bit RGBA texels as stored in the file (no colour conversion), row-major from the top.
+pub type TexelImage = crate::image::Image<[u8; 4]>;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum LightKind {
+    /// `radiance_scale` is radiant intensity, W/sr.
+    Point { position: Vec3, radius: f32 },
+    /// `direction` is the unit way light travels; colour × intensity is irradiance, W/m².
+    /// `angle_rad` is the half-angle of the sun's disc.
+    Directional { direction: Vec3, angle_rad: f32 },
+    /// A point light limited to a cone around `direction`, with glTF's falloff between the two cosines.
+    Spot { position: Vec3, radius: f32, direction: Vec3, cos_inner: f32, cos_outer: f32 },
+}
+
+/// A light that is no mesh. World space, scene units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Light {
+    pub kind: LightKind,
+    /// Colour × intensity, linear: W/sr for point and spot, W/m² for directional. A sphere (radius > 0)
+    /// emits the radiance `strength / (π radius²)` and is seen by camera and bounces.
+    pub strength: Vec3,
+}
+
+/// Light from infinitely far away, all around.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Environment {
+    Black,
+    Constant(Vec3),
+    /// Latitude-longitude radiance. Direction d maps to u = 0.5 + atan2(d.x, -d.z) / 2π + rotation / 360°
+    /// (so the image's centre is at −z, and it runs towards +x to the right), v = acos(d.y) / π (row 0 is up).
+    Map { image: crate::image::RgbImage, rotation_deg: f32 },
+}
+
+/// A pinhole as a glTF camera gives it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Camera {
+    pub world_from_view: Affine3A,
+    pub yfov_rad: f32,
+}
+
+#[derive(Clone, Debug)]
+pub struct Scene {
+    pub name: String,
+    pub meshes: Vec<Mesh>,
+    pub instances: Vec<Instance>,
+    /// At least one.
+    pub materials: Vec<Material>,
+    pub textures: Vec<Texture>,
+    pub images: Vec<TexelImage>,
+    pub lights: Vec<Light>,
+    pub environment: Environment,
+    pub cameras: Vec<Camera>,
+    /// Things in the file that were left out or approximated, each said once.
+    pub warnings: Vec<String>,
+}
+
+/// World-space bounds; `min > max` when empty.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Bounds {
+    pub min: Vec3,
+    pub max: Vec3,
+}
+
+impl Scene {
+    /// Triangles after instancing.
+    pub fn triangle_count(&self) -> usize {
+        self.instances.iter().map(|i| self.meshes[i.mesh].triangles.len()).sum()
+    }
+
+    /// Bounds of all instanced geometry.
+    pub fn bounds(&self) -> Bounds {
+        let mut b = Bounds { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
+        for instance in &self.instances {
+            for &p in &self.meshes[instance.mesh].positions {
+                let p = instance.world_from_local.transform_point3(p);
+                b.min = b.min.min(p);
+                b.max = b.max.max(p);
+            }
+        }
+        b
+    }
+}
+
+/// Everything that can be wrong with a scene or a shot. Each variant names the thing to check.
+#[derive(Debug, thiserror::Error)]
+pub enum SceneError {
+    #[error("cannot read '{path}'")]
+    Read { path: String, source: std::io::Error },
+    #[error("'{path}' is not valid: {what}")]
+    Invalid { path: String, what: String },
+    #[error("'{path}' requires {}, which diptych cannot read{hint}", extensions.join(", "))]
+    Extensions { path: String, extensions: Vec<String>, hint: String },
+    #[error("there is no built-in scene '{name}': choose one of {known}")]
+    UnknownBuiltin { name: String, known: String },
+}
