@@ -4,3 +4,8 @@
 
 pub mod image;
 pub mod scene;
+pub mod accel;
+pub mod graph;
+pub mod schedule;
+pub mod device;
+pub mod stages;

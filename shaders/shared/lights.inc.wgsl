@@ -33,8 +33,10 @@ const LIGHT_SPOT: u32 = 1u;
 
 @group(0) @binding(9) var<storage, read> lights: array<Light>;
 @group(0) @binding(10) var env_map: texture_2d<f32>;
-// (keep, alias, density relative to uniform over the map's (u, v) square, 0) per texel.
+// (keep, alias, density relative to uniform over the map's (u, v) square, 0) per cell of a grid laid over the map. The
+// grid has 2^17 cells, so that a 24-bit random number picks them all alike.
 @group(0) @binding(11) var<storage, read> env_alias: array<vec4<f32>>;
+const ENV_GRID: vec2<u32> = vec2<u32>(512u, 256u);
 
 const GROUP_TRIANGLES: u32 = 0u;
 const GROUP_LOCAL: u32 = 1u;
@@ -116,16 +118,15 @@ fn sample_cap(axis: vec3<f32>, cap: f32, u: vec2<f32>) -> vec3<f32> {
     return normalize(frame_around(axis) * vec3<f32>(sin_theta * cos(phi), sin_theta * sin(phi), 1.0 - lift));
 }
 
-fn pick_light(group: u32, u: f32) -> u32 {
+// `u.y` takes an entry, `u.x` keeps it or not.
+fn pick_light(group: u32, u: vec2<f32>) -> u32 {
     let count = frame.group_count[group];
-    let scaled = u * f32(count);
-    let slot = min(u32(scaled), count - 1u);
-    let index = frame.group_begin[group] + slot;
+    let index = frame.group_begin[group] + min(u32(u.y * f32(count)), count - 1u);
     let entry = lights[index];
-    return select(entry.alias_, index, scaled - f32(slot) < entry.keep);
+    return select(entry.alias_, index, u.x < entry.keep);
 }
 
-fn sample_triangle_light(p: vec3<f32>, pick: f32, u: vec2<f32>, group_pdf: f32) -> LightSample {
+fn sample_triangle_light(p: vec3<f32>, pick: vec2<f32>, u: vec2<f32>, group_pdf: f32) -> LightSample {
     let prim = lights[pick_light(GROUP_TRIANGLES, pick)].prim;
     let tri = triangles[prim];
     let m = materials[tri.material];
@@ -162,7 +163,7 @@ fn sample_triangle_light(p: vec3<f32>, pick: f32, u: vec2<f32>, group_pdf: f32) 
     return s;
 }
 
-fn sample_local_light(p: vec3<f32>, pick: f32, u: vec2<f32>, group_pdf: f32) -> LightSample {
+fn sample_local_light(p: vec3<f32>, pick: vec2<f32>, u: vec2<f32>, group_pdf: f32) -> LightSample {
     let index = pick_light(GROUP_LOCAL, pick);
     let light = lights[index];
     let to_light = light.position - p;
@@ -196,7 +197,7 @@ fn sample_local_light(p: vec3<f32>, pick: f32, u: vec2<f32>, group_pdf: f32) -> 
     return s;
 }
 
-fn sample_directional_light(pick: f32, u: vec2<f32>, group_pdf: f32) -> LightSample {
+fn sample_directional_light(pick: vec2<f32>, u: vec2<f32>, group_pdf: f32) -> LightSample {
     let light = lights[pick_light(GROUP_DIRECTIONAL, pick)];
     var s: LightSample;
     // `radius` holds 1 - cos of the disc's half-angle. The disc has the given irradiance, whatever its size.
@@ -224,7 +225,7 @@ fn env_uv(direction: vec3<f32>) -> vec2<f32> {
 }
 
 fn environment(direction: vec3<f32>) -> vec3<f32> {
-    if !HAS_ENV_MAP {
+    if !HAS_ENV_MAP || frame.env_width == 0u {
         return frame.env_radiance;
     }
     let at = env_uv(direction) * vec2<f32>(f32(frame.env_width), f32(frame.env_height)) - 0.5;
@@ -238,23 +239,18 @@ fn environment(direction: vec3<f32>) -> vec3<f32> {
 
 // Density of `sample_env_map` over solid angle.
 fn env_pdf(direction: vec3<f32>) -> f32 {
-    let uv = env_uv(direction);
-    let x = min(u32(uv.x * f32(frame.env_width)), frame.env_width - 1u);
-    let y = min(u32(uv.y * f32(frame.env_height)), frame.env_height - 1u);
+    let cell = min(vec2<u32>(env_uv(direction) * vec2<f32>(ENV_GRID)), ENV_GRID - 1u);
     let sin_theta = sqrt(max(1.0 - direction.y * direction.y, 0.0));
-    return env_alias[y * frame.env_width + x].z / max(2.0 * PI * PI * sin_theta, 1e-12);
+    return env_alias[cell.y * ENV_GRID.x + cell.x].z / max(2.0 * PI * PI * sin_theta, 1e-12);
 }
 
-fn sample_env_map(pick: f32, u: vec2<f32>, group_pdf: f32) -> LightSample {
-    let count = frame.env_width * frame.env_height;
-    let scaled = pick * f32(count);
-    var cell = min(u32(scaled), count - 1u);
+fn sample_env_map(pick: vec2<f32>, u: vec2<f32>, group_pdf: f32) -> LightSample {
+    var cell = u32(pick.y * f32(ENV_GRID.x * ENV_GRID.y));
     let entry = env_alias[cell];
-    if scaled - f32(cell) >= entry.x {
+    if pick.x >= entry.x {
         cell = u32(entry.y);
     }
-    let uv = (vec2<f32>(f32(cell % frame.env_width), f32(cell / frame.env_width)) + u)
-        / vec2<f32>(f32(frame.env_width), f32(frame.env_height));
+    let uv = (vec2<f32>(f32(cell % ENV_GRID.x), f32(cell / ENV_GRID.x)) + u) / vec2<f32>(ENV_GRID);
     let phi = 2.0 * PI * (uv.x - frame.env_rotation - 0.5);
     let theta = PI * uv.y;
     var s: LightSample;
@@ -269,32 +265,34 @@ fn sample_env_map(pick: f32, u: vec2<f32>, group_pdf: f32) -> LightSample {
 
 // Whether there is any light to pick.
 fn has_lights() -> bool {
-    return HAS_EMISSIVE || HAS_LOCAL_LIGHTS || HAS_DIRECTIONAL || HAS_ENV_MAP;
+    return (HAS_EMISSIVE || HAS_LOCAL_LIGHTS || HAS_DIRECTIONAL || HAS_ENV_MAP) && frame.light_groups > 0u;
 }
 
 fn sample_light(p: vec3<f32>, choice: vec2<f32>, u: vec2<f32>) -> LightSample {
     // The k-th group that is not empty.
-    var k = min(u32(choice.x * f32(frame.light_groups)), frame.light_groups - 1u);
+    let scaled = choice.x * f32(frame.light_groups);
+    var k = min(u32(scaled), frame.light_groups - 1u);
+    let pick = vec2<f32>(scaled - f32(k), choice.y);
     let group_pdf = 1.0 / f32(frame.light_groups);
-    if HAS_EMISSIVE {
+    if HAS_EMISSIVE && frame.group_count.x > 0u {
         if k == 0u {
-            return sample_triangle_light(p, choice.y, u, group_pdf);
+            return sample_triangle_light(p, pick, u, group_pdf);
         }
         k -= 1u;
     }
-    if HAS_LOCAL_LIGHTS {
+    if HAS_LOCAL_LIGHTS && frame.group_count.y > 0u {
         if k == 0u {
-            return sample_local_light(p, choice.y, u, group_pdf);
+            return sample_local_light(p, pick, u, group_pdf);
         }
         k -= 1u;
     }
-    if HAS_DIRECTIONAL {
+    if HAS_DIRECTIONAL && frame.group_count.z > 0u {
         if k == 0u {
-            return sample_directional_light(choice.y, u, group_pdf);
+            return sample_directional_light(pick, u, group_pdf);
         }
     }
     if HAS_ENV_MAP {
-        return sample_env_map(choice.y, u, group_pdf);
+        return sample_env_map(pick, u, group_pdf);
     }
     return no_light();
 }

@@ -81,7 +81,7 @@ fn found_light(from_: vec3<f32>, direction: vec3<f32>, hit: Hit, emission: vec3<
 }
 
 fn escaped_light(direction: vec3<f32>, pdf: f32) -> vec3<f32> {
-    if HAS_ENV_MAP {
+    if HAS_ENV_MAP && frame.env_width > 0u {
         let light_pdf = env_pdf(direction) / f32(frame.light_groups);
         return environment(direction) * (pdf / (pdf + light_pdf));
     }

@@ -15,7 +15,7 @@ struct Material {
     flags: u32,
     base_color_texture: u32,
     emissive_texture: u32,
-    base_color_uv: vec2<u32>,
+    pad0: vec2<u32>,
     // uv' = (m00 u + m01 v + tx, m10 u + m11 v + ty) as KHR_texture_transform.
     uv_matrix: vec4<f32>,
     uv_offset: vec2<f32>,
@@ -109,7 +109,7 @@ fn interpolate_uv(prim: u32, bary: vec2<f32>) -> vec2<f32> {
 
 fn base_color_at(prim: u32, bary: vec2<f32>, m: Material) -> vec4<f32> {
     var color = m.base_color;
-    if HAS_VERTEX_COLORS {
+    if HAS_VERTEX_COLORS && 3u * prim + 2u < arrayLength(&vertex_colors) {
         color *= (1.0 - bary.x - bary.y) * vertex_colors[3u * prim]
             + bary.x * vertex_colors[3u * prim + 1u]
             + bary.y * vertex_colors[3u * prim + 2u];

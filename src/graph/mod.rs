@@ -11,7 +11,7 @@ mod table;
 pub use build::{FrameGraph, Key, Task, TaskKind};
 pub use resource::{PhysicalImage, Resource};
 pub use stripes::{Stripes, StripesError};
-pub use table::{FrameSpec, HaloPlan, Pass, Read, Seam, Stage, Views, passes};
+pub use table::{FrameSpec, HaloPlan, Pass, Read, Seam, Stage, Views, atrous_step, passes};
 
 use crate::scene::rig::Eye;
 

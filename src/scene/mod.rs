@@ -3,6 +3,7 @@
 //! A [`Scene`] is plain, validated data. It comes from a glTF file or from a generator of this crate, plus
 //! what a [shot](shot::Shot) adds. It knows nothing of devices.
 
+pub mod needs;
 pub mod rig;
 pub mod shot;
 
