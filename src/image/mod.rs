@@ -1,5 +1,13 @@
 //! Pixels in memory: extents, row ranges and images. Row 0 is the top row, pixel (0, 0) the top left one.
 
+pub mod display;
+mod error;
+pub mod exr;
+pub mod file;
+pub mod stereo;
+
+pub use error::{ImageError, check_same_size};
+
 use std::fmt;
 use std::ops::Range;
 use std::str::FromStr;
@@ -41,7 +49,9 @@ impl FromStr for Extent {
             .and_then(|(w, h)| Some(Self::new(w.parse().ok()?, h.parse().ok()?)));
         match parsed {
             Some(e) if (1..=16384).contains(&e.width) && (1..=16384).contains(&e.height) => Ok(e),
-            _ => Err(format!("'{text}' is not a size: give WIDTHxHEIGHT, each 1 to 16384, e.g. 640x360")),
+            _ => Err(format!(
+                "'{text}' is not a size: give WIDTHxHEIGHT, each 1 to 16384, e.g. 640x360"
+            )),
         }
     }
 }
@@ -55,7 +65,10 @@ pub struct Image<T> {
 
 impl<T: Clone> Image<T> {
     pub fn filled(extent: Extent, value: T) -> Self {
-        Self { extent, pixels: vec![value; extent.area()] }
+        Self {
+            extent,
+            pixels: vec![value; extent.area()],
+        }
     }
 }
 

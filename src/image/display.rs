@@ -1,0 +1,121 @@
+//! From linear radiance to what a screen shows: c/(1+c), then the sRGB curve.
+
+use std::path::Path;
+
+use ::image::codecs::png::{CompressionType, FilterType, PngEncoder};
+use ::image::{ExtendedColorType, ImageEncoder};
+
+use super::file::atomic_write;
+use super::{Image, ImageError, RgbImage};
+
+/// sRGB-encoded, 8 bits a channel.
+pub type DisplayImage = Image<[u8; 3]>;
+
+/// c/(1+c) (Reinhard et al. 2002, eq. 3, per channel), then the sRGB curve (IEC 61966-2-1): radiance 0 … ∞ to 0 … 1.
+/// Negative radiance and NaN show as 0.
+pub fn display_value(radiance: f64) -> f64 {
+    let c = radiance.max(0.0);
+    srgb_from_linear(if c.is_infinite() { 1.0 } else { c / (1.0 + c) })
+}
+
+/// The sRGB curve over 0 … 1.
+pub fn srgb_from_linear(linear: f64) -> f64 {
+    if linear <= 0.0031308 {
+        12.92 * linear
+    } else {
+        1.055 * linear.powf(1.0 / 2.4) - 0.055
+    }
+}
+
+/// The 8-bit level nearest to a display value; what lies outside 0 … 1 is clamped.
+pub fn level(display: f64) -> u8 {
+    (display.clamp(0.0, 1.0) * 255.0).round() as u8
+}
+
+/// Scales by 2^`exposure_ev`, then [`display_value`].
+pub fn tonemap(image: &RgbImage, exposure_ev: f64) -> DisplayImage {
+    let gain = exposure_ev.exp2();
+    let pixels = image
+        .pixels
+        .iter()
+        .map(|p| p.map(|c| level(display_value(f64::from(c) * gain))))
+        .collect();
+    Image {
+        extent: image.extent,
+        pixels,
+    }
+}
+
+/// Writes an 8-bit RGB PNG.
+///
+/// # Errors
+/// [`ImageError::Write`].
+pub fn write_png(path: &Path, image: &DisplayImage) -> Result<(), ImageError> {
+    atomic_write(path, |file| {
+        PngEncoder::new_with_quality(file, CompressionType::Fast, FilterType::Adaptive)
+            .write_image(
+                image.pixels.as_flattened(),
+                image.extent.width,
+                image.extent.height,
+                ExtendedColorType::Rgb8,
+            )
+            .map_err(std::io::Error::other)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Extent;
+    use super::*;
+
+    #[test]
+    fn known_radiances_show_at_known_levels() {
+        // c/(1+c) = 0.5 encodes to 0.735357 (IEC 61966-2-1), 0.002/1.002 lies on the linear part.
+        for (radiance, display) in [
+            (0.0, 0.0),
+            (1.0, 0.735_356_983_052_449),
+            (0.002, 12.92 * 0.002 / 1.002),
+            (f64::INFINITY, 1.0),
+            (-3.0, 0.0),
+            (f64::NAN, 0.0),
+        ] {
+            assert!(
+                (display_value(radiance) - display).abs() < 1e-12,
+                "{radiance}"
+            );
+        }
+        assert_eq!(
+            [0.0, 1.0, 0.5, -1.0, 2.0, 0.735_357].map(level),
+            [0, 255, 128, 0, 255, 188]
+        );
+    }
+
+    #[test]
+    fn the_srgb_curve_is_continuous_and_ends_at_one() {
+        let knee = 0.0031308;
+        assert!((srgb_from_linear(knee) - srgb_from_linear(knee * (1.0 + 1e-9))).abs() < 1e-7);
+        assert!((srgb_from_linear(1.0) - 1.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn one_ev_doubles_the_radiance() {
+        let extent = Extent::new(1, 1);
+        let one = tonemap(&Image::filled(extent, [0.4, 1.0, 3.0]), 0.0);
+        let half = tonemap(&Image::filled(extent, [0.2, 0.5, 1.5]), 1.0);
+        assert_eq!(one, half);
+        assert_eq!(one.pixels[0][1], 188);
+    }
+
+    #[test]
+    fn a_png_holds_the_levels_it_was_given() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.png");
+        let extent = Extent::new(5, 3);
+        let pixels = (0..15).map(|i| [i * 17, 255 - i, i]).collect();
+        let image = DisplayImage { extent, pixels };
+        write_png(&path, &image).unwrap();
+        let back = ::image::open(&path).unwrap().into_rgb8();
+        assert_eq!(back.dimensions(), (5, 3));
+        assert_eq!(back.as_raw(), image.pixels.as_flattened());
+    }
+}
