@@ -3,6 +3,8 @@
 //! A [`Scene`] is plain, validated data. It comes from a glTF file or from a generator of this crate, plus
 //! what a [shot](shot::Shot) adds. It knows nothing of devices.
 
+pub mod environment;
+pub mod load;
 pub mod rig;
 pub mod shot;
 
@@ -223,4 +225,6 @@ pub enum SceneError {
     },
     #[error("there is no built-in scene '{name}': choose one of {known}")]
     UnknownBuiltin { name: String, known: String },
+    #[error(transparent)]
+    Image(#[from] crate::image::ImageError),
 }
