@@ -4,6 +4,8 @@
 //! what a [shot](shot::Shot) adds. It knows nothing of devices.
 
 pub mod needs;
+pub mod environment;
+pub mod load;
 pub mod rig;
 pub mod shot;
 
@@ -224,4 +226,6 @@ pub enum SceneError {
     },
     #[error("there is no built-in scene '{name}': choose one of {known}")]
     UnknownBuiltin { name: String, known: String },
+    #[error(transparent)]
+    Image(#[from] crate::image::ImageError),
 }

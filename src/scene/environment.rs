@@ -1,0 +1,132 @@
+//! Environment images: latitude-longitude radiance from `.hdr` and `.exr` files.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+use ::image::codecs::hdr::HdrDecoder;
+use ::image::{ImageDecoder, ImageError as DecodeError};
+
+use super::SceneError;
+use crate::image::{Extent, Image, RgbImage, exr};
+
+const LARGEST_SIDE: u32 = 1 << 15;
+const LARGEST_AREA: usize = 1 << 28;
+
+/// Reads the image and multiplies it by `scale`. Values that are no radiance (negative, NaN, infinite) become
+/// 0; the second result says how many pixels had one.
+///
+/// # Errors
+/// [`SceneError::Read`], [`SceneError::Image`] or [`SceneError::Invalid`] for a file that can't be decoded.
+pub fn read_latlong(path: &Path, scale: f32) -> Result<(RgbImage, usize), SceneError> {
+    let is_hdr = path
+        .extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("hdr"));
+    let mut image = if is_hdr {
+        read_hdr(path)?
+    } else {
+        exr::read_rgb(path)?
+    };
+    let mut bad_pixels = 0;
+    for pixel in &mut image.pixels {
+        let scaled = pixel.map(|v| v * scale);
+        let radiance = scaled.map(|v| if v.is_finite() { v.max(0.0) } else { 0.0 });
+        bad_pixels += usize::from(scaled != radiance);
+        *pixel = radiance;
+    }
+    Ok((image, bad_pixels))
+}
+
+fn read_hdr(path: &Path) -> Result<RgbImage, SceneError> {
+    let name = || path.display().to_string();
+    let invalid = |what: String| SceneError::Invalid { path: name(), what };
+    let decode_error = |error: DecodeError| match error {
+        DecodeError::IoError(source) => SceneError::Read {
+            path: name(),
+            source,
+        },
+        other => invalid(other.to_string()),
+    };
+    let file = File::open(path).map_err(|source| SceneError::Read {
+        path: name(),
+        source,
+    })?;
+    let decoder = HdrDecoder::new(BufReader::new(file)).map_err(decode_error)?;
+    let (width, height) = decoder.dimensions();
+    let (sides, extent) = (1..=LARGEST_SIDE, Extent::new(width, height));
+    if !sides.contains(&width) || !sides.contains(&height) || extent.area() > LARGEST_AREA {
+        return Err(invalid(format!(
+            "its size is {extent}: give an image of 1 to {LARGEST_SIDE} a side and at most {LARGEST_AREA} pixels"
+        )));
+    }
+    let mut image = Image::filled(extent, [0.0; 3]);
+    decoder
+        .read_image(bytemuck::cast_slice_mut(&mut image.pixels))
+        .map_err(decode_error)?;
+    Ok(image)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A 2x1 Radiance file: 1, 0.5, 0 and 4, 4, 4.
+    fn hdr_bytes() -> Vec<u8> {
+        let mut bytes = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 2\n".to_vec();
+        bytes.extend([128, 64, 0, 129, 128, 128, 128, 131]);
+        bytes
+    }
+
+    #[test]
+    fn radiance_files_are_read_and_scaled() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sky.HDR");
+        std::fs::write(&path, hdr_bytes()).unwrap();
+        let (image, bad) = read_latlong(&path, 2.0).unwrap();
+        assert_eq!(image.extent, Extent::new(2, 1));
+        assert_eq!(image.pixels, [[2.0, 1.0, 0.0], [8.0, 8.0, 8.0]]);
+        assert_eq!(bad, 0);
+    }
+
+    #[test]
+    fn exr_files_are_read_and_what_is_no_radiance_is_counted() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sky.exr");
+        let pixels = vec![
+            [1.0, 2.0, 3.0],
+            [f32::NAN, 1.0, 1.0],
+            [-1.0, f32::INFINITY, 2.0],
+        ];
+        let image = RgbImage {
+            extent: Extent::new(3, 1),
+            pixels,
+        };
+        exr::write_rgb(&path, &image).unwrap();
+        let (image, bad) = read_latlong(&path, 0.5).unwrap();
+        assert_eq!(
+            image.pixels,
+            [[0.5, 1.0, 1.5], [0.0, 0.5, 0.5], [0.0, 0.0, 1.0]]
+        );
+        assert_eq!(bad, 2);
+    }
+
+    #[test]
+    fn damaged_radiance_files_are_errors() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("sky.hdr");
+        let whole = hdr_bytes();
+        for cut in 0..whole.len() {
+            std::fs::write(&path, &whole[..cut]).unwrap();
+            let error = read_latlong(&path, 1.0).unwrap_err().to_string();
+            assert!(error.contains("sky.hdr"), "{error}");
+        }
+        let huge = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4000000000 +X 4000000000\n";
+        std::fs::write(&path, huge).unwrap();
+        assert!(
+            read_latlong(&path, 1.0)
+                .unwrap_err()
+                .to_string()
+                .contains("4000000000x")
+        );
+    }
+}

@@ -1,0 +1,294 @@
+//! From a command line's `SHOT` to a shot and the scene it shows, with the shot's lights and environment in it.
+
+use std::fs;
+use std::path::Path;
+
+use glam::Vec3;
+
+use super::environment::read_latlong;
+use super::rig::Rig;
+use super::shot::{Gaze, SceneSource, Shot, ShotEnvironment, Sky};
+use super::{Environment, Scene, SceneError, builtin, gltf};
+
+/// Vertical field of view for a scene that brings no camera.
+const FRAMING_YFOV_DEG: f64 = 70.0;
+
+/// Loads `builtin:NAME`, a `.toml` shot, or a `.gltf`/`.glb`.
+///
+/// A glTF file is seen by its first camera, or from where all of it is in view, by its own lights; if it has
+/// none, in a white environment of radiance 1.
+///
+/// # Errors
+/// [`SceneError`], naming the file.
+pub fn load_shot(arg: &str) -> Result<(Shot, Scene), SceneError> {
+    if let Some(name) = arg.strip_prefix("builtin:") {
+        let shot = Shot::parse(builtin::find(name)?.shot, arg)?;
+        return load_scene_of(shot, Path::new(""));
+    }
+    let path = Path::new(arg);
+    let extension = path
+        .extension()
+        .map(|e| e.to_ascii_lowercase().to_string_lossy().into_owned());
+    match extension.as_deref() {
+        Some("toml") => {
+            let shot = Shot::parse(&read_text(path)?, arg)?;
+            load_scene_of(shot, path.parent().unwrap_or(Path::new("")))
+        }
+        Some("gltf" | "glb") => load_bare_gltf(path),
+        _ => Err(SceneError::Invalid {
+            path: arg.to_owned(),
+            what: "give a shot (.toml), a scene (.gltf, .glb) or builtin:NAME".to_owned(),
+        }),
+    }
+}
+
+fn read_text(path: &Path) -> Result<String, SceneError> {
+    fs::read_to_string(path).map_err(|source| SceneError::Read {
+        path: path.display().to_string(),
+        source,
+    })
+}
+
+/// `folder`: where the shot's relative paths start.
+fn load_scene_of(shot: Shot, folder: &Path) -> Result<(Shot, Scene), SceneError> {
+    let mut scene = match &shot.scene {
+        SceneSource::Builtin(name) => (builtin::find(name)?.build)(),
+        SceneSource::File(path) => gltf::load(&folder.join(path))?,
+    };
+    apply(&shot, folder, &mut scene)?;
+    Ok((shot, scene))
+}
+
+fn load_bare_gltf(path: &Path) -> Result<(Shot, Scene), SceneError> {
+    let mut scene = gltf::load(path)?;
+    let shot = shot_for(&scene, path);
+    apply(&shot, Path::new(""), &mut scene)?;
+    Ok((shot, scene))
+}
+
+/// The shot of a scene that came without one.
+fn shot_for(scene: &Scene, path: &Path) -> Shot {
+    let white = ShotEnvironment {
+        sky: Sky::Constant(Vec3::ONE),
+        scale: 1.0,
+        rotation_deg: 0.0,
+    };
+    Shot {
+        name: path
+            .file_stem()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned(),
+        scene: SceneSource::File(path.to_owned()),
+        rig: match scene.cameras.first() {
+            Some(&camera) => Rig::from_camera(camera),
+            None => Rig::framing(scene.bounds(), FRAMING_YFOV_DEG.to_radians()),
+        },
+        environment: (!has_light(scene)).then_some(white),
+        lights: Vec::new(),
+        gaze: Gaze::default(),
+        exposure_ev: 0.0,
+    }
+}
+
+fn has_light(scene: &Scene) -> bool {
+    let emits = |mesh: usize| {
+        let material = &scene.materials[scene.meshes[mesh].material];
+        material.emissive.max_element() > 0.0
+    };
+    !scene.lights.is_empty()
+        || scene.environment != Environment::Black
+        || scene.instances.iter().any(|i| emits(i.mesh))
+}
+
+fn apply(shot: &Shot, folder: &Path, scene: &mut Scene) -> Result<(), SceneError> {
+    scene.lights.extend(shot.lights());
+    let Some(environment) = &shot.environment else {
+        return Ok(());
+    };
+    scene.environment = match &environment.sky {
+        Sky::Constant(radiance) => constant(*radiance * environment.scale),
+        Sky::Image(path) => {
+            let path = folder.join(path);
+            let (image, bad_pixels) = read_latlong(&path, environment.scale)?;
+            if bad_pixels > 0 {
+                let path = path.display();
+                scene.warnings.push(format!(
+                    "{bad_pixels} pixels of '{path}' have negative or non-finite values, which are taken as 0"
+                ));
+            }
+            let rotation_deg = environment.rotation_deg;
+            Environment::Map {
+                image,
+                rotation_deg,
+            }
+        }
+    };
+    Ok(())
+}
+
+fn constant(radiance: Vec3) -> Environment {
+    if radiance == Vec3::ZERO {
+        Environment::Black
+    } else {
+        Environment::Constant(radiance)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Camera, Instance, Light, LightKind, Material, Mesh};
+    use super::*;
+    use crate::image::{Extent, Image, exr};
+    use glam::Affine3A;
+
+    fn triangle() -> Scene {
+        let mesh = Mesh {
+            positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
+            triangles: vec![[0, 1, 2]],
+            ..Mesh::default()
+        };
+        let instance = Instance {
+            mesh: 0,
+            world_from_local: Affine3A::IDENTITY,
+        };
+        Scene {
+            name: "triangle".into(),
+            meshes: vec![mesh],
+            instances: vec![instance],
+            materials: vec![Material::default()],
+            textures: vec![],
+            images: vec![],
+            lights: vec![],
+            environment: Environment::Black,
+            cameras: vec![],
+            warnings: vec![],
+        }
+    }
+
+    fn light() -> Light {
+        let kind = LightKind::Point {
+            position: Vec3::ONE,
+            radius: 0.0,
+        };
+        Light {
+            kind,
+            strength: Vec3::ONE,
+        }
+    }
+
+    fn shot(environment: &str) -> Shot {
+        let text = format!(
+            "scene = 'builtin:x'\n[[rig.key]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\n{environment}"
+        );
+        let text = text.replacen("[[rig.key]]", "[rig]\n[[rig.key]]", 1);
+        Shot::parse(&text, "x.toml").unwrap()
+    }
+
+    #[test]
+    fn a_bare_scene_is_framed_and_lit_white() {
+        let mut scene = triangle();
+        let shot = shot_for(&scene, Path::new("models/chair.glb"));
+        apply(&shot, Path::new(""), &mut scene).unwrap();
+        assert_eq!(shot.name, "chair");
+        assert_eq!(scene.environment, Environment::Constant(Vec3::ONE));
+        assert_eq!(
+            shot.rig,
+            Rig::framing(scene.bounds(), FRAMING_YFOV_DEG.to_radians())
+        );
+    }
+
+    #[test]
+    fn a_scene_with_light_or_camera_keeps_them() {
+        let mut scene = triangle();
+        let camera = Camera {
+            world_from_view: Affine3A::IDENTITY,
+            yfov_rad: 0.5,
+        };
+        scene.cameras.push(camera);
+        scene.lights.push(light());
+        let shot = shot_for(&scene, Path::new("a.gltf"));
+        assert_eq!(
+            (&shot.rig, &shot.environment),
+            (&Rig::from_camera(camera), &None)
+        );
+
+        let mut emissive = triangle();
+        emissive.materials[0].emissive = Vec3::X;
+        assert_eq!(shot_for(&emissive, Path::new("a.gltf")).environment, None);
+        emissive.instances.clear();
+        assert!(
+            shot_for(&emissive, Path::new("a.gltf"))
+                .environment
+                .is_some()
+        );
+    }
+
+    #[test]
+    fn lights_are_added_and_the_environment_replaced() {
+        let mut scene = triangle();
+        scene.lights.push(light());
+        scene.environment = Environment::Constant(Vec3::ONE);
+        let lit = "[environment]\nradiance = [1, 2, 3]\nscale = 2\n[[light]]\nkind = 'point'\nposition = [0, 1, 0]";
+        apply(&shot(lit), Path::new(""), &mut scene).unwrap();
+        assert_eq!(scene.lights.len(), 2);
+        assert_eq!(
+            scene.environment,
+            Environment::Constant(Vec3::new(2.0, 4.0, 6.0))
+        );
+        apply(&shot(""), Path::new(""), &mut scene).unwrap();
+        assert_eq!(
+            scene.environment,
+            Environment::Constant(Vec3::new(2.0, 4.0, 6.0))
+        );
+        apply(
+            &shot("[environment]\nscale = 0"),
+            Path::new(""),
+            &mut scene,
+        )
+        .unwrap();
+        assert_eq!(scene.environment, Environment::Black);
+    }
+
+    #[test]
+    fn sky_images_are_relative_to_the_shot() {
+        let folder = tempfile::tempdir().unwrap();
+        let sky = Image {
+            extent: Extent::new(2, 1),
+            pixels: vec![[1.0, 2.0, 3.0], [-1.0, 0.0, 0.0]],
+        };
+        exr::write_rgb(&folder.path().join("sky.exr"), &sky).unwrap();
+        let mut scene = triangle();
+        let lit = shot("[environment]\nimage = 'sky.exr'\nscale = 2\nrotation_deg = 30");
+        apply(&lit, folder.path(), &mut scene).unwrap();
+        let Environment::Map {
+            image,
+            rotation_deg,
+        } = &scene.environment
+        else {
+            panic!("{:?}", scene.environment)
+        };
+        assert_eq!((image.pixels[0], *rotation_deg), ([2.0, 4.0, 6.0], 30.0));
+        assert_eq!(scene.warnings.len(), 1);
+        let error = apply(&lit, Path::new("nowhere"), &mut scene).unwrap_err();
+        assert!(error.to_string().contains("sky.exr"), "{error}");
+    }
+
+    #[test]
+    fn what_cannot_be_loaded_is_named() {
+        let says = |arg: &str, part: &str| {
+            let error = load_shot(arg).unwrap_err().to_string();
+            assert!(error.contains(arg) && error.contains(part), "{error}");
+        };
+        says("scene.obj", ".gltf");
+        says("nothing", "builtin:NAME");
+        says("", "builtin:NAME");
+        says("no/such.toml", "cannot read");
+        let folder = tempfile::tempdir().unwrap();
+        let latin1 = folder.path().join("latin1.toml");
+        fs::write(&latin1, b"name = \"\xe9\"").unwrap();
+        says(latin1.to_str().unwrap(), "cannot read");
+        assert!(load_shot("builtin:no-such-scene").is_err());
+        assert!(load_shot("no/such.glb").is_err());
+    }
+}
