@@ -1,7 +1,10 @@
 //! What is seen: geometry, materials, lights and the environment of a scene, in scene units and linear colour.
 //!
 //! A [`Scene`] is plain, validated data. It comes from a glTF file or from a generator of this crate, plus
-//! what a [shot](Shot) adds. It knows nothing of devices.
+//! what a [shot](shot::Shot) adds. It knows nothing of devices.
+
+pub mod rig;
+pub mod shot;
 
 use glam::{Affine3A, Vec2, Vec3, Vec4};
 
