@@ -3,7 +3,9 @@
 //! A [`Scene`] is plain, validated data. It comes from a glTF file or from a generator of this crate, plus
 //! what a [shot](Shot) adds. It knows nothing of devices.
 
-use glam::{Affine3A, Vec2, Vec3, Vec4};
+pub mod gltf;
+
+use glam::{Affine2, Affine3A, Vec2, Vec3, Vec4};
 
 /// Geometry of one glTF primitive: triangles with one material, in its own space.
 #[derive(Clone, Debug, Default)]
@@ -45,6 +47,8 @@ pub struct TextureRef {
     pub texture: usize,
     /// Which of [`Mesh::uvs`].
     pub uv_set: usize,
+    /// Where to sample, from the mesh's own coordinates: `KHR_texture_transform`, else the identity.
+    pub uv_from_uv: Affine2,
 }
 
 /// glTF 2.0 metallic-roughness material.
