@@ -9,7 +9,9 @@ pub mod load;
 pub mod rig;
 pub mod shot;
 
-use glam::{Affine3A, Vec2, Vec3, Vec4};
+pub mod gltf;
+
+use glam::{Affine2, Affine3A, Vec2, Vec3, Vec4};
 
 /// Geometry of one glTF primitive: triangles with one material, in its own space.
 #[derive(Clone, Debug, Default)]
@@ -53,6 +55,8 @@ pub struct TextureRef {
     pub texture: usize,
     /// Which of [`Mesh::uvs`].
     pub uv_set: usize,
+    /// Where to sample, from the mesh's own coordinates: `KHR_texture_transform`, else the identity.
+    pub uv_from_uv: Affine2,
 }
 
 /// glTF 2.0 metallic-roughness material.
