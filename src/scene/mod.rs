@@ -3,6 +3,8 @@
 //! A [`Scene`] is plain, validated data. It comes from a glTF file or from a generator of this crate, plus
 //! what a [shot](Shot) adds. It knows nothing of devices.
 
+pub mod builtin;
+
 use glam::{Affine3A, Vec2, Vec3, Vec4};
 
 /// Geometry of one glTF primitive: triangles with one material, in its own space.
