@@ -12,6 +12,9 @@ pub mod shot;
 pub mod gltf;
 
 use glam::{Affine2, Affine3A, Vec2, Vec3, Vec4};
+pub mod builtin;
+
+use glam::{Affine3A, Vec2, Vec3, Vec4};
 
 /// Geometry of one glTF primitive: triangles with one material, in its own space.
 #[derive(Clone, Debug, Default)]
