@@ -9,3 +9,4 @@ pub mod graph;
 pub mod schedule;
 pub mod device;
 pub mod stages;
+pub mod exec;

@@ -153,10 +153,7 @@ fn sample_triangle_light(p: vec3<f32>, pick: vec2<f32>, u: vec2<f32>, group_pdf:
     var s: LightSample;
     s.direction = direction;
     s.distance = distance * (1.0 - 1e-5);
-    s.radiance = m.emissive;
-    if HAS_TEXTURES && m.emissive_texture != NO_TEXTURE {
-        s.radiance *= sample_texture(m.emissive_texture, interpolate_uv(prim, bary), true).rgb;
-    }
+    s.radiance = emissive_at(prim, bary, m);
     s.pdf = group_pdf * m.light_pdf * distance2 / abs(cosine);
     s.is_delta = false;
     s.sphere = NO_LIGHT;

@@ -15,9 +15,10 @@ struct Material {
     flags: u32,
     base_color_texture: u32,
     emissive_texture: u32,
-    pad0: vec2<u32>,
+    emissive_uv_offset: vec2<f32>,
     // uv' = (m00 u + m01 v + tx, m10 u + m11 v + ty) as KHR_texture_transform.
     uv_matrix: vec4<f32>,
+    emissive_uv_matrix: vec4<f32>,
     uv_offset: vec2<f32>,
     pad: vec2<u32>,
 }
@@ -107,6 +108,18 @@ fn interpolate_uv(prim: u32, bary: vec2<f32>) -> vec2<f32> {
     return (1.0 - bary.x - bary.y) * vec2<f32>(s.u0, s.v0) + bary.x * vec2<f32>(s.u1, s.v1) + bary.y * vec2<f32>(s.u2, s.v2);
 }
 
+fn moved_uv(uv: vec2<f32>, matrix: vec4<f32>, offset: vec2<f32>) -> vec2<f32> {
+    return vec2<f32>(dot(matrix.xy, uv), dot(matrix.zw, uv)) + offset;
+}
+
+fn emissive_at(prim: u32, bary: vec2<f32>, m: Material) -> vec3<f32> {
+    if HAS_TEXTURES && m.emissive_texture != NO_TEXTURE {
+        let uv = moved_uv(interpolate_uv(prim, bary), m.emissive_uv_matrix, m.emissive_uv_offset);
+        return m.emissive * sample_texture(m.emissive_texture, uv, true).rgb;
+    }
+    return m.emissive;
+}
+
 fn base_color_at(prim: u32, bary: vec2<f32>, m: Material) -> vec4<f32> {
     var color = m.base_color;
     if HAS_VERTEX_COLORS && 3u * prim + 2u < arrayLength(&vertex_colors) {
@@ -116,8 +129,7 @@ fn base_color_at(prim: u32, bary: vec2<f32>, m: Material) -> vec4<f32> {
     }
     if HAS_TEXTURES && m.base_color_texture != NO_TEXTURE {
         let uv = interpolate_uv(prim, bary);
-        let moved = vec2<f32>(dot(m.uv_matrix.xy, uv), dot(m.uv_matrix.zw, uv)) + m.uv_offset;
-        color *= sample_texture(m.base_color_texture, moved, true);
+        color *= sample_texture(m.base_color_texture, moved_uv(uv, m.uv_matrix, m.uv_offset), true);
     }
     return color;
 }

@@ -40,10 +40,7 @@ fn surface_at(prim: u32, bary: vec2<f32>, direction: vec3<f32>) -> Surface {
     s.emission = vec3<f32>(0.0);
     if HAS_EMISSIVE {
         if front || (m.flags & DOUBLE_SIDED) != 0u {
-            s.emission = m.emissive;
-            if HAS_TEXTURES && m.emissive_texture != NO_TEXTURE {
-                s.emission *= sample_texture(m.emissive_texture, interpolate_uv(prim, bary), true).rgb;
-            }
+            s.emission = emissive_at(prim, bary, m);
         }
     }
     return s;

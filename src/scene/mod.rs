@@ -3,18 +3,15 @@
 //! A [`Scene`] is plain, validated data. It comes from a glTF file or from a generator of this crate, plus
 //! what a [shot](shot::Shot) adds. It knows nothing of devices.
 
-pub mod needs;
-pub mod environment;
-pub mod load;
 pub mod rig;
 pub mod shot;
-
 pub mod gltf;
+pub mod builtin;
+pub mod environment;
+pub mod load;
+pub mod needs;
 
 use glam::{Affine2, Affine3A, Vec2, Vec3, Vec4};
-pub mod builtin;
-
-use glam::{Affine3A, Vec2, Vec3, Vec4};
 
 /// Geometry of one glTF primitive: triangles with one material, in its own space.
 #[derive(Clone, Debug, Default)]

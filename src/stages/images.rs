@@ -49,7 +49,12 @@ impl Images {
                 return Err(TooLarge { extent, mib: size >> 20, limit: limit >> 20, device: gpu.info.index });
             }
             for eye in Eye::ALL {
-                buffers.insert((image, eye), new_buffer(gpu, image, size));
+                let buffer = new_buffer(gpu, image, size);
+                if image == PhysicalImage::Holes {
+                    // Hole-filling runs as many workgroups in x as reprojection counts; y and z are always 1.
+                    gpu.queue.write_buffer(&buffer, 8, bytemuck::cast_slice(&[1u32, 1]));
+                }
+                buffers.insert((image, eye), buffer);
             }
         }
         Ok(Self { extent, buffers })

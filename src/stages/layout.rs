@@ -82,8 +82,9 @@ pub struct Material {
     pub flags: u32,
     pub base_color_texture: u32,
     pub emissive_texture: u32,
-    pub pad0: UVec2,
+    pub emissive_uv_offset: Vec2,
     pub uv_matrix: Vec4,
+    pub emissive_uv_matrix: Vec4,
     pub uv_offset: Vec2,
     pub pad: UVec2,
 }

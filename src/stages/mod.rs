@@ -106,8 +106,8 @@ struct Room {
     /// Whether group 0 holds the scene beside the frame's constants.
     reads_scene: bool,
     slots: &'static [Slot],
-    /// Cleared before the dispatches.
-    clears: &'static [PhysicalImage],
+    /// Cleared before the dispatches: an image and how many of its bytes, all if none.
+    clears: &'static [(PhysicalImage, Option<u64>)],
     dispatches: fn(&Work<'_>) -> Vec<Dispatch>,
 }
 

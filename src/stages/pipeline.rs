@@ -9,6 +9,7 @@ use super::scene_tables::{SceneBuffers, SceneTables, TableError, layout_entries}
 use super::{Dispatch, Of, ROOMS, Room, Slot, StageSettings, Work};
 use crate::device::{GpuDevice, override_names, wgsl};
 use crate::graph::{PhysicalImage, Resource, Stage};
+use crate::image::Extent;
 use crate::scene::rig::Eye;
 
 /// Edge of the workgroups of row-wise shaders.
@@ -145,6 +146,21 @@ impl DeviceStages {
         gpu.queue.write_buffer(&self.previous, 0, bytemuck::cast_slice(previous));
     }
 
+    pub fn extent(&self) -> Extent {
+        self.settings.extent
+    }
+
+    /// Runs every pipeline once on no rows, so that drivers compile now what they would at the first frame.
+    pub fn warm_up(&mut self, gpu: &GpuDevice, stamps: &mut Stamps) {
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        for stage in self.rooms.iter().map(|b| b.room.stage).collect::<Vec<_>>() {
+            let filter = Some((Resource::Filtered(1), Resource::Filtered(2)));
+            let task = StageTask { stage, view: Eye::Right, index: 0, rows: 0..0, valid: 0..0, filter };
+            self.record(gpu, &mut encoder, stamps, &task);
+        }
+        gpu.queue.submit([encoder.finish()]);
+    }
+
     /// Records a task; returns the pair of timestamps around it, if any is left.
     pub fn record(
         &mut self,
@@ -162,13 +178,8 @@ impl DeviceStages {
         };
         let (images, previous) = (&self.images, &self.previous);
         let group = self.groups.entry(key).or_insert_with_key(|k| bind_slots(gpu, built, images, previous, k));
-        for &image in built.room.clears {
-            encoder.clear_buffer(self.images.buffer(image, task.view), 0, None);
-        }
-        if task.stage == Stage::Reproject {
-            // Hole-filling runs as many workgroups as reprojection counts, in x; y and z are 1.
-            let holes = self.images.buffer(PhysicalImage::Holes, task.view);
-            gpu.queue.write_buffer(holes, 8, bytemuck::cast_slice(&[1u32, 1]));
+        for &(image, bytes) in built.room.clears {
+            encoder.clear_buffer(self.images.buffer(image, task.view), 0, bytes);
         }
         let pair = stamps.next();
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
@@ -201,8 +212,10 @@ impl DeviceStages {
             match columns {
                 Some(columns) => {
                     let rows = task.rows.end - task.rows.start;
-                    pass.dispatch_workgroups(columns.div_ceil(TILE), rows.div_ceil(TILE), 1);
+                    pass.dispatch_workgroups(columns.div_ceil(TILE), rows.div_ceil(TILE).max(1), 1);
                 }
+                // The list is empty as long as nothing was reprojected.
+                None if task.rows.is_empty() => pass.dispatch_workgroups(1, 1, 1),
                 None => {
                     pass.dispatch_workgroups_indirect(self.images.buffer(PhysicalImage::Holes, task.view), 4);
                 }

@@ -17,7 +17,8 @@ pub(super) const ROOM: Room = Room {
         Slot::Write(P::Tally),
         Slot::Write(P::Holes),
     ],
-    clears: &[P::Holes],
+    // The count of holes and of workgroups.
+    clears: &[(P::Holes, Some(8))],
     dispatches,
 };
 

@@ -76,6 +76,11 @@ impl SceneTables {
         }
     }
 
+    /// Whether there is anything that could reflect light.
+    pub fn has_surfaces(&self) -> bool {
+        self.accel.nodes.len() > 1 || self.accel.nodes[0] != [0; 20]
+    }
+
     pub fn triangle_count(&self) -> usize {
         self.accel.triangles.len()
     }
@@ -109,10 +114,21 @@ fn gpu_material(m: &scene::Material, light_pdf: f32) -> layout::Material {
         flags: alpha | if m.double_sided { DOUBLE_SIDED } else { 0 },
         base_color_texture: texture(&m.base_color_texture),
         emissive_texture: texture(&m.emissive_texture),
-        uv_matrix: Vec4::new(1.0, 0.0, 0.0, 1.0),
-        uv_offset: Vec2::ZERO,
+        uv_matrix: uv_matrix(&m.base_color_texture),
+        uv_offset: uv_offset(&m.base_color_texture),
+        emissive_uv_matrix: uv_matrix(&m.emissive_texture),
+        emissive_uv_offset: uv_offset(&m.emissive_texture),
         ..Default::default()
     }
+}
+
+fn uv_matrix(texture: &Option<scene::TextureRef>) -> Vec4 {
+    let m = texture.map_or(glam::Mat2::IDENTITY, |t| t.uv_from_uv.matrix2);
+    Vec4::new(m.x_axis.x, m.y_axis.x, m.x_axis.y, m.y_axis.y)
+}
+
+fn uv_offset(texture: &Option<scene::TextureRef>) -> Vec2 {
+    texture.map_or(Vec2::ZERO, |t| t.uv_from_uv.translation)
 }
 
 /// A scene's tables on a device; group 0 of the tracing stages, but for the frame's constants at binding 0.

@@ -10,7 +10,7 @@ pub(super) const ROOM: Room = Room {
     shader: "tally",
     reads_scene: false,
     slots: &[Slot::Read(P::Tally, Of::TaskView), Slot::Write(P::RowTally)],
-    clears: &[P::RowTally],
+    clears: &[(P::RowTally, None)],
     dispatches,
 };
 

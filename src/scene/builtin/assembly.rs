@@ -46,7 +46,7 @@ impl Assembly {
         });
         TextureRef {
             texture: self.scene.textures.len() - 1,
-            uv_set: 0,
+            uv_set: 0, uv_from_uv: glam::Affine2::IDENTITY,
         }
     }
 
