@@ -4,3 +4,7 @@
 
 pub mod image;
 pub mod scene;
+
+pub mod metrics;
+
+pub mod report;
