@@ -14,7 +14,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let direction = ray_direction(pass_.view, vec2<f32>(pixel) + 0.5);
     var rng = rng_for(pixel, pass_.view, 0u);
     let hit = trace_closest(origin, direction, alpha_key(rng));
-    let first = first_hit(hit, direction);
+    let first = first_hit(hit, pass_.view, direction);
     let is_surface = (hit.prim & SPHERE) == 0u;
     hit_image[at] = vec4<u32>(hit.prim, bitcast<vec2<u32>>(hit.bary), select(MATERIAL_NONE, first.surface.material, is_surface));
     guide_image[at] = select(
@@ -41,7 +41,7 @@ fn average_footprint(pixel: vec2<u32>, at: u32) {
         var rng = rng_for(pixel, pass_.view, i);
         let direction = ray_direction(pass_.view, vec2<f32>(pixel) + sample_offset(&rng));
         let hit = trace_closest(frame.views[pass_.view].origin, direction, alpha_key(rng));
-        let first = first_hit(hit, direction);
+        let first = first_hit(hit, pass_.view, direction);
         mixed = mixed || is_elsewhere(at, first);
         let step = 1.0 / f32(i + 1u);
         albedo += (first.albedo - albedo) * step;

@@ -10,3 +10,5 @@ pub mod schedule;
 pub mod device;
 pub mod stages;
 pub mod exec;
+pub mod metrics;
+pub mod report;

@@ -82,9 +82,10 @@ fn intersect_sphere(origin: vec3<f32>, direction: vec3<f32>, index: u32) -> f32 
     return along - sqrt(inside);
 }
 
-fn sphere_radiance(index: u32, direction: vec3<f32>) -> vec3<f32> {
+// A spot's cone dims its whole sphere alike, by the direction from the centre to the viewer.
+fn sphere_radiance(index: u32, viewer: vec3<f32>) -> vec3<f32> {
     let light = lights[frame.group_begin.y + index];
-    return light.strength * spot_factor(light, direction);
+    return light.strength * spot_factor(light, normalize(viewer - light.position));
 }
 
 // 1 - cos of the half-angle under which a sphere is seen from outside it; 0 inside.
@@ -187,7 +188,7 @@ fn sample_local_light(p: vec3<f32>, pick: vec2<f32>, u: vec2<f32>, group_pdf: f3
         // The rim, missed by rounding.
         s.distance = sqrt(max(distance2 - light.radius * light.radius, 0.0));
     }
-    s.radiance = light.strength * spot_factor(light, -s.direction);
+    s.radiance = light.strength * spot_factor(light, -axis);
     s.pdf = group_pdf * light.pick / (2.0 * PI * cap);
     s.is_delta = false;
     s.sphere = sphere;

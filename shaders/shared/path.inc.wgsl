@@ -17,7 +17,7 @@ struct FirstHit {
     albedo: vec3<f32>,
 }
 
-fn first_hit(hit: Hit, direction: vec3<f32>) -> FirstHit {
+fn first_hit(hit: Hit, view: u32, direction: vec3<f32>) -> FirstHit {
     var f: FirstHit;
     f.hit = hit;
     f.albedo = vec3<f32>(0.0);
@@ -26,7 +26,7 @@ fn first_hit(hit: Hit, direction: vec3<f32>) -> FirstHit {
     } else if (hit.prim & SPHERE) != 0u {
         f.emission = vec3<f32>(0.0);
         if HAS_SPHERES {
-            f.emission = sphere_radiance(hit.prim & ~SPHERE, -direction);
+            f.emission = sphere_radiance(hit.prim & ~SPHERE, frame.views[view].origin);
         }
     } else {
         f.surface = surface_at(hit.prim, hit.bary, direction);
@@ -127,7 +127,7 @@ fn trace_path(first: Surface, rng: ptr<function, Rng>) -> PathSample {
             break;
         }
         if HAS_SPHERES && (hit.prim & SPHERE) != 0u {
-            let found = throughput * found_light(s.position, direction, hit, sphere_radiance(hit.prim & ~SPHERE, -direction), pdf);
+            let found = throughput * found_light(s.position, direction, hit, sphere_radiance(hit.prim & ~SPHERE, s.position), pdf);
             result.irradiance += select(clamp_indirect(found), found, depth == 1u);
             break;
         }

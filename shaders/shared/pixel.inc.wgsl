@@ -63,7 +63,7 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
         } else {
             hit = stored_hit(at);
         }
-        let first = first_hit(hit, direction);
+        let first = first_hit(hit, view, direction);
         if JITTER {
             mixed = mixed || is_elsewhere(at, first);
         }

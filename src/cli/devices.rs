@@ -1,7 +1,7 @@
 //! `diptych devices`.
 
 use diptych::device;
-use diptych::report::table::{Align, Table};
+use diptych::report::text_table;
 
 use super::failure::Failure;
 
@@ -22,11 +22,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if adapters.is_empty() {
         return Err(device::DeviceError::NoAdapter.into());
     }
-    let _ = Align::Left;
-    let rows = adapters.iter().map(|a| {
+    let rows: Vec<_> = adapters.iter().map(|a| {
         let state = if a.missing.is_empty() { "ready".into() } else { format!("lacks {}: {}", a.missing.join(", "), a.hint) };
         vec![a.index.to_string(), a.name.clone(), a.kind.clone(), a.backend.clone(), a.driver.clone(), format!("{} MiB", a.max_storage_mib), state]
-    });
-    print!("{}", Table::new(&["#", "adapter", "kind", "backend", "driver", "largest buffer", "state"], rows.collect()));
+    }).collect();
+    print!("{}", text_table(&["#", "adapter", "kind", "backend", "driver", "largest buffer", "state"], &rows));
     Ok(())
 }

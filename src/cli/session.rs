@@ -6,6 +6,7 @@ use std::time::Instant;
 use diptych::accel::Accel;
 use diptych::device::{self, GpuDevice, Selection};
 use diptych::exec::{RenderSettings, Renderer};
+use diptych::report::run::{Quality, RunSettings};
 use diptych::scene::load::load_shot;
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::shot::Shot;
@@ -83,4 +84,33 @@ pub fn renderer(
     };
     let _span = tracing::info_span!("start renderer").entered();
     Ok(Renderer::new(gpus, Arc::clone(&loaded.tables), settings, policy, origin)?)
+}
+
+/// The knobs of every frame.
+pub fn frame_settings(options: &RenderOptions) -> Quality {
+    Quality { spp: options.spp, bounces: options.bounces, iterations: options.iterations(), scale: 1.0 }
+}
+
+pub fn run_settings(options: &RenderOptions, policy: &'static str) -> RunSettings {
+    RunSettings {
+        shot: options.shot.clone(),
+        size: options.size.to_string(),
+        policy,
+        ratios: options.ratios.iter().map(|r| r.ratios.clone()).collect(),
+        seed: options.seed,
+        sampler: name(&options.sampler),
+        denoiser: if options.iterations() == 0 { "none".into() } else { name(&options.denoiser) },
+        seam: name(&options.seam),
+        reproject: options.reprojects(),
+        reference: options.reference,
+        time_s: options.time,
+        fps: options.fps,
+        indirect_clamp: options.clamp,
+        shader_checks: name(&options.shader_checks),
+    }
+}
+
+/// An option's value as it is typed.
+fn name(value: &impl clap::ValueEnum) -> String {
+    value.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned())
 }

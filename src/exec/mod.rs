@@ -84,6 +84,18 @@ pub struct FrameReport {
     pub assignment: Assignment,
 }
 
+impl FrameReport {
+    /// Rows at which one device's part of the left eye's path tracing ends and the next one's begins.
+    pub fn stripe_edges(&self) -> &[u32] {
+        self.assignment.stripes(Stage::PathTrace, Eye::Left).inner_edges()
+    }
+
+    /// Bytes that crossed from device to device.
+    pub fn uploaded_bytes(&self) -> u64 {
+        self.tasks.iter().filter(|t| t.kind == TimedTask::Upload).filter_map(|t| t.bytes).sum()
+    }
+}
+
 /// Totals of one view.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Tally {

@@ -19,6 +19,19 @@ pub struct SceneNeeds {
 }
 
 impl SceneNeeds {
+    /// Everything, for comparison.
+    pub const ALL: Self = Self {
+        textures: true,
+        vertex_colors: true,
+        alpha: true,
+        emissive: true,
+        local_lights: true,
+        spheres: true,
+        directional: true,
+        constant_environment: true,
+        environment_map: true,
+    };
+
     pub fn of(scene: &Scene) -> Self {
         let used = || scene.instances.iter().map(|i| &scene.meshes[i.mesh]);
         let materials = || used().map(|m| &scene.materials[m.material]);
