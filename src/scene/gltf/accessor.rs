@@ -116,7 +116,7 @@ impl<'a> Strided<'a> {
         match (bytes, needed) {
             (Some(bytes), Some(needed)) if needed <= bytes.len() => Ok(Self { bytes, stride }),
             _ => Err(Fault::Invalid(format!(
-                "{count} elements of {size} bytes, {stride} apart from byte {offset}, are beyond its buffer view of {} bytes",
+                "{count} elements of {size} bytes, {stride} apart from byte {offset}, are beyond its view of {} bytes",
                 view.bytes.len()
             ))),
         }

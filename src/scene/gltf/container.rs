@@ -1,6 +1,7 @@
 //! Takes a `.gltf` or `.glb` apart: its JSON, parsed, and its binary chunk.
 
 use ::gltf::json::Root;
+use serde_json::{Value, json};
 
 use super::fault::{Fault, Outcome};
 
@@ -19,10 +20,26 @@ pub fn parse(bytes: &[u8]) -> Outcome<Container<'_>> {
     }
     let (json, bin) = if bytes.starts_with(MAGIC) { split_chunks(bytes)? } else { (bytes, None) };
     let json = json.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(json);
-    let root =
-        Root::from_slice(json).map_err(|e| Fault::Invalid(format!("its JSON does not read as glTF 2.0: {e}")))?;
+    let root: Root = Root::from_slice(json).or_else(|error| {
+        let lenient = serde_json::from_slice(json).ok().and_then(|value| serde_json::from_value(complete(value)).ok());
+        lenient.ok_or_else(|| Fault::Invalid(format!("its JSON does not read as glTF 2.0: {error}")))
+    })?;
     check_version(&root)?;
     Ok(Container { root, bin })
+}
+
+/// Fills in what the format lets a file leave out but the parser asks for: a scene's list of nodes, and parts of
+/// animations where an extension says them otherwise (they are not read anyway).
+fn complete(mut json: Value) -> Value {
+    for scene in json.get_mut("scenes").and_then(Value::as_array_mut).into_iter().flatten() {
+        if let Some(scene) = scene.as_object_mut() {
+            scene.entry("nodes").or_insert_with(|| json!([]));
+        }
+    }
+    if let Some(animations) = json.get_mut("animations") {
+        *animations = json!([{"channels": [], "samplers": []}]);
+    }
+    json
 }
 
 fn check_version(root: &Root) -> Outcome<()> {

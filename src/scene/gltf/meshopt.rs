@@ -13,8 +13,8 @@ use serde::Deserialize;
 
 use super::fault::{Fault, Outcome};
 
-/// The least a stream byte costs: two bits of header per 16 bytes of output, or in version 1 of the codec two bits
-/// per 256; the longest block has 256 elements.
+/// A stream byte stands for at most so many decoded ones: the densest coding, a vertex block of 256 elements without
+/// deltas, spends two bits on each byte of an element.
 const MAX_EXPANSION: usize = 1024;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]

@@ -49,12 +49,12 @@ const MAX_INSTANCES: usize = 1 << 22;
 /// [`SceneError::Read`] names a file that cannot be read, [`SceneError::Extensions`] the required extensions that are
 /// not supported, [`SceneError::Invalid`] the part of the file that is wrong.
 pub fn load(path: &Path) -> Result<Scene, SceneError> {
-    read(path).map_err(|fault| fault.in_file(path))
+    uri::read_file(path).and_then(|bytes| parse(&bytes, path)).map_err(|fault| fault.in_file(path))
 }
 
-fn read(path: &Path) -> Outcome<Scene> {
-    let bytes = uri::read_file(path)?;
-    let container = container::parse(&bytes)?;
+/// `path` is where the `bytes` come from.
+fn parse(bytes: &[u8], path: &Path) -> Outcome<Scene> {
+    let container = container::parse(bytes)?;
     let root = &container.root;
     let mut warnings = Warnings::default();
     extensions::check(root, &mut warnings)?;
