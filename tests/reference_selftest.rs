@@ -264,7 +264,25 @@ fn a_sphere_hides_the_sky_behind_it_and_counts_once() {
     }
 }
 
-/// Differential element under the centre of a parallel rectangle: four corner form factors (Howell C-10, B-3).
+#[test]
+fn a_sphere_blocks_other_lights_from_inside_too() {
+    let mut scene = white_floor("blocking sphere");
+    scene
+        .lights
+        .push(point(Vec3::Y * 4.0, 0.0, Vec3::splat(PI as f32)));
+    assert_exact(&look_at_floor(&scene, 0.0, 0.0, 2, 0), [1.0 / 16.0; 3]);
+    for height in [2.0, 3.8] {
+        let mut scene = scene.clone();
+        scene.lights.push(point(Vec3::Y * height, 0.5, Vec3::ZERO));
+        assert_exact(&look_at_floor(&scene, 0.0, 0.0, 20, 2), [0.0; 3]);
+    }
+    // Beyond the light it hides nothing.
+    scene.lights.push(point(Vec3::Y * 5.0, 0.5, Vec3::ZERO));
+    assert_exact(&look_at_floor(&scene, 0.0, 0.0, 20, 2), [1.0 / 16.0; 3]);
+}
+
+/// Differential element under the centre of a parallel rectangle: four of those of a
+/// rectangle with a corner over the element, a textbook's closed form.
 fn rectangle_form_factor(half_x: f64, half_z: f64, height: f64) -> f64 {
     let (x, z) = (half_x / height, half_z / height);
     let side = |x: f64, z: f64| {
@@ -893,6 +911,30 @@ fn no_ray_leaks_through_shared_edges() {
                 );
             }
         }
+    }
+}
+
+/// A ray that starts just off a wall, as in a corner, still meets it.
+#[test]
+fn walls_nearer_than_the_hierarchy_can_tell_are_hit() {
+    let corners = [DVec3::ZERO, DVec3::Y * 10.0, DVec3::Z * 10.0];
+    let wall = |x: f64, index: usize| Triangle {
+        vertices: corners.map(|c| c + DVec3::X * x),
+        instance: 0,
+        index,
+    };
+    // A dense pile up to x = 5, so that its inner nodes have a fine grid, in a scene ten wide.
+    let mut places: Vec<f64> = (0..400).map(|i| 5.0 - 1e-3 * f64::from(i)).collect();
+    places.extend([0.0, 10.0]);
+    let walls = places.iter().enumerate().map(|(i, &x)| wall(x, i));
+    let geometry = Geometry::new(walls.collect());
+    for distance in [5e-4, 1e-4, 1e-5, 1e-6, 1e-8] {
+        let origin = DVec3::new(5.0 - distance, 1.0, 1.0);
+        let direction = DVec3::new(1.0, 0.3, 0.2).normalize();
+        let expected = distance / direction.x;
+        let hit = geometry.closest(&Ray { origin, direction }, f64::INFINITY, None, |_, _| true);
+        let t = hit.expect("a hit").t;
+        assert!((t - expected).abs() < 1e-12, "{t} {expected}");
     }
 }
 

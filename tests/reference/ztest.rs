@@ -251,9 +251,11 @@ mod bound {
         1.1 + 5.0 * (2.0 / n as f64).sqrt()
     }
 
-    /// Fraction beyond 3: 1 % (the normal has 0.27 %) + 4 standard deviations.
+    /// Fraction beyond 3 of `n` blocks, whose channels may all go together: 1 % (the normal has 0.27 %), 4 standard
+    /// deviations of the Poisson count, and 3 blocks, as that count is skewed where few are expected.
     pub fn blocks_beyond_3(n: usize) -> f64 {
-        0.01 + 4.0 * (0.01 * 0.99 / n as f64).sqrt()
+        let expected = 0.01 * n as f64;
+        (expected + 4.0 * expected.sqrt() + 3.0) / n as f64
     }
 }
 
