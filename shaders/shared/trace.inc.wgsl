@@ -32,10 +32,10 @@ fn traversal_for(origin: vec3<f32>, direction: vec3<f32>) -> Traversal {
     return Traversal(origin, direction, 1.0 / safe, (flip.x | flip.y | flip.z) * 0x01010101u);
 }
 
-fn hit_children4(meta: u32, octant: u32, near: vec4<f32>, far: vec4<f32>) -> u32 {
-    let inner = ((meta & (meta << 1u)) & 0x10101010u) >> 4u;
-    let slot = (meta ^ (octant & (inner * 0xffu))) & 0x1f1f1f1fu;
-    let bits = unpack4xU8((meta >> 5u) & 0x07070707u);
+fn hit_children4(child_meta: u32, octant: u32, near: vec4<f32>, far: vec4<f32>) -> u32 {
+    let inner = ((child_meta & (child_meta << 1u)) & 0x10101010u) >> 4u;
+    let slot = (child_meta ^ (octant & (inner * 0xffu))) & 0x1f1f1f1fu;
+    let bits = unpack4xU8((child_meta >> 5u) & 0x07070707u);
     let mask = select(vec4<u32>(0u), bits << unpack4xU8(slot), near <= far);
     return mask.x | mask.y | mask.z | mask.w;
 }
@@ -45,7 +45,7 @@ fn planes(word: u32, scale: f32, offset: f32) -> vec4<f32> {
 }
 
 // Which children of a node the ray meets before `t_max`, as a group mask without the imask.
-fn hit_children(ray: Traversal, n0: vec4<u32>, meta: vec2<u32>, first: u32, t_max: f32) -> u32 {
+fn hit_children(ray: Traversal, n0: vec4<u32>, child_meta: vec2<u32>, first: u32, t_max: f32) -> u32 {
     let exponents = vec3<u32>(n0.w & 0xffu, (n0.w >> 8u) & 0xffu, (n0.w >> 16u) & 0xffu);
     let scale = bitcast<vec3<f32>>(exponents << vec3<u32>(23u)) * ray.inverse;
     let offset = (bitcast<vec3<f32>>(n0.xyz) - ray.origin) * ray.inverse;
@@ -61,8 +61,8 @@ fn hit_children(ray: Traversal, n0: vec4<u32>, meta: vec2<u32>, first: u32, t_ma
     let far0 = min(min(planes(nx.z, scale.x, offset.x), planes(ny.z, scale.y, offset.y)), planes(nz.z, scale.z, offset.z)) * SLACK;
     let near1 = max(max(planes(nx.y, scale.x, offset.x), planes(ny.y, scale.y, offset.y)), max(planes(nz.y, scale.z, offset.z), vec4<f32>(0.0)));
     let far1 = min(min(planes(nx.w, scale.x, offset.x), planes(ny.w, scale.y, offset.y)), planes(nz.w, scale.z, offset.z)) * SLACK;
-    return hit_children4(meta.x, ray.octant, near0, min(far0, vec4<f32>(t_max)))
-        | hit_children4(meta.y, ray.octant, near1, min(far1, vec4<f32>(t_max)));
+    return hit_children4(child_meta.x, ray.octant, near0, min(far0, vec4<f32>(t_max)))
+        | hit_children4(child_meta.y, ray.octant, near1, min(far1, vec4<f32>(t_max)));
 }
 
 // Edge functions on vertices relative to the ray's origin: the value of a shared edge is the same number with the
