@@ -117,17 +117,6 @@ impl Surface {
         self
     }
 
-    /// Volume enclosed by a closed surface; negative if it is inside out.
-    pub fn signed_volume(&self) -> f32 {
-        let corner = |i: u32| self.vertices[i as usize].position.as_dvec3();
-        let six: f64 = self
-            .triangles
-            .iter()
-            .map(|t| corner(t[0]).dot(corner(t[1]).cross(corner(t[2]))))
-            .sum();
-        (six / 6.0) as f32
-    }
-
     pub fn into_mesh(self, material: usize) -> Mesh {
         Mesh {
             positions: self.vertices.iter().map(|v| v.position).collect(),

@@ -7,6 +7,7 @@ mod assembly;
 mod atrium;
 mod checker;
 mod cornell;
+mod forest;
 mod furnace;
 mod geometry;
 mod maths;
@@ -36,6 +37,12 @@ pub const BUILTINS: &[Builtin] = &[
         about: "a two-storey colonnaded court in the sun, 260,000 triangles",
         shot: include_str!("../../../scenes/atrium.toml"),
         build: atrium::build,
+    },
+    Builtin {
+        name: "forest",
+        about: "a wood at night with 80 lanterns, 200,000 triangles with cut-out leaves",
+        shot: include_str!("../../../scenes/forest.toml"),
+        build: forest::build,
     },
     Builtin {
         name: "checker",

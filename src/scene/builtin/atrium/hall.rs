@@ -283,7 +283,7 @@ pub fn terrace(a: &mut Assembly, paints: &Paints) {
     );
     let rise = (TERRACE_Y - COURT_Y) / STAIRS as f32;
     let treads = (0..STAIRS).flat_map(|k| {
-        let x = (STAIRS - 1 - k) as f32 * 0.3 + 0.06;
+        let x = (STAIRS - 1 - k) as f32 * 0.3 + 0.08;
         [
             [x, COURT_Y + rise * k as f32],
             [x, COURT_Y + rise * (k + 1) as f32],

@@ -139,7 +139,7 @@ fn furnish(a: &mut Assembly, paints: &Paints, bays: &[Affine3A]) {
         if i % 2 == 0 {
             for place in [back, back * shift(0.0, UPPER_Y, 0.0)] {
                 a.place(doorway, place);
-                a.place(door, place);
+                a.place(door, place * shift(0.0, 0.0, 0.05));
             }
         }
         if i % 3 == 1 {

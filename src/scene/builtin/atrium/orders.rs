@@ -79,7 +79,7 @@ pub fn base_and_capital(order: &Order) -> Surface {
         [1.06, 1.1],
         [0.95, 1.12],
     ];
-    let base = lathe(&profile(&attic, r, 0.0), 20);
+    let base = lathe(&profile(&attic, r, 0.0), 18);
     let top = order.height;
     let bell = [
         [0.8, 0.0],
@@ -95,7 +95,7 @@ pub fn base_and_capital(order: &Order) -> Surface {
         [1.1, 1.54],
         [0.6, 1.56],
     ];
-    let bell = lathe(&profile(&bell, r, top - capital_height(r)), 20);
+    let bell = lathe(&profile(&bell, r, top - capital_height(r)), 18);
     let mut capital = plinth.with(base).with(bell).with(abacus(r, top));
     if order.leafy {
         capital.append(&leaves(r, top - capital_height(r)));
@@ -238,12 +238,12 @@ pub fn urn(stretch: Vec2) -> Surface {
         [0.27, 0.85],
         [0.32, 0.88],
         [0.31, 0.9],
-        [0.16, 0.86],
+        [0.14, 0.86],
         [0.2, 0.8],
         [0.0, 0.78],
     ];
     lathe(
         &Outline::open(points.map(|p| [p[0] * stretch.x, p[1] * stretch.y])),
-        16,
+        14,
     )
 }
