@@ -1,6 +1,6 @@
 //! The thread that drives one device.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -56,6 +56,9 @@ pub struct Worker {
     /// Frames that another worker has given up.
     aborted: Option<u32>,
     origin: Instant,
+    /// Lavapipe's queue takes no second submission while the first one runs, but holds its caller up. Rows that others
+    /// wait for are sent before that happens, at the price of a short gap; hardware queues need no gap.
+    submit_blocks: bool,
 }
 
 /// Rows whose copy has been submitted, in order of submission.
@@ -71,7 +74,7 @@ struct Outgoing {
 struct Progress {
     encoder: Option<wgpu::CommandEncoder>,
     copies: Vec<(Recorded, Task)>,
-    outgoing: Vec<Outgoing>,
+    outgoing: VecDeque<Outgoing>,
     timings: Vec<TaskTiming>,
     /// Stage tasks with their pairs of timestamps.
     stamped: Vec<(u32, Task, Stage)>,
@@ -114,6 +117,7 @@ impl Worker {
             usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
             mapped_at_creation: false,
         });
+        let submit_blocks = gpu.info.threads.is_some();
         let (pool, early) = (Pool::default(), HashMap::new());
         Ok(Self {
             gpu,
@@ -128,6 +132,7 @@ impl Worker {
             early,
             aborted: None,
             origin,
+            submit_blocks,
         })
     }
 
@@ -187,21 +192,20 @@ impl Worker {
         for task in job.graph.tasks_of(device) {
             // Copies leave together, as soon as the last of a run of them is recorded.
             if !progress.copies.is_empty() && !matches!(task.kind, TaskKind::Download { .. }) {
-                self.flush(&mut progress);
+                self.flush(&mut progress, frame)?;
             }
             match &task.kind {
                 TaskKind::Dispatch { .. } => self.dispatch(&mut progress, &task),
                 TaskKind::Download { resource, .. } => self.download(&mut progress, *resource, &task),
                 TaskKind::Upload { resource, transfer, .. } => {
-                    self.flush(&mut progress);
-                    self.send_finished(&mut progress, frame)?;
+                    self.flush(&mut progress, frame)?;
                     self.upload(&mut progress, frame, *resource, *transfer, &task)?;
                 }
                 TaskKind::Stitch => {}
             }
         }
-        self.flush(&mut progress);
-        self.send_finished(&mut progress, frame)?;
+        self.flush(&mut progress, frame)?;
+        while self.send_oldest(&mut progress, frame)? {}
         {
             let _span = tracing::info_span!("wait for device", frame).entered();
             self.gpu.wait(None)?;
@@ -241,34 +245,36 @@ impl Worker {
     }
 
     /// Submits what is recorded.
-    fn flush(&mut self, progress: &mut Progress) {
-        let Some(encoder) = progress.encoder.take() else { return };
+    fn flush(&mut self, progress: &mut Progress, frame: u32) -> Result<(), Stop> {
+        let Some(encoder) = progress.encoder.take() else { return Ok(()) };
+        if self.submit_blocks {
+            while self.send_oldest(progress, frame)? {}
+        }
         let _span = tracing::info_span!("submit").entered();
         let submission = self.gpu.queue.submit([encoder.finish()]);
         for (copy, task) in progress.copies.drain(..) {
             let TaskKind::Download { resource, transfer, to } = task.kind else { continue };
             let timing = transfer_timing(&task, TimedTask::Download, resource);
-            progress.outgoing.push(Outgoing { back: copy.submitted(submission.clone()), to, transfer, timing });
-        }
-    }
-
-    /// Hands on every copy that was submitted, in order. All of them come before anything this worker may wait for, so
-    /// waiting here holds nobody up.
-    fn send_finished(&mut self, progress: &mut Progress, frame: u32) -> Result<(), Stop> {
-        for mut out in progress.outgoing.drain(..) {
-            {
-                let _span = tracing::info_span!("wait for rows of own", frame).entered();
-                self.gpu.wait(Some(out.back.submission()))?;
-            }
-            out.timing.begin_ms = self.origin.elapsed().as_secs_f64() * 1e3;
-            let bytes = self.pool.finish(&self.gpu, out.back)?;
-            out.timing.bytes = Some(bytes.len() as u64);
-            let parcel = Parcel::Rows { frame, transfer: out.transfer, bytes };
-            self.outboxes[out.to].send(parcel).map_err(|_| Stop::Aborted)?;
-            out.timing.end_ms = self.origin.elapsed().as_secs_f64() * 1e3;
-            progress.timings.push(out.timing);
+            progress.outgoing.push_back(Outgoing { back: copy.submitted(submission.clone()), to, transfer, timing });
         }
         Ok(())
+    }
+
+    /// Hands on the copy that was submitted first, if there is one.
+    fn send_oldest(&mut self, progress: &mut Progress, frame: u32) -> Result<bool, Stop> {
+        let Some(mut out) = progress.outgoing.pop_front() else { return Ok(false) };
+        {
+            let _span = tracing::info_span!("wait for own rows", frame).entered();
+            self.gpu.wait(Some(out.back.submission()))?;
+        }
+        out.timing.begin_ms = self.now_ms();
+        let bytes = self.pool.finish(&self.gpu, out.back)?;
+        out.timing.bytes = Some(bytes.len() as u64);
+        let parcel = Parcel::Rows { frame, transfer: out.transfer, bytes };
+        self.outboxes[out.to].send(parcel).map_err(|_| Stop::Aborted)?;
+        out.timing.end_ms = self.now_ms();
+        progress.timings.push(out.timing);
+        Ok(true)
     }
 
     fn upload(
@@ -279,7 +285,7 @@ impl Worker {
         transfer: u32,
         task: &Task,
     ) -> Result<(), Stop> {
-        let bytes = self.receive(frame, transfer)?;
+        let bytes = self.receive(progress, frame, transfer)?;
         let mut timing = transfer_timing(task, TimedTask::Upload, resource);
         timing.begin_ms = self.now_ms();
         let image = resource.physical();
@@ -294,22 +300,33 @@ impl Worker {
         Ok(())
     }
 
-    /// Waits for a parcel; keeps others for later.
-    fn receive(&mut self, frame: u32, transfer: u32) -> Result<Vec<u8>, Stop> {
+    /// Waits for a parcel; keeps others for later. Rows that others wait for go out first: all of them stand before this
+    /// upload in the common order, so whoever waits for them cannot be waited for here.
+    fn receive(&mut self, progress: &mut Progress, frame: u32, transfer: u32) -> Result<Vec<u8>, Stop> {
         let _span = tracing::info_span!("wait for rows of others", frame, transfer).entered();
         loop {
+            while let Ok(parcel) = self.inbox.try_recv() {
+                self.take_in(parcel);
+            }
             if self.aborted == Some(frame) {
                 return Err(Stop::Aborted);
             }
             if let Some(bytes) = self.early.remove(&(frame, transfer)) {
                 return Ok(bytes);
             }
-            match self.inbox.recv().map_err(|_| Stop::Aborted)? {
-                Parcel::Rows { frame, transfer, bytes } => {
-                    self.early.insert((frame, transfer), bytes);
-                }
-                Parcel::Abort { frame } => self.aborted = Some(frame),
+            if !self.send_oldest(progress, frame)? {
+                let parcel = self.inbox.recv().map_err(|_| Stop::Aborted)?;
+                self.take_in(parcel);
             }
+        }
+    }
+
+    fn take_in(&mut self, parcel: Parcel) {
+        match parcel {
+            Parcel::Rows { frame, transfer, bytes } => {
+                self.early.insert((frame, transfer), bytes);
+            }
+            Parcel::Abort { frame } => self.aborted = Some(frame),
         }
     }
 

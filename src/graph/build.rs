@@ -10,8 +10,8 @@ use super::table::{FrameSpec, Pass, Stage, passes};
 use super::{Assignment, Seam};
 use crate::scene::rig::Eye;
 
-/// Position of a task in the one order that all devices keep to. Downloads follow their producer at once, uploads wait
-/// for their consumer. Every edge of the graph goes from a smaller key to a larger one, so workers that each take their
+/// Position of a task in the one order that all devices keep to. Downloads follow their producer, uploads wait for their
+/// consumer. Every edge of the graph goes from a smaller key to a larger one, so workers that each take their
 /// tasks by key cannot wait for one another in a circle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Key {
@@ -126,10 +126,12 @@ impl Builder {
             };
             let key = self.key(number, DISPATCH);
             let node = self.dag.add_node(Task { kind, view: pass.view, device, rows: rows.clone(), key });
+            let first_transfer = self.transfers;
             for read in &pass.reads {
                 let wanted = widen(&own, read.halo_rows, spec);
                 self.need((read.resource, read.view), wanted, node, number);
             }
+            self.join_downloads(first_transfer);
             written.owned.push(Holding { rows: own.clone(), device, node });
             for margin in [rows.start..own.start, own.end..rows.end] {
                 if !margin.is_empty() {
@@ -198,9 +200,25 @@ impl Builder {
         let aovs = (0..spec.aovs).map(Resource::Aov);
         let outputs: Vec<_> = [Resource::Linear, Resource::Display, Resource::RowTally].into_iter().chain(aovs).collect();
         for view in Eye::ALL {
+            let first_transfer = self.transfers;
             for &resource in &outputs {
                 self.need((resource, view), rows.clone(), node, pass);
             }
+            self.join_downloads(first_transfer);
+        }
+    }
+
+    /// Lets the downloads that one consumer waits for leave a device together, when the last of them is there: a
+    /// submission each would gain nothing.
+    fn join_downloads(&mut self, first_transfer: u32) {
+        let is_new = |t: &Task| matches!(t.kind, TaskKind::Download { transfer, .. } if transfer >= first_transfer);
+        let mut last: HashMap<usize, u32> = HashMap::new();
+        for task in self.dag.node_weights().filter(|t| is_new(t)) {
+            let pass = last.entry(task.device).or_default();
+            *pass = task.key.pass.max(*pass);
+        }
+        for task in self.dag.node_weights_mut().filter(|t| is_new(t)) {
+            task.key.pass = last[&task.device];
         }
     }
 }

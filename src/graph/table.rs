@@ -178,8 +178,6 @@ pub fn passes(spec: &FrameSpec) -> Vec<Pass> {
             Pass::new(Stage::Tonemap, view).reads(&[last, Albedo, Emission]).writes(&[Linear, Display]);
         tonemap.filter = Some((last, last));
         out.push(tonemap);
-    }
-    for view in Eye::ALL {
         out.push(Pass::new(Stage::Tally, view).reads(&[Tally]).writes(&[RowTally]));
         for i in 0..spec.aovs {
             let mut pass = Pass::new(Stage::Aov, view).reads(&[Hit, Albedo, Emission, Tally]).writes(&[Aov(i)]);

@@ -12,13 +12,15 @@ pub(super) const ROOM: Room = Room {
     dispatches,
 };
 
-/// Tolerance of the first iteration to differences in (compressed) radiance; it halves with the step, as in Dammertz.
-const SIGMA: f32 = 0.8;
+/// Tolerance to differences in compressed radiance once the noise is averaged down.
+const SIGMA: f32 = 0.25;
+/// Iterations before radiance is compared at all: at one sample per pixel a pixel's own value says nothing about what
+/// it should be, and comparing with it would keep outliers as they are.
+const BLIND_ITERATIONS: u32 = 3;
 
 /// 1 / σ² of iteration `index`, as bits.
 pub(super) fn inverse_sigma2_bits(index: u32) -> u32 {
-    let sigma = SIGMA / (1u32 << index.min(20)) as f32;
-    (1.0 / (sigma * sigma)).to_bits()
+    if index < BLIND_ITERATIONS { 0 } else { (1.0 / (SIGMA * SIGMA)).to_bits() }
 }
 
 fn dispatches(work: &Work<'_>) -> Vec<Dispatch> {

@@ -14,5 +14,5 @@ pub(super) const ROOM: Room = Room {
 };
 
 fn dispatches(work: &Work<'_>) -> Vec<Dispatch> {
-    vec![Dispatch::Rows { columns: work.settings.extent.width, args: [0, inverse_sigma2_bits(1), 0] }]
+    vec![Dispatch::Rows { columns: work.settings.extent.width, args: [0, inverse_sigma2_bits(u32::MAX), 0] }]
 }
