@@ -70,7 +70,9 @@ pub struct Accel {
 
 #[derive(Debug, thiserror::Error)]
 pub enum AccelError {
-    #[error("the scene's tree is {depth} levels deep, more than the {MAX_DEPTH} a ray's stack holds: its triangles are stacked on one another, simplify the scene")]
+    #[error(
+        "the scene's tree is {depth} levels deep, more than the {MAX_DEPTH} a ray's stack holds: its triangles are stacked on one another, simplify the scene"
+    )]
     TooDeep { depth: usize },
     #[error("the scene has {0} triangles, more than the 2^31 a hit can name")]
     TooMany(usize),

@@ -1,4 +1,6 @@
 use super::failure::Failure;
 #[derive(clap::Args)]
 pub struct Args {}
-pub fn run(_args: &Args) -> Result<(), Failure> { Ok(()) }
+pub fn run(_args: &Args) -> Result<(), Failure> {
+    Ok(())
+}

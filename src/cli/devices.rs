@@ -22,10 +22,25 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if adapters.is_empty() {
         return Err(device::DeviceError::NoAdapter.into());
     }
-    let rows: Vec<_> = adapters.iter().map(|a| {
-        let state = if a.missing.is_empty() { "ready".into() } else { format!("lacks {}: {}", a.missing.join(", "), a.hint) };
-        vec![a.index.to_string(), a.name.clone(), a.kind.clone(), a.backend.clone(), a.driver.clone(), format!("{} MiB", a.max_storage_mib), state]
-    }).collect();
+    let rows: Vec<_> = adapters
+        .iter()
+        .map(|a| {
+            let state = if a.missing.is_empty() {
+                "ready".into()
+            } else {
+                format!("lacks {}: {}", a.missing.join(", "), a.hint)
+            };
+            vec![
+                a.index.to_string(),
+                a.name.clone(),
+                a.kind.clone(),
+                a.backend.clone(),
+                a.driver.clone(),
+                format!("{} MiB", a.max_storage_mib),
+                state,
+            ]
+        })
+        .collect();
     print!("{}", text_table(&["#", "adapter", "kind", "backend", "driver", "largest buffer", "state"], &rows));
     Ok(())
 }

@@ -60,7 +60,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-
 /// Says where things are.
 fn conclude(options: &RenderOptions, report: &RunReport) {
     let median = report.median_makespan_ms();

@@ -7,10 +7,10 @@ use diptych::accel::Accel;
 use diptych::device::{self, GpuDevice, Selection};
 use diptych::exec::{RenderSettings, Renderer};
 use diptych::report::run::{Quality, RunSettings};
+use diptych::scene::Scene;
 use diptych::scene::load::load_shot;
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::shot::Shot;
-use diptych::scene::Scene;
 use diptych::schedule::{Even, Measured, Policy, Static};
 use diptych::stages::{SceneTables, StageSettings};
 

@@ -18,9 +18,7 @@ impl ShaderChecks {
     pub fn runtime_checks(self) -> wgpu::ShaderRuntimeChecks {
         match self {
             Self::Full => wgpu::ShaderRuntimeChecks::checked(),
-            Self::Fast => {
-                wgpu::ShaderRuntimeChecks { bounds_checks: true, ..wgpu::ShaderRuntimeChecks::unchecked() }
-            }
+            Self::Fast => wgpu::ShaderRuntimeChecks { bounds_checks: true, ..wgpu::ShaderRuntimeChecks::unchecked() },
         }
     }
 }

@@ -211,7 +211,9 @@ impl Renderer {
             assignment: self.policy_assignment(),
         };
         self.collect(&mut report)?;
-        report.tasks.sort_by(|a, b| (a.device, a.begin_ms).partial_cmp(&(b.device, b.begin_ms)).unwrap_or(std::cmp::Ordering::Equal));
+        report.tasks.sort_by(|a, b| {
+            (a.device, a.begin_ms).partial_cmp(&(b.device, b.begin_ms)).unwrap_or(std::cmp::Ordering::Equal)
+        });
         self.policy.learn(&costs(&report.tasks));
         self.frames += 1;
         Ok(report)

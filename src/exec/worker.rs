@@ -36,9 +36,15 @@ pub enum Reply {
 
 /// What workers send one another.
 pub enum Parcel {
-    Rows { frame: u32, transfer: u32, bytes: Vec<u8> },
+    Rows {
+        frame: u32,
+        transfer: u32,
+        bytes: Vec<u8>,
+    },
     /// The sender cannot go on with this frame, so nobody who waits for it can.
-    Abort { frame: u32 },
+    Abort {
+        frame: u32,
+    },
 }
 
 pub struct Worker {

@@ -32,8 +32,16 @@ pub enum TaskKind {
         filter: Option<(Resource, Resource)>,
     },
     /// Rows leave the device; `transfer` names the upload that takes them.
-    Download { resource: Resource, transfer: u32, to: usize },
-    Upload { resource: Resource, transfer: u32, from: usize },
+    Download {
+        resource: Resource,
+        transfer: u32,
+        to: usize,
+    },
+    Upload {
+        resource: Resource,
+        transfer: u32,
+        from: usize,
+    },
     /// Both whole images are on the primary.
     Stitch,
 }
@@ -198,7 +206,8 @@ impl Builder {
         let task = Task { kind: TaskKind::Stitch, view: Eye::Left, device: 0, rows: rows.clone(), key };
         let node = self.dag.add_node(task);
         let aovs = (0..spec.aovs).map(Resource::Aov);
-        let outputs: Vec<_> = [Resource::Linear, Resource::Display, Resource::RowTally].into_iter().chain(aovs).collect();
+        let outputs: Vec<_> =
+            [Resource::Linear, Resource::Display, Resource::RowTally].into_iter().chain(aovs).collect();
         for view in Eye::ALL {
             let first_transfer = self.transfers;
             for &resource in &outputs {

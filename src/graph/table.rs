@@ -174,8 +174,7 @@ pub fn passes(spec: &FrameSpec) -> Vec<Pass> {
     }
     for view in Eye::ALL {
         let last = if spec.has_surfaces { denoise(spec, view, &mut out) } else { Radiance };
-        let mut tonemap =
-            Pass::new(Stage::Tonemap, view).reads(&[last, Albedo, Emission]).writes(&[Linear, Display]);
+        let mut tonemap = Pass::new(Stage::Tonemap, view).reads(&[last, Albedo, Emission]).writes(&[Linear, Display]);
         tonemap.filter = Some((last, last));
         out.push(tonemap);
         out.push(Pass::new(Stage::Tally, view).reads(&[Tally]).writes(&[RowTally]));
@@ -212,9 +211,8 @@ fn denoise(spec: &FrameSpec, view: Eye, out: &mut Vec<Pass>) -> Resource {
     }
     if spec.seam == Seam::Filter && count > 0 && spec.devices > 1 {
         let next = Filtered(count as u8 + 1);
-        let mut pass = Pass::new(Stage::SeamFilter, view)
-            .reads_of(view, &[Guide, last], SEAM_FILTER_REACH_ROWS)
-            .writes(&[next]);
+        let mut pass =
+            Pass::new(Stage::SeamFilter, view).reads_of(view, &[Guide, last], SEAM_FILTER_REACH_ROWS).writes(&[next]);
         pass.filter = Some((last, next));
         out.push(pass);
         last = next;

@@ -20,11 +20,7 @@ pub fn display_value(radiance: f64) -> f64 {
 
 /// The sRGB curve over 0 … 1.
 pub fn srgb_from_linear(linear: f64) -> f64 {
-    if linear <= 0.0031308 {
-        12.92 * linear
-    } else {
-        1.055 * linear.powf(1.0 / 2.4) - 0.055
-    }
+    if linear <= 0.0031308 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
 /// The 8-bit level nearest to a display value; what lies outside 0 … 1 is clamped.
@@ -35,15 +31,8 @@ pub fn level(display: f64) -> u8 {
 /// Scales by 2^`exposure_ev`, then [`display_value`].
 pub fn tonemap(image: &RgbImage, exposure_ev: f64) -> DisplayImage {
     let gain = exposure_ev.exp2();
-    let pixels = image
-        .pixels
-        .iter()
-        .map(|p| p.map(|c| level(display_value(f64::from(c) * gain))))
-        .collect();
-    Image {
-        extent: image.extent,
-        pixels,
-    }
+    let pixels = image.pixels.iter().map(|p| p.map(|c| level(display_value(f64::from(c) * gain)))).collect();
+    Image { extent: image.extent, pixels }
 }
 
 /// Writes an 8-bit RGB PNG.
@@ -53,12 +42,7 @@ pub fn tonemap(image: &RgbImage, exposure_ev: f64) -> DisplayImage {
 pub fn write_png(path: &Path, image: &DisplayImage) -> Result<(), ImageError> {
     atomic_write(path, |file| {
         PngEncoder::new_with_quality(file, CompressionType::Fast, FilterType::Adaptive)
-            .write_image(
-                image.pixels.as_flattened(),
-                image.extent.width,
-                image.extent.height,
-                ExtendedColorType::Rgb8,
-            )
+            .write_image(image.pixels.as_flattened(), image.extent.width, image.extent.height, ExtendedColorType::Rgb8)
             .map_err(std::io::Error::other)
     })
 }
@@ -79,15 +63,9 @@ mod tests {
             (-3.0, 0.0),
             (f64::NAN, 0.0),
         ] {
-            assert!(
-                (display_value(radiance) - display).abs() < 1e-12,
-                "{radiance}"
-            );
+            assert!((display_value(radiance) - display).abs() < 1e-12, "{radiance}");
         }
-        assert_eq!(
-            [0.0, 1.0, 0.5, -1.0, 2.0, 0.735_357].map(level),
-            [0, 255, 128, 0, 255, 188]
-        );
+        assert_eq!([0.0, 1.0, 0.5, -1.0, 2.0, 0.735_357].map(level), [0, 255, 128, 0, 255, 188]);
     }
 
     #[test]

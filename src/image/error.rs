@@ -10,32 +10,20 @@ pub enum ImageError {
     #[error("cannot read {path}: check that the file exists and that you may read it")]
     Read { path: PathBuf, source: io::Error },
 
-    #[error(
-        "cannot write {path}: check that its folder exists, that you may write there and that the disk has room"
-    )]
+    #[error("cannot write {path}: check that its folder exists, that you may write there and that the disk has room")]
     Write { path: PathBuf, source: io::Error },
 
-    #[error(
-        "{path} is not an OpenEXR image this program can read ({reason}): check that the file is whole"
-    )]
+    #[error("{path} is not an OpenEXR image this program can read ({reason}): check that the file is whole")]
     Decode { path: PathBuf, reason: String },
 
-    #[error(
-        "{path} has no colour: check that it has channels R, G and B, Y, or a single channel; it has {channels}"
-    )]
+    #[error("{path} has no colour: check that it has channels R, G and B, Y, or a single channel; it has {channels}")]
     NoColour { path: PathBuf, channels: String },
 
-    #[error(
-        "the images differ in size, {first} and {second}: check that both come from the same --size"
-    )]
+    #[error("the images differ in size, {first} and {second}: check that both come from the same --size")]
     SizeMismatch { first: Extent, second: Extent },
 }
 
 /// Errs unless both images have the same extent.
 pub fn check_same_size(first: Extent, second: Extent) -> Result<(), ImageError> {
-    if first == second {
-        Ok(())
-    } else {
-        Err(ImageError::SizeMismatch { first, second })
-    }
+    if first == second { Ok(()) } else { Err(ImageError::SizeMismatch { first, second }) }
 }

@@ -36,37 +36,22 @@ pub fn write_rgb(path: &Path, image: &RgbImage) -> Result<(), ImageError> {
 ///
 /// # Errors
 /// [`ImageError::Write`], also for a wrong number of values and for names that are empty or occur twice.
-pub fn write_channels(
-    path: &Path,
-    extent: Extent,
-    channels: &[(&str, &[f32])],
-) -> Result<(), ImageError> {
+pub fn write_channels(path: &Path, extent: Extent, channels: &[(&str, &[f32])]) -> Result<(), ImageError> {
     atomic_write(path, |file| {
-        let list = channels
-            .iter()
-            .map(|&(name, samples)| channel(extent, name, samples))
-            .collect::<io::Result<_>>()?;
-        let encoding = Encoding {
-            compression: COMPRESSION,
-            blocks: Blocks::ScanLines,
-            line_order: LineOrder::Increasing,
-        };
+        let list = channels.iter().map(|&(name, samples)| channel(extent, name, samples)).collect::<io::Result<_>>()?;
+        let encoding =
+            Encoding { compression: COMPRESSION, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
         let size = (extent.width as usize, extent.height as usize);
-        let image =
-            ::exr::image::Image::from_encoded_channels(size, encoding, AnyChannels::sort(list));
+        let image = ::exr::image::Image::from_encoded_channels(size, encoding, AnyChannels::sort(list));
         image.write().to_buffered(file).map_err(io_error)
     })
 }
 
 fn channel(extent: Extent, name: &str, samples: &[f32]) -> io::Result<AnyChannel<FlatSamples>> {
     let invalid = |what: String| io::Error::new(io::ErrorKind::InvalidInput, what);
-    let text = Text::new_or_none(name)
-        .ok_or_else(|| invalid(format!("'{name}' cannot name a channel")))?;
+    let text = Text::new_or_none(name).ok_or_else(|| invalid(format!("'{name}' cannot name a channel")))?;
     if samples.len() != extent.area() {
-        return Err(invalid(format!(
-            "channel {name} has {} values for {extent} pixels",
-            samples.len()
-        )));
+        return Err(invalid(format!("channel {name} has {} values for {extent} pixels", samples.len())));
     }
     Ok(AnyChannel::new(text, FlatSamples::F32(samples.to_vec())))
 }
@@ -87,25 +72,13 @@ fn io_error(error: ExrError) -> io::Error {
 /// [`ImageError::Read`], [`ImageError::Decode`] for a file that is damaged or of a kind we don't read (deep data,
 /// subsampled channels, DWA compression), [`ImageError::NoColour`].
 pub fn read_rgb(path: &Path) -> Result<RgbImage, ImageError> {
-    let bytes = fs::read(path).map_err(|source| ImageError::Read {
-        path: path.to_owned(),
-        source,
-    })?;
+    let bytes = fs::read(path).map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
     // The crate's B44 decoder overflows on damaged blocks, which panics where overflow is checked.
-    let decoded = catch_unwind(|| decode_rgb(&bytes)).unwrap_or_else(|_| {
-        Err(Refusal::Unreadable(
-            "its compressed data makes no sense".into(),
-        ))
-    });
+    let decoded = catch_unwind(|| decode_rgb(&bytes))
+        .unwrap_or_else(|_| Err(Refusal::Unreadable("its compressed data makes no sense".into())));
     decoded.map_err(|e| match e {
-        Refusal::Unreadable(reason) => ImageError::Decode {
-            path: path.to_owned(),
-            reason,
-        },
-        Refusal::NoColour(channels) => ImageError::NoColour {
-            path: path.to_owned(),
-            channels,
-        },
+        Refusal::Unreadable(reason) => ImageError::Decode { path: path.to_owned(), reason },
+        Refusal::NoColour(channels) => ImageError::NoColour { path: path.to_owned(), channels },
     })
 }
 
@@ -124,23 +97,18 @@ impl From<ExrError> for Refusal {
 fn decode_rgb(bytes: &[u8]) -> Result<RgbImage, Refusal> {
     let reader = ::exr::block::read(Cursor::new(bytes), false)?;
     check_headers(reader.headers(), bytes.len())?;
-    let colour = Colour::find(reader.headers())
-        .ok_or_else(|| Refusal::NoColour(channel_names(reader.headers())))?;
+    let colour = Colour::find(reader.headers()).ok_or_else(|| Refusal::NoColour(channel_names(reader.headers())))?;
 
     let size = reader.headers()[colour.part].layer_size;
     let mut image = Image::filled(Extent::new(size.0 as u32, size.1 as u32), [0.0; 3]);
     let mut seen = HashSet::new();
     reader
-        .filter_chunks(false, |_, tile, block| {
-            block.layer == colour.part && tile.is_largest_resolution_level()
-        })?
+        .filter_chunks(false, |_, tile, block| block.layer == colour.part && tile.is_largest_resolution_level())?
         .decompress_sequential(false, |meta, block| {
             // The offsets come from the file and may lead to another part or level.
             let of_this_image = block.index.layer == colour.part && block.index.level == Vec2(0, 0);
             if !of_this_image || !seen.insert(block.index.pixel_position) {
-                return Err(ExrError::Invalid(
-                    "the offset table leads to a wrong block".into(),
-                ));
+                return Err(ExrError::Invalid("the offset table leads to a wrong block".into()));
             }
             colour.copy_block(&meta.headers[colour.part], &block, &mut image)
         })?;
@@ -154,34 +122,20 @@ fn check_headers(headers: &[Header], file_bytes: usize) -> Result<(), Refusal> {
     const LARGEST_SIDE: usize = 1 << 16;
     let allowed = 2048 * file_bytes as u128;
     for header in headers {
-        if matches!(
-            header.compression,
-            Compression::DWAA(_) | Compression::DWAB(_)
-        ) {
-            return Err(Refusal::Unreadable(
-                "DWA compression is not supported, save it with ZIP".into(),
-            ));
+        if matches!(header.compression, Compression::DWAA(_) | Compression::DWAB(_)) {
+            return Err(Refusal::Unreadable("DWA compression is not supported, save it with ZIP".into()));
         }
         let (width, height) = (header.layer_size.0, header.layer_size.1);
         let claimed = width as u128 * height as u128 * header.channels.bytes_per_pixel as u128;
-        if !(1..=LARGEST_SIDE).contains(&width)
-            || !(1..=LARGEST_SIDE).contains(&height)
-            || claimed > allowed
-        {
-            return Err(Refusal::Unreadable(format!(
-                "a size of {width}x{height} in {file_bytes} bytes"
-            )));
+        if !(1..=LARGEST_SIDE).contains(&width) || !(1..=LARGEST_SIDE).contains(&height) || claimed > allowed {
+            return Err(Refusal::Unreadable(format!("a size of {width}x{height} in {file_bytes} bytes")));
         }
     }
     Ok(())
 }
 
 fn channel_names(headers: &[Header]) -> String {
-    let names: Vec<_> = headers
-        .iter()
-        .flat_map(|h| &h.channels.list)
-        .map(|c| c.name.to_string())
-        .collect();
+    let names: Vec<_> = headers.iter().flat_map(|h| &h.channels.list).map(|c| c.name.to_string()).collect();
     names.join(", ")
 }
 
@@ -198,26 +152,14 @@ impl Colour {
                 .iter()
                 .enumerate()
                 .filter(|(_, h)| !h.deep)
-                .find_map(|(part, header)| {
-                    choose(&header.channels.list).map(|channels| Self { part, channels })
-                })
+                .find_map(|(part, header)| choose(&header.channels.list).map(|channels| Self { part, channels }))
         };
         first(|list| rgb_of_layer(list, ""))
-            .or_else(|| {
-                first(|list| {
-                    list.iter()
-                        .find_map(|c| rgb_of_layer(list, layer_of(&c.name.to_string())))
-                })
-            })
+            .or_else(|| first(|list| list.iter().find_map(|c| rgb_of_layer(list, layer_of(&c.name.to_string())))))
             .or_else(|| first(luminance))
     }
 
-    fn copy_block(
-        &self,
-        header: &Header,
-        block: &UncompressedBlock,
-        image: &mut RgbImage,
-    ) -> Result<(), ExrError> {
+    fn copy_block(&self, header: &Header, block: &UncompressedBlock, image: &mut RgbImage) -> Result<(), ExrError> {
         for line in block.lines(&header.channels) {
             let channel = line.location.channel;
             if self.channels.contains(&channel) {
@@ -258,10 +200,7 @@ fn layer_of(name: &str) -> &str {
 }
 
 fn rgb_of_layer(list: &[ChannelDescription], layer: &str) -> Option<[usize; 3]> {
-    let index = |c: &str| {
-        list.iter()
-            .position(|d| d.name.eq_case_insensitive(&format!("{layer}{c}")))
-    };
+    let index = |c: &str| list.iter().position(|d| d.name.eq_case_insensitive(&format!("{layer}{c}")));
     Some([index("R")?, index("G")?, index("B")?])
 }
 

@@ -17,26 +17,14 @@ use super::ImageError;
 ///
 /// # Errors
 /// [`ImageError::Write`] with the cause, also when `path` is something other than a file.
-pub fn atomic_write(
-    path: &Path,
-    write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
-) -> Result<(), ImageError> {
-    write_and_rename(path, write).map_err(|source| ImageError::Write {
-        path: path.to_owned(),
-        source,
-    })
+pub fn atomic_write(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> Result<(), ImageError> {
+    write_and_rename(path, write).map_err(|source| ImageError::Write { path: path.to_owned(), source })
 }
 
-fn write_and_rename(
-    path: &Path,
-    write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
-) -> io::Result<()> {
+fn write_and_rename(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
     // A rename would put a plain file in the place of a device or a pipe.
     if fs::metadata(path).is_ok_and(|there| !there.is_file()) {
-        return Err(io::Error::new(
-            io::ErrorKind::InvalidInput,
-            "there is something else than a file by that name",
-        ));
+        return Err(io::Error::new(io::ErrorKind::InvalidInput, "there is something else than a file by that name"));
     }
     let (file, mut aside) = Aside::create(path)?;
     let mut buffered = BufWriter::new(file);
@@ -57,30 +45,17 @@ struct Aside {
 impl Aside {
     fn create(target: &Path) -> io::Result<(File, Self)> {
         static NEXT: AtomicU32 = AtomicU32::new(0);
-        let name = target.file_name().ok_or_else(|| {
-            io::Error::new(
-                io::ErrorKind::InvalidInput,
-                "the path does not end in a file name",
-            )
-        })?;
+        let name = target
+            .file_name()
+            .ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "the path does not end in a file name"))?;
         loop {
             let mut aside = OsString::from(".");
             aside.push(name);
-            aside.push(format!(
-                ".{}-{}.part",
-                process::id(),
-                NEXT.fetch_add(1, Ordering::Relaxed)
-            ));
+            aside.push(format!(".{}-{}.part", process::id(), NEXT.fetch_add(1, Ordering::Relaxed)));
             let path = target.with_file_name(aside);
             match OpenOptions::new().write(true).create_new(true).open(&path) {
                 Ok(file) => {
-                    return Ok((
-                        file,
-                        Self {
-                            path,
-                            renamed: false,
-                        },
-                    ));
+                    return Ok((file, Self { path, renamed: false }));
                 }
                 Err(e) if e.kind() == io::ErrorKind::AlreadyExists => continue,
                 Err(e) => return Err(e),
@@ -103,10 +78,8 @@ mod tests {
     use super::*;
 
     fn names_in(folder: &Path) -> Vec<String> {
-        let mut names: Vec<_> = fs::read_dir(folder)
-            .unwrap()
-            .map(|e| e.unwrap().file_name().into_string().unwrap())
-            .collect();
+        let mut names: Vec<_> =
+            fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect();
         names.sort();
         names
     }
@@ -140,8 +113,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("a.txt");
         fs::write(&path, "old").unwrap();
-        let outcome =
-            std::panic::catch_unwind(|| atomic_write(&path, |_| panic!("expected by the test")));
+        let outcome = std::panic::catch_unwind(|| atomic_write(&path, |_| panic!("expected by the test")));
         assert!(outcome.is_err());
         assert_eq!(fs::read_to_string(&path).unwrap(), "old");
         assert_eq!(names_in(folder.path()), ["a.txt"]);
@@ -150,12 +122,7 @@ mod tests {
     #[test]
     fn a_folder_a_missing_folder_and_no_name_are_errors() {
         let folder = tempfile::tempdir().unwrap();
-        for path in [
-            folder.path().to_owned(),
-            folder.path().join("missing/a.txt"),
-            "..".into(),
-            "".into(),
-        ] {
+        for path in [folder.path().to_owned(), folder.path().join("missing/a.txt"), "..".into(), "".into()] {
             assert!(atomic_write(&path, |_| Ok(())).is_err(), "{path:?}");
         }
         assert!(names_in(folder.path()).is_empty());

@@ -44,14 +44,10 @@ impl FromStr for Extent {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let parsed = text
-            .split_once(['x', 'X'])
-            .and_then(|(w, h)| Some(Self::new(w.parse().ok()?, h.parse().ok()?)));
+        let parsed = text.split_once(['x', 'X']).and_then(|(w, h)| Some(Self::new(w.parse().ok()?, h.parse().ok()?)));
         match parsed {
             Some(e) if (1..=16384).contains(&e.width) && (1..=16384).contains(&e.height) => Ok(e),
-            _ => Err(format!(
-                "'{text}' is not a size: give WIDTHxHEIGHT, each 1 to 16384, e.g. 640x360"
-            )),
+            _ => Err(format!("'{text}' is not a size: give WIDTHxHEIGHT, each 1 to 16384, e.g. 640x360")),
         }
     }
 }
@@ -65,10 +61,7 @@ pub struct Image<T> {
 
 impl<T: Clone> Image<T> {
     pub fn filled(extent: Extent, value: T) -> Self {
-        Self {
-            extent,
-            pixels: vec![value; extent.area()],
-        }
+        Self { extent, pixels: vec![value; extent.area()] }
     }
 }
 

@@ -10,15 +10,8 @@ use super::{Extent, Image, ImageError, check_same_size};
 pub fn side_by_side<T: Clone>(left: &Image<T>, right: &Image<T>) -> Result<Image<T>, ImageError> {
     check_same_size(left.extent, right.extent)?;
     let Extent { width, height } = left.extent;
-    let pixels = left
-        .extent
-        .rows()
-        .flat_map(|y| [left.rows(y..y + 1), right.rows(y..y + 1)])
-        .flatten();
-    Ok(Image {
-        extent: Extent::new(2 * width, height),
-        pixels: pixels.cloned().collect(),
-    })
+    let pixels = left.extent.rows().flat_map(|y| [left.rows(y..y + 1), right.rows(y..y + 1)]).flatten();
+    Ok(Image { extent: Extent::new(2 * width, height), pixels: pixels.cloned().collect() })
 }
 
 /// Half-colour anaglyph for red-cyan glasses: red is the left eye's luma, green and blue are the right eye's.
@@ -30,16 +23,8 @@ pub fn side_by_side<T: Clone>(left: &Image<T>, right: &Image<T>) -> Result<Image
 /// [`ImageError::SizeMismatch`].
 pub fn anaglyph(left: &DisplayImage, right: &DisplayImage) -> Result<DisplayImage, ImageError> {
     check_same_size(left.extent, right.extent)?;
-    let pixels = left
-        .pixels
-        .iter()
-        .zip(&right.pixels)
-        .map(|(l, r)| [luma(*l), r[1], r[2]])
-        .collect();
-    Ok(Image {
-        extent: left.extent,
-        pixels,
-    })
+    let pixels = left.pixels.iter().zip(&right.pixels).map(|(l, r)| [luma(*l), r[1], r[2]]).collect();
+    Ok(Image { extent: left.extent, pixels })
 }
 
 fn luma([r, g, b]: [u8; 3]) -> u8 {
@@ -53,14 +38,8 @@ mod tests {
     #[test]
     fn each_row_holds_the_left_row_then_the_right_row() {
         let extent = Extent::new(2, 2);
-        let left = Image {
-            extent,
-            pixels: vec![1, 2, 3, 4],
-        };
-        let right = Image {
-            extent,
-            pixels: vec![5, 6, 7, 8],
-        };
+        let left = Image { extent, pixels: vec![1, 2, 3, 4] };
+        let right = Image { extent, pixels: vec![5, 6, 7, 8] };
         let both = side_by_side(&left, &right).unwrap();
         assert_eq!(both.extent, Extent::new(4, 2));
         assert_eq!(both.pixels, [1, 2, 5, 6, 3, 4, 7, 8]);
@@ -84,10 +63,7 @@ mod tests {
     fn eyes_of_different_size_are_an_error() {
         let a = DisplayImage::filled(Extent::new(2, 1), [0; 3]);
         let b = DisplayImage::filled(Extent::new(1, 2), [0; 3]);
-        for message in [
-            side_by_side(&a, &b).unwrap_err().to_string(),
-            anaglyph(&a, &b).unwrap_err().to_string(),
-        ] {
+        for message in [side_by_side(&a, &b).unwrap_err().to_string(), anaglyph(&a, &b).unwrap_err().to_string()] {
             assert!(message.contains("2x1 and 1x2"), "{message}");
         }
     }

@@ -9,10 +9,7 @@ fn mean(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 fn pairs<'a>(r: &'a [[f64; 3]], a: &'a [[f64; 3]]) -> impl Iterator<Item = (f64, f64)> {
-    r.as_flattened()
-        .iter()
-        .copied()
-        .zip(a.as_flattened().iter().copied())
+    r.as_flattened().iter().copied().zip(a.as_flattened().iter().copied())
 }
 
 fn mse(r: &[[f64; 3]], a: &[[f64; 3]]) -> f64 {
@@ -50,11 +47,7 @@ fn block_means(extent: Extent, side: usize, values: &[[f64; 3]]) -> Vec<[f64; 3]
     let (width, height) = (extent.width as usize, extent.height as usize);
     let columns = width / side;
     let mut means = vec![[0.0; 3]; columns * (height / side)];
-    for (y, row) in values
-        .chunks_exact(width)
-        .take(height / side * side)
-        .enumerate()
-    {
+    for (y, row) in values.chunks_exact(width).take(height / side * side).enumerate() {
         for (x, value) in row.iter().take(columns * side).enumerate() {
             let block = &mut means[y / side * columns + x / side];
             for (sum, c) in block.iter_mut().zip(value) {
@@ -82,9 +75,7 @@ mod tests {
     fn blocks_average_noise_out_but_not_a_shift() {
         let extent = Extent::new(5, 4);
         let r = vec![[2.0; 3]; 20];
-        let checker: Vec<_> = (0..20)
-            .map(|i| [if (i % 5 + i / 5) % 2 == 0 { 1.0 } else { 3.0 }; 3])
-            .collect();
+        let checker: Vec<_> = (0..20).map(|i| [if (i % 5 + i / 5) % 2 == 0 { 1.0 } else { 3.0 }; 3]).collect();
         assert_eq!(block_error(extent, 2, &r, &checker), Some(0.0));
         assert_eq!(block_error(extent, 2, &r, &[[3.0; 3]; 20]), Some(0.5));
         assert_eq!(block_error(extent, 8, &r, &checker), None);

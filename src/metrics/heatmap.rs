@@ -15,23 +15,12 @@ use crate::image::{Image, ImageError, RgbImage, check_same_size};
 pub fn heatmap(reference: &RgbImage, image: &RgbImage) -> Result<DisplayImage, ImageError> {
     check_same_size(reference.extent, image.extent)?;
     let colour = |(r, a): (&[f32; 3], &[f32; 3])| cubehelix(display_error(r, a).sqrt()).map(level);
-    let pixels = reference
-        .pixels
-        .iter()
-        .zip(&image.pixels)
-        .map(colour)
-        .collect();
-    Ok(Image {
-        extent: image.extent,
-        pixels,
-    })
+    let pixels = reference.pixels.iter().zip(&image.pixels).map(colour).collect();
+    Ok(Image { extent: image.extent, pixels })
 }
 
 fn display_error(r: &[f32; 3], a: &[f32; 3]) -> f64 {
-    let squares = r
-        .iter()
-        .zip(a)
-        .map(|(&r, &a)| (display_value(a.into()) - display_value(r.into())).powi(2));
+    let squares = r.iter().zip(a).map(|(&r, &a)| (display_value(a.into()) - display_value(r.into())).powi(2));
     (squares.sum::<f64>() / 3.0).sqrt()
 }
 
@@ -53,18 +42,9 @@ mod tests {
     #[test]
     fn equal_is_black_and_opposite_is_white() {
         let extent = Extent::new(2, 1);
-        let reference = Image {
-            extent,
-            pixels: vec![[0.3; 3], [0.0; 3]],
-        };
-        let image = Image {
-            extent,
-            pixels: vec![[0.3; 3], [f32::INFINITY; 3]],
-        };
-        assert_eq!(
-            heatmap(&reference, &image).unwrap().pixels,
-            [[0; 3], [255; 3]]
-        );
+        let reference = Image { extent, pixels: vec![[0.3; 3], [0.0; 3]] };
+        let image = Image { extent, pixels: vec![[0.3; 3], [f32::INFINITY; 3]] };
+        assert_eq!(heatmap(&reference, &image).unwrap().pixels, [[0; 3], [255; 3]]);
     }
 
     #[test]

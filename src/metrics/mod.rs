@@ -42,8 +42,7 @@ pub fn compare(reference: &RgbImage, image: &RgbImage) -> Result<Comparison, Ima
     check_same_size(reference.extent, image.extent)?;
     let extent = reference.extent;
     let [r, a] = [reference, image].map(finite_radiance);
-    let [shown_r, shown_a] =
-        [&r, &a].map(|v| v.iter().map(|p| p.map(display_value)).collect::<Vec<_>>());
+    let [shown_r, shown_a] = [&r, &a].map(|v| v.iter().map(|p| p.map(display_value)).collect::<Vec<_>>());
     Ok(Comparison {
         rmse: error::rmse(&r, &a),
         relmse: error::relmse(&r, &a),
@@ -57,19 +56,11 @@ pub fn compare(reference: &RgbImage, image: &RgbImage) -> Result<Comparison, Ima
 }
 
 fn finite_radiance(image: &RgbImage) -> Vec<[f64; 3]> {
-    image
-        .pixels
-        .iter()
-        .map(|p| p.map(|c| if c.is_finite() { f64::from(c) } else { 0.0 }))
-        .collect()
+    image.pixels.iter().map(|p| p.map(|c| if c.is_finite() { f64::from(c) } else { 0.0 })).collect()
 }
 
 fn nonfinite_pixels(image: &RgbImage) -> usize {
-    image
-        .pixels
-        .iter()
-        .filter(|p| p.iter().any(|c| !c.is_finite()))
-        .count()
+    image.pixels.iter().filter(|p| p.iter().any(|c| !c.is_finite())).count()
 }
 
 /// One `name value` line per metric.
@@ -88,11 +79,7 @@ impl fmt::Display for Comparison {
             writeln!(f, "{name:<22} {value:>12}")?;
         }
         writeln!(f, "{:<22} {:>12}", "nonfinite_px", self.nonfinite_px)?;
-        write!(
-            f,
-            "{:<22} {:>12}",
-            "nonfinite_reference_px", self.nonfinite_reference_px
-        )
+        write!(f, "{:<22} {:>12}", "nonfinite_reference_px", self.nonfinite_reference_px)
     }
 }
 
@@ -106,9 +93,7 @@ mod tests {
             state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
             (state >> 8) as f32 / (1 << 24) as f32 * scale
         };
-        let pixels = (0..extent.area())
-            .map(|_| [next(), next(), next()])
-            .collect();
+        let pixels = (0..extent.area()).map(|_| [next(), next(), next()]).collect();
         Image { extent, pixels }
     }
 
@@ -133,17 +118,10 @@ mod tests {
             ("relmse", found.relmse, 1.717_573_581_147_473_5),
             ("psnr", found.psnr, 19.096_597_871_754_47),
             ("ssim", found.ssim.unwrap(), 0.723_888_622_605_714_5),
-            (
-                "mean_ratio",
-                found.mean_ratio.unwrap(),
-                1.087_109_123_672_136_6,
-            ),
+            ("mean_ratio", found.mean_ratio.unwrap(), 1.087_109_123_672_136_6),
             ("block16", found.block16.unwrap(), 0.088_890_859_420_416_29),
         ] {
-            assert!(
-                (value / independent - 1.0).abs() < 1e-11,
-                "{name}: {value}, independently {independent}"
-            );
+            assert!((value / independent - 1.0).abs() < 1e-11, "{name}: {value}, independently {independent}");
         }
     }
 
@@ -151,10 +129,7 @@ mod tests {
     fn an_image_equals_itself() {
         let (image, _) = noisy_pair(Extent::new(20, 18));
         let found = compare(&image, &image).unwrap();
-        assert_eq!(
-            (found.rmse, found.relmse, found.psnr),
-            (0.0, 0.0, f64::INFINITY)
-        );
+        assert_eq!((found.rmse, found.relmse, found.psnr), (0.0, 0.0, f64::INFINITY));
         assert!((found.ssim.unwrap() - 1.0).abs() < 1e-12);
         assert_eq!((found.mean_ratio, found.block16), (Some(1.0), Some(0.0)));
         assert!(found.to_string().contains("inf"), "{found}");
@@ -178,10 +153,7 @@ mod tests {
     fn what_is_undefined_is_none() {
         let black = RgbImage::filled(Extent::new(10, 40), [0.0; 3]);
         let found = compare(&black, &black).unwrap();
-        assert_eq!(
-            (found.ssim, found.mean_ratio, found.block16),
-            (None, None, None)
-        );
+        assert_eq!((found.ssim, found.mean_ratio, found.block16), (None, None, None));
         assert!(found.to_string().contains("undefined"), "{found}");
     }
 
@@ -190,9 +162,6 @@ mod tests {
         let a = RgbImage::filled(Extent::new(2, 3), [0.0; 3]);
         let b = RgbImage::filled(Extent::new(3, 2), [0.0; 3]);
         let message = compare(&a, &b).unwrap_err().to_string();
-        assert!(
-            message.contains("2x3") && message.contains("3x2"),
-            "{message}"
-        );
+        assert!(message.contains("2x3") && message.contains("3x2"), "{message}");
     }
 }

@@ -33,8 +33,7 @@ fn channel_ssim(width: usize, x: &[f64], y: &[f64]) -> f64 {
         let (mx, my) = (mean_x[i], mean_y[i]);
         let variances = mean_xx[i] - mx * mx + mean_yy[i] - my * my;
         let covariance = mean_xy[i] - mx * my;
-        (2.0 * mx * my + C1) * (2.0 * covariance + C2)
-            / ((mx * mx + my * my + C1) * (variances + C2))
+        (2.0 * mx * my + C1) * (2.0 * covariance + C2) / ((mx * mx + my * my + C1) * (variances + C2))
     };
     (0..mean_x.len()).map(similarity).sum::<f64>() / mean_x.len() as f64
 }
@@ -42,22 +41,12 @@ fn channel_ssim(width: usize, x: &[f64], y: &[f64]) -> f64 {
 /// Weighted means of all windows inside the image, row-major: `2 RADIUS` fewer columns and rows than `values`.
 fn window_means(width: usize, values: &[f64]) -> Vec<f64> {
     let weights = weights();
-    let weigh = |tap: &dyn Fn(usize) -> f64| {
-        weights
-            .iter()
-            .enumerate()
-            .map(|(k, w)| w * tap(k))
-            .sum::<f64>()
-    };
+    let weigh = |tap: &dyn Fn(usize) -> f64| weights.iter().enumerate().map(|(k, w)| w * tap(k)).sum::<f64>();
     let columns = width - 2 * RADIUS;
-    let across: Vec<f64> = values
-        .chunks_exact(width)
-        .flat_map(|row| row.windows(TAPS).map(|w| weigh(&|k| w[k])))
-        .collect();
+    let across: Vec<f64> =
+        values.chunks_exact(width).flat_map(|row| row.windows(TAPS).map(|w| weigh(&|k| w[k]))).collect();
     let windows = across.len() - 2 * RADIUS * columns;
-    (0..windows)
-        .map(|i| weigh(&|k| across[i + k * columns]))
-        .collect()
+    (0..windows).map(|i| weigh(&|k| across[i + k * columns])).collect()
 }
 
 fn weights() -> [f64; TAPS] {
@@ -85,9 +74,7 @@ mod tests {
     fn the_window_sums_to_one_and_keeps_its_place() {
         assert!((weights().iter().sum::<f64>() - 1.0).abs() < 1e-15);
         let (width, height) = (15, 13);
-        let ramp: Vec<f64> = (0..width * height)
-            .map(|i| (i % width) as f64 + 100.0 * (i / width) as f64)
-            .collect();
+        let ramp: Vec<f64> = (0..width * height).map(|i| (i % width) as f64 + 100.0 * (i / width) as f64).collect();
         let means = window_means(width, &ramp);
         assert_eq!(means.len(), 5 * 3);
         for (i, mean) in means.iter().enumerate() {
@@ -98,9 +85,6 @@ mod tests {
 
     #[test]
     fn an_image_smaller_than_the_window_has_no_ssim() {
-        assert_eq!(
-            ssim(Extent::new(10, 11), &[[0.0; 3]; 110], &[[0.0; 3]; 110]),
-            None
-        );
+        assert_eq!(ssim(Extent::new(10, 11), &[[0.0; 3]; 110], &[[0.0; 3]; 110]), None);
     }
 }

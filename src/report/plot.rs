@@ -58,14 +58,10 @@ pub fn line_chart_svg(chart: &Chart, series: &[Series]) -> Result<String, Report
     let mut colours = COLOURS.into_iter().cycle();
     let mut place = |s| Drawn::place(chart, s, &mut colours);
     let lines: Vec<Drawn> = series.iter().map(&mut place).collect();
-    let axes = fit_axes(chart, &lines).ok_or_else(|| ReportError::NothingToDraw {
-        title: chart.title.clone(),
-    })?;
+    let axes = fit_axes(chart, &lines).ok_or_else(|| ReportError::NothingToDraw { title: chart.title.clone() })?;
     let mut svg = String::new();
-    draw(&mut svg, chart, &axes, &lines).map_err(|e| ReportError::Drawing {
-        title: chart.title.clone(),
-        reason: e.to_string(),
-    })?;
+    draw(&mut svg, chart, &axes, &lines)
+        .map_err(|e| ReportError::Drawing { title: chart.title.clone(), reason: e.to_string() })?;
     Ok(svg)
 }
 
@@ -79,33 +75,14 @@ struct Drawn<'s> {
 }
 
 impl<'s> Drawn<'s> {
-    fn place(
-        chart: &Chart,
-        series: &'s Series,
-        colours: &mut impl Iterator<Item = RGBColor>,
-    ) -> Self {
-        let colour = if series.guide {
-            GUIDE
-        } else {
-            colours.next().unwrap_or(INK)
-        };
+    fn place(chart: &Chart, series: &'s Series, colours: &mut impl Iterator<Item = RGBColor>) -> Self {
+        let colour = if series.guide { GUIDE } else { colours.next().unwrap_or(INK) };
         let x = |v| ticks::coordinate(v, chart.x.log);
         let y = |v| ticks::coordinate(v, chart.y.log);
-        let points = series
-            .points
-            .iter()
-            .filter_map(|p| Some((x(p.0)?, y(p.1)?)))
-            .collect();
+        let points = series.points.iter().filter_map(|p| Some((x(p.0)?, y(p.1)?))).collect();
         let around = series.points.iter().zip(series.band.iter().flatten());
-        let band = around
-            .filter_map(|(p, b)| Some((x(p.0)?, y(b.0)?, y(b.1)?)))
-            .collect();
-        Self {
-            series,
-            colour,
-            points,
-            band,
-        }
+        let band = around.filter_map(|(p, b)| Some((x(p.0)?, y(b.0)?, y(b.1)?))).collect();
+        Self { series, colour, points, band }
     }
 
     fn outline(&self) -> Vec<(f64, f64)> {
@@ -126,11 +103,7 @@ impl Ranged for Ticks {
 
     /// All ticks are bold: there are no light ones in between.
     fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
-        if hint.weight().allow_light_points() {
-            Vec::new()
-        } else {
-            self.at.clone()
-        }
+        if hint.weight().allow_light_points() { Vec::new() } else { self.at.clone() }
     }
 
     fn range(&self) -> std::ops::Range<f64> {
@@ -145,22 +118,13 @@ impl ValueFormatter<f64> for Ticks {
 }
 
 fn fit_axes(chart: &Chart, lines: &[Drawn]) -> Option<[Ticks; 2]> {
-    let all: Vec<(f64, f64)> = lines
-        .iter()
-        .flat_map(|l| [l.points.clone(), l.outline()])
-        .flatten()
-        .collect();
+    let all: Vec<(f64, f64)> = lines.iter().flat_map(|l| [l.points.clone(), l.outline()]).flatten().collect();
     let x = Ticks::fit(all.iter().map(|p| p.0), chart.x.log)?;
     let y = Ticks::fit(all.iter().map(|p| p.1), chart.y.log)?;
     Some([x, y])
 }
 
-fn draw(
-    svg: &mut String,
-    chart: &Chart,
-    axes: &[Ticks; 2],
-    lines: &[Drawn],
-) -> Result<(), DrawingError> {
+fn draw(svg: &mut String, chart: &Chart, axes: &[Ticks; 2], lines: &[Drawn]) -> Result<(), DrawingError> {
     let area = SVGBackend::with_string(svg, SIZE_PX).into_drawing_area();
     area.fill(&WHITE)?;
     let [x, y] = axes.clone();
@@ -208,10 +172,7 @@ fn draw_line(canvas: &mut Canvas, line: &Drawn) -> Result<(), DrawingError> {
         canvas.draw_series([Polygon::new(line.outline(), line.colour.mix(0.15))])?;
     }
     let sample = move |(x, y)| PathElement::new([(x, y), (x + 22, y)], stroke);
-    canvas
-        .draw_series(LineSeries::new(points.clone(), stroke))?
-        .label(name)
-        .legend(sample);
+    canvas.draw_series(LineSeries::new(points.clone(), stroke))?.label(name).legend(sample);
     canvas.draw_series(points.map(|p| Circle::new(p, 4, line.colour.filled())))?;
     Ok(())
 }
@@ -242,10 +203,7 @@ fn legend_corner(axes: &[Ticks; 2], lines: &[Drawn]) -> SeriesLabelPosition {
         (crowd(true, false), SeriesLabelPosition::LowerRight),
         (crowd(false, false), SeriesLabelPosition::LowerLeft),
     ];
-    corners
-        .into_iter()
-        .min_by_key(|c| c.0)
-        .map_or(SeriesLabelPosition::UpperLeft, |c| c.1)
+    corners.into_iter().min_by_key(|c| c.0).map_or(SeriesLabelPosition::UpperLeft, |c| c.1)
 }
 
 #[cfg(test)]
@@ -255,22 +213,12 @@ mod tests {
     fn speedup() -> (Chart, Vec<Series>) {
         let chart = Chart {
             title: "Speed-up <atrium & co>".into(),
-            x: Axis {
-                label: "devices".into(),
-                log: false,
-            },
-            y: Axis {
-                label: "speed-up".into(),
-                log: false,
-            },
+            x: Axis { label: "devices".into(), log: false },
+            y: Axis { label: "speed-up".into(), log: false },
         };
         let counts = [1.0, 2.0, 4.0, 8.0];
-        let ideal = Series {
-            name: "ideal".into(),
-            points: counts.map(|n| (n, n)).to_vec(),
-            guide: true,
-            ..Series::default()
-        };
+        let ideal =
+            Series { name: "ideal".into(), points: counts.map(|n| (n, n)).to_vec(), guide: true, ..Series::default() };
         let measured = Series {
             name: "measured".into(),
             points: counts.map(|n| (n, n.powf(0.9))).to_vec(),
@@ -285,13 +233,7 @@ mod tests {
         let (chart, series) = speedup();
         let svg = line_chart_svg(&chart, &series).unwrap();
         assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
-        for text in [
-            "Speed-up &lt;atrium &amp; co&gt;",
-            "devices",
-            "speed-up",
-            "ideal",
-            "measured",
-        ] {
+        for text in ["Speed-up &lt;atrium &amp; co&gt;", "devices", "speed-up", "ideal", "measured"] {
             assert!(svg.contains(text), "{text}");
         }
         assert_eq!(svg.matches("<circle").count(), 4);
@@ -303,12 +245,7 @@ mod tests {
     fn points_an_axis_cannot_show_are_left_out() {
         let (mut chart, mut series) = speedup();
         chart.y.log = true;
-        series[1].points.extend([
-            (9.0, 0.0),
-            (9.0, -1.0),
-            (f64::NAN, 1.0),
-            (1.0, f64::INFINITY),
-        ]);
+        series[1].points.extend([(9.0, 0.0), (9.0, -1.0), (f64::NAN, 1.0), (1.0, f64::INFINITY)]);
         let svg = line_chart_svg(&chart, &series).unwrap();
         assert_eq!(svg.matches("<circle").count(), 4);
         assert!(!svg.contains("NaN"));

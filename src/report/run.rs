@@ -10,9 +10,9 @@ use crate::exec::{FrameReport, TaskTiming};
 use crate::graph::Stage;
 use crate::image::file::atomic_write;
 use crate::image::{Extent, ImageError};
+use crate::scene::Scene;
 use crate::scene::needs::SceneNeeds;
 use crate::scene::rig::Eye;
-use crate::scene::Scene;
 use crate::stages::HoleReason;
 
 /// The settings of a run, as its options gave them.
@@ -103,7 +103,10 @@ impl FrameRow {
             quality: *quality,
             rays: frame.tallies.iter().map(|t| t.rays).sum(),
             hole_fraction: share(holes.iter().sum()),
-            hole_fractions: HoleReason::ALL.iter().map(|r| (r.name().into(), share(holes[*r as usize]).into())).collect(),
+            hole_fractions: HoleReason::ALL
+                .iter()
+                .map(|r| (r.name().into(), share(holes[*r as usize]).into()))
+                .collect(),
             nonfinite_samples: frame.tallies.iter().map(|t| t.nonfinite).sum(),
             stripes: rows_of(Stage::PathTrace, Eye::Left),
             stage_stripes,

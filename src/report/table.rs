@@ -9,10 +9,7 @@
 /// assert_eq!(table, "devices    ms\n-------  ----\n      1  40.2\n      2  21.0\n");
 /// ```
 pub fn text_table(headers: &[&str], rows: &[Vec<String>]) -> String {
-    let cell = |row: &[String], column: usize| {
-        row.get(column)
-            .map_or(String::new(), |c| c.replace('\n', " "))
-    };
+    let cell = |row: &[String], column: usize| row.get(column).map_or(String::new(), |c| c.replace('\n', " "));
     let columns: Vec<Column> = headers
         .iter()
         .enumerate()
@@ -20,11 +17,7 @@ pub fn text_table(headers: &[&str], rows: &[Vec<String>]) -> String {
         .collect();
     let mut table = String::new();
     let mut push = |cells: Vec<String>| {
-        let padded: Vec<String> = columns
-            .iter()
-            .zip(&cells)
-            .map(|(c, text)| c.pad(text))
-            .collect();
+        let padded: Vec<String> = columns.iter().zip(&cells).map(|(c, text)| c.pad(text)).collect();
         table.push_str(padded.join("  ").trim_end());
         table.push('\n');
     };
@@ -44,10 +37,7 @@ struct Column {
 
 impl Column {
     fn fit(header: &str, cells: impl Iterator<Item = String>) -> Self {
-        let mut column = Self {
-            width: header.chars().count(),
-            numeric: true,
-        };
+        let mut column = Self { width: header.chars().count(), numeric: true };
         for cell in cells {
             column.width = column.width.max(cell.chars().count());
             column.numeric &= is_number(&cell);
@@ -57,11 +47,7 @@ impl Column {
 
     fn pad(&self, text: &str) -> String {
         let width = self.width;
-        if self.numeric {
-            format!("{text:>width$}")
-        } else {
-            format!("{text:<width$}")
-        }
+        if self.numeric { format!("{text:>width$}") } else { format!("{text:<width$}") }
     }
 }
 
@@ -77,21 +63,14 @@ mod tests {
     use super::*;
 
     fn rows(cells: &[&[&str]]) -> Vec<Vec<String>> {
-        cells
-            .iter()
-            .map(|row| row.iter().map(|c| (*c).to_owned()).collect())
-            .collect()
+        cells.iter().map(|row| row.iter().map(|c| (*c).to_owned()).collect()).collect()
     }
 
     #[test]
     fn numbers_align_right_and_words_left() {
         let table = text_table(
             &["stage", "ms", "share"],
-            &rows(&[
-                &["trace", "12.50", "80 %"],
-                &["denoise à-trous", "3.1", "-"],
-                &["idle"],
-            ]),
+            &rows(&[&["trace", "12.50", "80 %"], &["denoise à-trous", "3.1", "-"], &["idle"]]),
         );
         let expected = "\
 stage               ms  share
@@ -110,9 +89,6 @@ idle
 
     #[test]
     fn a_line_break_in_a_cell_does_not_break_the_row() {
-        assert_eq!(
-            text_table(&["a"], &rows(&[&["x\ny", "dropped"]])),
-            "a\n---\nx y\n"
-        );
+        assert_eq!(text_table(&["a"], &rows(&[&["x\ny", "dropped"]])), "a\n---\nx y\n");
     }
 }

@@ -125,13 +125,7 @@ pub enum LightKind {
     /// `angle_rad` is the half-angle of the sun's disc.
     Directional { direction: Vec3, angle_rad: f32 },
     /// A point light limited to a cone around `direction`, with glTF's falloff between the two cosines.
-    Spot {
-        position: Vec3,
-        radius: f32,
-        direction: Vec3,
-        cos_inner: f32,
-        cos_outer: f32,
-    },
+    Spot { position: Vec3, radius: f32, direction: Vec3, cos_inner: f32, cos_outer: f32 },
 }
 
 /// A light that is no mesh. World space, scene units.
@@ -189,18 +183,12 @@ pub struct Bounds {
 impl Scene {
     /// Triangles after instancing.
     pub fn triangle_count(&self) -> usize {
-        self.instances
-            .iter()
-            .map(|i| self.meshes[i.mesh].triangles.len())
-            .sum()
+        self.instances.iter().map(|i| self.meshes[i.mesh].triangles.len()).sum()
     }
 
     /// Bounds of all instanced geometry.
     pub fn bounds(&self) -> Bounds {
-        let mut b = Bounds {
-            min: Vec3::INFINITY,
-            max: Vec3::NEG_INFINITY,
-        };
+        let mut b = Bounds { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
         for instance in &self.instances {
             for &p in &self.meshes[instance.mesh].positions {
                 let p = instance.world_from_local.transform_point3(p);
@@ -216,18 +204,11 @@ impl Scene {
 #[derive(Debug, thiserror::Error)]
 pub enum SceneError {
     #[error("cannot read '{path}'")]
-    Read {
-        path: String,
-        source: std::io::Error,
-    },
+    Read { path: String, source: std::io::Error },
     #[error("'{path}' is not valid: {what}")]
     Invalid { path: String, what: String },
     #[error("'{path}' requires {}, which diptych cannot read{hint}", extensions.join(", "))]
-    Extensions {
-        path: String,
-        extensions: Vec<String>,
-        hint: String,
-    },
+    Extensions { path: String, extensions: Vec<String>, hint: String },
     #[error("there is no built-in scene '{name}': choose one of {known}")]
     UnknownBuiltin { name: String, known: String },
     #[error(transparent)]

@@ -33,9 +33,8 @@ fn luminance(c: Vec3) -> f64 {
 
 /// Power per area that a material sends out, up to a factor common to all.
 fn emitted(scene: &Scene, material: &Material) -> f64 {
-    let tint = material.emissive_texture.map_or(Vec3::ONE, |t| {
-        mean_color(&scene.images[scene.textures[t.texture].image])
-    });
+    let tint =
+        material.emissive_texture.map_or(Vec3::ONE, |t| mean_color(&scene.images[scene.textures[t.texture].image]));
     luminance(material.emissive * tint) * if material.double_sided { 2.0 } else { 1.0 }
 }
 

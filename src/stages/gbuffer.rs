@@ -4,14 +4,8 @@ use super::{Dispatch, Room, Slot, Work};
 use crate::graph::{PhysicalImage as P, Stage};
 use crate::scene::rig::Eye;
 
-pub(super) const ROOM: Room = Room {
-    stage: Stage::Gbuffer,
-    shader: "gbuffer",
-    reads_scene: true,
-    slots: &SAMPLE_SLOTS,
-    clears: &[],
-    dispatches,
-};
+pub(super) const ROOM: Room =
+    Room { stage: Stage::Gbuffer, shader: "gbuffer", reads_scene: true, slots: &SAMPLE_SLOTS, clears: &[], dispatches };
 
 /// Group 1 of `pixel.inc.wgsl`.
 pub(super) const SAMPLE_SLOTS: [Slot; 6] = [

@@ -30,7 +30,9 @@ const PER_VIEW: [PhysicalImage; 12] = [
 ];
 
 #[derive(Debug, thiserror::Error)]
-#[error("one image at {extent} takes {mib} MiB, more than the {limit} MiB that device {device} lets a shader read at once: choose a smaller --size")]
+#[error(
+    "one image at {extent} takes {mib} MiB, more than the {limit} MiB that device {device} lets a shader read at once: choose a smaller --size"
+)]
 pub struct TooLarge {
     extent: Extent,
     mib: u64,
@@ -79,10 +81,7 @@ fn new_buffer(gpu: &GpuDevice, image: PhysicalImage, size: u64) -> wgpu::Buffer 
     gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: Some(&format!("{image:?}")),
         size,
-        usage: wgpu::BufferUsages::STORAGE
-            | wgpu::BufferUsages::COPY_SRC
-            | wgpu::BufferUsages::COPY_DST
-            | indirect,
+        usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST | indirect,
         mapped_at_creation: false,
     })
 }

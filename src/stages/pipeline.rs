@@ -193,8 +193,7 @@ impl DeviceStages {
         pass.set_pipeline(&built.pipeline);
         pass.set_bind_group(0, if built.room.reads_scene { &self.with_scene } else { &self.frame_only }, &[]);
         pass.set_bind_group(1, &*group, &[]);
-        let work =
-            Work { settings: &self.settings, view: task.view, index: task.index, device: gpu.info.index };
+        let work = Work { settings: &self.settings, view: task.view, index: task.index, device: gpu.info.index };
         for dispatch in (built.room.dispatches)(&work) {
             let (args, columns) = match dispatch {
                 Dispatch::Rows { columns, args } => (args, Some(columns)),
@@ -253,10 +252,9 @@ fn build(
     // SAFETY: the shader is part of this crate. Its loops end, its integer divisors are not zero; bounds stay checked.
     let module = unsafe { gpu.device.create_shader_module_trusted(descriptor, settings.checks.runtime_checks()) };
     let entries: Vec<_> = room.slots.iter().enumerate().map(|(i, s)| slot_layout(i as u32, *s)).collect();
-    let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some(room.shader),
-        entries: &entries,
-    });
+    let layout = gpu
+        .device
+        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(room.shader), entries: &entries });
     let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: Some(room.shader),
         bind_group_layouts: &[Some(group0), Some(&layout)],

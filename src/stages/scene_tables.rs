@@ -17,7 +17,9 @@ const PAGE: u32 = 2048;
 
 #[derive(Debug, thiserror::Error)]
 pub enum TableError {
-    #[error("the scene's {what} take {mib} MiB, more than the {limit} MiB that device {device} lets a shader read at once")]
+    #[error(
+        "the scene's {what} take {mib} MiB, more than the {limit} MiB that device {device} lets a shader read at once"
+    )]
     TooLarge { what: &'static str, mib: u64, limit: u64, device: usize },
     #[error("the scene's textures hold {0} texels, more than the 2^32 that can be addressed: make them smaller")]
     Texels(u64),
@@ -54,8 +56,7 @@ impl SceneTables {
             return Err(TableError::Texels(texels.len() as u64));
         }
         let textures = scene.textures.iter().map(|t| texture_info(t, scene, firsts[t.image] as u32)).collect();
-        let materials =
-            scene.materials.iter().zip(&emitters.light_pdf).map(|(m, &pdf)| gpu_material(m, pdf)).collect();
+        let materials = scene.materials.iter().zip(&emitters.light_pdf).map(|(m, &pdf)| gpu_material(m, pdf)).collect();
         Ok(Self { accel, materials, textures, texels, emitters, environment: scene.environment.clone() })
     }
 
@@ -140,12 +141,8 @@ pub struct SceneBuffers {
 
 /// Bindings 1 to 11.
 pub fn layout_entries() -> Vec<wgpu::BindGroupLayoutEntry> {
-    let entry = |binding, ty| wgpu::BindGroupLayoutEntry {
-        binding,
-        visibility: wgpu::ShaderStages::COMPUTE,
-        ty,
-        count: None,
-    };
+    let entry =
+        |binding, ty| wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None };
     let storage = wgpu::BindingType::Buffer {
         ty: wgpu::BufferBindingType::Storage { read_only: true },
         has_dynamic_offset: false,
@@ -198,10 +195,10 @@ impl SceneBuffers {
     }
 
     pub fn entries(&self) -> Vec<wgpu::BindGroupEntry<'_>> {
-        let buffers = self.buffers.iter().map(|(binding, b)| wgpu::BindGroupEntry {
-            binding: *binding,
-            resource: b.as_entire_binding(),
-        });
+        let buffers = self
+            .buffers
+            .iter()
+            .map(|(binding, b)| wgpu::BindGroupEntry { binding: *binding, resource: b.as_entire_binding() });
         let view = |binding, v| wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(v) };
         buffers.chain([view(7, &self.texels), view(10, &self.environment)]).collect()
     }

@@ -42,29 +42,112 @@ macro_rules! same_layout {
 #[test]
 fn host_structs_lie_as_shaders_read_them() {
     let m = &module("path_trace");
-    same_layout!(m, "View", layout::View, [origin = "origin", tan_half_x = "tan_half_x", right = "right",
-        tan_half_y = "tan_half_y", up = "up", forward = "forward"]);
-    same_layout!(m, "Frame", layout::Frame, [views = "views", width = "width", height = "height", index = "index",
-        seed = "seed", spp = "spp", reflections = "reflections", indirect_clamp = "indirect_clamp",
-        exposure = "exposure", sphere_count = "sphere_count", light_groups = "light_groups", env_width = "env_width",
-        env_height = "env_height", env_radiance = "env_radiance", env_rotation = "env_rotation",
-        group_begin = "group_begin", group_count = "group_count"]);
-    same_layout!(m, "Pass", layout::Pass, [view = "view", row_begin = "row_begin", row_end = "row_end",
-        valid_begin = "valid_begin", valid_end = "valid_end", args = "arg0"]);
-    same_layout!(m, "Material", layout::Material, [base_color = "base_color", emissive = "emissive",
-        light_pdf = "light_pdf", roughness = "roughness", metallic = "metallic", alpha_cutoff = "alpha_cutoff",
-        flags = "flags", base_color_texture = "base_color_texture", emissive_texture = "emissive_texture",
-        emissive_uv_offset = "emissive_uv_offset", uv_matrix = "uv_matrix",
-        emissive_uv_matrix = "emissive_uv_matrix", uv_offset = "uv_offset"]);
-    same_layout!(m, "TextureInfo", layout::TextureInfo, [first = "first", width = "width", height = "height",
-        flags = "flags"]);
-    same_layout!(m, "Light", layout::Light, [position = "position", kind = "kind", strength = "strength",
-        radius = "radius", axis = "axis", cos_outer = "cos_outer", cone_scale = "cone_scale", pick = "pick",
-        keep = "keep", alias = "alias_", prim = "prim"]);
-    same_layout!(m, "Triangle", crate::accel::Triangle, [v0 = "v0", material = "material", v1 = "v1",
-        flags = "flags", v2 = "v2"]);
-    same_layout!(m, "Shading", crate::accel::Shading, [n0 = "n0", u0 = "u0", n1 = "n1", v0 = "v0", n2 = "n2",
-        u1 = "u1", v1 = "v1", u2 = "u2", v2 = "v2"]);
+    same_layout!(
+        m,
+        "View",
+        layout::View,
+        [
+            origin = "origin",
+            tan_half_x = "tan_half_x",
+            right = "right",
+            tan_half_y = "tan_half_y",
+            up = "up",
+            forward = "forward"
+        ]
+    );
+    same_layout!(
+        m,
+        "Frame",
+        layout::Frame,
+        [
+            views = "views",
+            width = "width",
+            height = "height",
+            index = "index",
+            seed = "seed",
+            spp = "spp",
+            reflections = "reflections",
+            indirect_clamp = "indirect_clamp",
+            exposure = "exposure",
+            sphere_count = "sphere_count",
+            light_groups = "light_groups",
+            env_width = "env_width",
+            env_height = "env_height",
+            env_radiance = "env_radiance",
+            env_rotation = "env_rotation",
+            group_begin = "group_begin",
+            group_count = "group_count"
+        ]
+    );
+    same_layout!(
+        m,
+        "Pass",
+        layout::Pass,
+        [
+            view = "view",
+            row_begin = "row_begin",
+            row_end = "row_end",
+            valid_begin = "valid_begin",
+            valid_end = "valid_end",
+            args = "arg0"
+        ]
+    );
+    same_layout!(
+        m,
+        "Material",
+        layout::Material,
+        [
+            base_color = "base_color",
+            emissive = "emissive",
+            light_pdf = "light_pdf",
+            roughness = "roughness",
+            metallic = "metallic",
+            alpha_cutoff = "alpha_cutoff",
+            flags = "flags",
+            base_color_texture = "base_color_texture",
+            emissive_texture = "emissive_texture",
+            emissive_uv_offset = "emissive_uv_offset",
+            uv_matrix = "uv_matrix",
+            emissive_uv_matrix = "emissive_uv_matrix",
+            uv_offset = "uv_offset"
+        ]
+    );
+    same_layout!(
+        m,
+        "TextureInfo",
+        layout::TextureInfo,
+        [first = "first", width = "width", height = "height", flags = "flags"]
+    );
+    same_layout!(
+        m,
+        "Light",
+        layout::Light,
+        [
+            position = "position",
+            kind = "kind",
+            strength = "strength",
+            radius = "radius",
+            axis = "axis",
+            cos_outer = "cos_outer",
+            cone_scale = "cone_scale",
+            pick = "pick",
+            keep = "keep",
+            alias = "alias_",
+            prim = "prim"
+        ]
+    );
+    same_layout!(
+        m,
+        "Triangle",
+        crate::accel::Triangle,
+        [v0 = "v0", material = "material", v1 = "v1", flags = "flags", v2 = "v2"]
+    );
+    same_layout!(
+        m,
+        "Shading",
+        crate::accel::Shading,
+        [n0 = "n0", u0 = "u0", n1 = "n1", v0 = "v0", n2 = "n2", u1 = "u1", v1 = "v1", u2 = "u2", v2 = "v2"]
+    );
 }
 
 #[test]

@@ -64,12 +64,7 @@ impl Geometry {
             max = max.max(v);
         }
         if triangles.is_empty() {
-            return Self {
-                triangles,
-                bvh: None,
-                centre: DVec3::ZERO,
-                radius: 1.0,
-            };
+            return Self { triangles, bvh: None, centre: DVec3::ZERO, radius: 1.0 };
         }
         let centre = (min + max) * 0.5;
         let half = (max - min).max_element() * 0.5;
@@ -77,24 +72,13 @@ impl Geometry {
         let boxes: Vec<Aabb> = triangles
             .iter()
             .map(|t| {
-                let corners = t
-                    .vertices
-                    .map(|v| Vec3A::from(((v - centre) / radius).as_vec3()));
+                let corners = t.vertices.map(|v| Vec3A::from(((v - centre) / radius).as_vec3()));
                 let bounds = Aabb::from_points(&corners);
                 Aabb::new(bounds.min - PAD, bounds.max + PAD)
             })
             .collect();
-        let bvh = build_cwbvh(
-            &boxes,
-            BvhBuildParams::medium_build(),
-            &mut Duration::default(),
-        );
-        Self {
-            triangles,
-            bvh: Some(bvh),
-            centre,
-            radius,
-        }
+        let bvh = build_cwbvh(&boxes, BvhBuildParams::medium_build(), &mut Duration::default());
+        Self { triangles, bvh: Some(bvh), centre, radius }
     }
 
     /// Nearest hit before `t_max` that is on none of `without` and that `is_there` accepts.
@@ -139,11 +123,7 @@ impl Geometry {
                 transmittance *= 1.0 - coverage(triangle, hit.weights);
             }
             // A distance below the ray's end stops the traversal: nothing is left to block.
-            if transmittance == 0.0 {
-                0.0
-            } else {
-                f32::INFINITY
-            }
+            if transmittance == 0.0 { 0.0 } else { f32::INFINITY }
         });
         transmittance
     }
@@ -172,23 +152,13 @@ impl Geometry {
         Some((bvh, walk))
     }
 
-    fn hit(
-        &self,
-        ray: &Ray,
-        triangle: usize,
-        t_max: f64,
-        without: [Option<usize>; 2],
-    ) -> Option<TriangleHit> {
+    fn hit(&self, ray: &Ray, triangle: usize, t_max: f64, without: [Option<usize>; 2]) -> Option<TriangleHit> {
         if without.contains(&Some(triangle)) {
             return None;
         }
         let (t, weights) = intersect_triangle(ray, &self.triangles[triangle].vertices)?;
         let inside = t > T_MIN * self.radius && t < t_max;
-        inside.then_some(TriangleHit {
-            t,
-            triangle,
-            weights,
-        })
+        inside.then_some(TriangleHit { t, triangle, weights })
     }
 }
 
@@ -234,10 +204,7 @@ pub fn intersect_triangle(ray: &Ray, vertices: &[DVec3; 3]) -> Option<(f64, [f64
         return None;
     }
     let weights = [u / det, v / det, w / det];
-    Some((
-        weights[0] * a.z + weights[1] * b.z + weights[2] * c.z,
-        weights,
-    ))
+    Some((weights[0] * a.z + weights[1] * b.z + weights[2] * c.z, weights))
 }
 
 /// Distances (of any sign, in order) at which the ray's line enters and leaves a sphere.

@@ -40,14 +40,9 @@ pub struct SphereLight {
 
 pub fn sphere_lights(scene: &Scene) -> Vec<SphereLight> {
     let sphere = |(light, l): (usize, &Light)| match l.kind {
-        LightKind::Point { position, radius }
-        | LightKind::Spot {
-            position, radius, ..
-        } => (radius > 0.0).then(|| SphereLight {
-            light,
-            centre: position.as_dvec3(),
-            radius: radius.into(),
-        }),
+        LightKind::Point { position, radius } | LightKind::Spot { position, radius, .. } => {
+            (radius > 0.0).then(|| SphereLight { light, centre: position.as_dvec3(), radius: radius.into() })
+        }
         LightKind::Directional { .. } => None,
     };
     scene.lights.iter().enumerate().filter_map(sphere).collect()
@@ -60,13 +55,7 @@ pub fn sphere_radiance(light: &Light, radius: f64, direction: DVec3) -> DVec3 {
 
 /// glTF's spot falloff for light that leaves along the unit `direction`; 1 for other lights.
 fn cone_factor(kind: &LightKind, direction: DVec3) -> f64 {
-    let LightKind::Spot {
-        direction: axis,
-        cos_inner,
-        cos_outer,
-        ..
-    } = *kind
-    else {
+    let LightKind::Spot { direction: axis, cos_inner, cos_outer, .. } = *kind else {
         return 1.0;
     };
     let (cos_inner, cos_outer) = (f64::from(cos_inner), f64::from(cos_outer));
@@ -88,10 +77,7 @@ fn luminance(c: DVec3) -> f64 {
 
 impl EmissiveTriangles {
     pub fn new(surfaces: &Surfaces, geometry: &Geometry) -> Self {
-        let mut list = Self {
-            triangles: Vec::new(),
-            sums: Vec::new(),
-        };
+        let mut list = Self { triangles: Vec::new(), sums: Vec::new() };
         let mut sum = 0.0;
         for (id, triangle) in geometry.triangles.iter().enumerate() {
             let [a, b, c] = triangle.vertices;
@@ -107,19 +93,10 @@ impl EmissiveTriangles {
     }
 
     /// One point of all emissive area, as light arriving at `from`.
-    fn arrival(
-        &self,
-        surfaces: &Surfaces,
-        geometry: &Geometry,
-        from: &Surface,
-        rng: &mut Rng,
-    ) -> Option<Arrival> {
+    fn arrival(&self, surfaces: &Surfaces, geometry: &Geometry, from: &Surface, rng: &mut Rng) -> Option<Arrival> {
         let total = *self.sums.last()?;
         let pick = rng.uniform() * total;
-        let nth = self
-            .sums
-            .partition_point(|&sum| sum <= pick)
-            .min(self.sums.len() - 1);
+        let nth = self.sums.partition_point(|&sum| sum <= pick).min(self.sums.len() - 1);
         let id = self.triangles[nth];
         let triangle = &geometry.triangles[id];
         let weights = triangle_weights(rng);
@@ -133,8 +110,7 @@ impl EmissiveTriangles {
         // Density by area: (area × luminance / total) / area.
         let density = luminance(surfaces.material(triangle).emissive.as_dvec3()) / total;
         let cosine = surfaces.front_normal(triangle).dot(direction).abs();
-        let emitted =
-            surfaces.emission(triangle, weights, -direction) * surfaces.coverage(triangle, weights);
+        let emitted = surfaces.emission(triangle, weights, -direction) * surfaces.coverage(triangle, weights);
         Some(Arrival {
             direction,
             distance,
@@ -154,12 +130,7 @@ pub struct Lighting<'a> {
 
 impl Lighting<'_> {
     /// Radiance reflected towards the viewer of `surface` from all explicitly sampled lights.
-    pub fn direct(
-        &self,
-        surface: &Surface,
-        emissive: Option<&EmissiveTriangles>,
-        rng: &mut Rng,
-    ) -> DVec3 {
+    pub fn direct(&self, surface: &Surface, emissive: Option<&EmissiveTriangles>, rng: &mut Rng) -> DVec3 {
         let scene = self.surfaces.scene;
         let mut reflected = DVec3::ZERO;
         for (index, light) in scene.lights.iter().enumerate() {
@@ -177,8 +148,7 @@ impl Lighting<'_> {
     fn reflected(&self, surface: &Surface, arrival: &Arrival) -> DVec3 {
         let wi = arrival.direction;
         let cosine = surface.shading_normal.dot(wi);
-        if cosine <= 0.0 || surface.geometric_normal.dot(wi) <= 0.0 || arrival.power == DVec3::ZERO
-        {
+        if cosine <= 0.0 || surface.geometric_normal.dot(wi) <= 0.0 || arrival.power == DVec3::ZERO {
             return DVec3::ZERO;
         }
         surface.albedo / PI * cosine * arrival.power * self.visibility(surface, arrival)
@@ -186,10 +156,7 @@ impl Lighting<'_> {
 
     /// Fraction of the light that nothing between blocks. Spheres block whatever comes from inside them, too.
     fn visibility(&self, surface: &Surface, arrival: &Arrival) -> f64 {
-        let ray = Ray {
-            origin: surface.position,
-            direction: arrival.direction,
-        };
+        let ray = Ray { origin: surface.position, direction: arrival.direction };
         let blocks = |(index, sphere): (usize, &SphereLight)| {
             arrival.sphere != Some(index)
                 && first_beyond_start(sphere_distances(&ray, sphere.centre, sphere.radius))
@@ -199,52 +166,28 @@ impl Lighting<'_> {
             return 0.0;
         }
         let without = [Some(surface.triangle), arrival.triangle];
-        self.geometry
-            .transmittance(&ray, arrival.distance, without, |id, weights| {
-                self.surfaces
-                    .coverage(&self.geometry.triangles[id], weights)
-            })
+        self.geometry.transmittance(&ray, arrival.distance, without, |id, weights| {
+            self.surfaces.coverage(&self.geometry.triangles[id], weights)
+        })
     }
 
-    fn light_arrival(
-        &self,
-        index: usize,
-        light: &Light,
-        from: DVec3,
-        rng: &mut Rng,
-    ) -> Option<Arrival> {
+    fn light_arrival(&self, index: usize, light: &Light, from: DVec3, rng: &mut Rng) -> Option<Arrival> {
         let strength = light.strength.as_dvec3();
         match light.kind {
-            LightKind::Directional {
-                direction,
-                angle_rad,
-            } => {
+            LightKind::Directional { direction, angle_rad } => {
                 let axis = -direction.as_dvec3().normalize();
-                let (sin, sin_half) =
-                    (f64::from(angle_rad).sin(), f64::from(angle_rad / 2.0).sin());
+                let (sin, sin_half) = (f64::from(angle_rad).sin(), f64::from(angle_rad / 2.0).sin());
                 let one_minus_cos = 2.0 * sin_half * sin_half;
                 let (direction, power) = if angle_rad > 0.0 {
                     let radiance = strength / (PI * sin * sin);
-                    (
-                        cone_direction(axis, one_minus_cos, rng),
-                        radiance * TAU * one_minus_cos,
-                    )
+                    (cone_direction(axis, one_minus_cos, rng), radiance * TAU * one_minus_cos)
                 } else {
                     (axis, strength)
                 };
                 let distance = f64::INFINITY;
-                Some(Arrival {
-                    direction,
-                    distance,
-                    power,
-                    triangle: None,
-                    sphere: None,
-                })
+                Some(Arrival { direction, distance, power, triangle: None, sphere: None })
             }
-            LightKind::Point { position, radius }
-            | LightKind::Spot {
-                position, radius, ..
-            } => {
+            LightKind::Point { position, radius } | LightKind::Spot { position, radius, .. } => {
                 let offset = position.as_dvec3() - from;
                 let distance = offset.length();
                 let axis = offset / distance;
@@ -253,13 +196,7 @@ impl Lighting<'_> {
                     return self.sphere_arrival(index, light, from, axis, distance, rng);
                 }
                 let power = strength * cone_factor(&light.kind, -axis) / (distance * distance);
-                Some(Arrival {
-                    direction: axis,
-                    distance,
-                    power,
-                    triangle: None,
-                    sphere: None,
-                })
+                Some(Arrival { direction: axis, distance, power, triangle: None, sphere: None })
             }
         }
     }
@@ -281,21 +218,12 @@ impl Lighting<'_> {
         let sin2 = (sphere.radius / distance).powi(2);
         let one_minus_cos = sin2 / (1.0 + (1.0 - sin2).sqrt());
         let direction = cone_direction(axis, one_minus_cos, rng);
-        let ray = Ray {
-            origin: from,
-            direction,
-        };
+        let ray = Ray { origin: from, direction };
         // At the rim, rounding may miss the sphere: there it is as far as its silhouette.
         let rim = distance * (1.0 - sin2).sqrt();
         let enter = sphere_distances(&ray, sphere.centre, sphere.radius).map_or(rim, |t| t[0]);
         let power = sphere_radiance(light, sphere.radius, -axis) * TAU * one_minus_cos;
-        Some(Arrival {
-            direction,
-            distance: enter,
-            power,
-            triangle: None,
-            sphere: Some(index),
-        })
+        Some(Arrival { direction, distance: enter, power, triangle: None, sphere: Some(index) })
     }
 }
 

@@ -57,13 +57,7 @@ impl Pinhole {
         let forward = (target - origin).normalize();
         let right = forward.cross(up).normalize();
         let tan_half_yfov = (yfov_deg.to_radians() / 2.0).tan();
-        Self {
-            origin,
-            right,
-            up: right.cross(forward),
-            forward,
-            tan_half_yfov,
-        }
+        Self { origin, right, up: right.cross(forward), forward, tan_half_yfov }
     }
 
     /// Ray through the image point (`x`, `y`), pixels from the top left corner.
@@ -72,13 +66,8 @@ impl Pinhole {
         let tan = f64::from(self.tan_half_yfov);
         let along_right = (2.0 * x / width - 1.0) * tan * width / height;
         let along_up = (1.0 - 2.0 * y / height) * tan;
-        let direction = self.forward.as_dvec3()
-            + self.right.as_dvec3() * along_right
-            + self.up.as_dvec3() * along_up;
-        Ray {
-            origin: self.origin.as_dvec3(),
-            direction: direction.normalize(),
-        }
+        let direction = self.forward.as_dvec3() + self.right.as_dvec3() * along_right + self.up.as_dvec3() * along_up;
+        Ray { origin: self.origin.as_dvec3(), direction: direction.normalize() }
     }
 }
 
@@ -114,13 +103,7 @@ impl<'a> Reference<'a> {
         let geometry = Geometry::new(surfaces.triangles());
         let emissive = EmissiveTriangles::new(&surfaces, &geometry);
         let spheres = lights::sphere_lights(scene);
-        Self {
-            surfaces,
-            geometry,
-            spheres,
-            emissive,
-            emitters: Emitters::default(),
-        }
+        Self { surfaces, geometry, spheres, emissive, emitters: Emitters::default() }
     }
 
     pub fn with_emitters(self, emitters: Emitters) -> Self {
@@ -129,14 +112,7 @@ impl<'a> Reference<'a> {
 
     /// Mean radiance per pixel over `spp` >= 2 paths, and the variance of that mean. The same for the same
     /// `seed`, whatever the number of threads.
-    pub fn render(
-        &self,
-        camera: &Pinhole,
-        extent: Extent,
-        spp: u32,
-        bounces: u32,
-        seed: u64,
-    ) -> Estimate {
+    pub fn render(&self, camera: &Pinhole, extent: Extent, spp: u32, bounces: u32, seed: u64) -> Estimate {
         assert!(spp >= 2, "a variance needs two samples or more");
         let width = extent.width as usize;
         let mut pixels = vec![Moments::default(); extent.area()];
@@ -166,22 +142,12 @@ impl<'a> Reference<'a> {
     }
 
     /// Mean radiance that arrives at `origin` from the way `direction` points, as an image of one pixel.
-    pub fn probe(
-        &self,
-        origin: Vec3,
-        direction: Vec3,
-        spp: u32,
-        bounces: u32,
-        seed: u64,
-    ) -> Estimate {
+    pub fn probe(&self, origin: Vec3, direction: Vec3, spp: u32, bounces: u32, seed: u64) -> Estimate {
         let mut rng = Rng::new(seed, 0);
         let mut moments = Moments::default();
         let direction = direction.as_dvec3().normalize();
         for _ in 0..spp {
-            let ray = Ray {
-                origin: origin.as_dvec3(),
-                direction,
-            };
+            let ray = Ray { origin: origin.as_dvec3(), direction };
             moments.add(self.radiance(ray, bounces, &mut rng).to_array());
         }
         Estimate::from_moments(Extent::new(1, 1), &[moments])
@@ -189,11 +155,7 @@ impl<'a> Reference<'a> {
 
     /// One path: an unbiased sample of the radiance that arrives along `ray`.
     fn radiance(&self, mut ray: Ray, bounces: u32, rng: &mut Rng) -> DVec3 {
-        let lighting = Lighting {
-            surfaces: &self.surfaces,
-            geometry: &self.geometry,
-            spheres: &self.spheres,
-        };
+        let lighting = Lighting { surfaces: &self.surfaces, geometry: &self.geometry, spheres: &self.spheres };
         let sampled = (self.emitters == Emitters::Area).then_some(&self.emissive);
         let most_reflections = u64::from(bounces) + 1;
         let mut radiance = DVec3::ZERO;
@@ -222,10 +184,7 @@ impl<'a> Reference<'a> {
             }
             // (albedo / π) cos θ over the density cos θ / π.
             throughput *= surface.albedo;
-            ray = Ray {
-                origin: surface.position,
-                direction,
-            };
+            ray = Ray { origin: surface.position, direction };
             left = Some(surface.triangle);
         }
         radiance
@@ -237,29 +196,19 @@ impl<'a> Reference<'a> {
             .spheres
             .iter()
             .enumerate()
-            .filter_map(|(i, s)| {
-                Some((
-                    i,
-                    first_beyond_start(sphere_distances(ray, s.centre, s.radius))?,
-                ))
-            })
+            .filter_map(|(i, s)| Some((i, first_beyond_start(sphere_distances(ray, s.centre, s.radius))?)))
             .min_by(|a, b| a.1.total_cmp(&b.1));
         let t_max = nearest_sphere.map_or(f64::INFINITY, |(_, t)| t);
         let key = rng.bits();
         let is_there = |id: usize, weights| {
-            let coverage = self
-                .surfaces
-                .coverage(&self.geometry.triangles[id], weights);
+            let coverage = self.surfaces.coverage(&self.geometry.triangles[id], weights);
             coverage >= 1.0 || uniform_of_candidate(key, id) < coverage
         };
         match self.geometry.closest(ray, t_max, left, is_there) {
             Some(hit) => {
                 let triangle = &self.geometry.triangles[hit.triangle];
                 let to_viewer = -ray.direction;
-                Hit::Surface(
-                    self.surfaces
-                        .seen(hit.triangle, triangle, hit.weights, to_viewer),
-                )
+                Hit::Surface(self.surfaces.seen(hit.triangle, triangle, hit.weights, to_viewer))
             }
             None => nearest_sphere.map_or(Hit::Nothing, |(index, _)| Hit::Sphere(index)),
         }

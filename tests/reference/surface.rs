@@ -45,11 +45,7 @@ impl<'a> Surfaces<'a> {
                 let [x, y, z] = [m.matrix3.x_axis, m.matrix3.y_axis, m.matrix3.z_axis]
                     .map(|axis| glam::Vec3::from(axis).as_dvec3());
                 let linear = DMat3::from_cols(x, y, z);
-                let winding = if linear.determinant() < 0.0 {
-                    -1.0
-                } else {
-                    1.0
-                };
+                let winding = if linear.determinant() < 0.0 { -1.0 } else { 1.0 };
                 let cofactors = DMat3::from_cols(y.cross(z), z.cross(x), x.cross(y)) * winding;
                 let translation = glam::Vec3::from(m.translation).as_dvec3();
                 Placement {
@@ -66,30 +62,15 @@ impl<'a> Surfaces<'a> {
     pub fn triangles(&self) -> Vec<Triangle> {
         let of_instance = |(instance, placement): (usize, &Placement)| {
             let mesh = &self.scene.meshes[self.scene.instances[instance].mesh];
-            let world: Vec<DVec3> = mesh
-                .positions
-                .iter()
-                .map(|p| placement.world_from_local.transform_point3(p.as_dvec3()))
-                .collect();
+            let world: Vec<DVec3> =
+                mesh.positions.iter().map(|p| placement.world_from_local.transform_point3(p.as_dvec3())).collect();
             let triangle = |(index, corners): (usize, &[u32; 3])| {
                 let vertices = corners.map(|i| world[i as usize]);
-                Triangle {
-                    vertices,
-                    instance,
-                    index,
-                }
+                Triangle { vertices, instance, index }
             };
-            mesh.triangles
-                .iter()
-                .enumerate()
-                .map(triangle)
-                .collect::<Vec<_>>()
+            mesh.triangles.iter().enumerate().map(triangle).collect::<Vec<_>>()
         };
-        self.placements
-            .iter()
-            .enumerate()
-            .flat_map(of_instance)
-            .collect()
+        self.placements.iter().enumerate().flat_map(of_instance).collect()
     }
 
     pub fn material(&self, triangle: &Triangle) -> &'a Material {
@@ -122,28 +103,16 @@ impl<'a> Surfaces<'a> {
     }
 
     /// The surface at `weights` as a viewer in the (unit) direction `to_viewer` sees it.
-    pub fn seen(
-        &self,
-        id: usize,
-        triangle: &Triangle,
-        weights: [f64; 3],
-        to_viewer: DVec3,
-    ) -> Surface {
+    pub fn seen(&self, id: usize, triangle: &Triangle, weights: [f64; 3], to_viewer: DVec3) -> Surface {
         let front = self.front_normal(triangle);
-        let side = if front.dot(to_viewer) < 0.0 {
-            -1.0
-        } else {
-            1.0
-        };
+        let side = if front.dot(to_viewer) < 0.0 { -1.0 } else { 1.0 };
         let geometric_normal = front * side;
         let smooth = self.smooth_normal(triangle, weights).map(|n| n * side);
         Surface {
             triangle: id,
             position: interpolate(triangle.vertices, weights, DVec3::ZERO),
             geometric_normal,
-            shading_normal: smooth
-                .filter(|n| n.dot(to_viewer) > 0.0)
-                .unwrap_or(geometric_normal),
+            shading_normal: smooth.filter(|n| n.dot(to_viewer) > 0.0).unwrap_or(geometric_normal),
             albedo: self.base_color(triangle, weights).truncate(),
             emission: self.emission(triangle, weights, to_viewer),
         }
@@ -181,11 +150,7 @@ impl<'a> Surfaces<'a> {
         let uv = if uvs.is_empty() {
             DVec2::ZERO
         } else {
-            interpolate(
-                self.corners(tri).map(|i| uvs[i].as_dvec2()),
-                weights,
-                DVec2::ZERO,
-            )
+            interpolate(self.corners(tri).map(|i| uvs[i].as_dvec2()), weights, DVec2::ZERO)
         };
         texture::color(self.scene, reference, uv)
     }
@@ -207,8 +172,5 @@ fn interpolate<T>(corners: [T; 3], weights: [f64; 3], zero: T) -> T
 where
     T: Copy + std::ops::Add<Output = T> + std::ops::Mul<f64, Output = T>,
 {
-    corners
-        .iter()
-        .zip(weights)
-        .fold(zero, |sum, (&value, w)| sum + value * w)
+    corners.iter().zip(weights).fold(zero, |sum, (&value, w)| sum + value * w)
 }

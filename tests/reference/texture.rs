@@ -10,11 +10,7 @@ use glam::{DVec2, DVec3, DVec4};
 static LINEAR_FROM_SRGB: LazyLock<[f64; 256]> = LazyLock::new(|| {
     std::array::from_fn(|code| {
         let c = code as f64 / 255.0;
-        if c <= 0.04045 {
-            c / 12.92
-        } else {
-            ((c + 0.055) / 1.055).powf(2.4)
-        }
+        if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }
     })
 });
 
@@ -48,11 +44,7 @@ pub fn color(scene: &Scene, reference: TextureRef, uv: DVec2) -> DVec4 {
         texel(image, x, wrap(y, size.height, texture.wrap_v))
     };
     let place = uv * DVec2::new(size.width.into(), size.height.into());
-    if texture.linear {
-        bilinear(place, at)
-    } else {
-        at(place.x.floor(), place.y.floor())
-    }
+    if texture.linear { bilinear(place, at) } else { at(place.x.floor(), place.y.floor()) }
 }
 
 /// Weighs the four texels around `place`; the centre of texel (i, j) is at (i + 0.5, j + 0.5).
@@ -69,10 +61,7 @@ pub fn environment(environment: &Environment, d: DVec3) -> DVec3 {
     match environment {
         Environment::Black => DVec3::ZERO,
         Environment::Constant(radiance) => radiance.as_dvec3(),
-        Environment::Map {
-            image,
-            rotation_deg,
-        } => {
+        Environment::Map { image, rotation_deg } => {
             let u = 0.5 + d.x.atan2(-d.z) / TAU + f64::from(*rotation_deg) / 360.0;
             let v = d.y.clamp(-1.0, 1.0).acos() / PI;
             let size = image.extent;

@@ -69,11 +69,7 @@ impl Estimate {
         let n = pixels.len() as f64;
         std::array::from_fn(|c| Value {
             mean: pixels.iter().map(|&i| self.mean[i][c]).sum::<f64>() / n,
-            variance: pixels
-                .iter()
-                .map(|&i| self.variance_of_mean[i][c])
-                .sum::<f64>()
-                / (n * n),
+            variance: pixels.iter().map(|&i| self.variance_of_mean[i][c]).sum::<f64>() / (n * n),
         })
     }
 }
@@ -102,11 +98,7 @@ fn z(a: Value, b: Value) -> f64 {
     let difference = b.mean - a.mean;
     let rounding = ROUNDING * a.mean.abs().max(b.mean.abs());
     let sigma = (a.variance + b.variance + rounding * rounding).sqrt();
-    if difference == 0.0 {
-        0.0
-    } else {
-        difference / sigma
-    }
+    if difference == 0.0 { 0.0 } else { difference / sigma }
 }
 
 /// What comparing two estimates gives. NaN where an image has values that are not finite.
@@ -144,11 +136,7 @@ impl ZReport {
 
 impl fmt::Display for ZReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(
-            f,
-            "mean ratio   {:.5?} ± {:.5?}",
-            self.mean_ratio, self.mean_ratio_error
-        )?;
+        writeln!(f, "mean ratio   {:.5?} ± {:.5?}", self.mean_ratio, self.mean_ratio_error)?;
         writeln!(f, "image z      {:.2?}", self.image_z)?;
         writeln!(
             f,
@@ -170,9 +158,7 @@ impl fmt::Display for ZReport {
 
 /// Largest magnitude; NaN if any is.
 fn max_abs(values: &[f64]) -> f64 {
-    values
-        .iter()
-        .fold(0.0, |max, z| if z.abs() <= max { max } else { z.abs() })
+    values.iter().fold(0.0, |max, z| if z.abs() <= max { max } else { z.abs() })
 }
 
 fn beyond_3(values: &[f64]) -> f64 {
@@ -189,12 +175,7 @@ pub fn compare(a: &Estimate, b: &Estimate) -> ZReport {
     };
     let all: Vec<usize> = (0..extent.area()).collect();
     let pixel_z: Vec<[f64; 3]> = all.iter().map(|&i| z_over(&[i])).collect();
-    let finite = |e: &Estimate, i: usize| {
-        e.mean[i]
-            .iter()
-            .chain(&e.variance_of_mean[i])
-            .all(|x| x.is_finite())
-    };
+    let finite = |e: &Estimate, i: usize| e.mean[i].iter().chain(&e.variance_of_mean[i]).all(|x| x.is_finite());
     let (of_a, of_b) = (a.mean_over(&all), b.mean_over(&all));
     // Equal means, so that black channels have a ratio, too.
     let ratio = |c: usize| match (of_a[c].mean, of_b[c].mean) {
@@ -206,10 +187,7 @@ pub fn compare(a: &Estimate, b: &Estimate) -> ZReport {
         variance => variance.sqrt() / of_a[c].mean,
     };
     ZReport {
-        non_finite: all
-            .iter()
-            .filter(|&&i| !(finite(a, i) && finite(b, i)))
-            .count(),
+        non_finite: all.iter().filter(|&&i| !(finite(a, i) && finite(b, i))).count(),
         pixels_beyond_3: beyond_3(pixel_z.as_flattened()),
         pixel_max: max_abs(pixel_z.as_flattened()),
         block_z: blocks(extent).iter().map(|pixels| z_over(pixels)).collect(),
@@ -272,28 +250,12 @@ pub fn verdict(report: &ZReport, resolution: f64) -> Vec<String> {
         }
     };
     check("pixels that are not finite", report.non_finite as f64, 0.0);
-    check(
-        "|z| of the image mean",
-        max_abs(&report.image_z),
-        bound::IMAGE,
-    );
+    check("|z| of the image mean", max_abs(&report.image_z), bound::IMAGE);
     check("max |z| of blocks", report.block_max(), bound::block_max(n));
-    check(
-        "mean z² of blocks",
-        report.block_mean_square(),
-        bound::block_mean_square(n),
-    );
-    check(
-        "blocks beyond |z| = 3",
-        report.blocks_beyond_3(),
-        bound::blocks_beyond_3(n),
-    );
+    check("mean z² of blocks", report.block_mean_square(), bound::block_mean_square(n));
+    check("blocks beyond |z| = 3", report.blocks_beyond_3(), bound::blocks_beyond_3(n));
     let error = max_abs(&report.mean_ratio_error);
-    check(
-        "too noisy to tell: error of the mean ratio",
-        error,
-        resolution / 6.0,
-    );
+    check("too noisy to tell: error of the mean ratio", error, resolution / 6.0);
     against
 }
 
@@ -302,10 +264,6 @@ pub fn verdict(report: &ZReport, resolution: f64) -> Vec<String> {
 pub fn assert_agrees(what: &str, a: &Estimate, b: &Estimate, resolution: f64) -> ZReport {
     let report = compare(a, b);
     let against = verdict(&report, resolution);
-    assert!(
-        against.is_empty(),
-        "{what}: the images differ\n{}\n{report}",
-        against.join("\n")
-    );
+    assert!(against.is_empty(), "{what}: the images differ\n{}\n{report}", against.join("\n"));
     report
 }

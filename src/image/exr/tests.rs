@@ -16,43 +16,24 @@ fn noise(count: usize, seed: u32) -> impl Iterator<Item = f32> {
 
 fn noise_image(extent: Extent, seed: u32) -> RgbImage {
     let values: Vec<f32> = noise(3 * extent.area(), seed).collect();
-    Image {
-        extent,
-        pixels: values.as_chunks().0.to_vec(),
-    }
+    Image { extent, pixels: values.as_chunks().0.to_vec() }
 }
 
 fn bits(image: &RgbImage) -> Vec<u32> {
-    image
-        .pixels
-        .as_flattened()
-        .iter()
-        .map(|v| v.to_bits())
-        .collect()
+    image.pixels.as_flattened().iter().map(|v| v.to_bits()).collect()
 }
 
 fn part(name: &str, extent: Extent, channels: &[(&str, FlatSamples)], encoding: Encoding) -> Part {
-    let list = channels
-        .iter()
-        .map(|(n, s)| AnyChannel::new(Text::from(*n), s.clone()))
-        .collect();
+    let list = channels.iter().map(|(n, s)| AnyChannel::new(Text::from(*n), s.clone())).collect();
     let size = (extent.width as usize, extent.height as usize);
-    Layer::new(
-        size,
-        LayerAttributes::named(name),
-        encoding,
-        AnyChannels::sort(list),
-    )
+    Layer::new(size, LayerAttributes::named(name), encoding, AnyChannels::sort(list))
 }
 
 fn encoded(parts: Vec<Part>) -> Vec<u8> {
     let window = parts[0].absolute_bounds();
     let layer_data: Layers<_> = parts.into();
     let mut bytes = Vec::new();
-    let image = ::exr::image::Image {
-        attributes: ImageAttributes::new(window),
-        layer_data,
-    };
+    let image = ::exr::image::Image { attributes: ImageAttributes::new(window), layer_data };
     image.write().to_buffered(Cursor::new(&mut bytes)).unwrap();
     bytes
 }
@@ -67,32 +48,16 @@ fn decoded(bytes: &[u8]) -> RgbImage {
     })
 }
 
-const PLAIN: Encoding = Encoding {
-    compression: Compression::ZIP16,
-    blocks: Blocks::ScanLines,
-    line_order: LineOrder::Increasing,
-};
+const PLAIN: Encoding =
+    Encoding { compression: Compression::ZIP16, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
 
 #[test]
 fn colour_survives_to_the_bit() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.exr");
-    for extent in [
-        Extent::new(1, 1),
-        Extent::new(37, 41),
-        Extent::new(1, 100),
-        Extent::new(100, 1),
-    ] {
+    for extent in [Extent::new(1, 1), Extent::new(37, 41), Extent::new(1, 100), Extent::new(100, 1)] {
         let mut image = noise_image(extent, 7);
-        let odd = [
-            f32::NAN,
-            f32::from_bits(0x7fc0_1234),
-            f32::INFINITY,
-            f32::NEG_INFINITY,
-            -0.0,
-            f32::MAX,
-            1e-45,
-        ];
+        let odd = [f32::NAN, f32::from_bits(0x7fc0_1234), f32::INFINITY, f32::NEG_INFINITY, -0.0, f32::MAX, 1e-45];
         for (slot, value) in image.pixels.as_flattened_mut().iter_mut().zip(odd) {
             *slot = value;
         }
@@ -121,18 +86,13 @@ fn an_only_channel_reads_as_grey() {
     let path = folder.path().join("depth.exr");
     let depth: Vec<f32> = noise(6, 1).collect();
     write_channels(&path, Extent::new(3, 2), &[("Z", &depth)]).unwrap();
-    assert_eq!(
-        read_rgb(&path).unwrap().pixels,
-        depth.iter().map(|&z| [z; 3]).collect::<Vec<_>>()
-    );
+    assert_eq!(read_rgb(&path).unwrap().pixels, depth.iter().map(|&z| [z; 3]).collect::<Vec<_>>());
 }
 
 #[test]
 fn channels_that_do_not_fit_are_refused() {
     let folder = tempfile::tempdir().unwrap();
-    let write = |extent, channels: &[(&str, &[f32])]| {
-        write_channels(&folder.path().join("a.exr"), extent, channels)
-    };
+    let write = |extent, channels: &[(&str, &[f32])]| write_channels(&folder.path().join("a.exr"), extent, channels);
     let two = Extent::new(2, 1);
     assert!(write(two, &[("Z", &[1.0])]).is_err());
     assert!(write(two, &[("", &[1.0, 2.0])]).is_err());
@@ -147,12 +107,7 @@ fn half_and_uint_channels_are_read_as_floats() {
     let extent = Extent::new(2, 1);
     let half = FlatSamples::F16([0.5, 65504.0].map(f16::from_f32).to_vec());
     let uint = FlatSamples::U32(vec![3, 70_000]);
-    let channels = [
-        ("R", half.clone()),
-        ("G", uint),
-        ("B", f32s(&[-1.5, 0.25])),
-        ("A", half),
-    ];
+    let channels = [("R", half.clone()), ("G", uint), ("B", f32s(&[-1.5, 0.25])), ("A", half)];
     let image = decoded(&encoded(vec![part("", extent, &channels, PLAIN)]));
     assert_eq!(image.pixels, [[0.5, 3.0, -1.5], [65504.0, 70_000.0, 0.25]]);
 }
@@ -161,35 +116,18 @@ fn half_and_uint_channels_are_read_as_floats() {
 fn tiles_and_any_lossless_compression_are_read() {
     let extent = Extent::new(45, 19);
     let planes = [1, 2, 3].map(|seed| noise(extent.area(), seed).collect::<Vec<f32>>());
-    let channels = [
-        ("R", f32s(&planes[0])),
-        ("G", f32s(&planes[1])),
-        ("B", f32s(&planes[2])),
-    ];
-    let compressions = [
-        Compression::Uncompressed,
-        Compression::RLE,
-        Compression::ZIP1,
-        Compression::ZIP16,
-        Compression::PIZ,
-    ];
+    let channels = [("R", f32s(&planes[0])), ("G", f32s(&planes[1])), ("B", f32s(&planes[2]))];
+    let compressions =
+        [Compression::Uncompressed, Compression::RLE, Compression::ZIP1, Compression::ZIP16, Compression::PIZ];
     for compression in compressions {
         for blocks in [Blocks::ScanLines, Blocks::Tiles(Vec2(16, 8))] {
-            let encoding = Encoding {
-                compression,
-                blocks,
-                ..PLAIN
-            };
+            let encoding = Encoding { compression, blocks, ..PLAIN };
             let mut layer = part("", extent, &channels, encoding);
             layer.attributes.layer_position = Vec2(-7, 1000);
             let image = decoded(&encoded(vec![layer]));
             assert_eq!(image.extent, extent);
             for (i, pixel) in image.pixels.iter().enumerate() {
-                assert_eq!(
-                    *pixel,
-                    [planes[0][i], planes[1][i], planes[2][i]],
-                    "{compression} {blocks:?} pixel {i}"
-                );
+                assert_eq!(*pixel, [planes[0][i], planes[1][i], planes[2][i]], "{compression} {blocks:?} pixel {i}");
             }
         }
     }
@@ -201,32 +139,14 @@ fn the_first_part_with_plain_rgb_is_taken_then_a_layer_then_luminance() {
     let one = |name: &'static str, v: f32| (name, f32s(&[v]));
     let depth = || part("depth", extent, &[one("Z", 9.0)], PLAIN);
     let layered = || {
-        let channels = [
-            one("a.X", 8.0),
-            one("diffuse.R", 4.0),
-            one("diffuse.G", 5.0),
-            one("diffuse.B", 6.0),
-        ];
+        let channels = [one("a.X", 8.0), one("diffuse.R", 4.0), one("diffuse.G", 5.0), one("diffuse.B", 6.0)];
         part("layered", extent, &channels, PLAIN)
     };
-    let plain = || {
-        part(
-            "plain",
-            extent,
-            &[one("R", 1.0), one("G", 2.0), one("B", 3.0)],
-            PLAIN,
-        )
-    };
+    let plain = || part("plain", extent, &[one("R", 1.0), one("G", 2.0), one("B", 3.0)], PLAIN);
     let grey = || part("grey", extent, &[one("Y", 7.0), one("A", 1.0)], PLAIN);
 
-    assert_eq!(
-        decoded(&encoded(vec![depth(), layered(), plain()])).pixels,
-        [[1.0, 2.0, 3.0]]
-    );
-    assert_eq!(
-        decoded(&encoded(vec![grey(), layered()])).pixels,
-        [[4.0, 5.0, 6.0]]
-    );
+    assert_eq!(decoded(&encoded(vec![depth(), layered(), plain()])).pixels, [[1.0, 2.0, 3.0]]);
+    assert_eq!(decoded(&encoded(vec![grey(), layered()])).pixels, [[4.0, 5.0, 6.0]]);
     assert_eq!(decoded(&encoded(vec![grey()])).pixels, [[7.0; 3]]);
 }
 
@@ -236,25 +156,15 @@ fn a_file_without_colour_says_what_it_has() {
     let path = folder.path().join("uv.exr");
     write_channels(&path, Extent::new(1, 1), &[("U", &[1.0]), ("V", &[2.0])]).unwrap();
     let message = read_rgb(&path).unwrap_err().to_string();
-    assert!(
-        message.contains("uv.exr") && message.contains("U, V"),
-        "{message}"
-    );
+    assert!(message.contains("uv.exr") && message.contains("U, V"), "{message}");
 }
 
 #[test]
 fn missing_empty_and_foreign_files_are_errors() {
     let folder = tempfile::tempdir().unwrap();
-    assert!(matches!(
-        read_rgb(&folder.path().join("none.exr")),
-        Err(ImageError::Read { .. })
-    ));
+    assert!(matches!(read_rgb(&folder.path().join("none.exr")), Err(ImageError::Read { .. })));
     assert!(read_rgb(folder.path()).is_err());
-    for bytes in [
-        &b""[..],
-        b"\x76\x2f\x31\x01",
-        b"\x89PNG\r\n\x1a\n and so on",
-    ] {
+    for bytes in [&b""[..], b"\x76\x2f\x31\x01", b"\x89PNG\r\n\x1a\n and so on"] {
         let path = folder.path().join("a.exr");
         fs::write(&path, bytes).unwrap();
         assert!(matches!(read_rgb(&path), Err(ImageError::Decode { .. })));
@@ -275,10 +185,7 @@ fn a_file_by_the_reference_library_is_read() {
 #[test]
 fn dwa_is_refused_by_name() {
     let plane = f32s(&[1.0; 64]);
-    let encoding = Encoding {
-        compression: Compression::DWAA(None),
-        ..PLAIN
-    };
+    let encoding = Encoding { compression: Compression::DWAA(None), ..PLAIN };
     let bytes = encoded(vec![part("", Extent::new(8, 8), &[("Y", plane)], encoding)]);
     assert!(matches!(decode_rgb(&bytes), Err(Refusal::Unreadable(why)) if why.contains("DWA")));
 }
@@ -291,40 +198,20 @@ fn damaged_files_give_errors_and_no_panics() {
     let half = FlatSamples::F16(noise(extent.area(), 9).map(f16::from_f32).collect());
     let [r, g, b] = planes;
     let channels = [("R", r), ("G", g), ("B", b), ("A", half)];
-    for compression in [
-        Compression::Uncompressed,
-        Compression::RLE,
-        Compression::ZIP16,
-        Compression::PIZ,
-        Compression::PXR24,
-    ] {
+    for compression in
+        [Compression::Uncompressed, Compression::RLE, Compression::ZIP16, Compression::PIZ, Compression::PXR24]
+    {
         for blocks in [Blocks::ScanLines, Blocks::Tiles(Vec2(16, 16))] {
-            let good = encoded(vec![part(
-                "a",
-                extent,
-                &channels,
-                Encoding {
-                    compression,
-                    blocks,
-                    ..PLAIN
-                },
-            )]);
+            let good = encoded(vec![part("a", extent, &channels, Encoding { compression, blocks, ..PLAIN })]);
             for i in 0..40 {
-                assert!(
-                    decode_rgb(&good[..good.len() * i / 40]).is_err(),
-                    "{compression} cut to {i}/40"
-                );
+                assert!(decode_rgb(&good[..good.len() * i / 40]).is_err(), "{compression} cut to {i}/40");
             }
             let mut random = noise(usize::MAX, 11);
             let mut pick = |n: usize| (random.next().unwrap() * n as f32) as usize;
             for i in 0..variants() {
                 let mut bad = good.clone();
                 // Half of the hits go to the header, where they matter most.
-                let reach = if i % 2 == 0 {
-                    400.min(bad.len())
-                } else {
-                    bad.len()
-                };
+                let reach = if i % 2 == 0 { 400.min(bad.len()) } else { bad.len() };
                 for _ in 0..=pick(4) {
                     bad[pick(reach)] = [0, 1, 0x7f, 0x80, 0xff, pick(256) as u8][pick(6)];
                 }
@@ -336,8 +223,5 @@ fn damaged_files_give_errors_and_no_panics() {
 
 /// Mutations per encoding; `DIPTYCH_FUZZ=100000` looks longer.
 fn variants() -> usize {
-    std::env::var("DIPTYCH_FUZZ")
-        .ok()
-        .and_then(|n| n.parse().ok())
-        .unwrap_or(60)
+    std::env::var("DIPTYCH_FUZZ").ok().and_then(|n| n.parse().ok()).unwrap_or(60)
 }

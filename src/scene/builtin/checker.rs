@@ -57,11 +57,7 @@ fn mix_paints(a: &mut Assembly) -> Paints {
 fn surroundings(a: &mut Assembly, paints: &Paints) {
     let floor = Surface::quad(Vec3::new(-32.0, 0.0, 4.0), Vec3::X * 64.0, Vec3::Z * -56.0);
     a.add(floor.uv_scaled(Vec2::splat(1.0 / 8.0)), paints.crisp);
-    let backdrop = Surface::quad(
-        Vec3::new(-32.0, -1.0, -50.0),
-        Vec3::X * 64.0,
-        Vec3::Y * 33.0,
-    );
+    let backdrop = Surface::quad(Vec3::new(-32.0, -1.0, -50.0), Vec3::X * 64.0, Vec3::Y * 33.0);
     a.add(backdrop.uv_scaled(Vec2::splat(1.0 / 16.0)), paints.soft);
 }
 
@@ -70,10 +66,7 @@ fn boards(a: &mut Assembly, paints: &Paints) {
     let board = cuboid([-0.5, -0.5, -0.02], [0.5, 0.5, 0.02]);
     let plain = a.mesh(board.clone(), paints.crisp);
     let smooth = a.mesh(board, paints.soft);
-    let (open_light, open_dark) = (
-        a.mesh(squares(0), paints.light),
-        a.mesh(squares(1), paints.dark),
-    );
+    let (open_light, open_dark) = (a.mesh(squares(0), paints.light), a.mesh(squares(1), paints.dark));
     for (mesh, [x, y, z], turn, size) in [
         (plain, [-0.34, 1.42, -0.5], 0.5, 0.22),
         (smooth, [-1.6, 1.0, -3.0], 0.7, 1.0),
@@ -83,11 +76,9 @@ fn boards(a: &mut Assembly, paints: &Paints) {
     ] {
         a.place(mesh, shift(x, y, z) * turn_y(turn) * scale(size));
     }
-    for ([x, y, z], turn, size) in [
-        ([0.42, 1.78, -0.9], -0.4, 0.4),
-        ([1.3, 2.6, -5.0], 0.25, 1.8),
-        ([-5.5, 2.4, -11.0], 0.2, 3.6),
-    ] {
+    for ([x, y, z], turn, size) in
+        [([0.42, 1.78, -0.9], -0.4, 0.4), ([1.3, 2.6, -5.0], 0.25, 1.8), ([-5.5, 2.4, -11.0], 0.2, 3.6)]
+    {
         let place = shift(x, y, z) * turn_y(turn) * scale(size);
         a.place(open_light, place);
         a.place(open_dark, place);
@@ -102,10 +93,7 @@ fn squares(parity: usize) -> Surface {
     let pieces = (0..64).filter(|i| (i % 8 + i / 8) % 2 == parity).map(|i| {
         let x = (i % 8) as f32 * cell - 0.5 + cell / 2.0;
         let y = (i / 8) as f32 * cell - 0.5 + cell / 2.0;
-        cuboid(
-            [x - half, y - half, depth - 0.01],
-            [x + half, y + half, depth + 0.01],
-        )
+        cuboid([x - half, y - half, depth - 0.01], [x + half, y + half, depth + 0.01])
     });
     Surface::union(pieces)
 }
@@ -118,14 +106,8 @@ fn bars(a: &mut Assembly, paints: &Paints) {
     for i in 0..24 {
         let t = i as f32;
         let mesh = if i % 2 == 0 { unit } else { pale };
-        a.place(
-            mesh,
-            shift(0.55 + 0.05 * t, 0.0, -1.6 - 0.12 * t) * scale(1.3),
-        );
-        a.place(
-            round,
-            shift(-3.6 + 0.13 * t, 0.0, -6.0) * turn_z(0.35) * scale(2.4),
-        );
+        a.place(mesh, shift(0.55 + 0.05 * t, 0.0, -1.6 - 0.12 * t) * scale(1.3));
+        a.place(round, shift(-3.6 + 0.13 * t, 0.0, -6.0) * turn_z(0.35) * scale(2.4));
         a.place(unit, shift(-8.0 + 0.7 * t, 0.0, -22.0) * scale(7.0));
         a.place(pale, shift(-14.0 + 1.2 * t, 0.0, -40.0) * scale(12.0));
     }
@@ -137,17 +119,10 @@ fn bars(a: &mut Assembly, paints: &Paints) {
 
 /// Boxes and spheres in rows that recede, each row in its own depth.
 fn solids(a: &mut Assembly, paints: &Paints) {
-    let boxes = paints
-        .colors
-        .map(|paint| a.mesh(block([0.0; 3], [1.0; 3]), paint));
+    let boxes = paints.colors.map(|paint| a.mesh(block([0.0; 3], [1.0; 3]), paint));
     let checked_box = a.mesh(block([0.0; 3], [1.0; 3]), paints.crisp);
-    let balls = paints
-        .colors
-        .map(|paint| a.mesh(sphere(0.5, 48, 24), paint));
-    let checked_ball = a.mesh(
-        sphere(0.5, 48, 24).uv_scaled(Vec2::new(4.0, 2.0)),
-        paints.soft,
-    );
+    let balls = paints.colors.map(|paint| a.mesh(sphere(0.5, 48, 24), paint));
+    let checked_ball = a.mesh(sphere(0.5, 48, 24).uv_scaled(Vec2::new(4.0, 2.0)), paints.soft);
     let ring = a.mesh(torus(0.4, 0.1, 48, 20), paints.colors[0]);
     let mut dice = Dice::new(5);
     let mut depth = 1.1;
@@ -177,9 +152,6 @@ fn solids(a: &mut Assembly, paints: &Paints) {
 fn panels(a: &mut Assembly, paints: &Paints) {
     for (x, y, z, size) in [(-2.0, 6.0, -3.0, 3.0), (6.0, 14.0, -22.0, 8.0)] {
         let corner = Vec3::new(x - size / 2.0, y, z - size / 2.0);
-        a.add(
-            Surface::quad(corner, Vec3::X * size, Vec3::Z * size),
-            paints.panel,
-        );
+        a.add(Surface::quad(corner, Vec3::X * size, Vec3::Z * size), paints.panel);
     }
 }

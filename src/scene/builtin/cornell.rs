@@ -17,11 +17,7 @@ pub fn build() -> Scene {
     let green = a.material(matte("green", [0.14, 0.45, 0.091]));
     let lamp = a.material(emitter("lamp", [17.0, 12.0, 4.0]));
 
-    let (x, y, z) = (
-        Vec3::X * 2.0 * HALF,
-        Vec3::Y * 2.0 * HALF,
-        Vec3::Z * 2.0 * HALF,
-    );
+    let (x, y, z) = (Vec3::X * 2.0 * HALF, Vec3::Y * 2.0 * HALF, Vec3::Z * 2.0 * HALF);
     let corner = Vec3::new(-HALF, 0.0, -HALF);
     a.add(Surface::quad(corner + z, x, -z), white);
     a.add(Surface::quad(corner + y, x, z), white);

@@ -27,8 +27,7 @@ impl Surface {
         let mut s = Self::default();
         for j in 0..=rows {
             for i in 0..=columns {
-                s.vertices
-                    .push(f(i as f32 / columns as f32, j as f32 / rows as f32));
+                s.vertices.push(f(i as f32 / columns as f32, j as f32 / rows as f32));
             }
         }
         let at = |i: usize, j: usize| (j * (columns + 1) + i) as u32;
@@ -47,11 +46,7 @@ impl Surface {
         Self::grid(columns, rows, |u, v| {
             let du = f(u + STEP, v) - f(u - STEP, v);
             let dv = f(u, v + STEP) - f(u, v - STEP);
-            Vertex {
-                position: f(u, v),
-                normal: du.cross(dv).normalize(),
-                uv: Vec2::new(u, v),
-            }
+            Vertex { position: f(u, v), normal: du.cross(dv).normalize(), uv: Vec2::new(u, v) }
         })
     }
 
@@ -79,8 +74,7 @@ impl Surface {
     pub fn append(&mut self, other: &Surface) {
         let base = self.vertices.len() as u32;
         self.vertices.extend_from_slice(&other.vertices);
-        self.triangles
-            .extend(other.triangles.iter().map(|t| t.map(|i| i + base)));
+        self.triangles.extend(other.triangles.iter().map(|t| t.map(|i| i + base)));
     }
 
     pub fn with(mut self, other: Surface) -> Self {
@@ -150,28 +144,16 @@ struct End {
 impl Outline {
     pub fn open(points: impl IntoIterator<Item = [f32; 2]>) -> Self {
         let points = points.into_iter().map(Vec2::from).collect();
-        Self {
-            points,
-            closed: false,
-            smooth_above: 0.72,
-        }
+        Self { points, closed: false, smooth_above: 0.72 }
     }
 
     pub fn closed(points: impl IntoIterator<Item = [f32; 2]>) -> Self {
-        Self {
-            closed: true,
-            ..Self::open(points)
-        }
+        Self { closed: true, ..Self::open(points) }
     }
 
     /// Counter-clockwise rectangle.
     pub fn rectangle(min: [f32; 2], max: [f32; 2]) -> Self {
-        Self::closed([
-            [min[0], min[1]],
-            [max[0], min[1]],
-            [max[0], max[1]],
-            [min[0], max[1]],
-        ])
+        Self::closed([[min[0], min[1]], [max[0], min[1]], [max[0], max[1]], [min[0], max[1]]])
     }
 
     pub fn circle(centre: [f32; 2], radius: f32, sides: usize) -> Self {
@@ -184,10 +166,7 @@ impl Outline {
 
     /// Smooths over every corner.
     pub fn smooth(self) -> Self {
-        Self {
-            smooth_above: -1.0,
-            ..self
-        }
+        Self { smooth_above: -1.0, ..self }
     }
 
     pub fn edge_count(&self) -> usize {
@@ -206,31 +185,12 @@ impl Outline {
         let mut along = 0.0;
         (0..count)
             .map(|i| {
-                let before = if i > 0 {
-                    Some(i - 1)
-                } else {
-                    self.closed.then_some(count - 1)
-                };
-                let after = if i + 1 < count {
-                    Some(i + 1)
-                } else {
-                    self.closed.then_some(0)
-                };
-                let from = End {
-                    point: self.points[i],
-                    normal: blend(i, before),
-                    along,
-                };
+                let before = if i > 0 { Some(i - 1) } else { self.closed.then_some(count - 1) };
+                let after = if i + 1 < count { Some(i + 1) } else { self.closed.then_some(0) };
+                let from = End { point: self.points[i], normal: blend(i, before), along };
                 let point = self.points[(i + 1) % n];
                 along += point.distance(from.point);
-                [
-                    from,
-                    End {
-                        point,
-                        normal: blend(i, after),
-                        along,
-                    },
-                ]
+                [from, End { point, normal: blend(i, after), along }]
             })
             .collect()
     }
@@ -239,10 +199,7 @@ impl Outline {
     /// (x, y, 0) into space with z pointing onwards. Ends are left open.
     pub fn sweep(&self, frames: &[Affine3A]) -> Surface {
         let mut s = Surface::default();
-        let normals: Vec<Mat3A> = frames
-            .iter()
-            .map(|f| f.matrix3.inverse().transpose())
-            .collect();
+        let normals: Vec<Mat3A> = frames.iter().map(|f| f.matrix3.inverse().transpose()).collect();
         for edge in self.edges() {
             let base = s.vertices.len() as u32;
             let mut travelled = [0.0; 2];
@@ -250,14 +207,11 @@ impl Outline {
                 for (side, end) in edge.iter().enumerate() {
                     let position = frame.transform_point3(end.point.extend(0.0));
                     if i > 0 {
-                        travelled[side] +=
-                            position.distance(s.vertices[s.vertices.len() - 2].position);
+                        travelled[side] += position.distance(s.vertices[s.vertices.len() - 2].position);
                     }
                     s.vertices.push(Vertex {
                         position,
-                        normal: (normals[i] * Vec3A::from(end.normal.extend(0.0)))
-                            .normalize()
-                            .into(),
+                        normal: (normals[i] * Vec3A::from(end.normal.extend(0.0))).normalize().into(),
                         uv: Vec2::new(travelled[side], end.along),
                     });
                 }
@@ -281,12 +235,7 @@ impl Outline {
         };
         let n = self.points.len() as u32;
         let mut s = Surface {
-            vertices: self
-                .points
-                .iter()
-                .map(|&p| vertex(p))
-                .chain([vertex(middle)])
-                .collect(),
+            vertices: self.points.iter().map(|&p| vertex(p)).chain([vertex(middle)]).collect(),
             triangles: (0..n).map(|i| [i, (i + 1) % n, n]).collect(),
         };
         if !towards_z {
@@ -298,8 +247,6 @@ impl Outline {
     /// [`sweep`](Self::sweep) of a closed outline with both ends capped: a solid.
     pub fn sweep_solid(&self, frames: &[Affine3A]) -> Surface {
         let (first, last) = (frames[0], frames[frames.len() - 1]);
-        self.sweep(frames)
-            .with(self.cap(first, false))
-            .with(self.cap(last, true))
+        self.sweep(frames).with(self.cap(first, false)).with(self.cap(last, true))
     }
 }

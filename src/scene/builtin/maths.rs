@@ -9,22 +9,8 @@ pub fn sin_cos(angle_rad: f32) -> (f32, f32) {
     let quarter = (x * FRAC_2_PI).round();
     let r = x - quarter * FRAC_PI_2;
     let r2 = r * r;
-    let sin_terms = [
-        -1.0 / 39_916_800.0,
-        1.0 / 362_880.0,
-        -1.0 / 5040.0,
-        1.0 / 120.0,
-        -1.0 / 6.0,
-        1.0,
-    ];
-    let cos_terms = [
-        -1.0 / 3_628_800.0,
-        1.0 / 40_320.0,
-        -1.0 / 720.0,
-        1.0 / 24.0,
-        -0.5,
-        1.0,
-    ];
+    let sin_terms = [-1.0 / 39_916_800.0, 1.0 / 362_880.0, -1.0 / 5040.0, 1.0 / 120.0, -1.0 / 6.0, 1.0];
+    let cos_terms = [-1.0 / 3_628_800.0, 1.0 / 40_320.0, -1.0 / 720.0, 1.0 / 24.0, -0.5, 1.0];
     let horner = |terms: [f64; 6]| terms.iter().fold(0.0, |sum, t| sum * r2 + t);
     let (s, c) = (r * horner(sin_terms), horner(cos_terms));
     let (s, c) = match (quarter as i64).rem_euclid(4) {
@@ -82,10 +68,7 @@ pub fn scale(factor: f32) -> Affine3A {
 }
 
 fn linear(x: Vec3, y: Vec3, z: Vec3) -> Affine3A {
-    Affine3A {
-        matrix3: Mat3A::from_cols(x.into(), y.into(), z.into()),
-        translation: Vec3A::ZERO,
-    }
+    Affine3A { matrix3: Mat3A::from_cols(x.into(), y.into(), z.into()), translation: Vec3A::ZERO }
 }
 
 /// A well-mixed 32-bit hash.
@@ -140,11 +123,7 @@ pub fn noise(x: f32, y: f32, period: u32, seed: u32) -> f32 {
         hash_unit(ix.wrapping_mul(0x0001_F123) ^ iy.wrapping_mul(0x3C6E_F35F) ^ hash(seed))
     };
     let lerp = |a: f32, b: f32, t: f32| a + (b - a) * t;
-    lerp(
-        lerp(corner(0, 0), corner(1, 0), tx),
-        lerp(corner(0, 1), corner(1, 1), tx),
-        ty,
-    )
+    lerp(lerp(corner(0, 0), corner(1, 0), tx), lerp(corner(0, 1), corner(1, 1), tx), ty)
 }
 
 #[cfg(test)]
@@ -156,10 +135,7 @@ mod tests {
         for i in -2000..2000 {
             let angle = i as f32 * 0.0137;
             let (s, c) = sin_cos(angle);
-            assert!(
-                (s - angle.sin()).abs() < 1e-6 && (c - angle.cos()).abs() < 1e-6,
-                "{angle}"
-            );
+            assert!((s - angle.sin()).abs() < 1e-6 && (c - angle.cos()).abs() < 1e-6, "{angle}");
         }
     }
 
@@ -171,10 +147,7 @@ mod tests {
         (0..n).for_each(|_| bins[(dice.unit() * 16.0) as usize] += 1);
         // 99.99 % quantile of chi-square with 15 degrees of freedom.
         let expected = n as f32 / 16.0;
-        let chi2: f32 = bins
-            .iter()
-            .map(|&b| (b as f32 - expected).powi(2) / expected)
-            .sum();
+        let chi2: f32 = bins.iter().map(|&b| (b as f32 - expected).powi(2) / expected).sum();
         assert!(chi2 < 44.3, "{chi2}");
     }
 }

@@ -66,15 +66,8 @@ pub const BUILTINS: &[Builtin] = &[
 
 /// The built-in scene of that name.
 pub fn find(name: &str) -> Result<&'static Builtin, SceneError> {
-    BUILTINS
-        .iter()
-        .find(|b| b.name == name)
-        .ok_or_else(|| SceneError::UnknownBuiltin {
-            name: name.into(),
-            known: BUILTINS
-                .iter()
-                .map(|b| b.name)
-                .collect::<Vec<_>>()
-                .join(", "),
-        })
+    BUILTINS.iter().find(|b| b.name == name).ok_or_else(|| SceneError::UnknownBuiltin {
+        name: name.into(),
+        known: BUILTINS.iter().map(|b| b.name).collect::<Vec<_>>().join(", "),
+    })
 }

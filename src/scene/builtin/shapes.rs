@@ -23,10 +23,7 @@ pub fn cuboid(min: [f32; 3], max: [f32; 3]) -> Surface {
 /// A box of `size` whose bottom's middle is at `foot`.
 pub fn block(foot: [f32; 3], size: [f32; 3]) -> Surface {
     let half = [size[0] / 2.0, size[2] / 2.0];
-    cuboid(
-        [foot[0] - half[0], foot[1], foot[2] - half[1]],
-        [foot[0] + half[0], foot[1] + size[1], foot[2] + half[1]],
-    )
+    cuboid([foot[0] - half[0], foot[1], foot[2] - half[1]], [foot[0] + half[0], foot[1] + size[1], foot[2] + half[1]])
 }
 
 /// A sphere about the origin of `around` × `up` cells; texture coordinates run over the unit square.
@@ -40,11 +37,7 @@ pub fn sphere(radius: f32, around: usize, up: usize) -> Surface {
         };
         let (s, c) = sin_cos(if v < 1.0 { v * TAU } else { 0.0 });
         let normal = Vec3::new(ring * c, height, ring * s);
-        Vertex {
-            position: normal * radius,
-            normal,
-            uv: Vec2::new(1.0 - v, 1.0 - u),
-        }
+        Vertex { position: normal * radius, normal, uv: Vec2::new(1.0 - v, 1.0 - u) }
     })
 }
 
@@ -60,10 +53,7 @@ fn turn(sides: usize) -> Vec<Affine3A> {
 
 /// Maps x and y of an outline's plane to the given axes; z follows from their cross product.
 fn frame(origin: Vec3, x: Vec3, y: Vec3) -> Affine3A {
-    Affine3A {
-        matrix3: Mat3A::from_cols(x.into(), y.into(), x.cross(y).into()),
-        translation: origin.into(),
-    }
+    Affine3A { matrix3: Mat3A::from_cols(x.into(), y.into(), x.cross(y).into()), translation: origin.into() }
 }
 
 /// The outline, x ≥ 0 and running upwards, turned about the y axis.
@@ -73,10 +63,7 @@ pub fn lathe(profile: &Outline, sides: usize) -> Surface {
 
 /// A cylinder standing on the origin.
 pub fn cylinder(radius: f32, height: f32, sides: usize) -> Surface {
-    lathe(
-        &Outline::open([[0.0, 0.0], [radius, 0.0], [radius, height], [0.0, height]]),
-        sides,
-    )
+    lathe(&Outline::open([[0.0, 0.0], [radius, 0.0], [radius, height], [0.0, height]]), sides)
 }
 
 /// A ring round the y axis.
@@ -115,18 +102,9 @@ pub fn arch(outline: &Outline, steps: usize) -> Surface {
 
 /// A horizontal moulding: the outline (x outward, y up) pushed along `outward` × up for `length` from `start`.
 /// `mitre` moves each end along by that multiple of x: +1 at the start and −1 at the end fit inner corners.
-pub fn moulding(
-    profile: &Outline,
-    start: Vec3,
-    outward: Vec3,
-    length: f32,
-    mitre: [f32; 2],
-) -> Surface {
+pub fn moulding(profile: &Outline, start: Vec3, outward: Vec3, length: f32, mitre: [f32; 2]) -> Surface {
     let along = outward.cross(Vec3::Y);
-    let mut s = profile.sweep(&[
-        Affine3A::IDENTITY,
-        Affine3A::from_translation(Vec3::Z * length),
-    ]);
+    let mut s = profile.sweep(&[Affine3A::IDENTITY, Affine3A::from_translation(Vec3::Z * length)]);
     for v in &mut s.vertices {
         let p = v.position;
         let end = if p.z > 0.0 { mitre[1] } else { mitre[0] };
@@ -150,9 +128,7 @@ pub fn ribbon(path: &[(Vec3, f32)], flatness: f32, sides: usize, face: Vec3) -> 
         let onwards = (after - before).normalize();
         let side = face.cross(onwards).normalize();
         // Where the curve passes through the direction of `face`, the side would swap over.
-        let swapped = frames
-            .last()
-            .is_some_and(|f| side.dot(f.matrix3.x_axis.into()) < 0.0);
+        let swapped = frames.last().is_some_and(|f| side.dot(f.matrix3.x_axis.into()) < 0.0);
         let x = if swapped { -side } else { side };
         let y = onwards.cross(x) * flatness;
         frames.push(Affine3A {
@@ -176,11 +152,7 @@ pub fn spandrel(width: f32, height: f32, radius: f32, depth: f32, steps: usize) 
     for p in &edge {
         for q in [*p, Vec2::new(p.x, height)] {
             let position = q.extend(depth / 2.0);
-            front.vertices.push(Vertex {
-                position,
-                normal: Vec3::Z,
-                uv: Vec2::new(q.x, -q.y),
-            });
+            front.vertices.push(Vertex { position, normal: Vec3::Z, uv: Vec2::new(q.x, -q.y) });
         }
     }
     for i in 0..edge.len() as u32 - 1 {
@@ -203,26 +175,12 @@ pub fn groin_vault(width: f32, depth: f32, rise: f32, steps: usize) -> Surface {
             let reach = v * PI / 2.0;
             let (z, y) = sin_cos((1.0 - 2.0 * u) * reach);
             let x = if v >= 1.0 { 1.0 } else { sin(reach) };
-            let y = if v >= 1.0 && (u <= 0.0 || u >= 1.0) {
-                0.0
-            } else {
-                y
-            };
+            let y = if v >= 1.0 && (u <= 0.0 || u >= 1.0) { 0.0 } else { y };
             let local = Vec3::new(x, y, z);
-            Vertex {
-                position: local,
-                normal: -Vec3::new(0.0, y, z),
-                uv: Vec2::new(x, z),
-            }
+            Vertex { position: local, normal: -Vec3::new(0.0, y, z), uv: Vec2::new(x, z) }
         });
         let turned = web.transformed(super::maths::quarter_turn_y(side));
-        let size = if swap {
-            Vec2::new(half.z, half.x)
-        } else {
-            Vec2::new(half.x, half.z)
-        };
-        turned
-            .transformed(Affine3A::from_scale(half))
-            .uv_scaled(size)
+        let size = if swap { Vec2::new(half.z, half.x) } else { Vec2::new(half.x, half.z) };
+        turned.transformed(Affine3A::from_scale(half)).uv_scaled(size)
     }))
 }

@@ -6,9 +6,7 @@ use crate::image::{Extent, Image};
 
 fn paint(size: u32, texel: impl Fn(u32, u32) -> [u8; 4]) -> TexelImage {
     let extent = Extent::new(size, size);
-    let pixels = (0..size * size)
-        .map(|i| texel(i % size, i / size))
-        .collect();
+    let pixels = (0..size * size).map(|i| texel(i % size, i / size)).collect();
     Image { extent, pixels }
 }
 
@@ -38,13 +36,8 @@ pub fn marble_tiles(size: u32) -> TexelImage {
         let seed = tile_x + 2 * tile_y;
         let cloud = turbulence(x, y, size, seed);
         let vein = 1.0 - (cloud * 2.0 - 1.0).abs() * 5.0;
-        let shade =
-            14.0 * (cloud - 0.5) - 16.0 * vein.max(0.0) + 5.0 * (hash_unit(x * 7919 + y) - 0.5);
-        let base = if (tile_x + tile_y) % 2 == 0 {
-            [206.0, 196.0, 180.0]
-        } else {
-            [178.0, 158.0, 138.0]
-        };
+        let shade = 14.0 * (cloud - 0.5) - 16.0 * vein.max(0.0) + 5.0 * (hash_unit(x * 7919 + y) - 0.5);
+        let base = if (tile_x + tile_y) % 2 == 0 { [206.0, 196.0, 180.0] } else { [178.0, 158.0, 138.0] };
         opaque(base.map(|c| c + shade))
     })
 }
@@ -55,13 +48,7 @@ fn turbulence(x: u32, y: u32, size: u32, seed: u32) -> f32 {
     for octave in 0..4 {
         let cells = 5 << octave;
         let to_cells = cells as f32 / size as f32;
-        sum += weight
-            * noise(
-                x as f32 * to_cells,
-                y as f32 * to_cells,
-                cells,
-                seed * 8 + octave,
-            );
+        sum += weight * noise(x as f32 * to_cells, y as f32 * to_cells, cells, seed * 8 + octave);
         weight *= 0.5;
     }
     sum / 0.9375
@@ -84,11 +71,7 @@ pub fn leaf_spray(size: u32) -> TexelImage {
     for twig in 0..9 {
         let side = [1.0, -1.0][twig % 2];
         let up = (twig / 2) as f32 / 4.0 + 0.1 * (twig % 2) as f32;
-        let turn = if twig == 8 {
-            0.0
-        } else {
-            side * (1.2 - 0.5 * up)
-        };
+        let turn = if twig == 8 { 0.0 } else { side * (1.2 - 0.5 * up) };
         let (s, c) = sin_cos(turn);
         let reach = 0.4 - 0.16 * up;
         for k in 0..7 {
@@ -96,19 +79,14 @@ pub fn leaf_spray(size: u32) -> TexelImage {
             let splay = if k == 6 { 0.0 } else { [0.85, -0.85][k % 2] };
             let along = sin_cos(turn + splay + 0.3 * (hash_unit((twig * 8 + k) as u32) - 0.5));
             leaves.push(Leaf {
-                foot: [
-                    0.5 + s * reach * t * 0.85,
-                    0.08 + 0.62 * up + c * reach * t * 0.85,
-                ],
+                foot: [0.5 + s * reach * t * 0.85, 0.08 + 0.62 * up + c * reach * t * 0.85],
                 along: along.into(),
                 length: 0.15,
                 width: 0.036,
             });
         }
     }
-    paint(size, |x, y| {
-        spray_texel(&leaves, size, x, y, [112.0, 140.0, 60.0])
-    })
+    paint(size, |x, y| spray_texel(&leaves, size, x, y, [112.0, 140.0, 60.0]))
 }
 
 /// A twig of thin needles, open elsewhere.
@@ -119,17 +97,10 @@ pub fn needle_spray(size: u32) -> TexelImage {
             let side = if i % 2 == 0 { 1.0 } else { -1.0 };
             let (s, c) = sin_cos(side * (0.95 - 0.45 * up));
             let length = 0.46 * (1.0 - 0.5 * up) + 0.04 * hash_unit(i);
-            Leaf {
-                foot: [0.5, 0.02 + 0.78 * up],
-                along: [s, c],
-                length,
-                width: 0.016,
-            }
+            Leaf { foot: [0.5, 0.02 + 0.78 * up], along: [s, c], length, width: 0.016 }
         })
         .collect();
-    paint(size, |x, y| {
-        spray_texel(&needles, size, x, y, [86.0, 122.0, 78.0])
-    })
+    paint(size, |x, y| spray_texel(&needles, size, x, y, [86.0, 122.0, 78.0]))
 }
 
 /// A pointed oval from its foot; the unit square's y runs up.
@@ -152,22 +123,12 @@ impl Leaf {
 }
 
 fn spray_texel(leaves: &[Leaf], size: u32, x: u32, y: u32, color: [f32; 3]) -> [u8; 4] {
-    let (u, v) = (
-        (x as f32 + 0.5) / size as f32,
-        1.0 - (y as f32 + 0.5) / size as f32,
-    );
-    let leaf = leaves
-        .iter()
-        .enumerate()
-        .rev()
-        .find_map(|(i, l)| l.across(u, v).map(|a| (i, a)));
+    let (u, v) = ((x as f32 + 0.5) / size as f32, 1.0 - (y as f32 + 0.5) / size as f32);
+    let leaf = leaves.iter().enumerate().rev().find_map(|(i, l)| l.across(u, v).map(|a| (i, a)));
     let twig = (u - 0.5).abs() < 0.008 && v < 0.85;
     // Open texels keep the leaf's colour, so that filtering brings no other in.
     let (shade, alpha) = match leaf {
-        Some((i, across)) => (
-            1.0 + 0.25 * (hash_unit(i as u32) - 0.5) - 0.18 * (1.0 - across.abs()),
-            255,
-        ),
+        Some((i, across)) => (1.0 + 0.25 * (hash_unit(i as u32) - 0.5) - 0.18 * (1.0 - across.abs()), 255),
         None => (0.75, if twig { 255 } else { 0 }),
     };
     let [r, g, b, _] = opaque(color.map(|c| c * shade));

@@ -20,19 +20,13 @@ pub fn banner(seed: u32) -> Surface {
         let depth = (0.035 + 0.085 * drop) * fold + 0.014 * drop * ripple;
         let gather = 1.0 - 0.1 * drop + 0.03 * sin(phase + 4.0 * drop);
         let point = 0.32 * (0.5 - across.abs()) * drop;
-        Vec3::new(
-            across * width * gather + drift * drop * drop,
-            -height * drop - point,
-            depth + 0.1 * drop * drop,
-        )
+        Vec3::new(across * width * gather + drift * drop * drop, -height * drop - point, depth + 0.1 * drop * drop)
     })
 }
 
 /// The rod a banner hangs from, with knobs, and its two brackets back to the wall.
 pub fn banner_rod(reach: f32) -> Surface {
-    let rod = cylinder(0.022, 1.6, 10)
-        .transformed(turn_z(FRAC_PI_2))
-        .moved(0.8, 0.03, 0.0);
+    let rod = cylinder(0.022, 1.6, 10).transformed(turn_z(FRAC_PI_2)).moved(0.8, 0.03, 0.0);
     let knob = |x: f32| sphere(0.05, 12, 8).moved(x, 0.03, 0.0);
     let bracket = |x: f32| cuboid([x - 0.02, 0.0, -reach], [x + 0.02, 0.055, 0.02]);
     Surface::union([rod, knob(-0.8), knob(0.8), bracket(-0.72), bracket(0.72)])
@@ -51,10 +45,7 @@ pub fn plant() -> Surface {
                 let t = k as f32 / 5.0;
                 let reach = length * (0.06 + t * (1.0 - 0.35 * lift));
                 let y = length * (lift * t - 0.75 * t * t * (1.2 - 0.6 * lift));
-                (
-                    out * reach + Vec3::Y * y,
-                    width * (0.45 + 1.6 * t) * (1.02 - t),
-                )
+                (out * reach + Vec3::Y * y, width * (0.45 + 1.6 * t) * (1.02 - t))
             })
             .collect();
         ribbon(&path, 0.22, 6, Vec3::Y * 0.9 + out * 0.3)
@@ -76,15 +67,8 @@ pub fn lantern(chain: f32) -> Surface {
         ];
         s.append(&limb(&path, 6));
     }
-    let cap = Outline::open([
-        [0.0, 0.3],
-        [0.06, 0.3],
-        [0.05, 0.36],
-        [0.02, 0.4],
-        [0.0, 0.4],
-    ]);
-    s.with(lathe(&cap, 16))
-        .with(cylinder(0.008, chain - 0.38, 8).moved(0.0, 0.38, 0.0))
+    let cap = Outline::open([[0.0, 0.3], [0.06, 0.3], [0.05, 0.36], [0.02, 0.4], [0.0, 0.4]]);
+    s.with(lathe(&cap, 16)).with(cylinder(0.008, chain - 0.38, 8).moved(0.0, 0.38, 0.0))
 }
 
 /// The stone of the fountain: an eight-sided basin and a pedestal with a bowl.
@@ -121,22 +105,14 @@ pub fn fountain() -> Surface {
         [0.07, 1.68],
         [0.0, 1.7],
     ]);
-    Surface::union([
-        lathe(&basin, 8),
-        lathe(&stem, 36),
-        sphere(0.16, 28, 16).moved(0.0, 1.82, 0.0),
-    ])
+    Surface::union([lathe(&basin, 8), lathe(&stem, 36), sphere(0.16, 28, 16).moved(0.0, 1.82, 0.0)])
 }
 
 pub fn water(radius: f32, y: f32) -> Surface {
     Surface::grid(24, 1, |u, v| {
         let (s, c) = sin_cos(if u < 1.0 { u * TAU } else { 0.0 });
         let position = Vec3::new(c * radius * (1.0 - v), y, -s * radius * (1.0 - v));
-        super::super::geometry::Vertex {
-            position,
-            normal: Vec3::Y,
-            uv: glam::Vec2::new(c, s),
-        }
+        super::super::geometry::Vertex { position, normal: Vec3::Y, uv: glam::Vec2::new(c, s) }
     })
 }
 
@@ -157,15 +133,7 @@ pub fn doorway() -> Surface {
     let key = cuboid([-0.08, 2.55, -0.05], [0.08, 2.87, 0.17]);
     let sill = block([0.0, -0.03, 0.06], [1.7, 0.1, 0.3]);
     let ring = arch(&ring, 20).moved(0.0, 2.0, 0.0);
-    Surface::union([
-        jamb(-0.7),
-        jamb(0.7),
-        impost(-0.7),
-        impost(0.7),
-        key,
-        sill,
-        ring,
-    ])
+    Surface::union([jamb(-0.7), jamb(0.7), impost(-0.7), impost(0.7), key, sill, ring])
 }
 
 /// The planked leaves that close a doorway.
@@ -187,21 +155,11 @@ pub fn guardian() -> Surface {
         block([0.0, 0.13, 0.0], [0.44, 0.62, 0.44]),
         block([0.0, 0.74, 0.0], [0.54, 0.08, 0.54]),
     ]);
-    let neck = Outline::open([
-        [0.2, 0.81],
-        [0.2, 0.85],
-        [0.13, 0.89],
-        [0.11, 0.94],
-        [0.17, 0.98],
-        [0.1, 1.02],
-    ]);
+    let neck = Outline::open([[0.2, 0.81], [0.2, 0.85], [0.13, 0.89], [0.11, 0.94], [0.17, 0.98], [0.1, 1.02]]);
     let mane = (0..14).map(|i| {
         let t = i as f32 / 14.0 * TAU;
         sphere(0.075, 12, 8).moved(0.23 * cos(t), 1.2 + 0.23 * sin(t), -0.06)
     });
     let ball = sphere(0.25, 28, 18).transformed(shift(0.0, 1.2, 0.0));
-    Surface::union(mane)
-        .with(pedestal)
-        .with(lathe(&neck, 24))
-        .with(ball)
+    Surface::union(mane).with(pedestal).with(lathe(&neck, 24)).with(ball)
 }

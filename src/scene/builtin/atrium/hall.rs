@@ -14,8 +14,7 @@ const STEP_REACH: [f32; 2] = [0.52, 0.88];
 /// A flat rectangle at height `y` that faces up, tiled by position.
 fn paving(min: [f32; 2], max: [f32; 2], y: f32, tile_m: f32) -> Surface {
     let (dx, dz) = (max[0] - min[0], max[1] - min[1]);
-    Surface::quad(Vec3::new(min[0], y, max[1]), Vec3::X * dx, Vec3::NEG_Z * dz)
-        .uv_scaled(Vec2::splat(1.0 / tile_m))
+    Surface::quad(Vec3::new(min[0], y, max[1]), Vec3::X * dx, Vec3::NEG_Z * dz).uv_scaled(Vec2::splat(1.0 / tile_m))
 }
 
 /// Paving of a ring round the court, from `inner` metres inside the column line to the back walls.
@@ -33,9 +32,7 @@ fn ring_paving(inner: f32, y: f32, tile_m: f32) -> Surface {
 /// A moulding all round the court, x measured from the column line inwards.
 fn court_ring(profile: &Outline, y: f32) -> Surface {
     let [x, z] = COURT;
-    let side = |start: Vec3, outward: Vec3, half: f32| {
-        moulding(profile, start, outward, 2.0 * half, [1.0, -1.0])
-    };
+    let side = |start: Vec3, outward: Vec3, half: f32| moulding(profile, start, outward, 2.0 * half, [1.0, -1.0]);
     Surface::union([
         side(Vec3::new(-x, y, -z), Vec3::X, z),
         side(Vec3::new(x, y, z), Vec3::NEG_X, z),
@@ -49,12 +46,7 @@ pub fn floors(a: &mut Assembly, paints: &Paints) {
     let [x, z] = COURT.map(|half| half - far + 0.01);
     a.add(paving([-x, -z], [x, z], COURT_Y, 1.2), paints.tiles);
     a.add(ring_paving(near, 0.0, 0.9), paints.tiles);
-    let steps = Outline::open([
-        [far, COURT_Y],
-        [far, COURT_Y / 2.0],
-        [near, COURT_Y / 2.0],
-        [near, 0.0],
-    ]);
+    let steps = Outline::open([[far, COURT_Y], [far, COURT_Y / 2.0], [near, COURT_Y / 2.0], [near, 0.0]]);
     a.add(court_ring(&steps, 0.0), paints.trim);
     a.add(ring_paving(-0.15, UPPER_Y, 0.9), paints.tiles);
 }
@@ -152,19 +144,10 @@ pub fn beams(a: &mut Assembly, paints: &Paints, bays: &[Affine3A]) {
     let mut timber = Surface::default();
     for i in 0..4 {
         let x = (i as f32 - 1.5) * BAY / 4.0;
-        timber.append(&cuboid(
-            [x - 0.08, ROOF_Y - 0.24, -GALLERY - 0.05],
-            [x + 0.08, ROOF_Y + 0.02, -0.1],
-        ));
-        timber.append(&cuboid(
-            [x - 0.1, ROOF_Y - 0.4, -GALLERY - 0.05],
-            [x + 0.1, ROOF_Y - 0.23, -GALLERY + 0.3],
-        ));
+        timber.append(&cuboid([x - 0.08, ROOF_Y - 0.24, -GALLERY - 0.05], [x + 0.08, ROOF_Y + 0.02, -0.1]));
+        timber.append(&cuboid([x - 0.1, ROOF_Y - 0.4, -GALLERY - 0.05], [x + 0.1, ROOF_Y - 0.23, -GALLERY + 0.3]));
     }
-    timber.append(&cuboid(
-        [-BAY / 2.0, ROOF_Y - 0.12, -1.9],
-        [BAY / 2.0, ROOF_Y + 0.01, -1.72],
-    ));
+    timber.append(&cuboid([-BAY / 2.0, ROOF_Y - 0.12, -1.9], [BAY / 2.0, ROOF_Y + 0.01, -1.72]));
     let timber = a.mesh(timber, paints.wood);
     a.place_all(timber, bays);
 }
@@ -216,14 +199,10 @@ pub fn cornices(a: &mut Assembly, paints: &Paints, bays: &[Affine3A]) {
     let teeth = |reach: f32, low: f32, high: f32| {
         Surface::union((0..14).map(|i| {
             let x = (i as f32 + 0.5) / 14.0 * BAY - BAY / 2.0;
-            cuboid(
-                [x - 0.055, low, reach - 0.06],
-                [x + 0.055, high, reach + 0.045],
-            )
+            cuboid([x - 0.055, low, reach - 0.06], [x + 0.055, high, reach + 0.045])
         }))
     };
-    let teeth =
-        teeth(0.33, UPPER_Y - 0.29, UPPER_Y - 0.18).with(teeth(0.36, ROOF_Y - 0.01, ROOF_Y + 0.1));
+    let teeth = teeth(0.33, UPPER_Y - 0.29, UPPER_Y - 0.18).with(teeth(0.36, ROOF_Y - 0.01, ROOF_Y + 0.1));
     let teeth = a.mesh(teeth, paints.trim);
     a.place_all(teeth, bays);
     let urn = a.mesh(orders::urn(Vec2::splat(0.8)), paints.terracotta);
@@ -237,12 +216,7 @@ pub fn balustrades(a: &mut Assembly, paints: &Paints, bays: &[Affine3A]) {
     let rails = a.mesh(orders::rails(length), paints.trim);
     let baluster = a.mesh(orders::baluster(), paints.trim);
     for &bay in bays {
-        balustrade(
-            a,
-            [rails, baluster],
-            length,
-            bay * shift(0.0, UPPER_Y + 0.1, 0.0),
-        );
+        balustrade(a, [rails, baluster], length, bay * shift(0.0, UPPER_Y + 0.1, 0.0));
     }
     for side in [-1.0, 1.0] {
         let flank = shift(side * 2.88, TERRACE_Y, 11.2) * quarter_turn_y(1);
@@ -251,12 +225,7 @@ pub fn balustrades(a: &mut Assembly, paints: &Paints, bays: &[Affine3A]) {
     let length = 1.0;
     let rails = a.mesh(orders::rails(length), paints.trim);
     for side in [-1.0, 1.0] {
-        balustrade(
-            a,
-            [rails, baluster],
-            length,
-            shift(side * 2.26, TERRACE_Y, 9.74),
-        );
+        balustrade(a, [rails, baluster], length, shift(side * 2.26, TERRACE_Y, 9.74));
     }
 }
 
@@ -273,50 +242,25 @@ const STAIRS: usize = 13;
 
 /// A raised platform at the near end with stairs down into the court.
 pub fn terrace(a: &mut Assembly, paints: &Paints) {
-    a.add(
-        cuboid([-3.0, COURT_Y - 0.1, 9.6], [3.0, TERRACE_Y - 0.06, 12.62]),
-        paints.stone,
-    );
-    a.add(
-        cuboid([-3.06, TERRACE_Y - 0.14, 9.54], [3.06, TERRACE_Y, 12.6]),
-        paints.trim,
-    );
+    a.add(cuboid([-3.0, COURT_Y - 0.1, 9.6], [3.0, TERRACE_Y - 0.06, 12.62]), paints.stone);
+    a.add(cuboid([-3.06, TERRACE_Y - 0.14, 9.54], [3.06, TERRACE_Y, 12.6]), paints.trim);
     let rise = (TERRACE_Y - COURT_Y) / STAIRS as f32;
     let treads = (0..STAIRS).flat_map(|k| {
         let x = (STAIRS - 1 - k) as f32 * 0.3 + 0.08;
-        [
-            [x, COURT_Y + rise * k as f32],
-            [x, COURT_Y + rise * (k + 1) as f32],
-        ]
+        [[x, COURT_Y + rise * k as f32], [x, COURT_Y + rise * (k + 1) as f32]]
     });
-    let stairs = moulding(
-        &Outline::open(treads),
-        Vec3::new(-1.55, -0.004, 9.6),
-        Vec3::NEG_Z,
-        3.1,
-        [0.0; 2],
-    );
+    let stairs = moulding(&Outline::open(treads), Vec3::new(-1.55, -0.004, 9.6), Vec3::NEG_Z, 3.1, [0.0; 2]);
     a.add(stairs, paints.trim);
     let run = 0.3 * STAIRS as f32;
-    let cheek = Outline::closed([
-        [-0.1, COURT_Y - 0.1],
-        [run, COURT_Y - 0.1],
-        [run, COURT_Y + 0.5],
-        [-0.1, TERRACE_Y + 0.42],
-    ]);
-    let cheek = a.mesh(
-        extrude(&cheek, 0.3).transformed(quarter_turn_y(1)),
-        paints.stone,
-    );
+    let cheek =
+        Outline::closed([[-0.1, COURT_Y - 0.1], [run, COURT_Y - 0.1], [run, COURT_Y + 0.5], [-0.1, TERRACE_Y + 0.42]]);
+    let cheek = a.mesh(extrude(&cheek, 0.3).transformed(quarter_turn_y(1)), paints.stone);
     let guardian = a.mesh(super::furnishing::guardian(), paints.trim);
     let post = a.mesh(block([0.0, -0.02, 0.0], [0.34, 0.9, 0.34]), paints.stone);
     let urn = a.mesh(orders::urn(Vec2::splat(0.55)), paints.terracotta);
     for side in [-1.0, 1.0] {
         a.place(cheek, shift(side * 1.7 - 0.15, 0.0, 9.55));
-        a.place(
-            guardian,
-            shift(side * 1.7, COURT_Y, 9.55 - run - 0.2) * quarter_turn_y(2),
-        );
+        a.place(guardian, shift(side * 1.7, COURT_Y, 9.55 - run - 0.2) * quarter_turn_y(2));
         for (x, z) in [(1.7, 9.76), (2.84, 9.76), (2.84, 12.45)] {
             a.place(post, shift(side * x, TERRACE_Y, z));
             a.place(urn, shift(side * x, TERRACE_Y + 0.875, z));

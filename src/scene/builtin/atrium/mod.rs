@@ -27,22 +27,10 @@ const COURT_Y: f32 = -0.3;
 const UPPER_Y: f32 = 5.5;
 const ROOF_Y: f32 = 9.85;
 
-const LOWER: Order = Order {
-    height: 3.6,
-    shaft_radius: 0.26,
-    arch_radius: 1.2,
-    wall_rise: 1.55,
-    flutes: 20,
-    leafy: true,
-};
-const UPPER: Order = Order {
-    height: 2.75,
-    shaft_radius: 0.2,
-    arch_radius: 1.25,
-    wall_rise: 1.65,
-    flutes: 16,
-    leafy: false,
-};
+const LOWER: Order =
+    Order { height: 3.6, shaft_radius: 0.26, arch_radius: 1.2, wall_rise: 1.55, flutes: 20, leafy: true };
+const UPPER: Order =
+    Order { height: 2.75, shaft_radius: 0.2, arch_radius: 1.25, wall_rise: 1.65, flutes: 16, leafy: false };
 
 struct Paints {
     stone: usize,
@@ -91,10 +79,7 @@ fn mix_paints(a: &mut Assembly) -> Paints {
         wall: a.material(matte("ochre plaster", [0.66, 0.5, 0.33])),
         vault: a.material(matte("white plaster", [0.76, 0.72, 0.64])),
         dark_stone: a.material(glossy("basalt", [0.26, 0.24, 0.22], 0.5)),
-        tiles: a.material(super::super::Material {
-            roughness: 0.45,
-            ..textured("tiles", tiles)
-        }),
+        tiles: a.material(super::super::Material { roughness: 0.45, ..textured("tiles", tiles) }),
         wood: a.material(glossy("oak", [0.3, 0.17, 0.09], 0.6)),
         bronze: a.material(metal("bronze", [0.5, 0.36, 0.2], 0.45)),
         gilt: a.material(metal("gilt", [0.8, 0.6, 0.25], 0.3)),
@@ -128,10 +113,7 @@ fn is_first_of_side(i: usize) -> bool {
 
 fn furnish(a: &mut Assembly, paints: &Paints, bays: &[Affine3A]) {
     banners(a, paints, bays);
-    let (doorway, door) = (
-        a.mesh(furnishing::doorway(), paints.trim),
-        a.mesh(furnishing::door(), paints.wood),
-    );
+    let (doorway, door) = (a.mesh(furnishing::doorway(), paints.trim), a.mesh(furnishing::door(), paints.wood));
     let urn = a.mesh(orders::urn(glam::Vec2::ONE), paints.terracotta);
     let plant = a.mesh(furnishing::plant(), paints.leaf);
     for (i, &bay) in bays.iter().enumerate() {
@@ -161,9 +143,7 @@ fn furnish(a: &mut Assembly, paints: &Paints, bays: &[Affine3A]) {
 
 /// Long cloths in front of every other upper balustrade of the long sides, in three colours.
 fn banners(a: &mut Assembly, paints: &Paints, bays: &[Affine3A]) {
-    let cloths: Vec<_> = (0..3)
-        .map(|i| a.mesh(furnishing::banner(40 + i as u32), paints.cloth[i]))
-        .collect();
+    let cloths: Vec<_> = (0..3).map(|i| a.mesh(furnishing::banner(40 + i as u32), paints.cloth[i])).collect();
     let rod = a.mesh(furnishing::banner_rod(0.7), paints.gilt);
     let (west, east) = (BAYS[0], 2 * BAYS[0] + BAYS[1]);
     for (side, first) in [west, east].into_iter().enumerate() {

@@ -110,10 +110,7 @@ fn profile(points: &[[f32; 2]], unit: f32, lift: f32) -> Outline {
 /// The slab under the arches, in two steps; it reaches a little into the wall above.
 fn abacus(r: f32, top: f32) -> Surface {
     let lower = block([0.0, top - r * 0.36, 0.0], [r * 2.44, r * 0.2, r * 2.44]);
-    lower.with(block(
-        [0.0, top - r * 0.18, 0.0],
-        [r * 2.66, r * 0.18 + 0.012, r * 2.66],
-    ))
+    lower.with(block([0.0, top - r * 0.18, 0.0], [r * 2.66, r * 0.18 + 0.012, r * 2.66]))
 }
 
 /// Two rings of curling leaves round the bell.
@@ -131,9 +128,7 @@ fn leaves(r: f32, foot: f32) -> Surface {
         ];
         ribbon(&path, 0.3, 5, out)
     };
-    let ring = |height: f32, offset: f32| {
-        (0..8).map(move |i| leaf(height, (i as f32 + offset) / 8.0 * TAU))
-    };
+    let ring = |height: f32, offset: f32| (0..8).map(move |i| leaf(height, (i as f32 + offset) / 8.0 * TAU));
     Surface::union(ring(0.7, 0.0).chain(ring(1.25, 0.5)))
 }
 
@@ -165,16 +160,8 @@ pub fn archivolt(order: &Order, steps: usize) -> Surface {
 /// A square corner pier with plinth and impost.
 pub fn pier(order: &Order) -> Surface {
     let half = 0.42;
-    let body = cuboid(
-        [-half, -0.02, -half],
-        [half, order.height + order.wall_rise - 0.06, half],
-    );
-    let ring = |y: f32, height: f32, out: f32| {
-        block(
-            [0.0, y, 0.0],
-            [2.0 * (half + out), height, 2.0 * (half + out)],
-        )
-    };
+    let body = cuboid([-half, -0.02, -half], [half, order.height + order.wall_rise - 0.06, half]);
+    let ring = |y: f32, height: f32, out: f32| block([0.0, y, 0.0], [2.0 * (half + out), height, 2.0 * (half + out)]);
     Surface::union([
         body,
         ring(-0.015, 0.24, 0.07),
@@ -242,8 +229,5 @@ pub fn urn(stretch: Vec2) -> Surface {
         [0.2, 0.8],
         [0.0, 0.78],
     ];
-    lathe(
-        &Outline::open(points.map(|p| [p[0] * stretch.x, p[1] * stretch.y])),
-        14,
-    )
+    lathe(&Outline::open(points.map(|p| [p[0] * stretch.x, p[1] * stretch.y])), 14)
 }

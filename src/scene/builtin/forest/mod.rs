@@ -51,22 +51,14 @@ fn trees(a: &mut Assembly, broad: TextureRef) {
     let needles = a.texture(texels::needle_spray(128), true);
     let meshes = SPECIES.map(|s| {
         let bark = a.material(matte(&format!("{} bark", s.name), s.bark));
-        let spray = textured(
-            &format!("{} leaves", s.name),
-            if s.needles { needles } else { broad },
-        );
-        let leaf = a.material(cut_out(Material {
-            base_color: Vec3::from(s.leaf).extend(1.0),
-            ..spray
-        }));
+        let spray = textured(&format!("{} leaves", s.name), if s.needles { needles } else { broad });
+        let leaf = a.material(cut_out(Material { base_color: Vec3::from(s.leaf).extend(1.0), ..spray }));
         let (wood, leaves) = plants::tree(&s);
         [a.mesh(wood, bark), a.mesh(leaves, leaf)]
     });
     for spot in tree_spots() {
         let place = spot.world_from_local();
-        meshes[spot.kind]
-            .iter()
-            .for_each(|&mesh| a.place(mesh, place));
+        meshes[spot.kind].iter().for_each(|&mesh| a.place(mesh, place));
     }
 }
 
@@ -92,10 +84,7 @@ fn tree_spots() -> Vec<Spot> {
 /// Bushes among the trees and tufts of grass along the path.
 fn undergrowth(a: &mut Assembly, broad: TextureRef) {
     let spray = textured("bush", broad);
-    let bush_leaf = a.material(cut_out(Material {
-        base_color: Vec3::new(0.55, 0.7, 0.4).extend(1.0),
-        ..spray
-    }));
+    let bush_leaf = a.material(cut_out(Material { base_color: Vec3::new(0.55, 0.7, 0.4).extend(1.0), ..spray }));
     let grass = a.material(sheet(matte("grass", [0.2, 0.3, 0.08])));
     let bushes = [11, 12, 13].map(|seed| a.mesh(plants::bush(seed), bush_leaf));
     let tufts = [21, 22, 23].map(|seed| a.mesh(plants::tuft(seed), grass));
@@ -131,8 +120,7 @@ fn spots_near_path(count: usize, seed: u32, [near, far]: [f32; 2]) -> Vec<Spot> 
 /// Boulders beside the path.
 fn stones(a: &mut Assembly) {
     let rock = a.material(glossy("rock", [0.3, 0.3, 0.28], 0.8));
-    let boulders =
-        [5, 6].map(|seed| a.mesh(plants::boulder(seed).uv_scaled(Vec2::splat(2.0)), rock));
+    let boulders = [5, 6].map(|seed| a.mesh(plants::boulder(seed).uv_scaled(Vec2::splat(2.0)), rock));
     for (i, spot) in spots_near_path(12, 73, [1.0, 6.0]).into_iter().enumerate() {
         let tilt = turn_x(spot.turn * 0.1) * shift(0.0, -0.08, 0.0);
         a.place(boulders[i % 2], spot.world_from_local() * tilt);

@@ -13,9 +13,7 @@ const GOLDEN_ANGLE: f32 = 2.399_963;
 pub fn tree(species: &Species) -> (Surface, Surface) {
     let mut dice = Dice::new(species.seed);
     let trunk = trunk_path(species, &mut dice);
-    let mut branches: Vec<_> = (0..species.branches)
-        .map(|i| branch_path(species, &trunk, i, &mut dice))
-        .collect();
+    let mut branches: Vec<_> = (0..species.branches).map(|i| branch_path(species, &trunk, i, &mut dice)).collect();
     let wood = limb(&trunk, 8).with(Surface::union(branches.iter().map(|path| limb(path, 4))));
     // The tree's tip bears leaves as a branch does.
     branches.push(trunk[trunk.len() - 3..].to_vec());
@@ -25,18 +23,9 @@ pub fn tree(species: &Species) -> (Surface, Surface) {
         // More leaves further out.
         let (a, b) = (dice.unit(), dice.unit());
         let at = point_on(path, 0.3 + 0.75 * a.max(b));
-        let heart = point_on(
-            &trunk,
-            species.crown_foot + 0.5 * (1.0 - species.crown_foot),
-        );
+        let heart = point_on(&trunk, species.crown_foot + 0.5 * (1.0 - species.crown_foot));
         let outward = (at - heart).normalize() + Vec3::Y * 0.3;
-        leaves.append(&card(
-            at,
-            outward,
-            species.card_size,
-            species.lift.min(0.3),
-            &mut dice,
-        ));
+        leaves.append(&card(at, outward, species.card_size, species.lift.min(0.3), &mut dice));
     }
     (wood, leaves)
 }
@@ -49,21 +38,11 @@ fn trunk_path(species: &Species, dice: &mut Dice) -> Path {
     (0..=7)
         .map(|i| {
             let t = i as f32 / 7.0;
-            let sway = Vec3::new(dice.range(-0.09, 0.09), 0.0, dice.range(-0.09, 0.09))
-                * t
-                * (1.0 - t)
-                * 4.0;
-            let centre = Vec3::new(
-                lean_x * t * t,
-                species.height * t * (0.35 + 0.65 * t) - 0.1,
-                lean_z * t * t,
-            );
+            let sway = Vec3::new(dice.range(-0.09, 0.09), 0.0, dice.range(-0.09, 0.09)) * t * (1.0 - t) * 4.0;
+            let centre = Vec3::new(lean_x * t * t, species.height * t * (0.35 + 0.65 * t) - 0.1, lean_z * t * t);
             let near_ground = (1.0 - t) * (1.0 - t) * (1.0 - t) * (1.0 - t);
             let flare = 1.0 + 0.55 * near_ground * near_ground;
-            (
-                centre + sway,
-                species.trunk_radius * flare * (1.0 - 0.94 * t),
-            )
+            (centre + sway, species.trunk_radius * flare * (1.0 - 0.94 * t))
         })
         .collect()
 }
@@ -73,11 +52,7 @@ fn branch_path(species: &Species, trunk: &Path, index: usize, dice: &mut Dice) -
     let t = species.crown_foot + (0.97 - species.crown_foot) * up;
     let root = point_on(trunk, t);
     let [low, middle, high] = species.reach;
-    let reach = if up < 0.5 {
-        low + (middle - low) * 2.0 * up
-    } else {
-        middle + (high - middle) * (2.0 * up - 1.0)
-    };
+    let reach = if up < 0.5 { low + (middle - low) * 2.0 * up } else { middle + (high - middle) * (2.0 * up - 1.0) };
     let reach = reach * dice.range(0.8, 1.15);
     let (s, c) = sin_cos(index as f32 * GOLDEN_ANGLE + dice.range(-0.4, 0.4));
     let out = Vec3::new(c, 0.0, s);
@@ -87,10 +62,7 @@ fn branch_path(species: &Species, trunk: &Path, index: usize, dice: &mut Dice) -
         .map(|i| {
             let t = i as f32 / 3.0;
             let rise = reach * (species.lift * t - 0.18 * t * t);
-            (
-                root + out * (reach * t) + Vec3::Y * rise + side * t * t,
-                thick * (1.0 - 0.88 * t),
-            )
+            (root + out * (reach * t) + Vec3::Y * rise + side * t * t, thick * (1.0 - 0.88 * t))
         })
         .collect()
 }
@@ -104,20 +76,14 @@ fn point_on(path: &Path, t: f32) -> Vec3 {
 
 /// A square with a spray of leaves, its stem at `foot`, facing about `outward` and growing upwards or down.
 fn card(foot: Vec3, outward: Vec3, size: f32, lift: f32, dice: &mut Dice) -> Surface {
-    let jitter = Vec3::new(
-        dice.range(-1.0, 1.0),
-        dice.range(-1.0, 1.0),
-        dice.range(-1.0, 1.0),
-    );
+    let jitter = Vec3::new(dice.range(-1.0, 1.0), dice.range(-1.0, 1.0), dice.range(-1.0, 1.0));
     let normal = (outward.normalize() + 0.85 * jitter).normalize();
     let grow = Vec3::new(outward.x, lift, outward.z) + 0.5 * jitter.cross(outward);
     let right = grow.cross(normal).normalize() * size * dice.range(0.75, 1.2);
     let up = normal.cross(right);
     let mut s = Surface::quad(foot - right / 2.0 - up * 0.1, right, up);
     // Row 0 of a texture is its top.
-    s.vertices
-        .iter_mut()
-        .for_each(|v| v.uv = Vec2::new(v.uv.x, right.length() - v.uv.y) / right.length());
+    s.vertices.iter_mut().for_each(|v| v.uv = Vec2::new(v.uv.x, right.length() - v.uv.y) / right.length());
     s
 }
 
@@ -148,15 +114,10 @@ pub fn tuft(seed: u32) -> Surface {
 fn blade(foot: Vec3, lean: Vec3, length: f32) -> Surface {
     let side = Vec3::Y.cross(lean) * 0.011;
     Surface::grid(1, 2, |u, v| {
-        let centre =
-            foot + Vec3::Y * (length * v * (1.15 - 0.35 * v)) + lean * (length * 0.55 * v * v);
+        let centre = foot + Vec3::Y * (length * v * (1.15 - 0.35 * v)) + lean * (length * 0.55 * v * v);
         let width = if v < 1.0 { 1.0 - 0.4 * v } else { 0.0 };
         let normal = (Vec3::Y * (1.1 * v) + lean * -(1.15 - 0.7 * v)).normalize();
-        Vertex {
-            position: centre + side * width * (1.0 - 2.0 * u),
-            normal,
-            uv: Vec2::new(u, v),
-        }
+        Vertex { position: centre + side * width * (1.0 - 2.0 * u), normal, uv: Vec2::new(u, v) }
     })
 }
 

@@ -16,8 +16,7 @@ pub fn off_path(x: f32, z: f32) -> f32 {
 
 /// Level of the ground, metres.
 pub fn height(x: f32, z: f32) -> f32 {
-    let rolling =
-        0.55 * sin(0.09 * x + 0.7) * sin(0.075 * z + 0.4) + 0.25 * sin(0.21 * x - 0.13 * z);
+    let rolling = 0.55 * sin(0.09 * x + 0.7) * sin(0.075 * z + 0.4) + 0.25 * sin(0.21 * x - 0.13 * z);
     let lumps = 0.16 * noise(x * 0.8 + 512.0, z * 0.8 + 512.0, 1024, 3);
     let away = ((off_path(x, z) - 0.8) / 9.0).clamp(0.0, 1.0);
     let bank = away * away * (3.0 - 2.0 * away);
