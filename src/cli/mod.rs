@@ -16,7 +16,6 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use failure::Failure;
 
 /// Real-time stereoscopic path tracing for virtual reality, image-parallel over several GPUs.
 #[derive(Parser)]
