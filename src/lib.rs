@@ -4,3 +4,4 @@
 
 pub mod image;
 pub mod scene;
+pub mod trace;

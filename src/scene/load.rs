@@ -241,12 +241,7 @@ mod tests {
             scene.environment,
             Environment::Constant(Vec3::new(2.0, 4.0, 6.0))
         );
-        apply(
-            &shot("[environment]\nscale = 0"),
-            Path::new(""),
-            &mut scene,
-        )
-        .unwrap();
+        apply(&shot("[environment]\nscale = 0"), Path::new(""), &mut scene).unwrap();
         assert_eq!(scene.environment, Environment::Black);
     }
 
