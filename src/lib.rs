@@ -4,4 +4,12 @@
 
 pub mod image;
 pub mod scene;
+pub mod accel;
+pub mod graph;
+pub mod schedule;
+pub mod device;
+pub mod stages;
+pub mod exec;
+pub mod metrics;
 pub mod trace;
+pub mod report;

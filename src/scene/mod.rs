@@ -3,12 +3,15 @@
 //! A [`Scene`] is plain, validated data. It comes from a glTF file or from a generator of this crate, plus
 //! what a [shot](shot::Shot) adds. It knows nothing of devices.
 
-pub mod environment;
-pub mod load;
 pub mod rig;
 pub mod shot;
+pub mod gltf;
+pub mod builtin;
+pub mod environment;
+pub mod load;
+pub mod needs;
 
-use glam::{Affine3A, Vec2, Vec3, Vec4};
+use glam::{Affine2, Affine3A, Vec2, Vec3, Vec4};
 
 /// Geometry of one glTF primitive: triangles with one material, in its own space.
 #[derive(Clone, Debug, Default)]
@@ -52,6 +55,8 @@ pub struct TextureRef {
     pub texture: usize,
     /// Which of [`Mesh::uvs`].
     pub uv_set: usize,
+    /// Where to sample, from the mesh's own coordinates: `KHR_texture_transform`, else the identity.
+    pub uv_from_uv: Affine2,
 }
 
 /// glTF 2.0 metallic-roughness material.

@@ -1,0 +1,93 @@
+// One auxiliary image per dispatch, from the hit behind the pixel's centre.
+
+//!include frame rng scene lights trace surface pack
+
+@group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
+@group(1) @binding(1) var<storage, read> albedo_image: array<vec4<f32>>;
+@group(1) @binding(2) var<storage, read> emission_image: array<vec4<f32>>;
+@group(1) @binding(3) var<storage, read> tally_image: array<u32>;
+@group(1) @binding(4) var<storage, read_write> aov: array<vec4<f32>>;
+
+struct Previous {
+    views: array<View, 2>,
+}
+@group(1) @binding(5) var<uniform> previous: Previous;
+
+// Mirrors `stages::aov::Aov`.
+const ALBEDO: u32 = 0u;
+const NORMAL: u32 = 1u;
+const POSITION: u32 = 2u;
+const DEPTH: u32 = 3u;
+const MOTION: u32 = 4u;
+const ROUGHNESS: u32 = 5u;
+const HOLES: u32 = 6u;
+const SPP: u32 = 7u;
+const STRIPES: u32 = 8u;
+
+// Where `p` was seen in the previous frame, pixels.
+fn previous_pixel(p: vec3<f32>, view: u32) -> vec2<f32> {
+    let v = p - previous.views[view].origin;
+    let z = max(dot(v, previous.views[view].forward), 1e-20);
+    let ndc = vec2<f32>(
+        dot(v, previous.views[view].right) / (z * previous.views[view].tan_half_x),
+        -dot(v, previous.views[view].up) / (z * previous.views[view].tan_half_y),
+    );
+    return (ndc * 0.5 + 0.5) * vec2<f32>(f32(frame.width), f32(frame.height));
+}
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
+    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
+        return;
+    }
+    let at = pixel_index(pixel);
+    let hit = hit_image[at];
+    var value = vec3<f32>(0.0);
+    switch pass_.arg0 {
+        case ALBEDO: {
+            value = albedo_image[at].rgb;
+        }
+        case DEPTH: {
+            value = vec3<f32>(emission_image[at].a);
+        }
+        case ROUGHNESS: {
+            value = vec3<f32>(albedo_image[at].a);
+        }
+        case HOLES: {
+            value = vec3<f32>(f32(tally_image[at] >> 28u));
+        }
+        case SPP: {
+            value = vec3<f32>(f32(frame.spp));
+        }
+        case STRIPES: {
+            value = vec3<f32>(f32(pass_.arg1));
+        }
+        default: {
+            let centre = vec2<f32>(pixel) + 0.5;
+            let direction = ray_direction(pass_.view, centre);
+            let origin = frame.views[pass_.view].origin;
+            if (hit.x & SPHERE) == 0u {
+                let s = surface_at(hit.x, bitcast<vec2<f32>>(hit.yz), direction);
+                if pass_.arg0 == NORMAL {
+                    value = s.normal;
+                } else if pass_.arg0 == POSITION {
+                    value = s.position;
+                } else {
+                    value = vec3<f32>(previous_pixel(s.position, pass_.view) - centre, 0.0);
+                }
+            } else if hit.x != NO_PRIM {
+                let p = origin + direction * emission_image[at].a;
+                let light = lights[frame.group_begin.y + (hit.x & ~SPHERE)];
+                if pass_.arg0 == NORMAL {
+                    value = normalize(p - light.position);
+                } else if pass_.arg0 == POSITION {
+                    value = p;
+                } else {
+                    value = vec3<f32>(previous_pixel(p, pass_.view) - centre, 0.0);
+                }
+            }
+        }
+    }
+    aov[at] = vec4<f32>(value, 1.0);
+}

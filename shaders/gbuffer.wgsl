@@ -1,0 +1,56 @@
+// Primary visibility of one view: the surface behind each pixel's centre. Where later stages need the mean over the
+// pixel (several samples, and no path tracing to bring it), it is taken here too.
+
+//!include frame rng scene lights trace surface bsdf path pack pixel
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
+    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
+        return;
+    }
+    let at = pixel_index(pixel);
+    let origin = frame.views[pass_.view].origin;
+    let direction = ray_direction(pass_.view, vec2<f32>(pixel) + 0.5);
+    var rng = rng_for(pixel, pass_.view, 0u);
+    let hit = trace_closest(origin, direction, alpha_key(rng));
+    let first = first_hit(hit, pass_.view, direction);
+    let is_surface = (hit.prim & SPHERE) == 0u;
+    hit_image[at] = vec4<u32>(hit.prim, bitcast<vec2<u32>>(hit.bary), select(MATERIAL_NONE, first.surface.material, is_surface));
+    guide_image[at] = select(
+        vec4<u32>(0u, 0u, 0u, NO_NORMAL),
+        vec4<u32>(bitcast<vec3<u32>>(first.surface.position), pack_normal(first.surface.normal)),
+        is_surface,
+    );
+    let depth = select(hit.t, 0.0, hit.prim == NO_PRIM);
+    albedo_image[at] = vec4<f32>(first.albedo, select(1.0, first.surface.roughness, is_surface));
+    emission_image[at] = vec4<f32>(first.emission, depth);
+    tally_image[at] = 1u;
+    if JITTER {
+        if pass_.arg0 != 0u {
+            average_footprint(pixel, at);
+        }
+    }
+}
+
+fn average_footprint(pixel: vec2<u32>, at: u32) {
+    var albedo = vec3<f32>(0.0);
+    var emission = vec3<f32>(0.0);
+    var mixed = false;
+    for (var i = 0u; i < frame.spp; i += 1u) {
+        var rng = rng_for(pixel, pass_.view, i);
+        let direction = ray_direction(pass_.view, vec2<f32>(pixel) + sample_offset(&rng));
+        let hit = trace_closest(frame.views[pass_.view].origin, direction, alpha_key(rng));
+        let first = first_hit(hit, pass_.view, direction);
+        mixed = mixed || is_elsewhere(at, first);
+        let step = 1.0 / f32(i + 1u);
+        albedo += (first.albedo - albedo) * step;
+        emission += (first.emission - emission) * step;
+    }
+    albedo_image[at] = vec4<f32>(albedo, albedo_image[at].a);
+    emission_image[at] = vec4<f32>(emission, emission_image[at].a);
+    tally_image[at] = add_tally(1u, frame.spp, 0u);
+    if mixed {
+        hit_image[at].w |= FLAG_MIXED;
+    }
+}

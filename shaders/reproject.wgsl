@@ -1,0 +1,100 @@
+// Spatial reprojection, right eye from left (Adelson & Hodges 1993; Leria et al.): each right pixel gathers what the
+// left eye saw of its surface. The eyes are rectified, so both taps lie on the pixel's own row. What cannot be
+// gathered becomes a hole.
+
+//!include frame pack
+
+@group(1) @binding(0) var<storage, read> left_hit: array<vec4<u32>>;
+@group(1) @binding(1) var<storage, read> left_guide: array<vec4<u32>>;
+@group(1) @binding(2) var<storage, read> left_radiance: array<vec4<f32>>;
+@group(1) @binding(3) var<storage, read> right_hit: array<vec4<u32>>;
+@group(1) @binding(4) var<storage, read> right_guide: array<vec4<u32>>;
+@group(1) @binding(5) var<storage, read_write> right_radiance: array<vec4<f32>>;
+@group(1) @binding(6) var<storage, read_write> right_tally: array<u32>;
+@group(1) @binding(7) var<storage, read_write> holes: array<atomic<u32>>;
+
+// Why a pixel is a hole; 0: it is none. Mirrors `stages::tally`.
+const OUTSIDE: u32 = 1u;
+const NORMAL: u32 = 2u;
+const DISTANCE: u32 = 3u;
+const MATERIAL: u32 = 4u;
+const MIXED: u32 = 5u;
+
+fn why_not(x: i32, row: u32, position: vec3<f32>, normal: vec3<f32>, material: u32, reach: f32) -> u32 {
+    if x < 0 || x >= i32(frame.width) {
+        return OUTSIDE;
+    }
+    let at = row * frame.width + u32(x);
+    let hit = left_hit[at];
+    if (hit.w & FLAG_MIXED) != 0u {
+        return MIXED;
+    }
+    let guide = left_guide[at];
+    if (hit.w & MATERIAL_MASK) != material || guide.w == NO_NORMAL {
+        return MATERIAL;
+    }
+    if abs(dot(normal, bitcast<vec3<f32>>(guide.xyz) - position)) >= 0.005 * reach {
+        return DISTANCE;
+    }
+    if dot(normal, unpack_normal(guide.w)) <= 0.99 {
+        return NORMAL;
+    }
+    return 0u;
+}
+
+fn open_hole(at: u32, why: u32) {
+    right_tally[at] |= why << 28u;
+    let slot = atomicAdd(&holes[0], 1u);
+    atomicStore(&holes[4u + slot], at);
+    if slot % 64u == 0u && slot / 64u < 65535u {
+        atomicAdd(&holes[1], 1u);
+    }
+}
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
+    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
+        return;
+    }
+    let at = pixel_index(pixel);
+    let hit = right_hit[at];
+    let guide = right_guide[at];
+    right_radiance[at] = vec4<f32>(0.0);
+    if (hit.w & FLAG_MIXED) != 0u {
+        open_hole(at, MIXED);
+        return;
+    }
+    if guide.w == NO_NORMAL {
+        return;
+    }
+    let position = bitcast<vec3<f32>>(guide.xyz);
+    let normal = unpack_normal(guide.w);
+    let from_left = position - frame.views[0].origin;
+    let z = dot(from_left, frame.views[0].forward);
+    if z <= 0.0 {
+        open_hole(at, OUTSIDE);
+        return;
+    }
+    let ndc = dot(from_left, frame.views[0].right) / (z * frame.views[0].tan_half_x);
+    let x = clamp((ndc * 0.5 + 0.5) * f32(frame.width) - 0.5, -2.0, f32(frame.width) + 1.0);
+    let base = floor(x);
+    let fraction = x - base;
+    let first = i32(base);
+    let reach = length(from_left);
+    let material = hit.w & MATERIAL_MASK;
+    let why0 = why_not(first, pixel.y, position, normal, material, reach);
+    let why1 = why_not(first + 1, pixel.y, position, normal, material, reach);
+    let w0 = select(0.0, 1.0 - fraction, why0 == 0u);
+    let w1 = select(0.0, fraction, why1 == 0u);
+    let sum = w0 + w1;
+    if sum < 1e-4 {
+        open_hole(at, select(why0, why1, why0 == 0u || (fraction > 0.5 && why1 != 0u)));
+        return;
+    }
+    let row = pixel.y * frame.width;
+    let last = i32(frame.width) - 1;
+    let tap0 = left_radiance[row + u32(clamp(first, 0, last))];
+    let tap1 = left_radiance[row + u32(clamp(first + 1, 0, last))];
+    right_radiance[at] = vec4<f32>((tap0.rgb * w0 + tap1.rgb * w1) / sum, 1.0);
+}

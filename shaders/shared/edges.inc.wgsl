@@ -1,0 +1,28 @@
+// Edge-stopping weights that the spatial filters share.
+
+struct Guide {
+    position: vec3<f32>,
+    normal: vec3<f32>,
+    // 1 / (largest distance off the plane that still counts as the same surface).
+    inverse_reach: f32,
+}
+
+fn guide_for(bits: vec4<u32>, origin: vec3<f32>, reach: f32) -> Guide {
+    let position = bitcast<vec3<f32>>(bits.xyz);
+    return Guide(position, unpack_normal(bits.w), 1.0 / max(reach * length(position - origin), 1e-30));
+}
+
+// Colour for comparison: bounded, so that one bright sample does not stand alone.
+fn comparable(c: vec3<f32>) -> vec3<f32> {
+    return c / (1.0 + luminance(c));
+}
+
+fn edge_weight(centre: Guide, colour: vec3<f32>, tap_bits: vec4<u32>, tap_colour: vec3<f32>, inverse_sigma2: f32) -> f32 {
+    let cosine = max(dot(centre.normal, unpack_normal(tap_bits.w)), 0.0);
+    let c4 = cosine * cosine * cosine * cosine;
+    let c16 = c4 * c4 * c4 * c4;
+    let off = dot(centre.normal, bitcast<vec3<f32>>(tap_bits.xyz) - centre.position) * centre.inverse_reach;
+    let d = colour - comparable(tap_colour);
+    let w = c16 * c16 * exp(-min(off * off + dot(d, d) * inverse_sigma2, 80.0));
+    return select(w, 0.0, tap_bits.w == NO_NORMAL);
+}

@@ -1,0 +1,68 @@
+// The constants of a frame and of a pass, and the pinhole rig. Mirrors `stages::layout`.
+
+struct View {
+    origin: vec3<f32>,
+    tan_half_x: f32,
+    right: vec3<f32>,
+    tan_half_y: f32,
+    up: vec3<f32>,
+    pad0: u32,
+    forward: vec3<f32>,
+    pad1: u32,
+}
+
+struct Frame {
+    views: array<View, 2>,
+    width: u32,
+    height: u32,
+    index: u32,
+    seed: u32,
+    spp: u32,
+    reflections: u32,
+    indirect_clamp: f32,
+    exposure: f32,
+    sphere_count: u32,
+    light_groups: u32,
+    env_width: u32,
+    env_height: u32,
+    env_radiance: vec3<f32>,
+    env_rotation: f32,
+    // Begin and count of each group in `lights`: emissive triangles, local, directional.
+    group_begin: vec4<u32>,
+    group_count: vec4<u32>,
+}
+
+struct Pass {
+    view: u32,
+    row_begin: u32,
+    row_end: u32,
+    // Rows that may be read: the stripe plus what was received or recomputed around it.
+    valid_begin: u32,
+    valid_end: u32,
+    // What these mean is the stage's own business.
+    arg0: u32,
+    arg1: u32,
+    arg2: u32,
+}
+
+@group(0) @binding(0) var<uniform> frame: Frame;
+var<immediate> pass_: Pass;
+
+const NO_PRIM: u32 = 0xffffffffu;
+
+fn pixel_index(pixel: vec2<u32>) -> u32 {
+    return pixel.y * frame.width + pixel.x;
+}
+
+// Unit direction through image point `at`, pixels from the top left corner.
+fn ray_direction(view: u32, at: vec2<f32>) -> vec3<f32> {
+    let size = vec2<f32>(f32(frame.width), f32(frame.height));
+    let ndc = vec2<f32>(2.0, -2.0) * (at / size) + vec2<f32>(-1.0, 1.0);
+    return normalize(frame.views[view].forward
+        + frame.views[view].right * (ndc.x * frame.views[view].tan_half_x)
+        + frame.views[view].up * (ndc.y * frame.views[view].tan_half_y));
+}
+
+fn luminance(c: vec3<f32>) -> f32 {
+    return dot(c, vec3<f32>(0.2126, 0.7152, 0.0722));
+}

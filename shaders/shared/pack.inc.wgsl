@@ -1,0 +1,38 @@
+// How stages pass a pixel on. Mirrors `graph::resource`.
+
+// `hit` image: triangle or NO_PRIM or SPHERE | light, barycentrics as bits, material and flags.
+const FLAG_MIXED: u32 = 0x80000000u;
+const MATERIAL_MASK: u32 = 0x00ffffffu;
+const MATERIAL_NONE: u32 = 0x00ffffffu;
+
+// `guide` image: position as bits, packed shading normal; NO_NORMAL where there is no surface to light (sky, spheres).
+// The packing never gives that pattern: it clamps to -32767.
+const NO_NORMAL: u32 = 0x80008000u;
+
+// Unit vector to two 16-bit numbers (Cigolle et al., "A Survey of Efficient Representations for Independent Unit
+// Vectors", JCGT 3(2), 2014).
+fn pack_normal(n: vec3<f32>) -> u32 {
+    let p = n.xy / (abs(n.x) + abs(n.y) + abs(n.z));
+    let signs = select(vec2<f32>(-1.0), vec2<f32>(1.0), p >= vec2<f32>(0.0));
+    let folded = select(p, (1.0 - abs(p.yx)) * signs, n.z < 0.0);
+    return pack2x16snorm(folded);
+}
+
+fn unpack_normal(bits: u32) -> vec3<f32> {
+    let p = unpack2x16snorm(bits);
+    let z = 1.0 - abs(p.x) - abs(p.y);
+    let t = max(-z, 0.0);
+    return normalize(vec3<f32>(p + select(vec2<f32>(t), vec2<f32>(-t), p >= vec2<f32>(0.0)), z));
+}
+
+// `tally` image: rays traced (20 bits), non-finite samples dropped (8 bits), why a pixel is a hole (4 bits).
+fn add_tally(tally: u32, rays: u32, nonfinite: u32) -> u32 {
+    let r = min((tally & 0xfffffu) + rays, 0xfffffu);
+    let n = min(((tally >> 20u) & 0xffu) + nonfinite, 0xffu);
+    return (tally & 0xf0000000u) | (n << 20u) | r;
+}
+
+fn is_finite(c: vec3<f32>) -> bool {
+    let bits = bitcast<vec3<u32>>(c) & vec3<u32>(0x7f800000u);
+    return all(bits != vec3<u32>(0x7f800000u));
+}

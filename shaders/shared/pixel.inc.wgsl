@@ -1,0 +1,105 @@
+// All samples of a pixel in one pass: what `path_trace` and `hole_fill` do at theirs.
+
+@group(1) @binding(0) var<storage, read_write> hit_image: array<vec4<u32>>;
+@group(1) @binding(1) var<storage, read_write> albedo_image: array<vec4<f32>>;
+@group(1) @binding(2) var<storage, read_write> emission_image: array<vec4<f32>>;
+@group(1) @binding(3) var<storage, read_write> radiance_image: array<vec4<f32>>;
+@group(1) @binding(4) var<storage, read_write> tally_image: array<u32>;
+@group(1) @binding(5) var<storage, read_write> guide_image: array<vec4<u32>>;
+
+override JITTER: bool = true;
+
+// Offset of a sample in its pixel. Both eyes and all stages that shoot primary rays agree on it through the key.
+fn sample_offset(rng: ptr<function, Rng>) -> vec2<f32> {
+    if JITTER {
+        return random2(rng);
+    }
+    return vec2<f32>(0.5);
+}
+
+// The first hit through the pixel's centre, as the G-buffer has it.
+fn stored_hit(pixel: u32) -> Hit {
+    let h = hit_image[pixel];
+    return Hit(0.0, h.x, bitcast<vec2<f32>>(h.yz));
+}
+
+// Whether a sample of a pixel found another surface than the ray through its centre: then neither its radiance nor
+// its albedo stand for one surface, and reprojection leaves the pixel alone.
+fn is_elsewhere(at: u32, f: FirstHit) -> bool {
+    let centre = hit_image[at];
+    if f.hit.prim == NO_PRIM || (f.hit.prim & SPHERE) != 0u {
+        return f.hit.prim != centre.x;
+    }
+    let guide = guide_image[at];
+    if guide.w == NO_NORMAL || (centre.w & MATERIAL_MASK) != f.surface.material {
+        return true;
+    }
+    let n = unpack_normal(guide.w);
+    let apart = abs(dot(n, f.surface.position - bitcast<vec3<f32>>(guide.xyz)));
+    return dot(n, f.surface.normal) < 0.95 || apart > 0.005 * f.hit.t;
+}
+
+// Samples [pass_.arg0, pass_.arg1) of `pixel` of view `view`. Albedo, emission and radiance hold running means until
+// the pass that ends at the last sample, which leaves radiance divided by albedo.
+fn sample_pixel(pixel: vec2<u32>, view: u32) {
+    let at = pixel_index(pixel);
+    let begin = pass_.arg0;
+    let end = pass_.arg1;
+    let scale = 1.0 / f32(end);
+    var tally = tally_image[at];
+    var mixed = false;
+    var albedo = vec3<f32>(0.0);
+    var emission = vec3<f32>(0.0);
+    var reflected = vec3<f32>(0.0);
+    var irradiance = vec3<f32>(0.0);
+    for (var i = begin; i < end; i += 1u) {
+        var rng = rng_for(pixel, view, i);
+        let direction = ray_direction(view, vec2<f32>(pixel) + sample_offset(&rng));
+        var rays = 0u;
+        var hit: Hit;
+        if JITTER {
+            hit = trace_closest(frame.views[view].origin, direction, alpha_key(rng));
+            rays = 1u;
+        } else {
+            hit = stored_hit(at);
+        }
+        let first = first_hit(hit, view, direction);
+        if JITTER {
+            mixed = mixed || is_elsewhere(at, first);
+        }
+        var path = PathSample(vec3<f32>(0.0), 0u);
+        if (hit.prim & SPHERE) == 0u {
+            path = trace_path(first.surface, &rng);
+        }
+        let ok = is_finite(path.irradiance) && is_finite(first.emission) && is_finite(first.albedo);
+        tally = add_tally(tally, rays + path.rays, select(1u, 0u, ok));
+        if ok {
+            albedo += first.albedo;
+            emission += first.emission;
+            irradiance += path.irradiance;
+            reflected += first.albedo * path.irradiance;
+        }
+    }
+    tally_image[at] = tally;
+    if !JITTER {
+        radiance_image[at] = vec4<f32>(irradiance, 1.0);
+        return;
+    }
+    if mixed {
+        hit_image[at].w |= FLAG_MIXED;
+    }
+    let keep = f32(begin) * scale;
+    let old_albedo = select(vec4<f32>(0.0), albedo_image[at], begin > 0u);
+    let old_emission = select(vec4<f32>(0.0), emission_image[at], begin > 0u);
+    let old_radiance = select(vec4<f32>(0.0), radiance_image[at], begin > 0u);
+    let mean_albedo = old_albedo.rgb * keep + albedo * scale;
+    let mean_reflected = old_radiance.rgb * keep + reflected * scale;
+    albedo_image[at] = vec4<f32>(mean_albedo, albedo_image[at].a);
+    emission_image[at] = vec4<f32>(old_emission.rgb * keep + emission * scale, emission_image[at].a);
+    if end < frame.spp {
+        radiance_image[at] = vec4<f32>(mean_reflected, 1.0);
+        return;
+    }
+    let bright = mean_albedo > vec3<f32>(1e-6);
+    radiance_image[at] = vec4<f32>(select(vec3<f32>(0.0), mean_reflected / max(mean_albedo, vec3<f32>(1e-6)), bright), 1.0);
+}

@@ -1,0 +1,77 @@
+// Random numbers, keyed on (pixel of the full frame, eye, frame, sample, dimension) and on nothing else.
+//
+// `sobol`: a two-dimensional Sobol' sequence per pair of dimensions, Owen-scrambled and index-shuffled by hashing
+// (Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020, with his Laine-Karras constants). It has no table:
+// the second dimension's matrix is Pascal's triangle mod 2, that is the substitution x -> x + 1 in a polynomial
+// over GF(2), which five masked shifts compute. Sample counts up to 2^32 work.
+// `pcg`: independent numbers by hashing (Jarzynski & Olano, "Hash Functions for GPU Rendering", JCGT 9(3), 2020).
+
+override SOBOL: bool = true;
+
+struct Rng {
+    key: u32,
+    sample: u32,
+    dimension: u32,
+}
+
+fn pcg_hash(value: u32) -> u32 {
+    let state = value * 747796405u + 2891336453u;
+    let word = ((state >> ((state >> 28u) + 4u)) ^ state) * 277803737u;
+    return (word >> 22u) ^ word;
+}
+
+fn hash_combine(a: u32, b: u32) -> u32 {
+    return pcg_hash(a ^ pcg_hash(b + 0x9e3779b9u));
+}
+
+fn rng_for(pixel: vec2<u32>, view: u32, sample: u32) -> Rng {
+    var key = hash_combine(frame.seed, frame.index);
+    key = hash_combine(key, view);
+    key = hash_combine(key, pixel.x);
+    key = hash_combine(key, pixel.y);
+    return Rng(key, sample, 0u);
+}
+
+fn unit_float(bits: u32) -> f32 {
+    return f32(bits >> 8u) * 0x1p-24f;
+}
+
+// Owen scrambling of a bit-reversed number.
+fn laine_karras(value: u32, seed: u32) -> u32 {
+    var x = value + seed;
+    x ^= x * 0x6c50b47cu;
+    x ^= x * 0xb82f1e52u;
+    x ^= x * 0xc7afe638u;
+    x ^= x * 0x8d22f6e6u;
+    return x;
+}
+
+// p(x + 1) of the polynomial over GF(2) whose coefficients are the bits of `p`.
+fn shift_polynomial(p: u32) -> u32 {
+    var v = p;
+    v ^= (v >> 1u) & 0x55555555u;
+    v ^= (v >> 2u) & 0x33333333u;
+    v ^= (v >> 4u) & 0x0f0f0f0fu;
+    v ^= (v >> 8u) & 0x00ff00ffu;
+    v ^= (v >> 16u) & 0x0000ffffu;
+    return v;
+}
+
+// Names the ray that the generator has come to, for `is_covered`.
+fn alpha_key(rng: Rng) -> u32 {
+    return rng.key + rng.sample * 0x9e3779b9u + rng.dimension * 0x85ebca6bu;
+}
+
+// The next two dimensions, each in [0, 1).
+fn random2(rng: ptr<function, Rng>) -> vec2<f32> {
+    let seed = hash_combine((*rng).key, (*rng).dimension);
+    (*rng).dimension += 1u;
+    if SOBOL {
+        let index = reverseBits(laine_karras(reverseBits((*rng).sample), seed));
+        let x = reverseBits(laine_karras(index, pcg_hash(seed ^ 0x68bc21ebu)));
+        let y = reverseBits(laine_karras(shift_polynomial(index), pcg_hash(seed ^ 0x02e5be93u)));
+        return vec2<f32>(unit_float(x), unit_float(y));
+    }
+    let x = hash_combine(seed, (*rng).sample);
+    return vec2<f32>(unit_float(x), unit_float(pcg_hash(x ^ 0x5bd1e995u)));
+}

@@ -1,0 +1,149 @@
+// The scene's tables and what a hit finds there. Mirrors `accel` (triangles) and `stages::layout` (the rest).
+
+override HAS_TEXTURES: bool = true;
+override HAS_VERTEX_COLORS: bool = true;
+override HAS_ALPHA: bool = true;
+
+struct Material {
+    base_color: vec4<f32>,
+    emissive: vec3<f32>,
+    // Density per area with which light sampling picks a point on a triangle of this material.
+    light_pdf: f32,
+    roughness: f32,
+    metallic: f32,
+    alpha_cutoff: f32,
+    flags: u32,
+    base_color_texture: u32,
+    emissive_texture: u32,
+    emissive_uv_offset: vec2<f32>,
+    // uv' = (m00 u + m01 v + tx, m10 u + m11 v + ty) as KHR_texture_transform.
+    uv_matrix: vec4<f32>,
+    emissive_uv_matrix: vec4<f32>,
+    uv_offset: vec2<f32>,
+    pad: vec2<u32>,
+}
+const DOUBLE_SIDED: u32 = 1u;
+const ALPHA_MASK: u32 = 2u;
+const ALPHA_BLEND: u32 = 4u;
+
+// Vertices are exact: an edge shared by two triangles has the same bits in both.
+struct Triangle {
+    v0: vec3<f32>,
+    material: u32,
+    v1: vec3<f32>,
+    flags: u32,
+    v2: vec3<f32>,
+    pad: u32,
+}
+const TRIANGLE_ALPHA: u32 = 1u;
+
+struct Shading {
+    n0: vec3<f32>, u0: f32,
+    n1: vec3<f32>, v0: f32,
+    n2: vec3<f32>, u1: f32,
+    v1: f32, u2: f32, v2: f32, pad: f32,
+}
+
+// Texels lie one after another in pages of 2048 x 2048; `first` is the index of the top left one.
+struct TextureInfo {
+    first: u32,
+    width: u32,
+    height: u32,
+    flags: u32,
+}
+const NO_TEXTURE: u32 = 0xffffffffu;
+const TEXTURE_LINEAR: u32 = 1u;
+
+@group(0) @binding(1) var<storage, read> nodes: array<vec4<u32>>;
+@group(0) @binding(2) var<storage, read> triangles: array<Triangle>;
+@group(0) @binding(3) var<storage, read> shadings: array<Shading>;
+@group(0) @binding(4) var<storage, read> vertex_colors: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read> materials: array<Material>;
+@group(0) @binding(6) var<storage, read> textures: array<TextureInfo>;
+@group(0) @binding(7) var texels: texture_2d_array<f32>;
+@group(0) @binding(8) var<storage, read> srgb_to_linear: array<f32, 256>;
+
+fn wrap(coordinate: i32, size: i32, mode: u32) -> i32 {
+    if mode == 2u {
+        return clamp(coordinate, 0, size - 1);
+    }
+    let period = select(size, 2 * size, mode == 1u);
+    var c = coordinate % period;
+    c = select(c, c + period, c < 0);
+    return select(c, 2 * size - 1 - c, c >= size);
+}
+
+fn texel(info: TextureInfo, x: i32, y: i32, srgb: bool) -> vec4<f32> {
+    let column = wrap(x, i32(info.width), (info.flags >> 2u) & 3u);
+    let row = wrap(y, i32(info.height), (info.flags >> 4u) & 3u);
+    let at = info.first + u32(row) * info.width + u32(column);
+    let stored = textureLoad(texels, vec2<u32>(at & 2047u, (at >> 11u) & 2047u), at >> 22u, 0);
+    if !srgb {
+        return stored;
+    }
+    let code = vec3<u32>(stored.rgb * 255.0 + 0.5);
+    return vec4<f32>(srgb_to_linear[code.r], srgb_to_linear[code.g], srgb_to_linear[code.b], stored.a);
+}
+
+// Filters linear colour: the sRGB curve is undone before the texels are mixed.
+fn sample_texture(texture: u32, uv: vec2<f32>, srgb: bool) -> vec4<f32> {
+    let info = textures[texture];
+    let size = vec2<f32>(f32(info.width), f32(info.height));
+    // Far-off coordinates lose their fraction anyway; bounding them keeps the integer conversion defined.
+    let at = clamp(uv * size, vec2<f32>(-1e9), vec2<f32>(1e9));
+    if (info.flags & TEXTURE_LINEAR) == 0u {
+        let nearest = vec2<i32>(floor(at));
+        return texel(info, nearest.x, nearest.y, srgb);
+    }
+    let base = floor(at - 0.5);
+    let f = at - 0.5 - base;
+    let b = vec2<i32>(base);
+    let top = mix(texel(info, b.x, b.y, srgb), texel(info, b.x + 1, b.y, srgb), f.x);
+    let bottom = mix(texel(info, b.x, b.y + 1, srgb), texel(info, b.x + 1, b.y + 1, srgb), f.x);
+    return mix(top, bottom, f.y);
+}
+
+fn interpolate_uv(prim: u32, bary: vec2<f32>) -> vec2<f32> {
+    let s = shadings[prim];
+    return (1.0 - bary.x - bary.y) * vec2<f32>(s.u0, s.v0) + bary.x * vec2<f32>(s.u1, s.v1) + bary.y * vec2<f32>(s.u2, s.v2);
+}
+
+fn moved_uv(uv: vec2<f32>, matrix: vec4<f32>, offset: vec2<f32>) -> vec2<f32> {
+    return vec2<f32>(dot(matrix.xy, uv), dot(matrix.zw, uv)) + offset;
+}
+
+fn emissive_at(prim: u32, bary: vec2<f32>, m: Material) -> vec3<f32> {
+    if HAS_TEXTURES && m.emissive_texture != NO_TEXTURE {
+        let uv = moved_uv(interpolate_uv(prim, bary), m.emissive_uv_matrix, m.emissive_uv_offset);
+        return m.emissive * sample_texture(m.emissive_texture, uv, true).rgb;
+    }
+    return m.emissive;
+}
+
+fn base_color_at(prim: u32, bary: vec2<f32>, m: Material) -> vec4<f32> {
+    var color = m.base_color;
+    if HAS_VERTEX_COLORS && 3u * prim + 2u < arrayLength(&vertex_colors) {
+        color *= (1.0 - bary.x - bary.y) * vertex_colors[3u * prim]
+            + bary.x * vertex_colors[3u * prim + 1u]
+            + bary.y * vertex_colors[3u * prim + 2u];
+    }
+    if HAS_TEXTURES && m.base_color_texture != NO_TEXTURE {
+        let uv = interpolate_uv(prim, bary);
+        color *= sample_texture(m.base_color_texture, moved_uv(uv, m.uv_matrix, m.uv_offset), true);
+    }
+    return color;
+}
+
+// Whether a ray meets the surface there, where parts of it are cut out or thin. `key` names the ray: the same ray
+// and triangle always decide alike, in whatever order a traversal meets them.
+fn is_covered(prim: u32, bary: vec2<f32>, key: u32) -> bool {
+    let m = materials[triangles[prim].material];
+    let alpha = base_color_at(prim, bary, m).a;
+    if (m.flags & ALPHA_MASK) != 0u {
+        return alpha >= m.alpha_cutoff;
+    }
+    if (m.flags & ALPHA_BLEND) != 0u {
+        return unit_float(hash_combine(key, prim)) < alpha;
+    }
+    return true;
+}

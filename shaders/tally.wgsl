@@ -1,0 +1,33 @@
+// Sums what was counted per pixel into rows: the scheduler's work per row, and the run's totals.
+
+//!include frame
+
+@group(1) @binding(0) var<storage, read> tally: array<u32>;
+// Eight numbers a row: rays, dropped non-finite samples, holes by reason 1 to 5, one spare.
+@group(1) @binding(1) var<storage, read_write> rows: array<atomic<u32>>;
+
+const SEGMENT: u32 = 64u;
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let row = pass_.row_begin + id.y;
+    let first = id.x * SEGMENT;
+    if first >= frame.width || row >= pass_.row_end {
+        return;
+    }
+    var counts: array<u32, 8>;
+    for (var x = first; x < min(first + SEGMENT, frame.width); x += 1u) {
+        let t = tally[row * frame.width + x];
+        counts[0] += t & 0xfffffu;
+        counts[1] += (t >> 20u) & 0xffu;
+        let why = t >> 28u;
+        if why != 0u {
+            counts[min(why, 5u) + 1u] += 1u;
+        }
+    }
+    for (var i = 0u; i < 8u; i += 1u) {
+        if counts[i] != 0u {
+            atomicAdd(&rows[row * 8u + i], counts[i]);
+        }
+    }
+}

@@ -1,0 +1,160 @@
+//! How rays find it: instanced meshes flattened to world space under one compressed wide BVH, in the layout that
+//! `shaders/shared/trace.inc.wgsl` walks.
+//!
+//! Triangles are stored in tree order, so a leaf's triangle index is the triangle's index everywhere.
+
+mod flatten;
+
+use bytemuck::{Pod, Zeroable};
+use glam::Vec3;
+use obvhs::BvhBuildParams;
+use obvhs::cwbvh::CwBvh;
+use obvhs::cwbvh::builder::build_cwbvh_from_tris;
+
+use crate::scene::Scene;
+
+/// Deepest tree the shader's stack holds; `STACK_SIZE` there.
+const MAX_DEPTH: usize = 32;
+
+/// Bit of [`Triangle::flags`]: whether a ray is stopped must be asked of the material's alpha.
+pub const TRIANGLE_ALPHA: u32 = 1;
+
+/// A triangle as rays meet it: exact vertices, counter-clockwise from the front.
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct Triangle {
+    pub v0: Vec3,
+    pub material: u32,
+    pub v1: Vec3,
+    pub flags: u32,
+    pub v2: Vec3,
+    pub pad: u32,
+}
+
+impl Triangle {
+    pub fn area(&self) -> f32 {
+        0.5 * (self.v1 - self.v0).cross(self.v2 - self.v0).length()
+    }
+}
+
+/// What is interpolated over a triangle: normals and texture coordinates, u and v packed between the normals.
+#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
+#[repr(C)]
+pub struct Shading {
+    pub n0: Vec3,
+    pub u0: f32,
+    pub n1: Vec3,
+    pub v0: f32,
+    pub n2: Vec3,
+    pub u1: f32,
+    pub v1: f32,
+    pub u2: f32,
+    pub v2: f32,
+    pub pad: f32,
+}
+
+/// A node: 80 bytes, as obvhs packs them.
+pub type Node = [u32; 20];
+
+/// A scene's triangles and the tree over them.
+#[derive(Debug)]
+pub struct Accel {
+    pub nodes: Vec<Node>,
+    pub triangles: Vec<Triangle>,
+    pub shadings: Vec<Shading>,
+    /// Three linear RGBA colours a triangle, or none at all.
+    pub colors: Vec<[f32; 4]>,
+    /// Triangles without area, which no ray can meet.
+    pub dropped: usize,
+}
+
+#[derive(Debug, thiserror::Error)]
+pub enum AccelError {
+    #[error("the scene's tree is {depth} levels deep, more than the {MAX_DEPTH} a ray's stack holds: its triangles are stacked on one another, simplify the scene")]
+    TooDeep { depth: usize },
+    #[error("the scene has {0} triangles, more than the 2^31 a hit can name")]
+    TooMany(usize),
+}
+
+impl Accel {
+    /// Flattens and builds. Deterministic: the same scene gives the same tree.
+    pub fn build(scene: &Scene) -> Result<Self, AccelError> {
+        if scene.triangle_count() >= 1 << 31 {
+            return Err(AccelError::TooMany(scene.triangle_count()));
+        }
+        let flat = flatten::flatten(scene);
+        if flat.triangles.is_empty() {
+            // One node without children: every ray misses it.
+            return Ok(Self { nodes: vec![[0; 20]], dropped: flat.dropped, ..Self::placeholder() });
+        }
+        let boxes: Vec<_> = flat
+            .triangles
+            .iter()
+            .map(|t| obvhs::triangle::Triangle { v0: t.v0.into(), v1: t.v1.into(), v2: t.v2.into() })
+            .collect();
+        let params = BvhBuildParams { pre_split: false, max_prims_per_leaf: 3, ..BvhBuildParams::slow_build() };
+        let bvh = build_cwbvh_from_tris(&boxes, params, &mut Default::default());
+        let depth = depth(&bvh);
+        if depth > MAX_DEPTH {
+            return Err(AccelError::TooDeep { depth });
+        }
+        let order = &bvh.primitive_indices;
+        let pick = |i: &u32| *i as usize;
+        Ok(Self {
+            nodes: bytemuck::cast_slice(&bvh.nodes).to_vec(),
+            triangles: order.iter().map(|i| flat.triangles[pick(i)]).collect(),
+            shadings: order.iter().map(|i| flat.shadings[pick(i)]).collect(),
+            colors: match flat.colors.is_empty() {
+                true => Vec::new(),
+                false => order.iter().flat_map(|i| flat.colors[pick(i)]).collect(),
+            },
+            dropped: flat.dropped,
+        })
+    }
+
+    /// Tables that are never empty, since no buffer may be.
+    fn placeholder() -> Self {
+        Self {
+            nodes: Vec::new(),
+            triangles: vec![Triangle::default()],
+            shadings: vec![Shading::default()],
+            colors: Vec::new(),
+            dropped: 0,
+        }
+    }
+}
+
+/// Levels of the tree, walked without recursion.
+fn depth(bvh: &CwBvh) -> usize {
+    let mut deepest = 0;
+    let mut open = vec![(0u32, 1usize)];
+    while let Some((index, level)) = open.pop() {
+        deepest = deepest.max(level);
+        let node = &bvh.nodes[index as usize];
+        let children = node.imask.count_ones();
+        open.extend((0..children).map(|c| (node.child_base_idx + c, level + 1)));
+    }
+    deepest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::builtin;
+
+    #[test]
+    fn building_keeps_every_triangle_with_area() {
+        let scene = (builtin::find("cornell").unwrap().build)();
+        let accel = Accel::build(&scene).unwrap();
+        assert_eq!(accel.triangles.len() + accel.dropped, scene.triangle_count());
+        assert!(accel.triangles.iter().all(|t| t.area() > 0.0));
+    }
+
+    #[test]
+    fn building_twice_gives_the_same_tree() {
+        let scene = (builtin::find("checker").unwrap().build)();
+        let (a, b) = (Accel::build(&scene).unwrap(), Accel::build(&scene).unwrap());
+        assert_eq!(a.nodes, b.nodes);
+        assert_eq!(bytemuck::cast_slice::<_, u32>(&a.triangles), bytemuck::cast_slice::<_, u32>(&b.triangles));
+    }
+}

@@ -1,0 +1,31 @@
+//! `diptych devices`.
+
+use diptych::device;
+use diptych::report::text_table;
+
+use super::failure::Failure;
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// As JSON
+    #[arg(long)]
+    json: bool,
+}
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let adapters = device::adapters();
+    if args.json {
+        let text = serde_json::to_string_pretty(&adapters).map_err(anyhow::Error::from)?;
+        println!("{text}");
+        return Ok(());
+    }
+    if adapters.is_empty() {
+        return Err(device::DeviceError::NoAdapter.into());
+    }
+    let rows: Vec<_> = adapters.iter().map(|a| {
+        let state = if a.missing.is_empty() { "ready".into() } else { format!("lacks {}: {}", a.missing.join(", "), a.hint) };
+        vec![a.index.to_string(), a.name.clone(), a.kind.clone(), a.backend.clone(), a.driver.clone(), format!("{} MiB", a.max_storage_mib), state]
+    }).collect();
+    print!("{}", text_table(&["#", "adapter", "kind", "backend", "driver", "largest buffer", "state"], &rows));
+    Ok(())
+}

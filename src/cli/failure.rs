@@ -1,0 +1,74 @@
+//! Why a command ends without doing its job, and the exit status that says so.
+
+use std::process::ExitCode;
+
+use diptych::accel::AccelError;
+use diptych::device::DeviceError;
+use diptych::graph::StripesError;
+use diptych::image::ImageError;
+use diptych::scene::SceneError;
+
+/// Inputs are the user's to mend, runs are not.
+pub enum Failure {
+    Input(anyhow::Error),
+    Run(anyhow::Error),
+}
+
+impl Failure {
+    /// One line with the cause, then the chain.
+    pub fn message(&self) -> String {
+        let (Self::Input(error) | Self::Run(error)) = self;
+        let mut text = format!("error: {error}\n");
+        for cause in error.chain().skip(1) {
+            text += &format!("  because: {cause}\n");
+        }
+        text
+    }
+
+    pub fn exit_code(&self) -> ExitCode {
+        match self {
+            Self::Input(_) => ExitCode::from(2),
+            Self::Run(_) => ExitCode::from(1),
+        }
+    }
+}
+
+/// Errors of a run unless they are named as input below.
+impl From<anyhow::Error> for Failure {
+    fn from(error: anyhow::Error) -> Self {
+        Self::Run(error)
+    }
+}
+
+macro_rules! input_errors {
+    ($($error:ty),*) => {
+        $(impl From<$error> for Failure {
+            fn from(error: $error) -> Self {
+                Self::Input(error.into())
+            }
+        })*
+    };
+}
+
+input_errors!(SceneError, AccelError, StripesError);
+
+impl From<DeviceError> for Failure {
+    fn from(error: DeviceError) -> Self {
+        match error {
+            DeviceError::UnknownAdapter { .. } | DeviceError::TooMany(_) => Self::Input(error.into()),
+            _ => Self::Run(error.into()),
+        }
+    }
+}
+
+impl From<diptych::exec::ExecError> for Failure {
+    fn from(error: diptych::exec::ExecError) -> Self {
+        Self::Run(error.into())
+    }
+}
+
+impl From<ImageError> for Failure {
+    fn from(error: ImageError) -> Self {
+        Self::Run(error.into())
+    }
+}

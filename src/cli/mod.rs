@@ -1,0 +1,61 @@
+//! One file per command. Exit status: 0 done, 1 it failed, 2 the command line or an input file is wrong.
+
+mod compare;
+mod devices;
+mod failure;
+mod options;
+mod output;
+mod progress;
+mod render;
+mod scale;
+mod scenes;
+mod session;
+mod trace;
+
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use failure::Failure;
+
+/// Real-time stereoscopic path tracing for virtual reality, image-parallel over several GPUs.
+#[derive(Parser)]
+#[command(name = "diptych", version, about, max_term_width = 110)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Render frames at fixed quality
+    Render(render::Args),
+    /// Render the same frames at several device counts: table, CSV, plot
+    Scale(scale::Args),
+    /// Compare an image with a reference: RMSE, relMSE, PSNR, SSIM, mean ratio
+    Compare(compare::Args),
+    /// Check a trace-file and sum it up: busy, transfer, idle per device, overlap, imbalance
+    Trace(trace::Args),
+    /// List adapters and drivers, their limits, and what each lacks
+    Devices(devices::Args),
+    /// List the built-in scenes
+    Scenes,
+}
+
+pub fn run() -> ExitCode {
+    let result = match Cli::parse().command {
+        Command::Render(args) => render::run(&args),
+        Command::Scale(args) => scale::run(&args),
+        Command::Compare(args) => compare::run(&args),
+        Command::Trace(args) => trace::run(&args),
+        Command::Devices(args) => devices::run(&args),
+        Command::Scenes => scenes::run(),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprint!("{}", failure.message());
+            failure.exit_code()
+        }
+    }
+}

@@ -1,0 +1,181 @@
+//! Options that the rendering commands share.
+
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+use diptych::device::ShaderChecks;
+use diptych::graph::{HaloPlan, Seam};
+use diptych::image::Extent;
+use diptych::schedule::RatioRule;
+use diptych::stages::{Aov, Sampler};
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Balance {
+    /// The same rows for every device
+    Even,
+    /// By --ratios
+    Static,
+    /// By what past frames cost
+    Measured,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Denoiser {
+    None,
+    Atrous,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum SeamOption {
+    /// Stripes are filtered apart
+    None,
+    /// ... and smoothed where they meet
+    Filter,
+    /// Filters read across: the same bytes as one device
+    Halo,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum HaloOption {
+    /// Receive a wide margin once, filter it oneself
+    Recompute,
+    /// Receive a narrow margin before every iteration
+    Exchange,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Switch {
+    On,
+    Off,
+}
+
+#[derive(Args, Debug)]
+pub struct RenderOptions {
+    /// A shot (.toml), a .gltf/.glb, or builtin:NAME
+    #[arg(default_value = "builtin:atrium")]
+    pub shot: String,
+    /// Where results go; made if it is not there
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Size of each eye, WIDTHxHEIGHT
+    #[arg(long, default_value = "640x360")]
+    pub size: Extent,
+    /// Adapters by their number in `diptych devices` [default: all hardware GPUs, else the software one]
+    #[arg(long, value_delimiter = ',', value_name = "N,N,…")]
+    pub devices: Option<Vec<usize>>,
+    /// Worker threads of each device on a software adapter [default: cores / devices]
+    #[arg(long, value_name = "T", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads_per_device: Option<u16>,
+    /// How stripes are cut [default: measured; static with --ratios]
+    #[arg(long)]
+    pub balance: Option<Balance>,
+    /// Share of rows per device, as 5,1,2; of a stage as atrous=1,1,2; of a stage and view as path_trace.left=5,1,2
+    #[arg(long, value_name = "A,B,…")]
+    pub ratios: Vec<RatioRule>,
+    /// Samples per pixel
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    pub spp: u32,
+    /// Reflections that light takes to the eye; direct light is always there, so 0 and 1 are alike
+    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(0..=1024))]
+    pub bounces: u32,
+    #[arg(long, default_value_t = 0)]
+    pub seed: u32,
+    #[arg(long, default_value = "sobol")]
+    pub sampler: Sampler,
+    #[arg(long, default_value = "atrous")]
+    pub denoiser: Denoiser,
+    /// Iterations of the denoiser
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(0..=10))]
+    pub iterations: u32,
+    /// What happens where stripes meet
+    #[arg(long, default_value = "halo")]
+    pub seam: SeamOption,
+    /// How halo rows come about
+    #[arg(long, default_value = "recompute")]
+    pub halo: HaloOption,
+    /// off: both eyes are fully traced
+    #[arg(long, default_value = "on")]
+    pub reproject: Switch,
+    /// Seconds along the camera path
+    #[arg(long, default_value_t = 0.0, value_name = "T", allow_negative_numbers = true)]
+    pub time: f64,
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub frames: u32,
+    /// Frames per second of the camera path
+    #[arg(long, default_value_t = 72.0)]
+    pub fps: f64,
+    /// Upper bound of indirect radiance; biased
+    #[arg(long, value_name = "V")]
+    pub clamp: Option<f32>,
+    /// Unbiased: no denoiser, no reprojection
+    #[arg(long)]
+    pub reference: bool,
+    /// Auxiliary images to write
+    #[arg(long, value_delimiter = ',', value_name = "LIST")]
+    pub aov: Vec<Aov>,
+    /// Write a trace-file (Chrome trace events; opens in Perfetto)
+    #[arg(long, value_name = "FILE")]
+    pub trace: Option<PathBuf>,
+    /// Keep the code that the scene does not need
+    #[arg(long)]
+    pub no_skip: bool,
+    /// Run-time checks in shaders
+    #[arg(long, default_value = "fast")]
+    pub shader_checks: ShaderChecks,
+    /// No progress
+    #[arg(long)]
+    pub quiet: bool,
+    /// Progress and result as JSON lines
+    #[arg(long)]
+    pub json: bool,
+}
+
+impl RenderOptions {
+    pub fn iterations(&self) -> u32 {
+        match self.denoiser {
+            Denoiser::None => 0,
+            Denoiser::Atrous if self.reference => 0,
+            Denoiser::Atrous => self.iterations,
+        }
+    }
+
+    pub fn reprojects(&self) -> bool {
+        self.reproject == Switch::On && !self.reference
+    }
+
+    pub fn seam(&self) -> Seam {
+        match (self.seam, self.halo) {
+            (SeamOption::None, _) => Seam::None,
+            (SeamOption::Filter, _) => Seam::Filter,
+            (SeamOption::Halo, HaloOption::Recompute) => Seam::Halo(HaloPlan::Recompute),
+            (SeamOption::Halo, HaloOption::Exchange) => Seam::Halo(HaloPlan::Exchange),
+        }
+    }
+
+    /// The balance asked for, or the one that --ratios imply.
+    pub fn balance(&self) -> Balance {
+        self.balance.unwrap_or(if self.ratios.is_empty() { Balance::Measured } else { Balance::Static })
+    }
+
+    /// What clap cannot see.
+    pub fn check(&self) -> Result<(), anyhow::Error> {
+        anyhow::ensure!(self.time.is_finite(), "--time {} is not a number of seconds", self.time);
+        anyhow::ensure!(self.fps.is_finite() && self.fps > 0.0, "--fps {} is not a rate above 0", self.fps);
+        if let Some(clamp) = self.clamp {
+            anyhow::ensure!(clamp.is_finite() && clamp > 0.0, "--clamp {clamp} is not a radiance above 0");
+            anyhow::ensure!(!self.reference, "--clamp is biased, --reference is not: leave one out");
+        }
+        anyhow::ensure!(
+            self.balance() != Balance::Static || !self.ratios.is_empty(),
+            "--balance static needs --ratios"
+        );
+        anyhow::ensure!(
+            self.balance() == Balance::Static || self.ratios.is_empty(),
+            "--ratios are for --balance static"
+        );
+        Ok(())
+    }
+}

@@ -1,0 +1,92 @@
+//! What lands in `--out`.
+
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+
+use diptych::exec::{Renderer, Stereo};
+use diptych::image::display::{DisplayImage, write_png};
+use diptych::image::{Image, RgbImage, exr, stereo};
+use diptych::stages::Aov;
+
+use super::failure::Failure;
+
+/// Makes the folder and checks that files can be made in it, before anything is rendered for it.
+pub fn prepare(dir: &Path) -> Result<(), Failure> {
+    std::fs::create_dir_all(dir)
+        .and_then(|()| tempfile_in(dir))
+        .with_context(|| format!("cannot write into '{}': choose another --out", dir.display()))
+        .map_err(Failure::Run)
+}
+
+fn tempfile_in(dir: &Path) -> std::io::Result<()> {
+    let probe = dir.join(format!(".diptych-{}", std::process::id()));
+    std::fs::write(&probe, b"")?;
+    std::fs::remove_file(&probe)
+}
+
+/// A frame's images, off the devices.
+pub struct FrameImages {
+    pub linear: Stereo<RgbImage>,
+    pub display: Stereo<DisplayImage>,
+    pub aovs: Vec<(Aov, Stereo<Vec<Vec<f32>>>)>,
+}
+
+impl FrameImages {
+    pub fn read(renderer: &Renderer, aovs: &[Aov]) -> Result<Self, Failure> {
+        let _span = tracing::info_span!("read images").entered();
+        let rgb = |i: Image<[u8; 4]>| Image {
+            extent: i.extent,
+            pixels: i.pixels.iter().map(|p| [p[0], p[1], p[2]]).collect(),
+        };
+        let display = renderer.read_display()?;
+        let mut read = Vec::new();
+        for (i, &aov) in aovs.iter().enumerate() {
+            read.push((aov, renderer.read_aov(i)?));
+        }
+        Ok(Self {
+            linear: renderer.read_linear()?,
+            display: Stereo { left: rgb(display.left), right: rgb(display.right) },
+            aovs: read,
+        })
+    }
+
+    /// Draws a line at each of `edges` on the display images.
+    pub fn overlay(&mut self, edges: &[u32]) {
+        for image in [&mut self.display.left, &mut self.display.right] {
+            let width = image.extent.width as usize;
+            for &edge in edges.iter().filter(|e| **e < image.extent.height) {
+                let row = edge as usize * width;
+                image.pixels[row..row + width].fill([255, 160, 0]);
+            }
+        }
+    }
+
+    /// Writes everything; `number` names the frame of a sequence.
+    pub fn write(&self, dir: &Path, number: Option<u32>, anaglyph: bool) -> Result<(), Failure> {
+        let _span = tracing::info_span!("write files").entered();
+        let name = |stem: &str, extension: &str| named(dir, stem, number, extension);
+        exr::write_rgb(&name("left", "exr"), &self.linear.left)?;
+        exr::write_rgb(&name("right", "exr"), &self.linear.right)?;
+        for (aov, images) in &self.aovs {
+            for (eye, planes) in [("left", &images.left), ("right", &images.right)] {
+                let channels: Vec<_> = aov.channels().iter().zip(planes).map(|(n, p)| (*n, p.as_slice())).collect();
+                let path = name(&format!("{eye}.{}", aov.name()), "exr");
+                exr::write_channels(&path, self.linear.left.extent, &channels)?;
+            }
+        }
+        write_png(&name("stereo", "png"), &stereo::side_by_side(&self.display.left, &self.display.right)?)?;
+        if anaglyph {
+            write_png(&name("anaglyph", "png"), &stereo::anaglyph(&self.display.left, &self.display.right)?)?;
+        }
+        Ok(())
+    }
+}
+
+/// `left.exr`, or `left.0007.exr` in a sequence.
+fn named(dir: &Path, stem: &str, number: Option<u32>, extension: &str) -> PathBuf {
+    dir.join(match number {
+        Some(n) => format!("{stem}.{n:04}.{extension}"),
+        None => format!("{stem}.{extension}"),
+    })
+}

@@ -1,0 +1,116 @@
+//! From options to a renderer: scene, tree, devices, policy.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use diptych::accel::Accel;
+use diptych::device::{self, GpuDevice, Selection};
+use diptych::exec::{RenderSettings, Renderer};
+use diptych::report::run::{Quality, RunSettings};
+use diptych::scene::load::load_shot;
+use diptych::scene::needs::SceneNeeds;
+use diptych::scene::shot::Shot;
+use diptych::scene::Scene;
+use diptych::schedule::{Even, Measured, Policy, Static};
+use diptych::stages::{SceneTables, StageSettings};
+
+use super::failure::Failure;
+use super::options::{Balance, RenderOptions};
+
+/// A scene ready to be put on devices.
+pub struct Loaded {
+    pub shot: Shot,
+    pub scene: Scene,
+    pub needs: SceneNeeds,
+    pub tables: Arc<SceneTables>,
+}
+
+pub fn load(options: &RenderOptions) -> Result<Loaded, Failure> {
+    options.check().map_err(Failure::Input)?;
+    let _span = tracing::info_span!("load scene").entered();
+    let (shot, scene) = load_shot(&options.shot)?;
+    let needs = SceneNeeds::of(&scene);
+    let accel = {
+        let _span = tracing::info_span!("build tree").entered();
+        Accel::build(&scene)?
+    };
+    let tables = SceneTables::new(&scene, accel).map_err(|e| Failure::Input(e.into()))?;
+    Ok(Loaded { shot, scene, needs, tables: Arc::new(tables) })
+}
+
+pub fn open_devices(options: &RenderOptions, virtual_devices: usize) -> Result<Vec<GpuDevice>, Failure> {
+    let selection = Selection {
+        adapters: options.devices.clone(),
+        virtual_devices,
+        threads_per_device: options.threads_per_device.map(usize::from),
+    };
+    let _span = tracing::info_span!("open devices").entered();
+    Ok(device::open(&selection)?)
+}
+
+fn policy(options: &RenderOptions, devices: usize) -> Result<Box<dyn Policy>, Failure> {
+    let height = options.size.height;
+    Ok(match options.balance() {
+        Balance::Even => Box::new(Even::new(height, devices)),
+        Balance::Static => Box::new(Static::new(height, devices, &options.ratios)?),
+        Balance::Measured => Box::new(Measured::new(height, devices)),
+    })
+}
+
+pub fn renderer(
+    options: &RenderOptions,
+    loaded: &Loaded,
+    gpus: Vec<GpuDevice>,
+    origin: Instant,
+) -> Result<Renderer, Failure> {
+    let policy = policy(options, gpus.len())?;
+    let stages = StageSettings {
+        extent: options.size,
+        needs: if options.no_skip { SceneNeeds::ALL } else { loaded.needs },
+        sampler: options.sampler,
+        spp: options.spp,
+        iterations: options.iterations(),
+        reproject: options.reprojects(),
+        aovs: options.aov.clone(),
+        checks: options.shader_checks,
+    };
+    let settings = RenderSettings {
+        stages,
+        seam: options.seam(),
+        seed: options.seed,
+        bounces: options.bounces,
+        indirect_clamp: options.clamp.unwrap_or(0.0),
+        exposure_ev: loaded.shot.exposure_ev,
+    };
+    let _span = tracing::info_span!("start renderer").entered();
+    Ok(Renderer::new(gpus, Arc::clone(&loaded.tables), settings, policy, origin)?)
+}
+
+/// The knobs of every frame.
+pub fn frame_settings(options: &RenderOptions) -> Quality {
+    Quality { spp: options.spp, bounces: options.bounces, iterations: options.iterations(), scale: 1.0 }
+}
+
+pub fn run_settings(options: &RenderOptions, policy: &'static str) -> RunSettings {
+    RunSettings {
+        shot: options.shot.clone(),
+        size: options.size.to_string(),
+        policy,
+        ratios: options.ratios.iter().map(|r| r.ratios.clone()).collect(),
+        seed: options.seed,
+        sampler: name(&options.sampler),
+        denoiser: if options.iterations() == 0 { "none".into() } else { name(&options.denoiser) },
+        seam: name(&options.seam),
+        reproject: options.reprojects(),
+        reference: options.reference,
+        time_s: options.time,
+        fps: options.fps,
+        indirect_clamp: options.clamp,
+        shader_checks: name(&options.shader_checks),
+    }
+}
+
+/// An option's value as it is typed.
+fn name(value: &impl clap::ValueEnum) -> String {
+    value.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned())
+}

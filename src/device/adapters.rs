@@ -1,0 +1,210 @@
+//! Which adapters there are, and opening devices on them.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use super::{DeviceError, GpuDevice};
+
+pub(super) const INSTALL_HINT: &str = "install a Vulkan driver (Debian or Ubuntu: `apt-get install mesa-vulkan-drivers`, \
+     which brings a software one too), or update the graphics driver";
+
+/// Most devices that one run drives: one bit each in masks, and far beyond any host.
+const MAX_DEVICES: usize = 64;
+
+/// Bindings of the largest stage; see [`crate::stages`].
+const STORAGE_BUFFERS_PER_STAGE: u32 = 17;
+const IMMEDIATE_BYTES: u32 = 32;
+
+/// An opened device, in words.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct DeviceInfo {
+    /// Position in the run.
+    pub index: usize,
+    /// Number of the adapter in `diptych devices`.
+    pub adapter: usize,
+    pub name: String,
+    pub driver: String,
+    pub kind: String,
+    /// Worker threads of a software adapter; absent on hardware.
+    pub threads: Option<usize>,
+    /// Largest buffer a shader can read, bytes.
+    pub max_storage_bytes: u64,
+    /// Error bound of the device clock against the host's.
+    pub clock_residual_us: f64,
+}
+
+/// An adapter as `diptych devices` lists it.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct AdapterReport {
+    pub index: usize,
+    pub name: String,
+    pub driver: String,
+    pub backend: String,
+    pub kind: String,
+    pub max_storage_mib: u64,
+    pub max_storage_buffers: u32,
+    pub timestamps: bool,
+    /// What diptych needs and this adapter lacks; empty: it can be used.
+    pub missing: Vec<String>,
+    pub hint: &'static str,
+}
+
+/// Which devices to open.
+#[derive(Clone, Debug, Default)]
+pub struct Selection {
+    /// Adapter numbers; none: all hardware GPUs, else the first software adapter.
+    pub adapters: Option<Vec<usize>>,
+    /// Devices per adapter.
+    pub virtual_devices: usize,
+    /// Worker threads of each device on a software adapter; none: cores / devices.
+    pub threads_per_device: Option<usize>,
+}
+
+fn new_instance() -> wgpu::Instance {
+    let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
+    descriptor.backends = if cfg!(target_os = "linux") { wgpu::Backends::VULKAN } else { wgpu::Backends::PRIMARY };
+    // Validation of indirect dispatches costs a pass each; hole-filling's counts are bounded where they are made.
+    descriptor.flags = if cfg!(debug_assertions) { wgpu::InstanceFlags::DEBUG } else { wgpu::InstanceFlags::empty() };
+    wgpu::Instance::new(descriptor)
+}
+
+fn enumerate(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
+    pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()))
+}
+
+fn kind_name(kind: wgpu::DeviceType) -> &'static str {
+    match kind {
+        wgpu::DeviceType::DiscreteGpu => "discrete GPU",
+        wgpu::DeviceType::IntegratedGpu => "integrated GPU",
+        wgpu::DeviceType::VirtualGpu => "virtual GPU",
+        wgpu::DeviceType::Cpu => "software",
+        wgpu::DeviceType::Other => "other",
+    }
+}
+
+fn missing(adapter: &wgpu::Adapter) -> Vec<String> {
+    let (features, limits) = (adapter.features(), adapter.limits());
+    let mut missing = Vec::new();
+    if !features.contains(wgpu::Features::IMMEDIATES) {
+        missing.push("immediate (push) constants".to_owned());
+    }
+    if !features.contains(wgpu::Features::TIMESTAMP_QUERY) {
+        missing.push("timestamp queries".to_owned());
+    }
+    if limits.max_storage_buffers_per_shader_stage < STORAGE_BUFFERS_PER_STAGE {
+        missing.push(format!(
+            "storage buffers per stage ({} of {STORAGE_BUFFERS_PER_STAGE})",
+            limits.max_storage_buffers_per_shader_stage
+        ));
+    }
+    missing
+}
+
+fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
+    let info = adapter.get_info();
+    let missing = missing(adapter);
+    let hint = if missing.is_empty() { "" } else { "update its driver or choose another adapter with --devices" };
+    let limits = adapter.limits();
+    AdapterReport {
+        index,
+        name: info.name,
+        driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
+        backend: format!("{:?}", info.backend),
+        kind: kind_name(info.device_type).to_owned(),
+        max_storage_mib: limits.max_storage_buffer_binding_size >> 20,
+        max_storage_buffers: limits.max_storage_buffers_per_shader_stage,
+        timestamps: adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY),
+        missing,
+        hint,
+    }
+}
+
+/// All adapters of this machine.
+pub fn adapters() -> Vec<AdapterReport> {
+    enumerate(&new_instance()).iter().enumerate().map(|(i, a)| report(i, a)).collect()
+}
+
+/// Opens the selected devices, one after another: drivers have crashed on concurrent creation.
+pub fn open(selection: &Selection) -> Result<Vec<GpuDevice>, DeviceError> {
+    let found = adapters();
+    if found.is_empty() {
+        return Err(DeviceError::NoAdapter);
+    }
+    let chosen = choose(&found, selection)?;
+    let each = selection.virtual_devices.max(1);
+    let count = chosen.len() * each;
+    if count > MAX_DEVICES {
+        return Err(DeviceError::TooMany(count));
+    }
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = selection.threads_per_device.unwrap_or(cores / count).max(1);
+    let adapters = chosen.iter().flat_map(|&a| std::iter::repeat_n(a, each));
+    adapters.enumerate().map(|(index, adapter)| open_one(index, &found[adapter], threads)).collect()
+}
+
+fn choose(found: &[AdapterReport], selection: &Selection) -> Result<Vec<usize>, DeviceError> {
+    let chosen: Vec<usize> = match &selection.adapters {
+        Some(numbers) => numbers.clone(),
+        None => {
+            let is_usable_gpu = |a: &&AdapterReport| a.kind.ends_with("GPU") && a.missing.is_empty();
+            let gpus: Vec<usize> = found.iter().filter(is_usable_gpu).map(|a| a.index).collect();
+            let software = found.iter().find(|a| a.missing.is_empty()).map_or(0, |a| a.index);
+            if gpus.is_empty() { vec![software] } else { gpus }
+        }
+    };
+    for &index in &chosen {
+        let adapter = found.get(index).ok_or(DeviceError::UnknownAdapter { index, last: found.len() - 1 })?;
+        if !adapter.missing.is_empty() {
+            let (name, missing) = (adapter.name.clone(), adapter.missing.join(", "));
+            return Err(DeviceError::Lacks { index, name, missing, hint: adapter.hint });
+        }
+    }
+    Ok(chosen)
+}
+
+/// Held while a device is made, since the environment is the only way to tell Mesa its thread count.
+static OPENING: Mutex<()> = Mutex::new(());
+
+fn open_one(index: usize, report: &AdapterReport, threads: usize) -> Result<GpuDevice, DeviceError> {
+    let _guard = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
+    let is_software = report.kind == "software";
+    if is_software {
+        // SAFETY: Mesa reads the variable while a device is made, which happens under the lock held here; nothing else
+        // in this program reads or writes the environment from another thread at that time.
+        unsafe { std::env::set_var("LP_NUM_THREADS", threads.to_string()) };
+    }
+    let instance = new_instance();
+    let adapter = enumerate(&instance).into_iter().nth(report.index).ok_or(DeviceError::NoAdapter)?;
+    let descriptor = wgpu::DeviceDescriptor {
+        label: Some("diptych"),
+        required_features: wgpu::Features::IMMEDIATES | wgpu::Features::TIMESTAMP_QUERY,
+        required_limits: wgpu::Limits { max_immediate_size: IMMEDIATE_BYTES, ..adapter.limits() },
+        ..Default::default()
+    };
+    let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
+        .map_err(|source| DeviceError::Open { index: report.index, name: report.name.clone(), source })?;
+    let failure = Arc::new(Mutex::new(None));
+    let note = |failure: &Arc<Mutex<Option<String>>>| {
+        let failure = Arc::clone(failure);
+        move |what: String| {
+            failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(what);
+        }
+    };
+    let (lost, failed) = (note(&failure), note(&failure));
+    device.set_device_lost_callback(move |reason, message| {
+        if reason != wgpu::DeviceLostReason::Destroyed {
+            lost(format!("device lost ({reason:?}): {message}"));
+        }
+    });
+    device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| failed(error.to_string())));
+    let info = DeviceInfo {
+        index,
+        adapter: report.index,
+        name: report.name.clone(),
+        driver: report.driver.clone(),
+        kind: report.kind.clone(),
+        threads: is_software.then_some(threads),
+        max_storage_bytes: device.limits().max_storage_buffer_binding_size,
+        clock_residual_us: 0.0,
+    };
+    Ok(GpuDevice { info, device, queue, failure, _instance: instance })
+}

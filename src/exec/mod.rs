@@ -1,0 +1,386 @@
+//! Makes it happen: one worker thread per device carries out its tasks of the frame graph, rows cross through host
+//! memory, and the whole images end up on the primary (device 0). README.md beside this file has the protocol.
+
+mod staging;
+mod worker;
+
+use std::ops::Range;
+use std::sync::Arc;
+use std::time::Instant;
+
+use crossbeam::channel::{Receiver, Sender, unbounded};
+
+use crate::device::{DeviceInfo, GpuDevice};
+use crate::graph::{Assignment, FrameGraph, FrameSpec, PhysicalImage, Resource, Seam, Stage, Views, passes};
+use crate::image::{Extent, Image, RgbImage};
+use crate::scene::rig::{Eye, Rig};
+use crate::schedule::{Policy, StageCost};
+use crate::stages::{Aov, RowTally, SceneTables, StageError, StageSettings, layout};
+use worker::{Command, FrameJob, Parcel, Reply, Worker};
+
+#[derive(Debug, thiserror::Error)]
+pub enum ExecError {
+    #[error("device {device} failed: {what}")]
+    Device { device: usize, what: String },
+    #[error("the worker of device {device} ended before its frame")]
+    Gone { device: usize },
+    #[error(transparent)]
+    Stage(#[from] StageError),
+    #[error("cannot start a worker thread")]
+    Thread(#[from] std::io::Error),
+}
+
+/// What stays the same for all frames of a run.
+#[derive(Clone, Debug)]
+pub struct RenderSettings {
+    pub stages: StageSettings,
+    pub seam: Seam,
+    pub seed: u32,
+    /// Light reaches the eye through at most max(bounces, 1) reflections.
+    pub bounces: u32,
+    /// Upper bound of indirect radiance; 0: none.
+    pub indirect_clamp: f32,
+    pub exposure_ev: f32,
+}
+
+/// Time of one task on one device, milliseconds since the renderer's origin.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct TaskTiming {
+    pub stage: &'static str,
+    #[serde(skip)]
+    pub kind: TimedTask,
+    pub view: Eye,
+    pub device: usize,
+    pub rows: Range<u32>,
+    pub begin_ms: f64,
+    pub end_ms: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bytes: Option<u64>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TimedTask {
+    /// On the device's own clock.
+    Gpu(Stage),
+    /// Rows taken from the device's memory to the host's.
+    Download,
+    /// Rows handed to the device.
+    Upload,
+}
+
+/// What a frame took and found.
+#[derive(Clone, Debug)]
+pub struct FrameReport {
+    pub index: u32,
+    /// When the first task was handed out, milliseconds since the renderer's origin.
+    pub begin_ms: f64,
+    /// From there to the whole images on the primary.
+    pub makespan_ms: f64,
+    /// Host time to make stripes and graph, milliseconds.
+    pub plan_ms: f64,
+    pub tasks: Vec<TaskTiming>,
+    /// Per eye, summed over rows.
+    pub tallies: [Tally; 2],
+    pub assignment: Assignment,
+}
+
+impl FrameReport {
+    /// Rows at which one device's part of the left eye's path tracing ends and the next one's begins.
+    pub fn stripe_edges(&self) -> &[u32] {
+        self.assignment.stripes(Stage::PathTrace, Eye::Left).inner_edges()
+    }
+
+    /// Bytes that crossed from device to device.
+    pub fn uploaded_bytes(&self) -> u64 {
+        self.tasks.iter().filter(|t| t.kind == TimedTask::Upload).filter_map(|t| t.bytes).sum()
+    }
+}
+
+/// Totals of one view.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    pub rays: u64,
+    pub nonfinite: u64,
+    /// By [`crate::stages::HoleReason`].
+    pub holes: [u64; 5],
+}
+
+/// Both eyes.
+#[derive(Clone, Debug)]
+pub struct Stereo<T> {
+    pub left: T,
+    pub right: T,
+}
+
+/// Renders frames on a set of devices.
+pub struct Renderer {
+    settings: RenderSettings,
+    spec: FrameSpec,
+    tables: Arc<SceneTables>,
+    policy: Box<dyn Policy>,
+    devices: Vec<DeviceInfo>,
+    workers: Vec<Handle>,
+    replies: Receiver<Reply>,
+    /// The graph that the last assignment gave.
+    planned: Option<(Assignment, Arc<FrameGraph>)>,
+    previous: Option<[layout::View; 2]>,
+    origin: Instant,
+    frames: u32,
+}
+
+struct Handle {
+    commands: Sender<Command>,
+    thread: Option<std::thread::JoinHandle<()>>,
+}
+
+impl Renderer {
+    /// Starts a worker per device and warms every pipeline up. Times are counted from `origin`.
+    pub fn new(
+        gpus: Vec<GpuDevice>,
+        tables: Arc<SceneTables>,
+        settings: RenderSettings,
+        policy: Box<dyn Policy>,
+        origin: Instant,
+    ) -> Result<Self, ExecError> {
+        let spec = FrameSpec {
+            extent: settings.stages.extent,
+            devices: gpus.len(),
+            views: if settings.stages.reproject { Views::Reprojected } else { Views::Traced },
+            iterations: settings.stages.iterations,
+            seam: settings.seam,
+            aovs: settings.stages.aovs.len() as u8,
+            has_surfaces: tables.has_surfaces(),
+        };
+        let mut stages: Vec<Stage> = passes(&spec).iter().map(|p| p.stage).collect();
+        stages.sort();
+        stages.dedup();
+        let (reply, replies) = unbounded();
+        let parcels: Vec<(Sender<Parcel>, Receiver<Parcel>)> = gpus.iter().map(|_| unbounded()).collect();
+        let outboxes: Vec<_> = parcels.iter().map(|(s, _)| s.clone()).collect();
+        let (mut devices, mut workers) = (Vec::new(), Vec::new());
+        // One after another: drivers have crashed on pipelines made concurrently.
+        for (gpu, (_, inbox)) in gpus.into_iter().zip(parcels) {
+            let worker =
+                Worker::new(gpu, &settings.stages, &tables, &stages, inbox, outboxes.clone(), reply.clone(), origin)?;
+            devices.push(worker.info().clone());
+            workers.push(start(worker)?);
+        }
+        Ok(Self {
+            settings,
+            spec,
+            tables,
+            policy,
+            devices,
+            workers,
+            replies,
+            planned: None,
+            previous: None,
+            origin,
+            frames: 0,
+        })
+    }
+
+    pub fn devices(&self) -> &[DeviceInfo] {
+        &self.devices
+    }
+
+    pub fn policy_name(&self) -> &'static str {
+        self.policy.name()
+    }
+
+    /// Renders the frame that the rig sees at `time_s`. `index` keys its random numbers.
+    pub fn render(&mut self, rig: &Rig, time_s: f64, index: u32) -> Result<FrameReport, ExecError> {
+        let _span = tracing::info_span!("frame", frame = index).entered();
+        let begin = Instant::now();
+        let graph = self.plan();
+        let plan_ms = begin.elapsed().as_secs_f64() * 1e3;
+        let constants = self.constants(rig, time_s, index);
+        let previous = self.previous.unwrap_or(constants.views);
+        self.previous = Some(constants.views);
+        for (device, worker) in self.workers.iter().enumerate() {
+            let job = FrameJob { graph: Arc::clone(&graph), constants, previous };
+            worker.commands.send(Command::Frame(job)).map_err(|_| ExecError::Gone { device })?;
+        }
+        let mut report = FrameReport {
+            index,
+            begin_ms: begin.duration_since(self.origin).as_secs_f64() * 1e3,
+            makespan_ms: 0.0,
+            plan_ms,
+            tasks: Vec::new(),
+            tallies: Default::default(),
+            assignment: self.policy_assignment(),
+        };
+        self.collect(&mut report)?;
+        report.tasks.sort_by(|a, b| (a.device, a.begin_ms).partial_cmp(&(b.device, b.begin_ms)).unwrap_or(std::cmp::Ordering::Equal));
+        self.policy.learn(&costs(&report.tasks));
+        self.frames += 1;
+        Ok(report)
+    }
+
+    /// The graph of the next frame; built anew only when the policy has moved a stripe.
+    fn plan(&mut self) -> Arc<FrameGraph> {
+        let assignment = self.policy.assign();
+        match &self.planned {
+            Some((old, graph)) if *old == assignment => Arc::clone(graph),
+            _ => {
+                let graph = Arc::new(FrameGraph::build(&self.spec, &assignment));
+                self.planned = Some((assignment, Arc::clone(&graph)));
+                graph
+            }
+        }
+    }
+
+    fn policy_assignment(&self) -> Assignment {
+        self.planned.as_ref().expect("a frame is planned before it is reported").0.clone()
+    }
+
+    fn constants(&self, rig: &Rig, time_s: f64, index: u32) -> layout::Frame {
+        let extent = self.spec.extent;
+        let aspect = f64::from(extent.width) / f64::from(extent.height);
+        let mut frame = layout::Frame {
+            views: Eye::ALL.map(|eye| layout::View::new(&rig.view(time_s, eye), aspect)),
+            width: extent.width,
+            height: extent.height,
+            index,
+            seed: self.settings.seed,
+            spp: self.settings.stages.spp,
+            reflections: self.settings.bounces.max(1),
+            indirect_clamp: self.settings.indirect_clamp,
+            exposure: self.settings.exposure_ev.exp2(),
+            ..Default::default()
+        };
+        self.tables.describe(&mut frame);
+        frame
+    }
+
+    /// Waits until every worker is done with the frame.
+    fn collect(&mut self, report: &mut FrameReport) -> Result<(), ExecError> {
+        let mut failure = None;
+        for _ in 0..self.workers.len() {
+            match self.replies.recv() {
+                Ok(Reply::Frame { device, tasks, tallies, end_ms }) => {
+                    if device == 0 {
+                        report.makespan_ms = end_ms - report.begin_ms;
+                        report.tallies = tallies;
+                    }
+                    report.tasks.extend(tasks);
+                }
+                // The device that failed first, not those that stopped because of it.
+                Ok(Reply::Failed { device, what, is_cause }) => {
+                    if is_cause || failure.is_none() {
+                        failure = Some(ExecError::Device { device, what });
+                    }
+                }
+                Ok(Reply::Pixels(_)) => {}
+                Err(_) => return Err(ExecError::Gone { device: 0 }),
+            }
+        }
+        failure.map_or(Ok(()), Err)
+    }
+
+    /// An image of the last frame from the primary, raw, both eyes.
+    fn read(&self, image: PhysicalImage) -> Result<Stereo<Vec<u8>>, ExecError> {
+        self.workers[0].commands.send(Command::Read(image)).map_err(|_| ExecError::Gone { device: 0 })?;
+        match self.replies.recv() {
+            Ok(Reply::Pixels([left, right])) => Ok(Stereo { left, right }),
+            Ok(Reply::Failed { device, what, .. }) => Err(ExecError::Device { device, what }),
+            _ => Err(ExecError::Gone { device: 0 }),
+        }
+    }
+
+    /// The last frame, scene-referred.
+    pub fn read_linear(&self) -> Result<Stereo<RgbImage>, ExecError> {
+        let raw = self.read(PhysicalImage::Linear)?;
+        let image = |bytes: &[u8]| {
+            let pixels = bytemuck::pod_collect_to_vec::<u8, [f32; 4]>(bytes);
+            Image { extent: self.spec.extent, pixels: pixels.iter().map(|p| [p[0], p[1], p[2]]).collect() }
+        };
+        Ok(Stereo { left: image(&raw.left), right: image(&raw.right) })
+    }
+
+    /// The last frame, tonemapped and encoded on the devices.
+    pub fn read_display(&self) -> Result<Stereo<Image<[u8; 4]>>, ExecError> {
+        let raw = self.read(PhysicalImage::Display)?;
+        let image = |bytes: &[u8]| Image { extent: self.spec.extent, pixels: bytemuck::pod_collect_to_vec(bytes) };
+        Ok(Stereo { left: image(&raw.left), right: image(&raw.right) })
+    }
+
+    /// The i-th auxiliary image, as many channels as [`Aov::channels`] names.
+    pub fn read_aov(&self, i: usize) -> Result<Stereo<Vec<Vec<f32>>>, ExecError> {
+        let raw = self.read(PhysicalImage::Aov(i as u8))?;
+        let aov: Aov = self.settings.stages.aovs[i];
+        let channels = |bytes: &[u8]| {
+            let pixels = bytemuck::pod_collect_to_vec::<u8, [f32; 4]>(bytes);
+            (0..aov.channels().len()).map(|c| pixels.iter().map(|p| p[c]).collect()).collect()
+        };
+        Ok(Stereo { left: channels(&raw.left), right: channels(&raw.right) })
+    }
+
+    pub fn extent(&self) -> Extent {
+        self.spec.extent
+    }
+}
+
+impl Drop for Renderer {
+    fn drop(&mut self) {
+        for worker in &mut self.workers {
+            // A worker that is gone already has nothing left to end.
+            let _ = worker.commands.send(Command::Quit);
+            if let Some(thread) = worker.thread.take() {
+                let _ = thread.join();
+            }
+        }
+    }
+}
+
+fn start(worker: Worker) -> Result<Handle, ExecError> {
+    let (commands, orders) = unbounded();
+    let name = format!("device {}", worker.info().index);
+    let thread = std::thread::Builder::new().name(name).spawn(move || worker.run(orders))?;
+    Ok(Handle { commands, thread: Some(thread) })
+}
+
+fn costs(tasks: &[TaskTiming]) -> Vec<StageCost> {
+    let gpu = |t: &TaskTiming| match t.kind {
+        TimedTask::Gpu(stage) => Some(StageCost {
+            stage,
+            view: t.view,
+            device: t.device,
+            rows: t.rows.clone(),
+            busy_ms: t.end_ms - t.begin_ms,
+        }),
+        TimedTask::Download | TimedTask::Upload => None,
+    };
+    tasks.iter().filter_map(gpu).collect()
+}
+
+/// Sums the primary's row tallies.
+fn total(rows: &[RowTally]) -> Tally {
+    let mut sum = Tally::default();
+    for row in rows {
+        sum.rays += u64::from(row.rays);
+        sum.nonfinite += u64::from(row.nonfinite);
+        for (s, h) in sum.holes.iter_mut().zip(row.holes) {
+            *s += u64::from(h);
+        }
+    }
+    sum
+}
+
+/// Name of a resource in reports.
+fn resource_name(resource: Resource) -> &'static str {
+    match resource {
+        Resource::Hit => "hit",
+        Resource::Guide => "guide",
+        Resource::Albedo => "albedo",
+        Resource::Emission => "emission",
+        Resource::Radiance => "radiance",
+        Resource::Filtered(_) => "filtered",
+        Resource::Tally => "tally",
+        Resource::Holes => "holes",
+        Resource::RowTally => "row_tally",
+        Resource::Linear => "linear",
+        Resource::Display => "display",
+        Resource::Aov(_) => "aov",
+    }
+}

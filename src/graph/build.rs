@@ -1,0 +1,225 @@
+//! From passes and stripes to the DAG of one frame.
+
+use std::collections::HashMap;
+use std::ops::Range;
+
+use petgraph::graph::{DiGraph, NodeIndex};
+
+use super::resource::Resource;
+use super::table::{FrameSpec, Pass, Stage, passes};
+use super::{Assignment, Seam};
+use crate::scene::rig::Eye;
+
+/// Position of a task in the one order that all devices keep to. Downloads follow their producer at once, uploads wait
+/// for their consumer. Every edge of the graph goes from a smaller key to a larger one, so workers that each take their
+/// tasks by key cannot wait for one another in a circle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Key {
+    /// Index of the pass.
+    pub pass: u32,
+    /// Upload, dispatch, download.
+    pub phase: u8,
+    pub serial: u32,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub enum TaskKind {
+    Dispatch {
+        stage: Stage,
+        index: u32,
+        /// Rows that may be read.
+        valid: Range<u32>,
+        filter: Option<(Resource, Resource)>,
+    },
+    /// Rows leave the device; `transfer` names the upload that takes them.
+    Download { resource: Resource, transfer: u32, to: usize },
+    Upload { resource: Resource, transfer: u32, from: usize },
+    /// Both whole images are on the primary.
+    Stitch,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct Task {
+    pub kind: TaskKind,
+    pub view: Eye,
+    pub device: usize,
+    /// Rows computed or moved.
+    pub rows: Range<u32>,
+    pub key: Key,
+}
+
+/// The DAG of one frame.
+#[derive(Debug)]
+pub struct FrameGraph {
+    pub dag: DiGraph<Task, Resource>,
+    pub transfers: u32,
+}
+
+impl FrameGraph {
+    pub fn build(spec: &FrameSpec, assignment: &Assignment) -> Self {
+        let passes = passes(spec);
+        let mut builder = Builder::default();
+        for (i, pass) in passes.iter().enumerate() {
+            builder.add_pass(i as u32, pass, spec, assignment);
+        }
+        builder.stitch(passes.len() as u32, spec);
+        Self { dag: builder.dag, transfers: builder.transfers }
+    }
+
+    /// A device's tasks in the order it carries them out.
+    pub fn tasks_of(&self, device: usize) -> Vec<Task> {
+        let mut tasks: Vec<Task> = self.dag.node_weights().filter(|t| t.device == device).cloned().collect();
+        tasks.sort_by_key(|t| t.key);
+        tasks
+    }
+}
+
+/// Rows that a device holds in their newest version, and the task that left them there.
+#[derive(Clone, Debug)]
+struct Holding {
+    rows: Range<u32>,
+    device: usize,
+    node: NodeIndex,
+}
+
+/// Newest version of one resource of one view.
+#[derive(Clone, Debug, Default)]
+struct Version {
+    /// Covers the frame without overlap.
+    owned: Vec<Holding>,
+    /// Rows that devices hold beside their own.
+    copies: Vec<Holding>,
+}
+
+#[derive(Default)]
+struct Builder {
+    dag: DiGraph<Task, Resource>,
+    versions: HashMap<(Resource, Eye), Version>,
+    transfers: u32,
+    serial: u32,
+}
+
+const UPLOAD: u8 = 0;
+const DISPATCH: u8 = 1;
+const DOWNLOAD: u8 = 2;
+
+impl Builder {
+    fn key(&mut self, pass: u32, phase: u8) -> Key {
+        self.serial += 1;
+        Key { pass, phase, serial: self.serial }
+    }
+
+    fn add_pass(&mut self, number: u32, pass: &Pass, spec: &FrameSpec, assignment: &Assignment) {
+        let stripes = assignment.stripes(pass.stage, pass.view);
+        let mut written = Version::default();
+        for (device, own) in stripes.iter() {
+            let rows = widen(&own, pass.margin_rows, spec);
+            let reach = pass.reads.iter().map(|r| r.halo_rows).max().unwrap_or(0);
+            let kind = TaskKind::Dispatch {
+                stage: pass.stage,
+                index: pass.index,
+                valid: match spec.seam {
+                    Seam::None | Seam::Filter if pass.stage == Stage::Atrous => own.clone(),
+                    _ => widen(&own, reach, spec),
+                },
+                filter: pass.filter,
+            };
+            let key = self.key(number, DISPATCH);
+            let node = self.dag.add_node(Task { kind, view: pass.view, device, rows: rows.clone(), key });
+            for read in &pass.reads {
+                let wanted = widen(&own, read.halo_rows, spec);
+                self.need((read.resource, read.view), wanted, node, number);
+            }
+            written.owned.push(Holding { rows: own.clone(), device, node });
+            for margin in [rows.start..own.start, own.end..rows.end] {
+                if !margin.is_empty() {
+                    written.copies.push(Holding { rows: margin, device, node });
+                }
+            }
+        }
+        for &resource in &pass.writes {
+            self.versions.insert((resource, pass.view), written.clone());
+        }
+    }
+
+    /// Makes `consumer` follow whatever brings `rows` of a resource to its device.
+    fn need(&mut self, what: (Resource, Eye), rows: Range<u32>, consumer: NodeIndex, pass: u32) {
+        let device = self.dag[consumer].device;
+        let version = self.versions.get(&what).cloned().unwrap_or_default();
+        let mut missing = vec![rows.clone()];
+        let here = |h: &&Holding| h.device == device && overlap(&h.rows, &rows).is_some();
+        for held in version.owned.iter().chain(&version.copies).filter(here) {
+            self.dag.update_edge(held.node, consumer, what.0);
+            missing = missing.iter().flat_map(|m| subtract(m, &held.rows)).collect();
+        }
+        for gap in missing {
+            for owner in &version.owned {
+                if let Some(part) = overlap(&owner.rows, &gap) {
+                    self.transfer(what, part, owner, consumer, pass);
+                }
+            }
+        }
+    }
+
+    fn transfer(&mut self, what: (Resource, Eye), rows: Range<u32>, owner: &Holding, consumer: NodeIndex, pass: u32) {
+        let (resource, view) = what;
+        let to = self.dag[consumer].device;
+        let transfer = self.transfers;
+        self.transfers += 1;
+        let produced = self.dag[owner.node].key.pass;
+        let down = Task {
+            kind: TaskKind::Download { resource, transfer, to },
+            view,
+            device: owner.device,
+            rows: rows.clone(),
+            key: self.key(produced, DOWNLOAD),
+        };
+        let up = Task {
+            kind: TaskKind::Upload { resource, transfer, from: owner.device },
+            view,
+            device: to,
+            rows: rows.clone(),
+            key: self.key(pass, UPLOAD),
+        };
+        let (down, up) = (self.dag.add_node(down), self.dag.add_node(up));
+        self.dag.update_edge(owner.node, down, resource);
+        self.dag.update_edge(down, up, resource);
+        self.dag.update_edge(up, consumer, resource);
+        let version = self.versions.entry(what).or_default();
+        version.copies.push(Holding { rows, device: to, node: up });
+    }
+
+    /// Brings what leaves the frame to the primary, device 0.
+    fn stitch(&mut self, pass: u32, spec: &FrameSpec) {
+        let key = Key { pass, phase: DISPATCH, serial: u32::MAX };
+        let rows = spec.extent.rows();
+        let task = Task { kind: TaskKind::Stitch, view: Eye::Left, device: 0, rows: rows.clone(), key };
+        let node = self.dag.add_node(task);
+        let aovs = (0..spec.aovs).map(Resource::Aov);
+        let outputs: Vec<_> = [Resource::Linear, Resource::Display, Resource::RowTally].into_iter().chain(aovs).collect();
+        for view in Eye::ALL {
+            for &resource in &outputs {
+                self.need((resource, view), rows.clone(), node, pass);
+            }
+        }
+    }
+}
+
+fn widen(rows: &Range<u32>, by: u32, spec: &FrameSpec) -> Range<u32> {
+    rows.start.saturating_sub(by)..(rows.end + by).min(spec.extent.height)
+}
+
+fn overlap(a: &Range<u32>, b: &Range<u32>) -> Option<Range<u32>> {
+    let both = a.start.max(b.start)..a.end.min(b.end);
+    (!both.is_empty()).then_some(both)
+}
+
+fn subtract(from: &Range<u32>, hole: &Range<u32>) -> impl Iterator<Item = Range<u32>> + use<> {
+    let above = from.start..hole.start.clamp(from.start, from.end);
+    let below = hole.end.clamp(from.start, from.end)..from.end;
+    let parts = if overlap(from, hole).is_some() { [above, below] } else { [from.clone(), 0..0] };
+    parts.into_iter().filter(|r| !r.is_empty())
+}
+
+#[cfg(test)]
+mod tests;

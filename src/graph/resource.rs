@@ -1,0 +1,85 @@
+//! What stages leave for one another, a row-major image per view each.
+
+/// A resource as the graph sees it. `Filtered(i)` is the radiance after i filter passes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Resource {
+    /// Triangle, barycentrics, material and flags behind a pixel's centre.
+    Hit,
+    /// Position and packed shading normal.
+    Guide,
+    /// Albedo and roughness.
+    Albedo,
+    /// Emitted radiance and depth.
+    Emission,
+    /// Reflected light over albedo.
+    Radiance,
+    Filtered(u8),
+    /// Rays, dropped samples and hole reason, packed.
+    Tally,
+    /// Pixels to trace again; lives and dies on its device.
+    Holes,
+    /// `Tally`, summed by rows.
+    RowTally,
+    /// Scene-referred RGB.
+    Linear,
+    /// Encoded RGBA8.
+    Display,
+    /// The i-th auxiliary image asked for.
+    Aov(u8),
+}
+
+/// The buffer a resource lives in. Filter passes alternate between two.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum PhysicalImage {
+    Hit,
+    Guide,
+    Albedo,
+    Emission,
+    Radiance,
+    Ping,
+    Pong,
+    Tally,
+    Holes,
+    RowTally,
+    Linear,
+    Display,
+    Aov(u8),
+}
+
+impl Resource {
+    pub fn physical(self) -> PhysicalImage {
+        match self {
+            Self::Hit => PhysicalImage::Hit,
+            Self::Guide => PhysicalImage::Guide,
+            Self::Albedo => PhysicalImage::Albedo,
+            Self::Emission => PhysicalImage::Emission,
+            Self::Radiance => PhysicalImage::Radiance,
+            Self::Filtered(0) => PhysicalImage::Radiance,
+            Self::Filtered(i) if i % 2 == 1 => PhysicalImage::Ping,
+            Self::Filtered(_) => PhysicalImage::Pong,
+            Self::Tally => PhysicalImage::Tally,
+            Self::Holes => PhysicalImage::Holes,
+            Self::RowTally => PhysicalImage::RowTally,
+            Self::Linear => PhysicalImage::Linear,
+            Self::Display => PhysicalImage::Display,
+            Self::Aov(i) => PhysicalImage::Aov(i),
+        }
+    }
+}
+
+impl PhysicalImage {
+    /// Bytes of one row of an image `width` pixels wide.
+    pub fn row_bytes(self, width: u32) -> u64 {
+        let per_pixel = match self {
+            Self::Tally | Self::Display | Self::Holes => 4,
+            Self::RowTally => return 32,
+            _ => 16,
+        };
+        per_pixel * u64::from(width)
+    }
+
+    /// Bytes before the first row.
+    pub fn header_bytes(self) -> u64 {
+        if self == Self::Holes { 16 } else { 0 }
+    }
+}

@@ -1,0 +1,228 @@
+//! The stage table: which passes a frame needs, in order, and what each reads and writes.
+//!
+//! A new stage is a new variant of [`Stage`], its sentences in [`passes`], and a room in [`crate::stages`].
+
+use super::resource::Resource::{self, *};
+use crate::image::Extent;
+use crate::scene::rig::Eye;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Stage {
+    Gbuffer,
+    PathTrace,
+    Reproject,
+    HoleFill,
+    Atrous,
+    SeamFilter,
+    Tonemap,
+    Tally,
+    Aov,
+}
+
+impl Stage {
+    /// Stages whose stripes can be chosen on their own.
+    pub const RATIO_GROUPS: [Self; 5] = [Self::Gbuffer, Self::PathTrace, Self::Reproject, Self::Atrous, Self::Tonemap];
+
+    /// The stage whose stripes this one takes: lists of holes, filter passes in recomputed halos and counters stay
+    /// on the device that made them.
+    pub fn ratio_group(self) -> Self {
+        match self {
+            Self::HoleFill => Self::Reproject,
+            Self::SeamFilter => Self::Atrous,
+            Self::Tally | Self::Aov => Self::Tonemap,
+            other => other,
+        }
+    }
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Gbuffer => "gbuffer",
+            Self::PathTrace => "path_trace",
+            Self::Reproject => "reproject",
+            Self::HoleFill => "hole_fill",
+            Self::Atrous => "atrous",
+            Self::SeamFilter => "seam_filter",
+            Self::Tonemap => "tonemap",
+            Self::Tally => "tally",
+            Self::Aov => "aov",
+        }
+    }
+}
+
+/// Which eyes are wanted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Views {
+    /// Both path traced.
+    Traced,
+    /// Left path traced, right reprojected from it with its holes traced.
+    Reprojected,
+}
+
+/// How filtered rows come to agree with one device's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum HaloPlan {
+    /// Receive the first pass's rows once and filter the shrinking margin oneself.
+    Recompute,
+    /// Receive the neighbour's rows before every pass.
+    Exchange,
+}
+
+/// What happens where stripes meet.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Seam {
+    /// Stripes are filtered apart.
+    None,
+    /// ... and smoothed across the seams afterwards.
+    Filter,
+    /// Filters read across: the same bytes as one device.
+    Halo(HaloPlan),
+}
+
+/// What a frame must do.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FrameSpec {
+    pub extent: Extent,
+    pub devices: usize,
+    pub views: Views,
+    /// À-trous iterations; 0: no denoising.
+    pub iterations: u32,
+    pub seam: Seam,
+    /// Auxiliary images asked for.
+    pub aovs: u8,
+    /// Whether anything can reflect light; without, only emission is seen.
+    pub has_surfaces: bool,
+}
+
+/// Rows of a resource around one's own.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Read {
+    pub resource: Resource,
+    pub view: Eye,
+    /// Rows needed above and below.
+    pub halo_rows: u32,
+}
+
+/// One stage on one view, for all devices.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Pass {
+    pub stage: Stage,
+    pub view: Eye,
+    /// Which of a stage's repetitions, from 0: the à-trous iteration, the auxiliary image.
+    pub index: u32,
+    pub reads: Vec<Read>,
+    pub writes: Vec<Resource>,
+    /// Rows around its own that a device computes as well, for its own later passes.
+    pub margin_rows: u32,
+    /// The image that a filter reads, and the one it writes.
+    pub filter: Option<(Resource, Resource)>,
+}
+
+impl Pass {
+    fn new(stage: Stage, view: Eye) -> Self {
+        Self { stage, view, index: 0, reads: Vec::new(), writes: Vec::new(), margin_rows: 0, filter: None }
+    }
+
+    fn reads(self, resources: &[Resource]) -> Self {
+        let view = self.view;
+        self.reads_of(view, resources, 0)
+    }
+
+    fn reads_of(mut self, view: Eye, resources: &[Resource], halo_rows: u32) -> Self {
+        self.reads.extend(resources.iter().map(|&resource| Read { resource, view, halo_rows }));
+        self
+    }
+
+    fn writes(mut self, resources: &[Resource]) -> Self {
+        self.writes.extend(resources);
+        self
+    }
+}
+
+/// Distance between the taps of à-trous iteration `index` of `count`: 2^(count-1) down to 1.
+pub fn atrous_step(index: u32, count: u32) -> u32 {
+    1 << (count - 1 - index)
+}
+
+/// The passes of a frame, in an order that respects every dependency; stages with nothing to do are left out.
+pub fn passes(spec: &FrameSpec) -> Vec<Pass> {
+    let mut out = Vec::new();
+    const GBUFFER: [Resource; 5] = [Hit, Guide, Albedo, Emission, Tally];
+    const SAMPLED: [Resource; 5] = [Hit, Albedo, Emission, Tally, Radiance];
+    for view in Eye::ALL {
+        out.push(Pass::new(Stage::Gbuffer, view).writes(&GBUFFER));
+        if !spec.has_surfaces {
+            continue;
+        }
+        if view == Eye::Left || spec.views == Views::Traced {
+            out.push(Pass::new(Stage::PathTrace, view).reads(&GBUFFER).writes(&SAMPLED));
+        } else {
+            out.push(
+                Pass::new(Stage::Reproject, view)
+                    .reads_of(Eye::Left, &[Hit, Guide, Radiance], 0)
+                    .reads(&[Hit, Guide, Tally])
+                    .writes(&[Radiance, Tally, Holes]),
+            );
+            out.push(
+                Pass::new(Stage::HoleFill, view)
+                    .reads(&[Hit, Guide, Albedo, Emission, Tally, Radiance, Holes])
+                    .writes(&SAMPLED),
+            );
+        }
+    }
+    for view in Eye::ALL {
+        let last = if spec.has_surfaces { denoise(spec, view, &mut out) } else { Radiance };
+        let mut tonemap =
+            Pass::new(Stage::Tonemap, view).reads(&[last, Albedo, Emission]).writes(&[Linear, Display]);
+        tonemap.filter = Some((last, last));
+        out.push(tonemap);
+    }
+    for view in Eye::ALL {
+        out.push(Pass::new(Stage::Tally, view).reads(&[Tally]).writes(&[RowTally]));
+        for i in 0..spec.aovs {
+            let mut pass = Pass::new(Stage::Aov, view).reads(&[Hit, Albedo, Emission, Tally]).writes(&[Aov(i)]);
+            pass.index = u32::from(i);
+            out.push(pass);
+        }
+    }
+    out
+}
+
+/// À-trous iterations and what the seam policy adds; returns the image they end in.
+fn denoise(spec: &FrameSpec, view: Eye, out: &mut Vec<Pass>) -> Resource {
+    let mut last = Radiance;
+    let count = spec.iterations;
+    for index in 0..count {
+        let next = Filtered(index as u8 + 1);
+        let reach = 2 * atrous_step(index, count);
+        let (halo, margin) = match spec.seam {
+            Seam::Halo(HaloPlan::Exchange) => (reach, 0),
+            Seam::Halo(HaloPlan::Recompute) => {
+                let later: u32 = (index + 1..count).map(|i| 2 * atrous_step(i, count)).sum();
+                (reach + later, later)
+            }
+            Seam::None | Seam::Filter => (0, 0),
+        };
+        let mut pass = Pass::new(Stage::Atrous, view).reads_of(view, &[Guide, last], halo).writes(&[next]);
+        pass.index = index;
+        pass.margin_rows = margin;
+        pass.filter = Some((last, next));
+        out.push(pass);
+        last = next;
+    }
+    if spec.seam == Seam::Filter && count > 0 && spec.devices > 1 {
+        let next = Filtered(count as u8 + 1);
+        let mut pass = Pass::new(Stage::SeamFilter, view)
+            .reads_of(view, &[Guide, last], SEAM_FILTER_REACH_ROWS)
+            .writes(&[next]);
+        pass.filter = Some((last, next));
+        out.push(pass);
+        last = next;
+    }
+    last
+}
+
+/// Rows that the seam filter reads beyond its stripe: `REACH` in its shader.
+const SEAM_FILTER_REACH_ROWS: u32 = 4;

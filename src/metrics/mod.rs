@@ -1,0 +1,198 @@
+//! How good: an image against its reference.
+//!
+//! Sums are f64. RMSE, relMSE, the mean ratio and the block error are over linear radiance; PSNR and SSIM are over
+//! [display values](crate::image::display::display_value), 0 … 1, because bright noise weighs there as it is seen.
+
+pub mod error;
+pub mod heatmap;
+pub mod ssim;
+
+use std::fmt;
+
+use serde::Serialize;
+
+use crate::image::display::display_value;
+use crate::image::{ImageError, RgbImage, check_same_size};
+
+/// How an image differs from its reference.
+///
+/// In JSON, what is undefined and the infinite PSNR of equal images are `null`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Comparison {
+    pub rmse: f64,
+    pub relmse: f64,
+    /// dB; infinite for equal images.
+    pub psnr: f64,
+    /// `None` for an image with a side shorter than the window, 11 pixels.
+    pub ssim: Option<f64>,
+    /// mean(image) / mean(reference); `None` where the reference is black.
+    pub mean_ratio: Option<f64>,
+    /// RMSE of 16x16 block means over the mean of the reference; `None` for a black reference or without a whole block.
+    pub block16: Option<f64>,
+    /// Pixels with a NaN or an infinity. Those values count as 0 above.
+    pub nonfinite_px: usize,
+    pub nonfinite_reference_px: usize,
+}
+
+/// Compares `image` with `reference`.
+///
+/// # Errors
+/// [`ImageError::SizeMismatch`].
+pub fn compare(reference: &RgbImage, image: &RgbImage) -> Result<Comparison, ImageError> {
+    check_same_size(reference.extent, image.extent)?;
+    let extent = reference.extent;
+    let [r, a] = [reference, image].map(finite_radiance);
+    let [shown_r, shown_a] =
+        [&r, &a].map(|v| v.iter().map(|p| p.map(display_value)).collect::<Vec<_>>());
+    Ok(Comparison {
+        rmse: error::rmse(&r, &a),
+        relmse: error::relmse(&r, &a),
+        psnr: error::psnr(&shown_r, &shown_a),
+        ssim: ssim::ssim(extent, &shown_r, &shown_a),
+        mean_ratio: error::mean_ratio(&r, &a),
+        block16: error::block_error(extent, 16, &r, &a),
+        nonfinite_px: nonfinite_pixels(image),
+        nonfinite_reference_px: nonfinite_pixels(reference),
+    })
+}
+
+fn finite_radiance(image: &RgbImage) -> Vec<[f64; 3]> {
+    image
+        .pixels
+        .iter()
+        .map(|p| p.map(|c| if c.is_finite() { f64::from(c) } else { 0.0 }))
+        .collect()
+}
+
+fn nonfinite_pixels(image: &RgbImage) -> usize {
+    image
+        .pixels
+        .iter()
+        .filter(|p| p.iter().any(|c| !c.is_finite()))
+        .count()
+}
+
+/// One `name value` line per metric.
+impl fmt::Display for Comparison {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let metrics = [
+            ("rmse", Some(self.rmse)),
+            ("relmse", Some(self.relmse)),
+            ("psnr", Some(self.psnr)),
+            ("ssim", self.ssim),
+            ("mean_ratio", self.mean_ratio),
+            ("block16", self.block16),
+        ];
+        for (name, value) in metrics {
+            let value = value.map_or("undefined".to_owned(), |v| format!("{v:.6}"));
+            writeln!(f, "{name:<22} {value:>12}")?;
+        }
+        writeln!(f, "{:<22} {:>12}", "nonfinite_px", self.nonfinite_px)?;
+        write!(
+            f,
+            "{:<22} {:>12}",
+            "nonfinite_reference_px", self.nonfinite_reference_px
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::{Extent, Image};
+
+    fn noise_image(extent: Extent, mut state: u32, scale: f32) -> RgbImage {
+        let mut next = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (state >> 8) as f32 / (1 << 24) as f32 * scale
+        };
+        let pixels = (0..extent.area())
+            .map(|_| [next(), next(), next()])
+            .collect();
+        Image { extent, pixels }
+    }
+
+    fn noisy_pair(extent: Extent) -> (RgbImage, RgbImage) {
+        let reference = noise_image(extent, 1, 3.0);
+        let mut image = noise_image(extent, 2, 1.0);
+        let values = image.pixels.as_flattened_mut().iter_mut();
+        for (a, r) in values.zip(reference.pixels.as_flattened()) {
+            *a += r * 0.75;
+        }
+        (reference, image)
+    }
+
+    /// The values are of scikit-image 0.26.0 (`structural_similarity` with `channel_axis=2, data_range=1,
+    /// gaussian_weights=True, sigma=1.5, use_sample_covariance=False`) and NumPy in f64, on the same images.
+    #[test]
+    fn an_independent_implementation_finds_the_same_values() {
+        let (reference, image) = noisy_pair(Extent::new(37, 35));
+        let found = compare(&reference, &image).unwrap();
+        for (name, value, independent) in [
+            ("rmse", found.rmse, 0.385_990_030_210_248_5),
+            ("relmse", found.relmse, 1.717_573_581_147_473_5),
+            ("psnr", found.psnr, 19.096_597_871_754_47),
+            ("ssim", found.ssim.unwrap(), 0.723_888_622_605_714_5),
+            (
+                "mean_ratio",
+                found.mean_ratio.unwrap(),
+                1.087_109_123_672_136_6,
+            ),
+            ("block16", found.block16.unwrap(), 0.088_890_859_420_416_29),
+        ] {
+            assert!(
+                (value / independent - 1.0).abs() < 1e-11,
+                "{name}: {value}, independently {independent}"
+            );
+        }
+    }
+
+    #[test]
+    fn an_image_equals_itself() {
+        let (image, _) = noisy_pair(Extent::new(20, 18));
+        let found = compare(&image, &image).unwrap();
+        assert_eq!(
+            (found.rmse, found.relmse, found.psnr),
+            (0.0, 0.0, f64::INFINITY)
+        );
+        assert!((found.ssim.unwrap() - 1.0).abs() < 1e-12);
+        assert_eq!((found.mean_ratio, found.block16), (Some(1.0), Some(0.0)));
+        assert!(found.to_string().contains("inf"), "{found}");
+        assert!(serde_json::to_value(found).unwrap()["psnr"].is_null());
+    }
+
+    #[test]
+    fn nonfinite_pixels_are_counted_and_taken_as_black() {
+        let extent = Extent::new(16, 16);
+        let mut reference = RgbImage::filled(extent, [1.0; 3]);
+        let mut image = reference.clone();
+        reference.pixels[0] = [f32::NEG_INFINITY, 1.0, 1.0];
+        image.pixels[0] = [f32::NAN, 1.0, 1.0];
+        image.pixels[9] = [f32::INFINITY, f32::NAN, 1.0];
+        let found = compare(&reference, &image).unwrap();
+        assert_eq!((found.nonfinite_px, found.nonfinite_reference_px), (2, 1));
+        assert!((found.rmse - (2.0f64 / (3.0 * 256.0)).sqrt()).abs() < 1e-15);
+    }
+
+    #[test]
+    fn what_is_undefined_is_none() {
+        let black = RgbImage::filled(Extent::new(10, 40), [0.0; 3]);
+        let found = compare(&black, &black).unwrap();
+        assert_eq!(
+            (found.ssim, found.mean_ratio, found.block16),
+            (None, None, None)
+        );
+        assert!(found.to_string().contains("undefined"), "{found}");
+    }
+
+    #[test]
+    fn different_sizes_are_an_error_that_names_them() {
+        let a = RgbImage::filled(Extent::new(2, 3), [0.0; 3]);
+        let b = RgbImage::filled(Extent::new(3, 2), [0.0; 3]);
+        let message = compare(&a, &b).unwrap_err().to_string();
+        assert!(
+            message.contains("2x3") && message.contains("3x2"),
+            "{message}"
+        );
+    }
+}

@@ -1,0 +1,339 @@
+//! Line charts as SVG, readable on white and in print. Text is drawn by the viewer, so no font is needed here.
+
+use plotters::chart::ChartContext;
+use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, ValueFormatter};
+use plotters::element::DashedPathElement;
+use plotters::prelude::*;
+
+use super::ReportError;
+use super::ticks::{self, Ticks};
+
+/// Okabe & Ito's colours (2008), told apart by colour-blind readers too.
+const COLOURS: [RGBColor; 6] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(230, 159, 0),
+    RGBColor(86, 180, 233),
+];
+const GUIDE: RGBColor = RGBColor(120, 120, 120);
+const GRID: RGBColor = RGBColor(225, 225, 225);
+const INK: RGBColor = RGBColor(40, 40, 40);
+const SIZE_PX: (u32, u32) = (800, 500);
+
+/// One line of a chart.
+#[derive(Clone, Debug, Default)]
+pub struct Series {
+    pub name: String,
+    pub points: Vec<(f64, f64)>,
+    /// Low and high around each point, drawn as a shade.
+    pub band: Option<Vec<(f64, f64)>>,
+    /// Something to compare with, such as ideal speed-up: grey and dashed, without dots.
+    pub guide: bool,
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct Axis {
+    pub label: String,
+    pub log: bool,
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct Chart {
+    pub title: String,
+    pub x: Axis,
+    pub y: Axis,
+}
+
+type Canvas<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<Ticks, Ticks>>;
+type DrawingError = Box<dyn std::error::Error>;
+
+/// Draws the series as lines with dots, a legend and round ticks. Points that an axis cannot show are left out: those
+/// that are not finite, or not positive on a logarithmic axis.
+///
+/// # Errors
+/// [`ReportError::NothingToDraw`] if no point is left.
+pub fn line_chart_svg(chart: &Chart, series: &[Series]) -> Result<String, ReportError> {
+    let mut colours = COLOURS.into_iter().cycle();
+    let mut place = |s| Drawn::place(chart, s, &mut colours);
+    let lines: Vec<Drawn> = series.iter().map(&mut place).collect();
+    let axes = fit_axes(chart, &lines).ok_or_else(|| ReportError::NothingToDraw {
+        title: chart.title.clone(),
+    })?;
+    let mut svg = String::new();
+    draw(&mut svg, chart, &axes, &lines).map_err(|e| ReportError::Drawing {
+        title: chart.title.clone(),
+        reason: e.to_string(),
+    })?;
+    Ok(svg)
+}
+
+/// A series in axis coordinates.
+struct Drawn<'s> {
+    series: &'s Series,
+    colour: RGBColor,
+    points: Vec<(f64, f64)>,
+    /// x, low and high.
+    band: Vec<(f64, f64, f64)>,
+}
+
+impl<'s> Drawn<'s> {
+    fn place(
+        chart: &Chart,
+        series: &'s Series,
+        colours: &mut impl Iterator<Item = RGBColor>,
+    ) -> Self {
+        let colour = if series.guide {
+            GUIDE
+        } else {
+            colours.next().unwrap_or(INK)
+        };
+        let x = |v| ticks::coordinate(v, chart.x.log);
+        let y = |v| ticks::coordinate(v, chart.y.log);
+        let points = series
+            .points
+            .iter()
+            .filter_map(|p| Some((x(p.0)?, y(p.1)?)))
+            .collect();
+        let around = series.points.iter().zip(series.band.iter().flatten());
+        let band = around
+            .filter_map(|(p, b)| Some((x(p.0)?, y(b.0)?, y(b.1)?)))
+            .collect();
+        Self {
+            series,
+            colour,
+            points,
+            band,
+        }
+    }
+
+    fn outline(&self) -> Vec<(f64, f64)> {
+        let there = self.band.iter().map(|b| (b.0, b.2));
+        let back = self.band.iter().rev().map(|b| (b.0, b.1));
+        there.chain(back).collect()
+    }
+}
+
+impl Ranged for Ticks {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, coordinate: &f64, (begin_px, end_px): (i32, i32)) -> i32 {
+        let share = (coordinate - self.range.start) / (self.range.end - self.range.start);
+        begin_px + (share * f64::from(end_px - begin_px)).round() as i32
+    }
+
+    /// All ticks are bold: there are no light ones in between.
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        if hint.weight().allow_light_points() {
+            Vec::new()
+        } else {
+            self.at.clone()
+        }
+    }
+
+    fn range(&self) -> std::ops::Range<f64> {
+        self.range.clone()
+    }
+}
+
+impl ValueFormatter<f64> for Ticks {
+    fn format_ext(&self, coordinate: &f64) -> String {
+        self.label(*coordinate)
+    }
+}
+
+fn fit_axes(chart: &Chart, lines: &[Drawn]) -> Option<[Ticks; 2]> {
+    let all: Vec<(f64, f64)> = lines
+        .iter()
+        .flat_map(|l| [l.points.clone(), l.outline()])
+        .flatten()
+        .collect();
+    let x = Ticks::fit(all.iter().map(|p| p.0), chart.x.log)?;
+    let y = Ticks::fit(all.iter().map(|p| p.1), chart.y.log)?;
+    Some([x, y])
+}
+
+fn draw(
+    svg: &mut String,
+    chart: &Chart,
+    axes: &[Ticks; 2],
+    lines: &[Drawn],
+) -> Result<(), DrawingError> {
+    let area = SVGBackend::with_string(svg, SIZE_PX).into_drawing_area();
+    area.fill(&WHITE)?;
+    let [x, y] = axes.clone();
+    let mut canvas = ChartBuilder::on(&area)
+        .caption(&chart.title, ("sans-serif", 22).into_font().color(&INK))
+        .margin(16)
+        .x_label_area_size(48)
+        .y_label_area_size(64)
+        .build_cartesian_2d(x, y)?;
+    draw_axes(&mut canvas, chart)?;
+    for line in lines {
+        draw_line(&mut canvas, line)?;
+    }
+    draw_legend(&mut canvas, legend_corner(axes, lines))?;
+    drop(canvas);
+    area.present()?;
+    Ok(())
+}
+
+fn draw_axes(canvas: &mut Canvas, chart: &Chart) -> Result<(), DrawingError> {
+    canvas
+        .configure_mesh()
+        .x_desc(&chart.x.label)
+        .y_desc(&chart.y.label)
+        .axis_style(INK)
+        .bold_line_style(GRID)
+        .light_line_style(TRANSPARENT)
+        .label_style(("sans-serif", 14).into_font().color(&INK))
+        .axis_desc_style(("sans-serif", 16).into_font().color(&INK))
+        .draw()?;
+    Ok(())
+}
+
+fn draw_line(canvas: &mut Canvas, line: &Drawn) -> Result<(), DrawingError> {
+    let (name, points) = (&line.series.name, line.points.iter().copied());
+    if line.series.guide {
+        let stroke = line.colour.stroke_width(1);
+        let dashes = DashedLineSeries::new(points, 6, 5, stroke);
+        let sample = move |(x, y)| DashedPathElement::new([(x, y), (x + 22, y)], 6, 5, stroke);
+        canvas.draw_series(dashes)?.label(name).legend(sample);
+        return Ok(());
+    }
+    let stroke = line.colour.stroke_width(2);
+    if !line.band.is_empty() {
+        canvas.draw_series([Polygon::new(line.outline(), line.colour.mix(0.15))])?;
+    }
+    let sample = move |(x, y)| PathElement::new([(x, y), (x + 22, y)], stroke);
+    canvas
+        .draw_series(LineSeries::new(points.clone(), stroke))?
+        .label(name)
+        .legend(sample);
+    canvas.draw_series(points.map(|p| Circle::new(p, 4, line.colour.filled())))?;
+    Ok(())
+}
+
+fn draw_legend(canvas: &mut Canvas, corner: SeriesLabelPosition) -> Result<(), DrawingError> {
+    canvas
+        .configure_series_labels()
+        .position(corner)
+        .margin(12)
+        .legend_area_size(30)
+        .label_font(("sans-serif", 14).into_font().color(&INK))
+        .background_style(WHITE.mix(0.85))
+        .border_style(GRID)
+        .draw()?;
+    Ok(())
+}
+
+/// The corner whose quarter of the chart holds the fewest points.
+fn legend_corner(axes: &[Ticks; 2], lines: &[Drawn]) -> SeriesLabelPosition {
+    let [right_of, above] = axes.clone().map(|t| (t.range.start + t.range.end) / 2.0);
+    let crowd = |right: bool, upper: bool| {
+        let inside = |p: &&(f64, f64)| (p.0 > right_of) == right && (p.1 > above) == upper;
+        lines.iter().flat_map(|l| &l.points).filter(inside).count()
+    };
+    let corners = [
+        (crowd(false, true), SeriesLabelPosition::UpperLeft),
+        (crowd(true, true), SeriesLabelPosition::UpperRight),
+        (crowd(true, false), SeriesLabelPosition::LowerRight),
+        (crowd(false, false), SeriesLabelPosition::LowerLeft),
+    ];
+    corners
+        .into_iter()
+        .min_by_key(|c| c.0)
+        .map_or(SeriesLabelPosition::UpperLeft, |c| c.1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn speedup() -> (Chart, Vec<Series>) {
+        let chart = Chart {
+            title: "Speed-up <atrium & co>".into(),
+            x: Axis {
+                label: "devices".into(),
+                log: false,
+            },
+            y: Axis {
+                label: "speed-up".into(),
+                log: false,
+            },
+        };
+        let counts = [1.0, 2.0, 4.0, 8.0];
+        let ideal = Series {
+            name: "ideal".into(),
+            points: counts.map(|n| (n, n)).to_vec(),
+            guide: true,
+            ..Series::default()
+        };
+        let measured = Series {
+            name: "measured".into(),
+            points: counts.map(|n| (n, n.powf(0.9))).to_vec(),
+            band: Some(counts.map(|n| (n.powf(0.85), n.powf(0.93))).to_vec()),
+            guide: false,
+        };
+        (chart, vec![ideal, measured])
+    }
+
+    #[test]
+    fn a_chart_shows_its_labels_escaped_and_all_its_parts() {
+        let (chart, series) = speedup();
+        let svg = line_chart_svg(&chart, &series).unwrap();
+        assert!(svg.starts_with("<svg") && svg.trim_end().ends_with("</svg>"));
+        for text in [
+            "Speed-up &lt;atrium &amp; co&gt;",
+            "devices",
+            "speed-up",
+            "ideal",
+            "measured",
+        ] {
+            assert!(svg.contains(text), "{text}");
+        }
+        assert_eq!(svg.matches("<circle").count(), 4);
+        assert!(svg.contains("<polygon"));
+        assert_eq!(svg, line_chart_svg(&chart, &series).unwrap());
+    }
+
+    #[test]
+    fn points_an_axis_cannot_show_are_left_out() {
+        let (mut chart, mut series) = speedup();
+        chart.y.log = true;
+        series[1].points.extend([
+            (9.0, 0.0),
+            (9.0, -1.0),
+            (f64::NAN, 1.0),
+            (1.0, f64::INFINITY),
+        ]);
+        let svg = line_chart_svg(&chart, &series).unwrap();
+        assert_eq!(svg.matches("<circle").count(), 4);
+        assert!(!svg.contains("NaN"));
+    }
+
+    #[test]
+    fn one_point_makes_a_chart_and_none_an_error() {
+        let (mut chart, mut series) = speedup();
+        series.truncate(1);
+        series[0].points = vec![(3.0, 5.0)];
+        for log in [false, true] {
+            (chart.x.log, chart.y.log) = (log, log);
+            assert!(line_chart_svg(&chart, &series).is_ok());
+        }
+        series[0].points = vec![(0.0, 1.0)];
+        let message = line_chart_svg(&chart, &series).unwrap_err().to_string();
+        assert!(message.contains("Speed-up"), "{message}");
+        assert!(line_chart_svg(&chart, &[]).is_err());
+    }
+
+    #[test]
+    fn a_guide_takes_no_colour_from_the_measured_lines() {
+        let (chart, series) = speedup();
+        let blue = "stroke=\"#0072B2\"";
+        assert!(line_chart_svg(&chart, &series).unwrap().contains(blue));
+        assert!(!line_chart_svg(&chart, &series[..1]).unwrap().contains(blue));
+    }
+}

@@ -1,0 +1,179 @@
+//! `run.json`: what was run, on what, and what each frame took.
+
+use std::io::Write;
+use std::path::Path;
+
+use serde::Serialize;
+
+use crate::device::DeviceInfo;
+use crate::exec::{FrameReport, TaskTiming};
+use crate::graph::Stage;
+use crate::image::file::atomic_write;
+use crate::image::{Extent, ImageError};
+use crate::scene::needs::SceneNeeds;
+use crate::scene::rig::Eye;
+use crate::scene::Scene;
+use crate::stages::HoleReason;
+
+/// The settings of a run, as its options gave them.
+#[derive(Clone, Debug, Serialize)]
+pub struct RunSettings {
+    pub shot: String,
+    pub size: String,
+    pub policy: &'static str,
+    pub ratios: Vec<Vec<f64>>,
+    pub seed: u32,
+    pub sampler: String,
+    pub denoiser: String,
+    pub seam: String,
+    pub reproject: bool,
+    pub reference: bool,
+    pub time_s: f64,
+    pub fps: f64,
+    pub indirect_clamp: Option<f32>,
+    pub shader_checks: String,
+}
+
+/// The knobs of a frame's quality.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Quality {
+    pub spp: u32,
+    pub bounces: u32,
+    pub iterations: u32,
+    /// Of the image's edges, 1: full size.
+    pub scale: f64,
+}
+
+#[derive(Clone, Debug, Serialize)]
+pub struct SceneSummary {
+    pub name: String,
+    pub triangles: usize,
+    pub instances: usize,
+    pub lights: usize,
+    pub textures: usize,
+    pub needs: SceneNeeds,
+    /// Shader features compiled out because the scene lacks them.
+    pub skipped: Vec<&'static str>,
+    pub warnings: Vec<String>,
+}
+
+#[derive(Clone, Debug, Serialize)]
+pub struct FrameRow {
+    pub index: u32,
+    pub makespan_ms: f64,
+    pub plan_ms: f64,
+    #[serde(flatten)]
+    pub quality: Quality,
+    pub rays: u64,
+    /// Share of the right eye's pixels that reprojection left open.
+    pub hole_fraction: f64,
+    /// The same by reason.
+    pub hole_fractions: serde_json::Map<String, serde_json::Value>,
+    pub nonfinite_samples: u64,
+    /// Rows of the left eye's path tracing per device.
+    pub stripes: Vec<u32>,
+    /// Rows per device of every stage and view whose stripes can be chosen.
+    pub stage_stripes: serde_json::Map<String, serde_json::Value>,
+    pub transferred_bytes: u64,
+    pub stages: Vec<TaskTiming>,
+}
+
+impl FrameRow {
+    pub fn new(frame: &FrameReport, quality: &Quality, extent: Extent) -> Self {
+        let holes = frame.tallies[1].holes;
+        let share = |n: u64| n as f64 / extent.area() as f64;
+        let rows_of = |stage, view| {
+            let stripes = frame.assignment.stripes(stage, view);
+            (0..stripes.devices()).map(|d| stripes.rows(d).len() as u32).collect::<Vec<u32>>()
+        };
+        let stage_stripes = Stage::RATIO_GROUPS
+            .into_iter()
+            .flat_map(|s| Eye::ALL.map(|v| (format!("{}.{v}", s.name()), rows_of(s, v).into())))
+            .collect();
+        let origin = frame.begin_ms;
+        let mut stages = frame.tasks.clone();
+        for task in &mut stages {
+            task.begin_ms -= origin;
+            task.end_ms -= origin;
+        }
+        Self {
+            index: frame.index,
+            makespan_ms: frame.makespan_ms,
+            plan_ms: frame.plan_ms,
+            quality: *quality,
+            rays: frame.tallies.iter().map(|t| t.rays).sum(),
+            hole_fraction: share(holes.iter().sum()),
+            hole_fractions: HoleReason::ALL.iter().map(|r| (r.name().into(), share(holes[*r as usize]).into())).collect(),
+            nonfinite_samples: frame.tallies.iter().map(|t| t.nonfinite).sum(),
+            stripes: rows_of(Stage::PathTrace, Eye::Left),
+            stage_stripes,
+            transferred_bytes: frame.uploaded_bytes(),
+            stages,
+        }
+    }
+}
+
+#[derive(Clone, Debug, Serialize)]
+pub struct RunReport {
+    pub version: &'static str,
+    pub command: String,
+    pub settings: RunSettings,
+    pub devices: Vec<DeviceInfo>,
+    pub scene: SceneSummary,
+    /// Largest resident memory of the process so far, MiB; absent where the system does not tell.
+    pub peak_resident_mib: Option<f64>,
+    pub frames: Vec<FrameRow>,
+}
+
+impl RunReport {
+    pub fn new(
+        settings: RunSettings,
+        devices: &[DeviceInfo],
+        scene: &Scene,
+        needs: SceneNeeds,
+        skips: bool,
+        frames: Vec<FrameRow>,
+    ) -> Self {
+        let skipped = needs.constants().into_iter().filter(|(_, needed)| skips && !needed).map(|(name, _)| name);
+        Self {
+            version: env!("CARGO_PKG_VERSION"),
+            command: std::env::args().collect::<Vec<_>>().join(" "),
+            settings,
+            devices: devices.to_vec(),
+            scene: SceneSummary {
+                name: scene.name.clone(),
+                triangles: scene.triangle_count(),
+                instances: scene.instances.len(),
+                lights: scene.lights.len(),
+                textures: scene.textures.len(),
+                needs,
+                skipped: skipped.collect(),
+                warnings: scene.warnings.clone(),
+            },
+            peak_resident_mib: peak_resident_mib(),
+            frames,
+        }
+    }
+
+    pub fn write(&self, path: &Path) -> Result<(), ImageError> {
+        atomic_write(path, |file| {
+            serde_json::to_writer_pretty(&mut *file, self)?;
+            file.write_all(b"\n")
+        })
+    }
+
+    /// Median of the frames' makespans, ms.
+    pub fn median_makespan_ms(&self) -> f64 {
+        let mut all: Vec<f64> = self.frames.iter().map(|f| f.makespan_ms).collect();
+        all.sort_by(f64::total_cmp);
+        all.get(all.len() / 2).copied().unwrap_or(0.0)
+    }
+}
+
+/// `VmHWM` of Linux.
+fn peak_resident_mib() -> Option<f64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;
+    let kib: f64 = line.trim().trim_end_matches("kB").trim().parse().ok()?;
+    Some(kib / 1024.0)
+}

@@ -1,0 +1,118 @@
+//! Aligned text tables for terminals.
+
+/// Lays out `rows` under `headers`: columns two spaces apart, those that hold only numbers to the right. A missing cell
+/// is empty, cells beyond the headers are dropped. Every line ends in a newline and has no trailing space.
+///
+/// ```
+/// let rows = [vec!["1".to_owned(), "40.2".to_owned()], vec!["2".to_owned(), "21.0".to_owned()]];
+/// let table = diptych::report::text_table(&["devices", "ms"], &rows);
+/// assert_eq!(table, "devices    ms\n-------  ----\n      1  40.2\n      2  21.0\n");
+/// ```
+pub fn text_table(headers: &[&str], rows: &[Vec<String>]) -> String {
+    let cell = |row: &[String], column: usize| {
+        row.get(column)
+            .map_or(String::new(), |c| c.replace('\n', " "))
+    };
+    let columns: Vec<Column> = headers
+        .iter()
+        .enumerate()
+        .map(|(i, header)| Column::fit(header, rows.iter().map(|row| cell(row, i))))
+        .collect();
+    let mut table = String::new();
+    let mut push = |cells: Vec<String>| {
+        let padded: Vec<String> = columns
+            .iter()
+            .zip(&cells)
+            .map(|(c, text)| c.pad(text))
+            .collect();
+        table.push_str(padded.join("  ").trim_end());
+        table.push('\n');
+    };
+    push(headers.iter().map(|h| (*h).to_owned()).collect());
+    push(columns.iter().map(|c| "-".repeat(c.width)).collect());
+    for row in rows {
+        push((0..columns.len()).map(|i| cell(row, i)).collect());
+    }
+    table
+}
+
+struct Column {
+    /// Characters.
+    width: usize,
+    numeric: bool,
+}
+
+impl Column {
+    fn fit(header: &str, cells: impl Iterator<Item = String>) -> Self {
+        let mut column = Self {
+            width: header.chars().count(),
+            numeric: true,
+        };
+        for cell in cells {
+            column.width = column.width.max(cell.chars().count());
+            column.numeric &= is_number(&cell);
+        }
+        column
+    }
+
+    fn pad(&self, text: &str) -> String {
+        let width = self.width;
+        if self.numeric {
+            format!("{text:>width$}")
+        } else {
+            format!("{text:<width$}")
+        }
+    }
+}
+
+/// A number, perhaps with a short unit (`12.5 %`, `1.9x`), or a placeholder for one.
+fn is_number(cell: &str) -> bool {
+    let cell = cell.trim();
+    let number = cell.trim_end_matches(['%', 'x', ' ']);
+    matches!(cell, "" | "-") || number.parse::<f64>().is_ok()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn rows(cells: &[&[&str]]) -> Vec<Vec<String>> {
+        cells
+            .iter()
+            .map(|row| row.iter().map(|c| (*c).to_owned()).collect())
+            .collect()
+    }
+
+    #[test]
+    fn numbers_align_right_and_words_left() {
+        let table = text_table(
+            &["stage", "ms", "share"],
+            &rows(&[
+                &["trace", "12.50", "80 %"],
+                &["denoise à-trous", "3.1", "-"],
+                &["idle"],
+            ]),
+        );
+        let expected = "\
+stage               ms  share
+---------------  -----  -----
+trace            12.50   80 %
+denoise à-trous    3.1      -
+idle
+";
+        assert_eq!(table, expected);
+    }
+
+    #[test]
+    fn a_table_without_rows_is_its_header() {
+        assert_eq!(text_table(&["a", "bc"], &[]), "a  bc\n-  --\n");
+    }
+
+    #[test]
+    fn a_line_break_in_a_cell_does_not_break_the_row() {
+        assert_eq!(
+            text_table(&["a"], &rows(&[&["x\ny", "dropped"]])),
+            "a\n---\nx y\n"
+        );
+    }
+}

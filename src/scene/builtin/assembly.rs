@@ -1,0 +1,142 @@
+//! Puts surfaces, materials and textures together into a [`Scene`].
+
+use super::super::{
+    AlphaMode, Environment, Instance, Material, Mesh, Scene, TexelImage, Texture, TextureRef, Wrap,
+};
+use super::geometry::Surface;
+use glam::{Affine3A, Vec3};
+
+/// A scene under construction. Lights and environment are left to its shot.
+pub struct Assembly {
+    scene: Scene,
+}
+
+impl Assembly {
+    pub fn new(name: &str) -> Self {
+        Self {
+            scene: Scene {
+                name: name.into(),
+                meshes: Vec::new(),
+                instances: Vec::new(),
+                materials: Vec::new(),
+                textures: Vec::new(),
+                images: Vec::new(),
+                lights: Vec::new(),
+                environment: Environment::Black,
+                cameras: Vec::new(),
+                warnings: Vec::new(),
+            },
+        }
+    }
+
+    pub fn material(&mut self, material: Material) -> usize {
+        self.scene.materials.push(material);
+        self.scene.materials.len() - 1
+    }
+
+    /// A repeating texture, for coordinate set 0.
+    pub fn texture(&mut self, image: TexelImage, linear: bool) -> TextureRef {
+        self.scene.images.push(image);
+        let (image, wrap) = (self.scene.images.len() - 1, Wrap::Repeat);
+        self.scene.textures.push(Texture {
+            image,
+            wrap_u: wrap,
+            wrap_v: wrap,
+            linear,
+        });
+        TextureRef {
+            texture: self.scene.textures.len() - 1,
+            uv_set: 0, uv_from_uv: glam::Affine2::IDENTITY,
+        }
+    }
+
+    /// Keeps a mesh to be placed later.
+    pub fn mesh(&mut self, surface: Surface, material: usize) -> usize {
+        self.raw_mesh(surface.into_mesh(material))
+    }
+
+    pub fn raw_mesh(&mut self, mesh: Mesh) -> usize {
+        self.scene.meshes.push(mesh);
+        self.scene.meshes.len() - 1
+    }
+
+    pub fn place(&mut self, mesh: usize, world_from_local: Affine3A) {
+        self.scene.instances.push(Instance {
+            mesh,
+            world_from_local,
+        });
+    }
+
+    pub fn place_all<'a>(&mut self, mesh: usize, places: impl IntoIterator<Item = &'a Affine3A>) {
+        places
+            .into_iter()
+            .for_each(|&place| self.place(mesh, place));
+    }
+
+    /// A mesh that stands in the world as it is.
+    pub fn add(&mut self, surface: Surface, material: usize) -> usize {
+        let mesh = self.mesh(surface, material);
+        self.place(mesh, Affine3A::IDENTITY);
+        mesh
+    }
+
+    pub fn finish(self) -> Scene {
+        self.scene
+    }
+}
+
+/// A Lambertian material.
+pub fn matte(name: &str, color: [f32; 3]) -> Material {
+    Material {
+        name: name.into(),
+        base_color: Vec3::from(color).extend(1.0),
+        ..Material::default()
+    }
+}
+
+/// A dielectric with a shine.
+pub fn glossy(name: &str, color: [f32; 3], roughness: f32) -> Material {
+    Material {
+        roughness,
+        ..matte(name, color)
+    }
+}
+
+pub fn metal(name: &str, color: [f32; 3], roughness: f32) -> Material {
+    Material {
+        metallic: 1.0,
+        ..glossy(name, color, roughness)
+    }
+}
+
+/// A matte material coloured by a texture.
+pub fn textured(name: &str, texture: TextureRef) -> Material {
+    Material {
+        base_color_texture: Some(texture),
+        ..matte(name, [1.0; 3])
+    }
+}
+
+/// A thin sheet seen from both sides.
+pub fn sheet(material: Material) -> Material {
+    Material {
+        double_sided: true,
+        ..material
+    }
+}
+
+/// A sheet cut out by its texture's alpha.
+pub fn cut_out(material: Material) -> Material {
+    Material {
+        alpha_mode: AlphaMode::Mask { cutoff: 0.5 },
+        ..sheet(material)
+    }
+}
+
+/// An emitter that reflects next to nothing.
+pub fn emitter(name: &str, radiance: [f32; 3]) -> Material {
+    Material {
+        emissive: radiance.into(),
+        ..matte(name, [0.0; 3])
+    }
+}

@@ -1,0 +1,86 @@
+//! Takes a `.gltf` or `.glb` apart: its JSON, parsed, and its binary chunk.
+
+use ::gltf::json::Root;
+use serde_json::{Value, json};
+
+use super::fault::{Fault, Outcome};
+
+const MAGIC: &[u8] = b"glTF";
+const CHUNK_JSON: u32 = u32::from_le_bytes(*b"JSON");
+const CHUNK_BIN: u32 = u32::from_le_bytes(*b"BIN\0");
+
+pub struct Container<'a> {
+    pub root: Root,
+    pub bin: Option<&'a [u8]>,
+}
+
+pub fn parse(bytes: &[u8]) -> Outcome<Container<'_>> {
+    if bytes.is_empty() {
+        return Err(Fault::Invalid("it is empty".into()));
+    }
+    let (json, bin) = if bytes.starts_with(MAGIC) { split_chunks(bytes)? } else { (bytes, None) };
+    let json = json.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(json);
+    let root: Root = Root::from_slice(json).or_else(|error| {
+        let lenient = serde_json::from_slice(json).ok().and_then(|value| serde_json::from_value(complete(value)).ok());
+        lenient.ok_or_else(|| Fault::Invalid(format!("its JSON does not read as glTF 2.0: {error}")))
+    })?;
+    check_version(&root)?;
+    Ok(Container { root, bin })
+}
+
+/// Fills in what the format lets a file leave out but the parser asks for: a scene's list of nodes, and parts of
+/// animations where an extension says them otherwise (they are not read anyway).
+fn complete(mut json: Value) -> Value {
+    for scene in json.get_mut("scenes").and_then(Value::as_array_mut).into_iter().flatten() {
+        if let Some(scene) = scene.as_object_mut() {
+            scene.entry("nodes").or_insert_with(|| json!([]));
+        }
+    }
+    if let Some(animations) = json.get_mut("animations") {
+        *animations = json!([{"channels": [], "samplers": []}]);
+    }
+    json
+}
+
+fn check_version(root: &Root) -> Outcome<()> {
+    let asset = &root.asset;
+    let newer = asset.min_version.as_deref().is_some_and(|v| v != "2.0");
+    if !asset.version.starts_with("2.") || newer {
+        let version = asset.min_version.as_ref().filter(|_| newer).unwrap_or(&asset.version);
+        return Err(Fault::Invalid(format!("it asks for glTF version {version}, diptych reads 2.0")));
+    }
+    Ok(())
+}
+
+/// The JSON and binary chunks of a GLB; chunks of other types are passed over.
+fn split_chunks(bytes: &[u8]) -> Outcome<(&[u8], Option<&[u8]>)> {
+    let word = |at: usize| bytes.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]));
+    let (Some(version), Some(length)) = (word(4), word(8)) else {
+        return Err(Fault::Invalid("its GLB header is cut short".into()));
+    };
+    if version != 2 {
+        return Err(Fault::Invalid(format!("its GLB container has version {version}, diptych reads 2")));
+    }
+    let length = length as usize;
+    if length > bytes.len() {
+        return Err(Fault::Invalid(format!("it is cut short: {} of {length} bytes are there", bytes.len())));
+    }
+    let (mut json, mut bin) = (None, None);
+    let mut at = 12;
+    while at + 8 <= length {
+        let (Some(size), Some(kind)) = (word(at), word(at + 4)) else { break };
+        let start = at + 8;
+        let end = start.saturating_add(size as usize);
+        if end > length {
+            return Err(Fault::Invalid(format!("its GLB chunk at byte {at} runs past the end of the file")));
+        }
+        match kind {
+            CHUNK_JSON if json.is_none() => json = Some(&bytes[start..end]),
+            CHUNK_BIN if bin.is_none() => bin = Some(&bytes[start..end]),
+            _ => {}
+        }
+        at = end;
+    }
+    let json = json.ok_or_else(|| Fault::Invalid("its GLB container holds no JSON chunk".into()))?;
+    Ok((json, bin))
+}

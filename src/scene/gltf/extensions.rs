@@ -1,0 +1,53 @@
+//! Which glTF extensions are read, and what to say of the others.
+
+use ::gltf::json::Root;
+
+use super::fault::{Fault, Outcome, Warnings};
+
+/// Extensions that a file may require.
+const READ: &[&str] = &[
+    "EXT_meshopt_compression",
+    "EXT_texture_webp",
+    "KHR_lights_punctual",
+    "KHR_materials_emissive_strength",
+    "KHR_mesh_quantization",
+    "KHR_meshopt_compression",
+    "KHR_texture_transform",
+];
+
+/// Extensions that do not change the picture, or that are spoken of where they are met.
+const UNREMARKABLE: &[&str] = &["KHR_materials_pbrSpecularGlossiness", "KHR_xmp", "KHR_xmp_json_ld"];
+
+/// The way to a file without the extension.
+const CONVERTERS: &[(&str, &str)] = &[
+    ("KHR_draco_mesh_compression", "`gltf-transform copy in.glb out.glb` decodes Draco meshes"),
+    ("KHR_texture_basisu", "`gltf-transform ktxdecompress in.glb out.glb` turns KTX2 textures into PNG"),
+    ("KHR_materials_pbrSpecularGlossiness", "`gltf-transform metalrough in.glb out.glb` converts the materials"),
+    ("MSFT_texture_dds", "export again with PNG or JPEG textures instead of DDS"),
+];
+
+/// Fails where a required extension is not supported, and warns of each optional one.
+pub fn check(root: &Root, warnings: &mut Warnings) -> Outcome<()> {
+    let mut missing: Vec<String> =
+        root.extensions_required.iter().filter(|e| !READ.contains(&e.as_str())).cloned().collect();
+    missing.sort_unstable();
+    missing.dedup();
+    if !missing.is_empty() {
+        let hint = hint_for(&missing);
+        return Err(Fault::Extensions { extensions: missing, hint });
+    }
+    for extension in root.extensions_used.iter().map(String::as_str) {
+        if !READ.contains(&extension) && !UNREMARKABLE.contains(&extension) {
+            warnings.note(&format!("extension {extension} is not supported: what it adds is left out"), "");
+        }
+    }
+    Ok(())
+}
+
+fn hint_for(missing: &[String]) -> String {
+    let known: Vec<&str> = missing
+        .iter()
+        .filter_map(|e| CONVERTERS.iter().find(|(name, _)| name == e).map(|(_, advice)| *advice))
+        .collect();
+    if known.is_empty() { "; export it again without".into() } else { format!("; {}", known.join(", ")) }
+}

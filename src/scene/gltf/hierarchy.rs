@@ -1,0 +1,114 @@
+//! Walks the node hierarchy of the scene to show, without recursion: files may nest nodes arbitrarily deep.
+
+use ::gltf::json::Root;
+use ::gltf::json::scene::Node;
+use glam::{Affine3A, DAffine3, DMat4, DQuat, DVec3};
+
+use super::fault::{Fault, Outcome, Within, label, lookup};
+
+/// A node of the scene with its transform.
+pub struct PlacedNode {
+    /// Index into the file's nodes.
+    pub node: usize,
+    pub world_from_node: DAffine3,
+}
+
+impl PlacedNode {
+    pub fn world_from_local_f32(&self) -> Affine3A {
+        let DAffine3 { matrix3, translation } = self.world_from_node;
+        Affine3A::from_mat3_translation(matrix3.as_mat3(), translation.as_vec3())
+    }
+}
+
+/// The nodes of the default scene, else of scene 0, else all; each parent before its children.
+pub fn walk(root: &Root) -> Outcome<Vec<PlacedNode>> {
+    let parents = parents(root)?;
+    let tops: Vec<usize> = (0..parents.len()).filter(|&i| parents[i].is_none()).collect();
+    reject_cycles(root, &parents, &tops)?;
+
+    let shown = match root.scene {
+        Some(scene) => Some(lookup(&root.scenes, "scene", scene.value())?),
+        None => root.scenes.first(),
+    };
+    let starts = shown.map_or(tops, |scene| scene.nodes.iter().map(|n| n.value()).collect());
+    let mut seen = vec![false; root.nodes.len()];
+    let mut pending: Vec<(usize, DAffine3)> = starts.into_iter().rev().map(|n| (n, DAffine3::IDENTITY)).collect();
+    let mut placed = Vec::new();
+    while let Some((index, world_from_parent)) = pending.pop() {
+        let node = lookup(&root.nodes, "node", index).within(|| "its scene".into())?;
+        if std::mem::replace(&mut seen[index], true) {
+            return Err(Fault::Invalid(format!("its scene shows {} twice", label("node", index, &node.name))));
+        }
+        let world_from_node = parent_from_node(node)
+            .map(|local| world_from_parent * local)
+            .and_then(check_range)
+            .within(|| label("node", index, &node.name))?;
+        pending.extend(node.children.iter().flatten().rev().map(|c| (c.value(), world_from_node)));
+        placed.push(PlacedNode { node: index, world_from_node });
+    }
+    Ok(placed)
+}
+
+/// Each node's parent.
+fn parents(root: &Root) -> Outcome<Vec<Option<usize>>> {
+    let mut parents = vec![None; root.nodes.len()];
+    for (index, node) in root.nodes.iter().enumerate() {
+        for child in node.children.iter().flatten().map(|c| c.value()) {
+            lookup(&root.nodes, "node", child).within(|| label("node", index, &node.name))?;
+            if let Some(other) = parents[child].replace(index) {
+                return Err(Fault::Invalid(format!(
+                    "{} is a child of node {other} and of node {index}: a node has one parent",
+                    label("node", child, &root.nodes[child].name)
+                )));
+            }
+        }
+    }
+    Ok(parents)
+}
+
+/// With one parent each, the nodes that no parentless node leads to are on cycles or below them.
+fn reject_cycles(root: &Root, parents: &[Option<usize>], tops: &[usize]) -> Outcome<()> {
+    let mut reached = vec![false; parents.len()];
+    let mut pending = tops.to_vec();
+    while let Some(index) = pending.pop() {
+        reached[index] = true;
+        pending.extend(root.nodes[index].children.iter().flatten().map(|c| c.value()));
+    }
+    let Some(mut lost) = reached.iter().position(|r| !r) else { return Ok(()) };
+    for _ in 0..parents.len() {
+        lost = parents[lost].unwrap_or(lost);
+    }
+    Err(Fault::Invalid(format!("{} is its own ancestor", label("node", lost, &root.nodes[lost].name))))
+}
+
+fn parent_from_node(node: &Node) -> Outcome<DAffine3> {
+    if let Some(columns) = node.matrix {
+        return affine_from_matrix(columns);
+    }
+    let translation = node.translation.unwrap_or_default();
+    let scale = node.scale.unwrap_or([1.0; 3]);
+    let rotation = node.rotation.map_or(DQuat::IDENTITY, |q| DQuat::from_array(q.0.map(f64::from)));
+    let length = rotation.length();
+    if !length.is_finite() || length == 0.0 {
+        return Err(Fault::Invalid("its rotation is no quaternion".into()));
+    }
+    Ok(DAffine3::from_scale_rotation_translation(
+        DVec3::from_array(scale.map(f64::from)),
+        DQuat::from_vec4(glam::DVec4::from(rotation) / length),
+        DVec3::from_array(translation.map(f64::from)),
+    ))
+}
+
+fn affine_from_matrix(columns: [f32; 16]) -> Outcome<DAffine3> {
+    const TOLERANCE: f32 = 1e-4;
+    let last_row = [columns[3], columns[7], columns[11], columns[15] - 1.0];
+    if !last_row.iter().all(|x| x.abs() <= TOLERANCE) {
+        return Err(Fault::Invalid("its matrix is not affine: the last row must be 0 0 0 1".into()));
+    }
+    Ok(DAffine3::from_mat4(DMat4::from_cols_array(&columns.map(f64::from))))
+}
+
+fn check_range(transform: DAffine3) -> Outcome<DAffine3> {
+    let representable = transform.to_cols_array().iter().all(|x| (*x as f32).is_finite());
+    if representable { Ok(transform) } else { Err(Fault::Invalid("its transform is not finite".into())) }
+}

@@ -1,0 +1,101 @@
+//! Lights (`KHR_lights_punctual`) and cameras where the scene's nodes put them.
+
+use std::f32::consts::{FRAC_PI_2, FRAC_PI_4, PI};
+
+use ::gltf::json::Root;
+use ::gltf::json::camera::Type as Projection;
+use ::gltf::json::extensions::scene::khr_lights_punctual::{Light as JsonLight, Type as JsonKind};
+use ::gltf::json::validation::Checked;
+use glam::{Affine3A, DAffine3, DVec3, Mat3, Vec3};
+
+use super::fault::{Fault, Outcome, Warnings, Within, label, lookup};
+use super::hierarchy::PlacedNode;
+use crate::scene::{Camera, Light, LightKind};
+
+pub fn lights(root: &Root, nodes: &[PlacedNode], warnings: &mut Warnings) -> Outcome<Vec<Light>> {
+    let declared = root.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref());
+    let declared = declared.map_or(&[][..], |l| &l.lights);
+    let mut lights = Vec::new();
+    for placed in nodes {
+        let node = &root.nodes[placed.node];
+        let Some(reference) = node.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref()) else { continue };
+        let place = label("node", placed.node, &node.name);
+        let index = reference.light.value();
+        let light = lookup(declared, "light", index).within(|| place.clone())?;
+        let read = read_light(light, placed, &place, warnings).within(|| label("light", index, &light.name))?;
+        lights.extend(read);
+    }
+    Ok(lights)
+}
+
+/// None, with a warning, where the node gives the light no direction.
+fn read_light(light: &JsonLight, placed: &PlacedNode, place: &str, warnings: &mut Warnings) -> Outcome<Option<Light>> {
+    let strength = Vec3::from_array(light.color) * light.intensity;
+    if !strength.is_finite() || strength.min_element() < 0.0 {
+        return Err(Fault::Invalid(format!("its colour times intensity, {strength}, is negative or not finite")));
+    }
+    if light.range.is_some() {
+        warnings.note("the range of lights is ignored: they fall off with the square of the distance only", place);
+    }
+    let Checked::Valid(kind) = light.type_ else {
+        return Err(Fault::Invalid("its type is none of directional, point and spot".into()));
+    };
+    let position = placed.world_from_node.translation.as_vec3();
+    let direction = placed.world_from_node.transform_vector3(DVec3::NEG_Z).try_normalize().map(DVec3::as_vec3);
+    let kind = match (kind, direction) {
+        (JsonKind::Point, _) => LightKind::Point { position, radius: 0.0 },
+        (_, None) => {
+            warnings.note("lights on nodes of scale 0 have no direction and are left out", place);
+            return Ok(None);
+        }
+        (JsonKind::Directional, Some(direction)) => LightKind::Directional { direction, angle_rad: 0.0 },
+        (JsonKind::Spot, Some(direction)) => {
+            let (inner, outer) =
+                light.spot.as_ref().map_or((0.0, FRAC_PI_4), |s| (s.inner_cone_angle, s.outer_cone_angle));
+            // Files write pi / 2 with few digits.
+            if !(0.0 <= inner && inner <= outer && 0.0 < outer && outer <= FRAC_PI_2 + 1e-3) {
+                return Err(Fault::Invalid(format!(
+                    "its cone angles {inner} and {outer} do not rise from 0 to at most pi / 2"
+                )));
+            }
+            let cosine = |angle: f32| angle.cos().max(0.0);
+            LightKind::Spot { position, radius: 0.0, direction, cos_inner: cosine(inner), cos_outer: cosine(outer) }
+        }
+    };
+    Ok(Some(Light { kind, strength }))
+}
+
+pub fn cameras(root: &Root, nodes: &[PlacedNode], warnings: &mut Warnings) -> Outcome<Vec<Camera>> {
+    let mut cameras = Vec::new();
+    for placed in nodes {
+        let node = &root.nodes[placed.node];
+        let Some(index) = node.camera else { continue };
+        let place = label("node", placed.node, &node.name);
+        let camera = lookup(&root.cameras, "camera", index.value()).within(|| place.clone())?;
+        let Checked::Valid(Projection::Perspective) = camera.type_ else {
+            warnings.note("only perspective cameras are read", &place);
+            continue;
+        };
+        let yfov_rad = camera.perspective.as_ref().map(|p| p.yfov).filter(|yfov| *yfov > 0.0 && *yfov < PI);
+        let yfov_rad = yfov_rad.ok_or_else(|| {
+            Fault::Invalid(format!(
+                "{}: its yfov is not between 0 and pi",
+                label("camera", index.value(), &camera.name)
+            ))
+        })?;
+        match without_scale(&placed.world_from_node) {
+            Some(world_from_view) => cameras.push(Camera { world_from_view, yfov_rad }),
+            None => warnings.note("cameras on nodes of scale 0 have no direction and are left out", &place),
+        }
+    }
+    Ok(cameras)
+}
+
+/// The rigid transform that looks and stands as `transform` does; shear and mirroring go, too.
+fn without_scale(transform: &DAffine3) -> Option<Affine3A> {
+    let back = transform.matrix3.z_axis.try_normalize()?;
+    let up = transform.matrix3.y_axis.try_normalize()?;
+    let right = up.cross(back).try_normalize()?;
+    let rotation = Mat3::from_cols(right.as_vec3(), back.cross(right).as_vec3(), back.as_vec3());
+    Some(Affine3A::from_mat3_translation(rotation, transform.translation.as_vec3()))
+}

@@ -1,0 +1,238 @@
+//! Materials, textures and images.
+
+use std::f32::consts::FRAC_PI_2;
+use std::fs;
+use std::io::Cursor;
+
+use glam::{Affine2, Vec2, Vec3, Vec4};
+use image::{DynamicImage, ImageFormat, Rgba, RgbaImage};
+use serde_json::{Value, json};
+
+use super::{Draft, assert_mentions};
+use crate::scene::gltf::load;
+use crate::scene::{AlphaMode, Material, Wrap};
+
+/// Two texels in a row.
+const LEFT: [u8; 4] = [10, 20, 30, 40];
+const RIGHT: [u8; 4] = [110, 120, 130, 140];
+
+fn encoded(format: ImageFormat) -> Vec<u8> {
+    let image = RgbaImage::from_fn(2, 1, |x, _| Rgba(if x == 0 { LEFT } else { RIGHT }));
+    let image = DynamicImage::from(image);
+    let image = if format == ImageFormat::Jpeg { DynamicImage::from(image.into_rgb8()) } else { image };
+    let mut bytes = Cursor::new(Vec::new());
+    image.write_to(&mut bytes, format).unwrap();
+    bytes.into_inner()
+}
+
+fn with_material(material: Value) -> Draft {
+    let mut draft = Draft::triangle();
+    draft.push("materials", material);
+    draft.json["meshes"][0]["primitives"][0]["material"] = json!(0);
+    draft
+}
+
+/// Texture 0 shows image 0, a PNG in the buffer.
+fn with_texture(material: Value) -> Draft {
+    let mut draft = with_material(material);
+    let view = draft.view(&encoded(ImageFormat::Png));
+    draft.push("images", json!({"bufferView": view, "mimeType": "image/png", "name": "Bricks"}));
+    draft.push("textures", json!({"source": 0}));
+    draft
+}
+
+#[test]
+fn factors_are_read_and_defaults_are_gltfs() {
+    let draft = with_material(json!({
+        "name": "Lamp",
+        "pbrMetallicRoughness": {"baseColorFactor": [0.1, 0.2, 0.3, 0.4], "metallicFactor": 0.25, "roughnessFactor": 0.5},
+        "emissiveFactor": [1, 0.5, 0],
+        "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 10}},
+        "alphaMode": "MASK",
+        "doubleSided": true,
+    }));
+    let expected = Material {
+        name: "Lamp".into(),
+        base_color: Vec4::new(0.1, 0.2, 0.3, 0.4),
+        metallic: 0.25,
+        roughness: 0.5,
+        emissive: Vec3::new(10.0, 5.0, 0.0),
+        alpha_mode: AlphaMode::Mask { cutoff: 0.5 },
+        double_sided: true,
+        ..Material::default()
+    };
+    assert_eq!(draft.scene().materials, [expected]);
+    assert_eq!(with_material(json!({})).scene().materials, [Material { metallic: 1.0, ..Material::default() }]);
+}
+
+#[test]
+fn primitives_without_material_get_the_default_after_the_others() {
+    let mut draft = with_material(json!({"name": "First"}));
+    draft.primitive(json!({"attributes": {"POSITION": 0}}));
+    let scene = draft.scene();
+    assert_eq!(scene.meshes.iter().map(|m| m.material).collect::<Vec<_>>(), [0, 1]);
+    assert_eq!(scene.materials[1], Material::default());
+}
+
+#[test]
+fn factors_out_of_range_are_clamped_or_named() {
+    let scene = with_material(json!({"pbrMetallicRoughness": {"roughnessFactor": 7, "metallicFactor": -1}})).scene();
+    assert_eq!((scene.materials[0].roughness, scene.materials[0].metallic), (1.0, 0.0));
+    assert_eq!(scene.warnings.len(), 1);
+    let cases = [
+        json!({"emissiveFactor": [1e39, 0, 0]}),
+        json!({"pbrMetallicRoughness": {"roughnessFactor": 1e39}}),
+        json!({"alphaMode": "MASK", "alphaCutoff": -1}),
+        json!({"alphaMode": "GLASS"}),
+    ];
+    for case in cases {
+        assert_mentions(&with_material(case).complaint(), &["material 0"]);
+    }
+}
+
+#[test]
+fn one_image_serves_all_its_textures() {
+    let mut draft = with_texture(json!({
+        "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}},
+        "emissiveTexture": {"index": 1, "texCoord": 1},
+    }));
+    draft.push("samplers", json!({"magFilter": 9728, "wrapS": 33071, "wrapT": 33648}));
+    draft.push("textures", json!({"source": 0, "sampler": 0}));
+    draft.push("images", json!({"uri": "never-opened.png"}));
+    draft.push("textures", json!({"source": 1}));
+    let scene = draft.scene();
+    assert_eq!((scene.images.len(), scene.textures.len()), (1, 2));
+    assert_eq!(scene.images[0].pixels, [LEFT, RIGHT]);
+    let (base, emissive) =
+        (scene.materials[0].base_color_texture.unwrap(), scene.materials[0].emissive_texture.unwrap());
+    assert_eq!((base.texture, base.uv_set, base.uv_from_uv), (0, 0, Affine2::IDENTITY));
+    assert_eq!((emissive.texture, emissive.uv_set), (1, 1));
+    assert!(scene.textures[0].linear && !scene.textures[1].linear);
+    assert_eq!((scene.textures[0].wrap_u, scene.textures[0].wrap_v), (Wrap::Repeat, Wrap::Repeat));
+    assert_eq!((scene.textures[1].wrap_u, scene.textures[1].wrap_v), (Wrap::ClampToEdge, Wrap::MirroredRepeat));
+}
+
+#[test]
+fn png_jpeg_and_webp_are_decoded() {
+    for format in [ImageFormat::Png, ImageFormat::Jpeg, ImageFormat::WebP] {
+        let mut draft = with_texture(json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}));
+        let view = draft.view(&encoded(format));
+        draft.push("images", json!({"bufferView": view}));
+        draft.json["textures"][0] = match format {
+            ImageFormat::WebP => json!({"source": 0, "extensions": {"EXT_texture_webp": {"source": 1}}}),
+            _ => json!({"source": 1}),
+        };
+        let texels = &draft.scene().images[0].pixels;
+        let tolerance = if format == ImageFormat::Jpeg { 12 } else { 0 };
+        for (texel, expected) in texels.iter().zip([LEFT, RIGHT]) {
+            for (a, b) in texel.iter().zip(expected).take(3) {
+                assert!(a.abs_diff(b) <= tolerance, "{format:?} {texels:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn sixteen_bit_images_are_reduced_to_eight() {
+    let wide = image::ImageBuffer::<image::Luma<u16>, _>::from_pixel(1, 1, image::Luma([0x8080u16]));
+    let mut bytes = Cursor::new(Vec::new());
+    DynamicImage::from(wide).write_to(&mut bytes, ImageFormat::Png).unwrap();
+    let mut draft = with_texture(json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}));
+    let view = draft.view(&bytes.into_inner());
+    draft.json["images"][0]["bufferView"] = json!(view);
+    assert_eq!(draft.scene().images[0].pixels, [[128, 128, 128, 255]]);
+}
+
+#[test]
+fn images_beside_the_file_are_found_and_bad_ones_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("scene.glb");
+    let mut draft = with_texture(json!({"emissiveTexture": {"index": 0}}));
+    draft.json["images"][0] = json!({"uri": "a%20wall.png"});
+    fs::write(&path, draft.glb()).unwrap();
+    assert_mentions(&load(&path).unwrap_err().to_string(), &["a wall.png"]);
+    fs::write(folder.path().join("a wall.png"), encoded(ImageFormat::Png)).unwrap();
+    assert_eq!(load(&path).unwrap().images.len(), 1);
+    fs::write(folder.path().join("a wall.png"), b"no picture").unwrap();
+    let error = load(&path).unwrap_err().to_string();
+    assert_mentions(&error, &["material 0", "image 0", "a%20wall.png"]);
+
+    let mut cut = with_texture(json!({"emissiveTexture": {"index": 0}}));
+    cut.json["bufferViews"][2]["byteLength"] = json!(50);
+    assert_mentions(&cut.complaint(), &["material 0", "image 0 'Bricks'"]);
+}
+
+#[test]
+fn huge_images_are_refused_by_their_header() {
+    let mut png = encoded(ImageFormat::Png);
+    png[16..24].copy_from_slice(&[0, 1, 0, 0, 0, 1, 0, 0]);
+    let crc = crc32(&png[12..29]);
+    png[29..33].copy_from_slice(&crc.to_be_bytes());
+    let mut draft = with_texture(json!({"emissiveTexture": {"index": 0}}));
+    let view = draft.view(&png);
+    draft.json["images"][0]["bufferView"] = json!(view);
+    assert_mentions(&draft.complaint(), &["image 0 'Bricks'"]);
+}
+
+fn crc32(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(u32::MAX, |crc, &byte| {
+        (0..8).fold(crc ^ u32::from(byte), |c, _| if c & 1 == 1 { (c >> 1) ^ 0xEDB8_8320 } else { c >> 1 })
+    })
+}
+
+#[test]
+fn a_texture_transform_is_kept_in_the_reference() {
+    let transform = json!({"offset": [0, 1], "rotation": FRAC_PI_2, "scale": [0.5, 0.5], "texCoord": 1});
+    let draft = with_texture(json!({"pbrMetallicRoughness": {
+        "baseColorTexture": {"index": 0, "extensions": {"KHR_texture_transform": transform}},
+    }}));
+    let texture = draft.scene().materials[0].base_color_texture.unwrap();
+    assert_eq!(texture.uv_set, 1);
+    // The extension's example: the lower left quadrant of the image.
+    for (uv, expected) in [(Vec2::ZERO, Vec2::Y), (Vec2::X, Vec2::new(0.0, 0.5)), (Vec2::ONE, Vec2::splat(0.5))] {
+        assert!(texture.uv_from_uv.transform_point2(uv).distance(expected) < 1e-6, "{uv}");
+    }
+}
+
+#[test]
+fn textures_of_metalness_and_roughness_are_averaged() {
+    let draft = with_texture(json!({"pbrMetallicRoughness": {
+        "metallicRoughnessTexture": {"index": 0}, "roughnessFactor": 0.5,
+    }}));
+    let scene = draft.scene();
+    let material = &scene.materials[0];
+    assert!((material.metallic - 80.0 / 255.0).abs() < 1e-6);
+    assert!((material.roughness - 0.5 * 70.0 / 255.0).abs() < 1e-6);
+    assert_eq!((scene.images.len(), scene.warnings.len()), (0, 1));
+}
+
+#[test]
+fn specular_glossiness_falls_back_to_diffuse() {
+    let specular =
+        json!({"diffuseFactor": [0.2, 0.3, 0.4, 1], "glossinessFactor": 0.25, "diffuseTexture": {"index": 0}});
+    let mut json = json!({"extensions": {"KHR_materials_pbrSpecularGlossiness": specular}});
+    let scene = with_texture(json.clone()).scene();
+    let material = &scene.materials[0];
+    assert_eq!(material.base_color, Vec4::new(0.2, 0.3, 0.4, 1.0));
+    assert_eq!((material.metallic, material.roughness), (0.0, 0.75));
+    assert!(material.base_color_texture.is_some());
+    assert_eq!(scene.warnings.len(), 1);
+    json["pbrMetallicRoughness"] = json!({"metallicFactor": 0.5});
+    assert_eq!(with_texture(json).scene().materials[0].metallic, 0.5);
+}
+
+#[test]
+fn unusable_texture_references_are_warned_of_or_named() {
+    let beyond = with_texture(json!({"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0, "texCoord": 2}}));
+    let scene = beyond.scene();
+    assert_eq!((scene.materials[0].emissive, scene.warnings.len()), (Vec3::ZERO, 1));
+    let mut basis = with_texture(json!({"emissiveTexture": {"index": 0}}));
+    basis.json["textures"][0] = json!({"extensions": {"KHR_texture_basisu": {"source": 0}}});
+    assert_eq!(basis.scene().warnings.len(), 1);
+    assert_mentions(&with_texture(json!({"emissiveTexture": {"index": 3}})).complaint(), &["material 0", "texture 3"]);
+    let mut lost = with_texture(json!({"emissiveTexture": {"index": 0}}));
+    lost.json["textures"][0]["sampler"] = json!(2);
+    assert_mentions(&lost.complaint(), &["texture 0", "sampler 2"]);
+    lost.json["textures"][0] = json!({"source": 8});
+    assert_mentions(&lost.complaint(), &["texture 0", "image 8"]);
+}

@@ -1,0 +1,40 @@
+//! Scenes that others made, where they are at hand.
+
+use std::env;
+use std::path::PathBuf;
+
+use crate::scene::gltf::load;
+
+/// `DIPTYCH_SCENES`, else the folder beside the crate.
+fn folder() -> PathBuf {
+    env::var_os("DIPTYCH_SCENES")
+        .map_or_else(|| PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/scenes")), PathBuf::from)
+}
+
+#[test]
+fn real_scenes_have_all_their_triangles() {
+    let scenes = [
+        ("garage/garage.gltf", 11_358, 0),
+        ("hotel-room/scene.glb", 99_029, 6),
+        ("ww2-cityscene/scene.gltf", 146_842, 61),
+    ];
+    for (file, triangles, images) in scenes {
+        let path = folder().join(file);
+        if !path.is_file() {
+            eprintln!("SKIPPED: '{}' is absent; set DIPTYCH_SCENES to the folder of scenes", path.display());
+            continue;
+        }
+        let scene = load(&path).unwrap();
+        assert_eq!((scene.triangle_count(), scene.images.len()), (triangles, images), "{file}");
+        let bounds = scene.bounds();
+        assert!(bounds.min.is_finite() && bounds.max.is_finite(), "{file}: {bounds:?}");
+        for mesh in &scene.meshes {
+            let count = mesh.positions.len();
+            assert!(mesh.triangles.as_flattened().iter().all(|&v| (v as usize) < count));
+            assert!(mesh.normals.iter().all(|n| (n.length() - 1.0).abs() < 1e-4));
+            assert!(mesh.normals.is_empty() || mesh.normals.len() == count);
+            assert!(mesh.material < scene.materials.len());
+        }
+        eprintln!("{file}: {} meshes, {bounds:?}, warnings {:?}", scene.meshes.len(), scene.warnings);
+    }
+}

@@ -1,0 +1,178 @@
+//! The textures and images that materials refer to, each read once.
+
+use std::collections::HashMap;
+use std::path::Path;
+
+use ::gltf::json::extensions::texture::TextureTransform;
+use ::gltf::json::texture::{Info, MagFilter, Sampler, Texture as JsonTexture, WrappingMode};
+use ::gltf::json::validation::Checked;
+use glam::{Affine2, Mat2, Vec2, Vec4};
+
+use super::buffers::Buffers;
+use super::fault::{Fault, Outcome, Warnings, Within, label, lookup};
+use super::images;
+use super::uri;
+use crate::scene::{TexelImage, Texture, TextureRef, Wrap};
+
+/// All images of a file decode to at most this, bytes.
+const MAX_TEXELS: usize = 1 << 33;
+
+pub struct TextureTable<'a> {
+    buffers: &'a Buffers<'a>,
+    base: &'a Path,
+    pub textures: Vec<Texture>,
+    pub images: Vec<TexelImage>,
+    /// From the file's numbers to those in `textures` and `images`.
+    texture_of: HashMap<usize, usize>,
+    image_of: HashMap<usize, usize>,
+    means: HashMap<usize, Vec4>,
+    texels_left: usize,
+}
+
+impl<'a> TextureTable<'a> {
+    /// Relative URIs of images start from `base`.
+    pub fn new(buffers: &'a Buffers<'a>, base: &'a Path) -> Self {
+        Self {
+            buffers,
+            base,
+            textures: Vec::new(),
+            images: Vec::new(),
+            texture_of: HashMap::new(),
+            image_of: HashMap::new(),
+            means: HashMap::new(),
+            texels_left: MAX_TEXELS,
+        }
+    }
+
+    /// None, with a warning, where the texture cannot be used.
+    pub fn refer(&mut self, info: &Info, place: &str, warnings: &mut Warnings) -> Outcome<Option<TextureRef>> {
+        let transform = info.extensions.as_ref().and_then(|e| e.texture_transform.as_ref());
+        let uv_set = transform.and_then(|t| t.tex_coord).unwrap_or(info.tex_coord) as usize;
+        if uv_set > 1 {
+            warnings.note("textures on coordinate sets above 1 are left out", place);
+            return Ok(None);
+        }
+        let uv_from_uv = transform.map_or(Ok(Affine2::IDENTITY), affine_from)?;
+        let texture = self.texture(info.index.value(), place, warnings)?;
+        Ok(texture.map(|texture| TextureRef { texture, uv_set, uv_from_uv }))
+    }
+
+    /// Mean texel, 0 to 1, as stored; the image is not kept.
+    pub fn mean(&mut self, info: &Info, place: &str, warnings: &mut Warnings) -> Outcome<Option<Vec4>> {
+        let texture = lookup(&self.buffers.root.textures, "texture", info.index.value())?;
+        let Some(source) = source_of(texture) else {
+            warnings.note("textures without a readable image are left out", place);
+            return Ok(None);
+        };
+        if let Some(mean) = self.means.get(&source) {
+            return Ok(Some(*mean));
+        }
+        let mean = match self.image_of.get(&source) {
+            Some(&image) => mean_texel(&self.images[image]),
+            None => mean_texel(&self.decode(source)?),
+        };
+        self.means.insert(source, mean);
+        Ok(Some(mean))
+    }
+
+    fn texture(&mut self, index: usize, place: &str, warnings: &mut Warnings) -> Outcome<Option<usize>> {
+        if let Some(&known) = self.texture_of.get(&index) {
+            return Ok(Some(known));
+        }
+        let root = self.buffers.root;
+        let texture = lookup(&root.textures, "texture", index)?;
+        let Some(source) = source_of(texture) else {
+            warnings.note("textures without a readable image are left out", place);
+            return Ok(None);
+        };
+        let within = || label("texture", index, &texture.name);
+        let image = self.image(source).within(within)?;
+        let sampler = match texture.sampler {
+            Some(sampler) => read_sampler(lookup(&root.samplers, "sampler", sampler.value()).within(within)?)
+                .within(|| format!("sampler {sampler}"))?,
+            None => read_sampler(&Sampler::default())?,
+        };
+        self.textures.push(Texture { image, ..sampler });
+        self.texture_of.insert(index, self.textures.len() - 1);
+        Ok(Some(self.textures.len() - 1))
+    }
+
+    fn image(&mut self, index: usize) -> Outcome<usize> {
+        if let Some(&known) = self.image_of.get(&index) {
+            return Ok(known);
+        }
+        let image = self.decode(index)?;
+        self.images.push(image);
+        self.image_of.insert(index, self.images.len() - 1);
+        Ok(self.images.len() - 1)
+    }
+
+    fn decode(&mut self, index: usize) -> Outcome<TexelImage> {
+        let image = lookup(&self.buffers.root.images, "image", index)?;
+        let place = || match &image.uri {
+            Some(uri) if image.name.is_none() => format!("image {index} '{}'", uri::shorten(uri)),
+            _ => label("image", index, &image.name),
+        };
+        let attempt = || match (&image.uri, image.buffer_view) {
+            (Some(uri), _) => images::decode(&uri::fetch(self.base, uri)?),
+            (None, Some(view)) => images::decode(self.buffers.view(view.value())?.bytes),
+            (None, None) => Err(Fault::Invalid("it has neither a URI nor a buffer view".into())),
+        };
+        let decoded = attempt().within(place)?;
+        let size = decoded.pixels.len() * size_of::<[u8; 4]>();
+        self.texels_left = self
+            .texels_left
+            .checked_sub(size)
+            .ok_or_else(|| Fault::Invalid(format!("the file's images decode to more than {MAX_TEXELS} bytes")))?;
+        Ok(decoded)
+    }
+}
+
+/// The image to use: the one of `EXT_texture_webp` where there is one.
+fn source_of(texture: &JsonTexture) -> Option<usize> {
+    let webp = texture
+        .extensions
+        .as_ref()
+        .and_then(|e| e.others.get("EXT_texture_webp")?.get("source")?.as_u64())
+        .and_then(|source| usize::try_from(source).ok());
+    // The crate's stand-in for a texture without a source.
+    let absent = u32::MAX as usize;
+    webp.or(Some(texture.source.value()).filter(|&source| source != absent))
+}
+
+/// `image` is left 0.
+fn read_sampler(sampler: &Sampler) -> Outcome<Texture> {
+    let wrap = |mode: Checked<WrappingMode>| match mode {
+        Checked::Valid(WrappingMode::Repeat) => Ok(Wrap::Repeat),
+        Checked::Valid(WrappingMode::MirroredRepeat) => Ok(Wrap::MirroredRepeat),
+        Checked::Valid(WrappingMode::ClampToEdge) => Ok(Wrap::ClampToEdge),
+        Checked::Invalid => Err(Fault::Invalid("its wrapS or wrapT is unknown".into())),
+    };
+    let linear = match sampler.mag_filter {
+        Some(Checked::Valid(MagFilter::Nearest)) => false,
+        Some(Checked::Valid(MagFilter::Linear)) | None => true,
+        Some(Checked::Invalid) => return Err(Fault::Invalid("its magFilter is unknown".into())),
+    };
+    Ok(Texture { image: 0, wrap_u: wrap(sampler.wrap_s)?, wrap_v: wrap(sampler.wrap_t)?, linear })
+}
+
+/// Scales, then turns, then shifts. As v runs down the image, a counter-clockwise turn takes +u towards -v: the
+/// extension's text and examples say so, where its GLSL turns the other way.
+fn affine_from(transform: &TextureTransform) -> Outcome<Affine2> {
+    let (sin, cos) = transform.rotation.0.sin_cos();
+    let rotation = Mat2::from_cols(Vec2::new(cos, -sin), Vec2::new(sin, cos));
+    let scale = Mat2::from_diagonal(Vec2::from_array(transform.scale.0));
+    let affine = Affine2::from_mat2_translation(rotation * scale, Vec2::from_array(transform.offset.0));
+    if affine.is_finite() { Ok(affine) } else { Err(Fault::Invalid("its KHR_texture_transform is not finite".into())) }
+}
+
+fn mean_texel(image: &TexelImage) -> Vec4 {
+    let mut sums = [0u64; 4];
+    for texel in &image.pixels {
+        for (sum, &value) in sums.iter_mut().zip(texel) {
+            *sum += u64::from(value);
+        }
+    }
+    let count = image.pixels.len().max(1) as f64 * 255.0;
+    Vec4::from_array(sums.map(|sum| (sum as f64 / count) as f32))
+}

@@ -1,0 +1,69 @@
+//! What a scene asks of the shaders. What it does not ask is compiled out.
+
+use super::{AlphaMode, Environment, LightKind, Scene};
+
+/// Each flag switches code of the tracing stages on. More flags than needed change the time, never the picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
+pub struct SceneNeeds {
+    pub textures: bool,
+    pub vertex_colors: bool,
+    pub alpha: bool,
+    pub emissive: bool,
+    /// Point and spot lights.
+    pub local_lights: bool,
+    /// Local lights that are spheres.
+    pub spheres: bool,
+    pub directional: bool,
+    pub constant_environment: bool,
+    pub environment_map: bool,
+}
+
+impl SceneNeeds {
+    /// Everything, for comparison.
+    pub const ALL: Self = Self {
+        textures: true,
+        vertex_colors: true,
+        alpha: true,
+        emissive: true,
+        local_lights: true,
+        spheres: true,
+        directional: true,
+        constant_environment: true,
+        environment_map: true,
+    };
+
+    pub fn of(scene: &Scene) -> Self {
+        let used = || scene.instances.iter().map(|i| &scene.meshes[i.mesh]);
+        let materials = || used().map(|m| &scene.materials[m.material]);
+        let radius = |kind: &LightKind| match kind {
+            LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } => Some(*radius),
+            LightKind::Directional { .. } => None,
+        };
+        Self {
+            textures: materials().any(|m| m.base_color_texture.is_some() || m.emissive_texture.is_some()),
+            vertex_colors: used().any(|m| !m.colors.is_empty()),
+            alpha: materials().any(|m| m.alpha_mode != AlphaMode::Opaque),
+            emissive: materials().any(|m| m.emissive != glam::Vec3::ZERO),
+            local_lights: scene.lights.iter().any(|l| radius(&l.kind).is_some()),
+            spheres: scene.lights.iter().any(|l| radius(&l.kind).is_some_and(|r| r > 0.0)),
+            directional: scene.lights.iter().any(|l| radius(&l.kind).is_none()),
+            constant_environment: matches!(scene.environment, Environment::Constant(c) if c != glam::Vec3::ZERO),
+            environment_map: matches!(scene.environment, Environment::Map { .. }),
+        }
+    }
+
+    /// Names and values, as the shaders' override constants have them.
+    pub fn constants(&self) -> [(&'static str, bool); 9] {
+        [
+            ("HAS_TEXTURES", self.textures),
+            ("HAS_VERTEX_COLORS", self.vertex_colors),
+            ("HAS_ALPHA", self.alpha),
+            ("HAS_EMISSIVE", self.emissive),
+            ("HAS_LOCAL_LIGHTS", self.local_lights),
+            ("HAS_SPHERES", self.spheres),
+            ("HAS_DIRECTIONAL", self.directional),
+            ("HAS_CONSTANT_ENV", self.constant_environment),
+            ("HAS_ENV_MAP", self.environment_map),
+        ]
+    }
+}

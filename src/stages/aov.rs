@@ -1,0 +1,78 @@
+//! Auxiliary images.
+
+use super::{Dispatch, Of, Room, Slot, Work};
+use crate::graph::{PhysicalImage as P, Stage};
+
+pub(super) const ROOM: Room = Room {
+    stage: Stage::Aov,
+    shader: "aov",
+    reads_scene: true,
+    slots: &[
+        Slot::Read(P::Hit, Of::TaskView),
+        Slot::Read(P::Albedo, Of::TaskView),
+        Slot::Read(P::Emission, Of::TaskView),
+        Slot::Read(P::Tally, Of::TaskView),
+        Slot::AovTarget,
+        Slot::PreviousViews,
+    ],
+    clears: &[],
+    dispatches,
+};
+
+/// An auxiliary image: the surface behind the pixel's centre, or how the pixel was made. The discriminants are the
+/// shader's constants.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+#[repr(u32)]
+pub enum Aov {
+    /// Linear RGB.
+    Albedo,
+    /// Shading normal, world space, towards the eye.
+    Normal,
+    /// World space, scene units.
+    Position,
+    /// Distance along the ray, scene units; 0 for the sky.
+    Depth,
+    /// Where the surface was in the previous frame minus where it is, pixels.
+    Motion,
+    /// Perceptual, 0 to 1.
+    Roughness,
+    /// 0: reprojected; else the reason plus one, see [`super::HoleReason`].
+    Holes,
+    /// Samples per pixel.
+    Spp,
+    /// Index of the device that finished the pixel.
+    Stripes,
+}
+
+impl Aov {
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Albedo => "albedo",
+            Self::Normal => "normal",
+            Self::Position => "position",
+            Self::Depth => "depth",
+            Self::Motion => "motion",
+            Self::Roughness => "roughness",
+            Self::Holes => "holes",
+            Self::Spp => "spp",
+            Self::Stripes => "stripes",
+        }
+    }
+
+    /// Channels that carry something.
+    pub fn channels(self) -> &'static [&'static str] {
+        match self {
+            Self::Albedo => &["R", "G", "B"],
+            Self::Normal | Self::Position => &["X", "Y", "Z"],
+            Self::Motion => &["X", "Y"],
+            Self::Depth => &["Z"],
+            Self::Roughness | Self::Holes | Self::Spp | Self::Stripes => &["Y"],
+        }
+    }
+}
+
+fn dispatches(work: &Work<'_>) -> Vec<Dispatch> {
+    let kind = work.settings.aovs[work.index as usize] as u32;
+    vec![Dispatch::Rows { columns: work.settings.extent.width, args: [kind, work.device as u32, 0] }]
+}

@@ -1,0 +1,126 @@
+//! What shaders and host share, byte for byte. A test checks every struct against the shaders by reflection.
+
+use bytemuck::{Pod, Zeroable};
+use glam::{UVec2, Vec2, Vec3, Vec4};
+
+use crate::scene::rig;
+
+/// An eye; `View` in `frame.inc.wgsl`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct View {
+    pub origin: Vec3,
+    pub tan_half_x: f32,
+    pub right: Vec3,
+    pub tan_half_y: f32,
+    pub up: Vec3,
+    pub pad0: u32,
+    pub forward: Vec3,
+    pub pad1: u32,
+}
+
+impl View {
+    pub fn new(view: &rig::View, aspect: f64) -> Self {
+        Self {
+            origin: view.origin,
+            tan_half_x: (f64::from(view.tan_half_yfov) * aspect) as f32,
+            right: view.right,
+            tan_half_y: view.tan_half_yfov,
+            up: view.up,
+            pad0: 0,
+            forward: view.forward,
+            pad1: 0,
+        }
+    }
+}
+
+/// Constants of a frame; `Frame` in `frame.inc.wgsl`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Frame {
+    pub views: [View; 2],
+    pub width: u32,
+    pub height: u32,
+    pub index: u32,
+    pub seed: u32,
+    pub spp: u32,
+    pub reflections: u32,
+    pub indirect_clamp: f32,
+    pub exposure: f32,
+    pub sphere_count: u32,
+    pub light_groups: u32,
+    pub env_width: u32,
+    pub env_height: u32,
+    pub env_radiance: Vec3,
+    pub env_rotation: f32,
+    pub group_begin: [u32; 4],
+    pub group_count: [u32; 4],
+}
+
+/// Constants of a dispatch; `Pass` in `frame.inc.wgsl`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Pass {
+    pub view: u32,
+    pub row_begin: u32,
+    pub row_end: u32,
+    pub valid_begin: u32,
+    pub valid_end: u32,
+    pub args: [u32; 3],
+}
+
+/// `Material` in `scene.inc.wgsl`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Material {
+    pub base_color: Vec4,
+    pub emissive: Vec3,
+    pub light_pdf: f32,
+    pub roughness: f32,
+    pub metallic: f32,
+    pub alpha_cutoff: f32,
+    pub flags: u32,
+    pub base_color_texture: u32,
+    pub emissive_texture: u32,
+    pub emissive_uv_offset: Vec2,
+    pub uv_matrix: Vec4,
+    pub emissive_uv_matrix: Vec4,
+    pub uv_offset: Vec2,
+    pub pad: UVec2,
+}
+
+pub const DOUBLE_SIDED: u32 = 1;
+pub const ALPHA_MASK: u32 = 2;
+pub const ALPHA_BLEND: u32 = 4;
+pub const NO_TEXTURE: u32 = u32::MAX;
+
+/// `TextureInfo` in `scene.inc.wgsl`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct TextureInfo {
+    pub first: u32,
+    pub width: u32,
+    pub height: u32,
+    /// Bit 0: bilinear. Bits 2, 3: wrap of u. Bits 4, 5: wrap of v (0 repeat, 1 mirror, 2 clamp).
+    pub flags: u32,
+}
+
+/// `Light` in `lights.inc.wgsl`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct Light {
+    pub position: Vec3,
+    pub kind: u32,
+    pub strength: Vec3,
+    pub radius: f32,
+    pub axis: Vec3,
+    pub cos_outer: f32,
+    pub cone_scale: f32,
+    pub pick: f32,
+    pub keep: f32,
+    pub alias: u32,
+    pub prim: u32,
+    pub pad: [u32; 3],
+}
+
+pub const LIGHT_SPOT: u32 = 1;

@@ -1,0 +1,135 @@
+//! One room per stage: what its shader binds and how it is dispatched. A room shares its stem with its shader.
+//!
+//! A room is a [`Room`]: a sentence of bindings, and a function that says which dispatches a task becomes.
+//! [`DeviceStages`] turns rooms into pipelines on a device and records tasks with them.
+
+mod alias;
+mod aov;
+mod atrous;
+mod emitters;
+mod gbuffer;
+mod hole_fill;
+mod images;
+pub mod layout;
+mod path_trace;
+mod pipeline;
+mod reproject;
+mod scene_tables;
+mod seam_filter;
+mod tally;
+mod tonemap;
+
+pub use aov::Aov;
+pub use images::{Images, TooLarge};
+pub use pipeline::{DeviceStages, StageError, StageTask, Stamps};
+pub use scene_tables::{SceneTables, TableError};
+pub use tally::{HoleReason, RowTally};
+
+use crate::device::ShaderChecks;
+use crate::graph::{PhysicalImage, Stage};
+use crate::image::Extent;
+use crate::scene::needs::SceneNeeds;
+use crate::scene::rig::Eye;
+
+/// How random numbers are drawn.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Sampler {
+    /// Owen-scrambled Sobol'.
+    #[default]
+    Sobol,
+    /// Independent.
+    Pcg,
+}
+
+/// What stays the same for all frames of a run and shapes pipelines.
+#[derive(Clone, Debug)]
+pub struct StageSettings {
+    pub extent: Extent,
+    pub needs: SceneNeeds,
+    pub sampler: Sampler,
+    pub spp: u32,
+    pub iterations: u32,
+    /// Whether the right eye is reprojected.
+    pub reproject: bool,
+    pub aovs: Vec<Aov>,
+    pub checks: ShaderChecks,
+}
+
+impl StageSettings {
+    /// One sample goes through the pixel's centre, several are spread over the pixel.
+    pub fn jitter(&self) -> bool {
+        self.spp > 1
+    }
+
+    fn constants(&self) -> Vec<(&'static str, f64)> {
+        let flag = |b: bool| if b { 1.0 } else { 0.0 };
+        let mut constants: Vec<_> = self.needs.constants().map(|(n, b)| (n, flag(b))).into();
+        constants.push(("SOBOL", flag(self.sampler == Sampler::Sobol)));
+        constants.push(("JITTER", flag(self.jitter())));
+        constants
+    }
+}
+
+/// Whose image a binding takes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Of {
+    TaskView,
+    Left,
+}
+
+/// What stands at one binding of group 1.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Slot {
+    Read(PhysicalImage, Of),
+    Write(PhysicalImage),
+    /// The image that the task's filter reads, or the one it writes.
+    FilterSource,
+    FilterTarget,
+    AovTarget,
+    /// The eyes of the frame before.
+    PreviousViews,
+}
+
+/// A shader's dispatch: immediates and workgroups.
+enum Dispatch {
+    /// One invocation per pixel of the task's rows, `columns` of them a row.
+    Rows { columns: u32, args: [u32; 3] },
+    /// As many workgroups as the hole list asks for.
+    Holes { args: [u32; 3] },
+}
+
+/// A stage's sentence.
+struct Room {
+    stage: Stage,
+    shader: &'static str,
+    /// Whether group 0 holds the scene beside the frame's constants.
+    reads_scene: bool,
+    slots: &'static [Slot],
+    /// Cleared before the dispatches: an image and how many of its bytes, all if none.
+    clears: &'static [(PhysicalImage, Option<u64>)],
+    dispatches: fn(&Work<'_>) -> Vec<Dispatch>,
+}
+
+/// A task as its room sees it.
+struct Work<'a> {
+    settings: &'a StageSettings,
+    view: Eye,
+    index: u32,
+    device: usize,
+}
+
+const ROOMS: [Room; 9] = [
+    gbuffer::ROOM,
+    path_trace::ROOM,
+    reproject::ROOM,
+    hole_fill::ROOM,
+    atrous::ROOM,
+    seam_filter::ROOM,
+    tonemap::ROOM,
+    tally::ROOM,
+    aov::ROOM,
+];
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,320 @@
+//! Rooms made into pipelines on a device, and tasks recorded with them.
+
+use std::collections::HashMap;
+use std::ops::Range;
+
+use super::images::Images;
+use super::layout::{Frame, Pass, View};
+use super::scene_tables::{SceneBuffers, SceneTables, TableError, layout_entries};
+use super::{Dispatch, Of, ROOMS, Room, Slot, StageSettings, Work};
+use crate::device::{GpuDevice, override_names, wgsl};
+use crate::graph::{PhysicalImage, Resource, Stage};
+use crate::image::Extent;
+use crate::scene::rig::Eye;
+
+/// Edge of the workgroups of row-wise shaders.
+const TILE: u32 = 8;
+const PASS_BYTES: u32 = size_of::<Pass>() as u32;
+
+#[derive(Debug, thiserror::Error)]
+pub enum StageError {
+    #[error(transparent)]
+    Tables(#[from] TableError),
+    #[error(transparent)]
+    Images(#[from] super::TooLarge),
+    #[error("device {device} refused the shader of stage {stage}: {what}")]
+    Pipeline { device: usize, stage: &'static str, what: String },
+}
+
+/// Timestamps around a frame's tasks.
+pub struct Stamps {
+    pub queries: wgpu::QuerySet,
+    used: u32,
+}
+
+impl Stamps {
+    /// Most tasks of a frame that are timed.
+    pub const CAPACITY: u32 = 256;
+
+    pub fn new(device: &wgpu::Device) -> Self {
+        let queries = device.create_query_set(&wgpu::QuerySetDescriptor {
+            label: Some("stamps"),
+            ty: wgpu::QueryType::Timestamp,
+            count: 2 * Self::CAPACITY,
+        });
+        Self { queries, used: 0 }
+    }
+
+    pub fn reset(&mut self) {
+        self.used = 0;
+    }
+
+    /// Queries written since the reset.
+    pub fn written(&self) -> u32 {
+        2 * self.used
+    }
+
+    /// Index of the next pair, or none left.
+    fn next(&mut self) -> Option<u32> {
+        let pair = self.used;
+        (pair < Self::CAPACITY).then(|| self.used += 1)?;
+        Some(pair)
+    }
+}
+
+struct Built {
+    room: &'static Room,
+    pipeline: wgpu::ComputePipeline,
+    layout: wgpu::BindGroupLayout,
+}
+
+#[derive(PartialEq, Eq, Hash)]
+struct GroupKey {
+    stage: Stage,
+    view: Eye,
+    filter: Option<(PhysicalImage, PhysicalImage)>,
+    index: u32,
+}
+
+/// What one device needs to carry out any task.
+pub struct DeviceStages {
+    settings: StageSettings,
+    pub images: Images,
+    rooms: Vec<Built>,
+    groups: HashMap<GroupKey, wgpu::BindGroup>,
+    frame_only: wgpu::BindGroup,
+    with_scene: wgpu::BindGroup,
+    frame: wgpu::Buffer,
+    previous: wgpu::Buffer,
+}
+
+fn buffer_entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLayoutEntry {
+    wgpu::BindGroupLayoutEntry {
+        binding,
+        visibility: wgpu::ShaderStages::COMPUTE,
+        ty: wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None },
+        count: None,
+    }
+}
+
+fn uniform(gpu: &GpuDevice, label: &str, size: usize) -> wgpu::Buffer {
+    gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some(label),
+        size: size as u64,
+        usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    })
+}
+
+impl DeviceStages {
+    /// Makes images, scene tables and the pipelines of `stages`.
+    pub fn new(
+        gpu: &GpuDevice,
+        settings: StageSettings,
+        tables: &SceneTables,
+        stages: &[Stage],
+    ) -> Result<Self, StageError> {
+        let images = Images::new(gpu, settings.extent, settings.aovs.len() as u8)?;
+        let scene = SceneBuffers::new(gpu, tables)?;
+        let frame = uniform(gpu, "frame", size_of::<Frame>());
+        let previous = uniform(gpu, "previous views", 2 * size_of::<View>());
+        let constants = buffer_entry(0, wgpu::BufferBindingType::Uniform);
+        let all: Vec<_> = std::iter::once(constants).chain(layout_entries()).collect();
+        let group_layout = |label, entries: &[_]| {
+            gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries })
+        };
+        let frame_layout = group_layout("frame", &[constants]);
+        let scene_layout = group_layout("frame and scene", &all);
+        let bind = |layout, entries: &[_]| {
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("group 0"), layout, entries })
+        };
+        let first = wgpu::BindGroupEntry { binding: 0, resource: frame.as_entire_binding() };
+        let frame_only = bind(&frame_layout, std::slice::from_ref(&first));
+        let with_scene = bind(&scene_layout, &std::iter::once(first).chain(scene.entries()).collect::<Vec<_>>());
+        let mut rooms = Vec::new();
+        for room in ROOMS.iter().filter(|r| stages.contains(&r.stage)) {
+            let group0 = if room.reads_scene { &scene_layout } else { &frame_layout };
+            let _span = tracing::info_span!("build pipeline", stage = room.stage.name()).entered();
+            rooms.push(build(gpu, room, group0, &settings)?);
+        }
+        Ok(Self { settings, images, rooms, groups: HashMap::new(), frame_only, with_scene, frame, previous })
+    }
+
+    /// Sets the constants that the next submission's tasks see.
+    pub fn set_frame(&self, gpu: &GpuDevice, frame: &Frame, previous: &[View; 2]) {
+        gpu.queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(frame));
+        gpu.queue.write_buffer(&self.previous, 0, bytemuck::cast_slice(previous));
+    }
+
+    pub fn extent(&self) -> Extent {
+        self.settings.extent
+    }
+
+    /// Runs every pipeline once on no rows, so that drivers compile now what they would at the first frame.
+    pub fn warm_up(&mut self, gpu: &GpuDevice, stamps: &mut Stamps) {
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        for stage in self.rooms.iter().map(|b| b.room.stage).collect::<Vec<_>>() {
+            let filter = Some((Resource::Filtered(1), Resource::Filtered(2)));
+            let task = StageTask { stage, view: Eye::Right, index: 0, rows: 0..0, valid: 0..0, filter };
+            self.record(gpu, &mut encoder, stamps, &task);
+        }
+        gpu.queue.submit([encoder.finish()]);
+    }
+
+    /// Records a task; returns the pair of timestamps around it, if any is left.
+    pub fn record(
+        &mut self,
+        gpu: &GpuDevice,
+        encoder: &mut wgpu::CommandEncoder,
+        stamps: &mut Stamps,
+        task: &StageTask,
+    ) -> Option<u32> {
+        let built = self.rooms.iter().find(|b| b.room.stage == task.stage)?;
+        let key = GroupKey {
+            stage: task.stage,
+            view: task.view,
+            filter: task.filter.map(|(a, b)| (a.physical(), b.physical())),
+            index: if task.stage == Stage::Aov { task.index } else { 0 },
+        };
+        let (images, previous) = (&self.images, &self.previous);
+        let group = self.groups.entry(key).or_insert_with_key(|k| bind_slots(gpu, built, images, previous, k));
+        for &(image, bytes) in built.room.clears {
+            encoder.clear_buffer(self.images.buffer(image, task.view), 0, bytes);
+        }
+        let pair = stamps.next();
+        let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
+            label: Some(task.stage.name()),
+            timestamp_writes: pair.map(|p| wgpu::ComputePassTimestampWrites {
+                query_set: &stamps.queries,
+                beginning_of_pass_write_index: Some(2 * p),
+                end_of_pass_write_index: Some(2 * p + 1),
+            }),
+        });
+        pass.set_pipeline(&built.pipeline);
+        pass.set_bind_group(0, if built.room.reads_scene { &self.with_scene } else { &self.frame_only }, &[]);
+        pass.set_bind_group(1, &*group, &[]);
+        let work =
+            Work { settings: &self.settings, view: task.view, index: task.index, device: gpu.info.index };
+        for dispatch in (built.room.dispatches)(&work) {
+            let (args, columns) = match dispatch {
+                Dispatch::Rows { columns, args } => (args, Some(columns)),
+                Dispatch::Holes { args } => (args, None),
+            };
+            let constants = Pass {
+                view: task.view as u32,
+                row_begin: task.rows.start,
+                row_end: task.rows.end,
+                valid_begin: task.valid.start,
+                valid_end: task.valid.end,
+                args,
+            };
+            pass.set_immediates(0, bytemuck::bytes_of(&constants));
+            match columns {
+                Some(columns) => {
+                    let rows = task.rows.end - task.rows.start;
+                    pass.dispatch_workgroups(columns.div_ceil(TILE), rows.div_ceil(TILE).max(1), 1);
+                }
+                // The list is empty as long as nothing was reprojected.
+                None if task.rows.is_empty() => pass.dispatch_workgroups(1, 1, 1),
+                None => {
+                    pass.dispatch_workgroups_indirect(self.images.buffer(PhysicalImage::Holes, task.view), 4);
+                }
+            }
+        }
+        pair
+    }
+}
+
+/// One stage on one view and one run of rows.
+#[derive(Clone, Debug)]
+pub struct StageTask {
+    pub stage: Stage,
+    pub view: Eye,
+    pub index: u32,
+    pub rows: Range<u32>,
+    pub valid: Range<u32>,
+    pub filter: Option<(Resource, Resource)>,
+}
+
+fn build(
+    gpu: &GpuDevice,
+    room: &'static Room,
+    group0: &wgpu::BindGroupLayout,
+    settings: &StageSettings,
+) -> Result<Built, StageError> {
+    let source = wgsl(room.shader);
+    let declared = override_names(&source);
+    let constants: Vec<_> = settings.constants().into_iter().filter(|(n, _)| declared.contains(n)).collect();
+    let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::Validation);
+    let descriptor = wgpu::ShaderModuleDescriptor {
+        label: Some(room.shader),
+        source: wgpu::ShaderSource::Wgsl(source.as_str().into()),
+    };
+    // SAFETY: the shader is part of this crate. Its loops end, its integer divisors are not zero; bounds stay checked.
+    let module = unsafe { gpu.device.create_shader_module_trusted(descriptor, settings.checks.runtime_checks()) };
+    let entries: Vec<_> = room.slots.iter().enumerate().map(|(i, s)| slot_layout(i as u32, *s)).collect();
+    let layout = gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some(room.shader),
+        entries: &entries,
+    });
+    let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some(room.shader),
+        bind_group_layouts: &[Some(group0), Some(&layout)],
+        immediate_size: PASS_BYTES,
+    });
+    let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some(room.shader),
+        layout: Some(&pipeline_layout),
+        module: &module,
+        entry_point: Some("main"),
+        compilation_options: wgpu::PipelineCompilationOptions {
+            constants: &constants,
+            zero_initialize_workgroup_memory: false,
+        },
+        cache: None,
+    });
+    if let Some(error) = pollster::block_on(scope.pop()) {
+        let (device, stage, what) = (gpu.info.index, room.stage.name(), error.to_string());
+        return Err(StageError::Pipeline { device, stage, what });
+    }
+    Ok(Built { room, pipeline, layout })
+}
+
+fn slot_layout(binding: u32, slot: Slot) -> wgpu::BindGroupLayoutEntry {
+    let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
+    buffer_entry(
+        binding,
+        match slot {
+            Slot::Read(..) | Slot::FilterSource => storage(true),
+            Slot::Write(_) | Slot::FilterTarget | Slot::AovTarget => storage(false),
+            Slot::PreviousViews => wgpu::BufferBindingType::Uniform,
+        },
+    )
+}
+
+fn bind_slots(
+    gpu: &GpuDevice,
+    built: &Built,
+    images: &Images,
+    previous: &wgpu::Buffer,
+    key: &GroupKey,
+) -> wgpu::BindGroup {
+    let filter = key.filter.unwrap_or((PhysicalImage::Radiance, PhysicalImage::Ping));
+    let buffer = |slot: Slot| match slot {
+        Slot::Read(image, Of::TaskView) | Slot::Write(image) => images.buffer(image, key.view),
+        Slot::Read(image, Of::Left) => images.buffer(image, Eye::Left),
+        Slot::FilterSource => images.buffer(filter.0, key.view),
+        Slot::FilterTarget => images.buffer(filter.1, key.view),
+        Slot::AovTarget => images.buffer(PhysicalImage::Aov(key.index as u8), key.view),
+        Slot::PreviousViews => previous,
+    };
+    let slots = built.room.slots.iter().enumerate();
+    let entries: Vec<_> = slots
+        .map(|(i, &slot)| wgpu::BindGroupEntry { binding: i as u32, resource: buffer(slot).as_entire_binding() })
+        .collect();
+    gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some(built.room.shader),
+        layout: &built.layout,
+        entries: &entries,
+    })
+}

@@ -1,0 +1,27 @@
+//! Spatial reprojection of the left eye into the right, and the list of holes.
+
+use super::{Dispatch, Of, Room, Slot, Work};
+use crate::graph::{PhysicalImage as P, Stage};
+
+pub(super) const ROOM: Room = Room {
+    stage: Stage::Reproject,
+    shader: "reproject",
+    reads_scene: false,
+    slots: &[
+        Slot::Read(P::Hit, Of::Left),
+        Slot::Read(P::Guide, Of::Left),
+        Slot::Read(P::Radiance, Of::Left),
+        Slot::Read(P::Hit, Of::TaskView),
+        Slot::Read(P::Guide, Of::TaskView),
+        Slot::Write(P::Radiance),
+        Slot::Write(P::Tally),
+        Slot::Write(P::Holes),
+    ],
+    // The count of holes and of workgroups.
+    clears: &[(P::Holes, Some(8))],
+    dispatches,
+};
+
+fn dispatches(work: &Work<'_>) -> Vec<Dispatch> {
+    vec![Dispatch::Rows { columns: work.settings.extent.width, args: [0; 3] }]
+}

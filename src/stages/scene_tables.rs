@@ -1,0 +1,272 @@
+//! The scene as the tracing stages read it: tables made once per scene, and their copy on a device.
+
+use std::borrow::Cow;
+
+use glam::{Vec2, Vec4};
+use wgpu::util::DeviceExt;
+
+use super::emitters::Emitters;
+use super::layout::{self, ALPHA_BLEND, ALPHA_MASK, DOUBLE_SIDED, NO_TEXTURE, TextureInfo};
+use crate::accel::Accel;
+use crate::device::GpuDevice;
+use crate::image::{Extent, RgbImage};
+use crate::scene::{self, AlphaMode, Environment, Scene, Wrap};
+
+/// Edge of a texel page; the shift and mask in `scene.inc.wgsl`.
+const PAGE: u32 = 2048;
+
+#[derive(Debug, thiserror::Error)]
+pub enum TableError {
+    #[error("the scene's {what} take {mib} MiB, more than the {limit} MiB that device {device} lets a shader read at once")]
+    TooLarge { what: &'static str, mib: u64, limit: u64, device: usize },
+    #[error("the scene's textures hold {0} texels, more than the 2^32 that can be addressed: make them smaller")]
+    Texels(u64),
+    #[error("the environment image is {0}; the device takes {1} pixels an edge at most: make it smaller")]
+    Environment(Extent, u32),
+}
+
+/// Tables of one scene, the same for every device.
+pub struct SceneTables {
+    accel: Accel,
+    materials: Vec<layout::Material>,
+    textures: Vec<TextureInfo>,
+    texels: Vec<[u8; 4]>,
+    emitters: Emitters,
+    environment: Environment,
+}
+
+/// The sRGB decoding of IEC 61966-2-1 for an 8-bit code.
+pub(super) fn linear_from_srgb(code: u8) -> f32 {
+    let c = f64::from(code) / 255.0;
+    (if c <= 0.04045 { c / 12.92 } else { ((c + 0.055) / 1.055).powf(2.4) }) as f32
+}
+
+impl SceneTables {
+    pub fn new(scene: &Scene, accel: Accel) -> Result<Self, TableError> {
+        let emitters = Emitters::new(scene, &accel);
+        let mut firsts = Vec::with_capacity(scene.images.len());
+        let mut texels: Vec<[u8; 4]> = Vec::new();
+        for image in &scene.images {
+            firsts.push(texels.len() as u64);
+            texels.extend(&image.pixels);
+        }
+        if texels.len() as u64 > u64::from(u32::MAX) {
+            return Err(TableError::Texels(texels.len() as u64));
+        }
+        let textures = scene.textures.iter().map(|t| texture_info(t, scene, firsts[t.image] as u32)).collect();
+        let materials =
+            scene.materials.iter().zip(&emitters.light_pdf).map(|(m, &pdf)| gpu_material(m, pdf)).collect();
+        Ok(Self { accel, materials, textures, texels, emitters, environment: scene.environment.clone() })
+    }
+
+    /// Fills in what the scene says about a frame.
+    pub fn describe(&self, frame: &mut layout::Frame) {
+        frame.sphere_count = self.emitters.sphere_count;
+        frame.light_groups = self.emitters.groups;
+        frame.group_begin = self.emitters.group_begin;
+        frame.group_count = self.emitters.group_count;
+        match &self.environment {
+            Environment::Black => {}
+            Environment::Constant(radiance) => frame.env_radiance = *radiance,
+            Environment::Map { image, rotation_deg } => {
+                frame.env_width = image.extent.width;
+                frame.env_height = image.extent.height;
+                frame.env_rotation = rotation_deg / 360.0;
+            }
+        }
+    }
+
+    /// Whether there is anything that could reflect light.
+    pub fn has_surfaces(&self) -> bool {
+        self.accel.nodes.len() > 1 || self.accel.nodes[0] != [0; 20]
+    }
+
+    pub fn triangle_count(&self) -> usize {
+        self.accel.triangles.len()
+    }
+}
+
+fn texture_info(texture: &scene::Texture, scene: &Scene, first: u32) -> TextureInfo {
+    let wrap = |w| match w {
+        Wrap::Repeat => 0,
+        Wrap::MirroredRepeat => 1,
+        Wrap::ClampToEdge => 2,
+    };
+    let Extent { width, height } = scene.images[texture.image].extent;
+    let flags = u32::from(texture.linear) | wrap(texture.wrap_u) << 2 | wrap(texture.wrap_v) << 4;
+    TextureInfo { first, width, height, flags }
+}
+
+fn gpu_material(m: &scene::Material, light_pdf: f32) -> layout::Material {
+    let (alpha, alpha_cutoff) = match m.alpha_mode {
+        AlphaMode::Opaque => (0, 0.0),
+        AlphaMode::Mask { cutoff } => (ALPHA_MASK, cutoff),
+        AlphaMode::Blend => (ALPHA_BLEND, 0.0),
+    };
+    let texture = |t: &Option<scene::TextureRef>| t.map_or(NO_TEXTURE, |t| t.texture as u32);
+    layout::Material {
+        base_color: m.base_color,
+        emissive: m.emissive,
+        light_pdf,
+        roughness: m.roughness,
+        metallic: m.metallic,
+        alpha_cutoff,
+        flags: alpha | if m.double_sided { DOUBLE_SIDED } else { 0 },
+        base_color_texture: texture(&m.base_color_texture),
+        emissive_texture: texture(&m.emissive_texture),
+        uv_matrix: uv_matrix(&m.base_color_texture),
+        uv_offset: uv_offset(&m.base_color_texture),
+        emissive_uv_matrix: uv_matrix(&m.emissive_texture),
+        emissive_uv_offset: uv_offset(&m.emissive_texture),
+        ..Default::default()
+    }
+}
+
+fn uv_matrix(texture: &Option<scene::TextureRef>) -> Vec4 {
+    let m = texture.map_or(glam::Mat2::IDENTITY, |t| t.uv_from_uv.matrix2);
+    Vec4::new(m.x_axis.x, m.y_axis.x, m.x_axis.y, m.y_axis.y)
+}
+
+fn uv_offset(texture: &Option<scene::TextureRef>) -> Vec2 {
+    texture.map_or(Vec2::ZERO, |t| t.uv_from_uv.translation)
+}
+
+/// A scene's tables on a device; group 0 of the tracing stages, but for the frame's constants at binding 0.
+pub struct SceneBuffers {
+    buffers: Vec<(u32, wgpu::Buffer)>,
+    texels: wgpu::TextureView,
+    environment: wgpu::TextureView,
+}
+
+/// Bindings 1 to 11.
+pub fn layout_entries() -> Vec<wgpu::BindGroupLayoutEntry> {
+    let entry = |binding, ty| wgpu::BindGroupLayoutEntry {
+        binding,
+        visibility: wgpu::ShaderStages::COMPUTE,
+        ty,
+        count: None,
+    };
+    let storage = wgpu::BindingType::Buffer {
+        ty: wgpu::BufferBindingType::Storage { read_only: true },
+        has_dynamic_offset: false,
+        min_binding_size: None,
+    };
+    let texture = |view_dimension| wgpu::BindingType::Texture {
+        sample_type: wgpu::TextureSampleType::Float { filterable: false },
+        view_dimension,
+        multisampled: false,
+    };
+    let mut entries: Vec<_> = [1, 2, 3, 4, 5, 6, 8, 9, 11].map(|b| entry(b, storage)).into();
+    entries.push(entry(7, texture(wgpu::TextureViewDimension::D2Array)));
+    entries.push(entry(10, texture(wgpu::TextureViewDimension::D2)));
+    entries
+}
+
+impl SceneBuffers {
+    pub fn new(gpu: &GpuDevice, tables: &SceneTables) -> Result<Self, TableError> {
+        let srgb: Vec<f32> = (0..=255).map(linear_from_srgb).collect();
+        let emitters = &tables.emitters;
+        let contents = [
+            (1, "tree", bytes_of(&tables.accel.nodes)),
+            (2, "triangles", bytes_of(&tables.accel.triangles)),
+            (3, "normals and texture coordinates", bytes_of(&tables.accel.shadings)),
+            (4, "vertex colours", bytes_of(&tables.accel.colors)),
+            (5, "materials", bytes_of(&tables.materials)),
+            (6, "texture table", bytes_of(&tables.textures)),
+            (8, "sRGB table", bytes_of(&srgb)),
+            (9, "lights", bytes_of(&emitters.lights)),
+            (11, "environment grid", bytes_of(&emitters.env_alias)),
+        ];
+        let limit = gpu.info.max_storage_bytes;
+        let mut buffers = Vec::new();
+        for (binding, what, bytes) in contents {
+            if bytes.len() as u64 > limit {
+                let (mib, limit) = (bytes.len() as u64 >> 20, limit >> 20);
+                return Err(TableError::TooLarge { what, mib, limit, device: gpu.info.index });
+            }
+            let descriptor = wgpu::util::BufferInitDescriptor {
+                label: Some(what),
+                contents: &bytes,
+                usage: wgpu::BufferUsages::STORAGE,
+            };
+            buffers.push((binding, gpu.device.create_buffer_init(&descriptor)));
+        }
+        let texels = upload_pages(gpu, &tables.texels);
+        let environment = upload_environment(gpu, &tables.environment)?;
+        gpu.queue.submit([]);
+        Ok(Self { buffers, texels, environment })
+    }
+
+    pub fn entries(&self) -> Vec<wgpu::BindGroupEntry<'_>> {
+        let buffers = self.buffers.iter().map(|(binding, b)| wgpu::BindGroupEntry {
+            binding: *binding,
+            resource: b.as_entire_binding(),
+        });
+        let view = |binding, v| wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(v) };
+        buffers.chain([view(7, &self.texels), view(10, &self.environment)]).collect()
+    }
+}
+
+/// A table's bytes. No binding may be empty: a table without entries becomes one zeroed entry.
+fn bytes_of<T: bytemuck::Pod>(table: &[T]) -> Cow<'_, [u8]> {
+    if table.is_empty() { Cow::Owned(vec![0; size_of::<T>()]) } else { Cow::Borrowed(bytemuck::cast_slice(table)) }
+}
+
+fn upload_pages(gpu: &GpuDevice, texels: &[[u8; 4]]) -> wgpu::TextureView {
+    let edge = if texels.is_empty() { 1 } else { PAGE };
+    let per_page = (edge * edge) as usize;
+    let pages = texels.len().div_ceil(per_page).max(1) as u32;
+    let size = wgpu::Extent3d { width: edge, height: edge, depth_or_array_layers: pages };
+    let texture = new_texture(gpu, "texels", size, wgpu::TextureFormat::Rgba8Unorm);
+    for (page, part) in texels.chunks(per_page).enumerate() {
+        let mut whole = bytemuck::cast_slice(part).to_vec();
+        whole.resize(per_page * 4, 0);
+        write_layer(gpu, &texture, page as u32, [edge, edge], 4, &whole);
+    }
+    texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        ..Default::default()
+    })
+}
+
+fn upload_environment(gpu: &GpuDevice, environment: &Environment) -> Result<wgpu::TextureView, TableError> {
+    let black = RgbImage::filled(Extent::new(1, 1), [0.0; 3]);
+    let image = if let Environment::Map { image, .. } = environment { image } else { &black };
+    let Extent { width, height } = image.extent;
+    let limit = gpu.device.limits().max_texture_dimension_2d;
+    if width.max(height) > limit {
+        return Err(TableError::Environment(image.extent, limit));
+    }
+    let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
+    let texture = new_texture(gpu, "environment", size, wgpu::TextureFormat::Rgba32Float);
+    let rgba: Vec<[f32; 4]> = image.pixels.iter().map(|p| [p[0], p[1], p[2], 1.0]).collect();
+    write_layer(gpu, &texture, 0, [width, height], 16, bytemuck::cast_slice(&rgba));
+    Ok(texture.create_view(&Default::default()))
+}
+
+fn new_texture(gpu: &GpuDevice, label: &str, size: wgpu::Extent3d, format: wgpu::TextureFormat) -> wgpu::Texture {
+    gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some(label),
+        size,
+        mip_level_count: 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    })
+}
+
+fn write_layer(gpu: &GpuDevice, texture: &wgpu::Texture, z: u32, size: [u32; 2], texel_bytes: u32, bytes: &[u8]) {
+    gpu.queue.write_texture(
+        wgpu::TexelCopyTextureInfo {
+            texture,
+            mip_level: 0,
+            origin: wgpu::Origin3d { x: 0, y: 0, z },
+            aspect: wgpu::TextureAspect::All,
+        },
+        bytes,
+        wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(size[0] * texel_bytes), rows_per_image: None },
+        wgpu::Extent3d { width: size[0], height: size[1], depth_or_array_layers: 1 },
+    );
+}

@@ -1,0 +1,62 @@
+//! What was counted per pixel, summed by rows.
+
+use bytemuck::{Pod, Zeroable};
+
+use super::{Dispatch, Of, Room, Slot, Work};
+use crate::graph::{PhysicalImage as P, Stage};
+
+pub(super) const ROOM: Room = Room {
+    stage: Stage::Tally,
+    shader: "tally",
+    reads_scene: false,
+    slots: &[Slot::Read(P::Tally, Of::TaskView), Slot::Write(P::RowTally)],
+    clears: &[(P::RowTally, None)],
+    dispatches,
+};
+
+/// Pixels that one invocation sums; `SEGMENT` in the shader.
+const SEGMENT: u32 = 64;
+
+fn dispatches(work: &Work<'_>) -> Vec<Dispatch> {
+    vec![Dispatch::Rows { columns: work.settings.extent.width.div_ceil(SEGMENT), args: [0; 3] }]
+}
+
+/// One row of `tally.wgsl`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+#[repr(C)]
+pub struct RowTally {
+    pub rays: u32,
+    pub nonfinite: u32,
+    /// Holes by [`HoleReason`].
+    pub holes: [u32; 5],
+    pub pad: u32,
+}
+
+/// Why a pixel of the right eye could not be reprojected, in the order of [`RowTally::holes`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum HoleReason {
+    /// Outside the left eye's image.
+    Outside,
+    /// The left eye saw a surface turned another way.
+    Normal,
+    /// ... or at another depth.
+    Distance,
+    /// ... or of another material, or none.
+    Material,
+    /// Several surfaces share the pixel.
+    Mixed,
+}
+
+impl HoleReason {
+    pub const ALL: [Self; 5] = [Self::Outside, Self::Normal, Self::Distance, Self::Material, Self::Mixed];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Outside => "outside",
+            Self::Normal => "normal",
+            Self::Distance => "distance",
+            Self::Material => "material",
+            Self::Mixed => "mixed",
+        }
+    }
+}

@@ -1,0 +1,86 @@
+use super::layout;
+use super::*;
+use crate::device::{override_names, wgsl};
+
+fn module(shader: &str) -> naga::Module {
+    let source = wgsl(shader);
+    naga::front::wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{shader}: {}", e.emit_to_string(&source)))
+}
+
+#[test]
+fn every_shader_is_valid() {
+    for room in &ROOMS {
+        let mut validator =
+            naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::all());
+        validator.validate(&module(room.shader)).unwrap_or_else(|e| {
+            panic!("{}: {}", room.shader, e.emit_to_string(&wgsl(room.shader)));
+        });
+    }
+}
+
+/// Size and member offsets of a struct, as the shader compiler lays it out.
+fn reflect(module: &naga::Module, name: &str) -> Option<(u32, Vec<(String, u32)>)> {
+    module.types.iter().find(|(_, t)| t.name.as_deref() == Some(name)).map(|(_, t)| match &t.inner {
+        naga::TypeInner::Struct { members, span } => {
+            (*span, members.iter().map(|m| (m.name.clone().unwrap_or_default(), m.offset)).collect())
+        }
+        other => panic!("{name} is {other:?}"),
+    })
+}
+
+macro_rules! same_layout {
+    ($module:expr, $wgsl:literal, $rust:ty, [$($field:ident = $name:literal),* $(,)?]) => {{
+        let (size, members) = reflect($module, $wgsl).expect($wgsl);
+        assert_eq!(size as usize, size_of::<$rust>(), "size of {}", $wgsl);
+        $(
+            let offset = std::mem::offset_of!($rust, $field) as u32;
+            assert!(members.contains(&($name.to_owned(), offset)), "{}.{} at {offset}: {members:?}", $wgsl, $name);
+        )*
+    }};
+}
+
+#[test]
+fn host_structs_lie_as_shaders_read_them() {
+    let m = &module("path_trace");
+    same_layout!(m, "View", layout::View, [origin = "origin", tan_half_x = "tan_half_x", right = "right",
+        tan_half_y = "tan_half_y", up = "up", forward = "forward"]);
+    same_layout!(m, "Frame", layout::Frame, [views = "views", width = "width", height = "height", index = "index",
+        seed = "seed", spp = "spp", reflections = "reflections", indirect_clamp = "indirect_clamp",
+        exposure = "exposure", sphere_count = "sphere_count", light_groups = "light_groups", env_width = "env_width",
+        env_height = "env_height", env_radiance = "env_radiance", env_rotation = "env_rotation",
+        group_begin = "group_begin", group_count = "group_count"]);
+    same_layout!(m, "Pass", layout::Pass, [view = "view", row_begin = "row_begin", row_end = "row_end",
+        valid_begin = "valid_begin", valid_end = "valid_end", args = "arg0"]);
+    same_layout!(m, "Material", layout::Material, [base_color = "base_color", emissive = "emissive",
+        light_pdf = "light_pdf", roughness = "roughness", metallic = "metallic", alpha_cutoff = "alpha_cutoff",
+        flags = "flags", base_color_texture = "base_color_texture", emissive_texture = "emissive_texture",
+        emissive_uv_offset = "emissive_uv_offset", uv_matrix = "uv_matrix",
+        emissive_uv_matrix = "emissive_uv_matrix", uv_offset = "uv_offset"]);
+    same_layout!(m, "TextureInfo", layout::TextureInfo, [first = "first", width = "width", height = "height",
+        flags = "flags"]);
+    same_layout!(m, "Light", layout::Light, [position = "position", kind = "kind", strength = "strength",
+        radius = "radius", axis = "axis", cos_outer = "cos_outer", cone_scale = "cone_scale", pick = "pick",
+        keep = "keep", alias = "alias_", prim = "prim"]);
+    same_layout!(m, "Triangle", crate::accel::Triangle, [v0 = "v0", material = "material", v1 = "v1",
+        flags = "flags", v2 = "v2"]);
+    same_layout!(m, "Shading", crate::accel::Shading, [n0 = "n0", u0 = "u0", n1 = "n1", v0 = "v0", n2 = "n2",
+        u1 = "u1", v1 = "v1", u2 = "u2", v2 = "v2"]);
+}
+
+#[test]
+fn every_need_is_an_override_of_path_tracing() {
+    let source = wgsl("path_trace");
+    let declared = override_names(&source);
+    for (name, _) in SceneNeeds::ALL.constants() {
+        assert!(declared.contains(&name), "{name}");
+    }
+}
+
+#[test]
+fn rooms_bind_as_many_slots_as_their_shaders_declare() {
+    for room in &ROOMS {
+        let m = module(room.shader);
+        let bound = m.global_variables.iter().filter(|(_, v)| v.binding.is_some_and(|b| b.group == 1)).count();
+        assert_eq!(bound, room.slots.len(), "{}", room.shader);
+    }
+}

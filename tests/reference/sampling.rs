@@ -1,0 +1,83 @@
+//! Random numbers and the directions drawn with them.
+
+use std::f64::consts::TAU;
+
+use glam::DVec3;
+
+const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
+
+/// The output function of SplitMix64 (Steele, Lea & Flood 2014).
+fn mix(mut z: u64) -> u64 {
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+fn unit_from_bits(bits: u64) -> f64 {
+    (bits >> 11) as f64 * (1.0 / (1u64 << 53) as f64)
+}
+
+/// SplitMix64, one generator per (seed, stream); a stream is a pixel.
+pub struct Rng {
+    state: u64,
+}
+
+impl Rng {
+    pub fn new(seed: u64, stream: u64) -> Self {
+        let state = mix(mix(seed.wrapping_add(GOLDEN)) ^ mix(stream.wrapping_mul(GOLDEN)));
+        Self { state }
+    }
+
+    pub fn bits(&mut self) -> u64 {
+        self.state = self.state.wrapping_add(GOLDEN);
+        mix(self.state)
+    }
+
+    /// Uniform in [0, 1).
+    pub fn uniform(&mut self) -> f64 {
+        unit_from_bits(self.bits())
+    }
+}
+
+/// Uniform in [0, 1), the same for the same `ray_key` and `triangle`: candidates along one ray are decided
+/// independently of each other, and of the order in which a traversal finds them.
+pub fn uniform_of_candidate(ray_key: u64, triangle: usize) -> f64 {
+    unit_from_bits(mix(ray_key ^ mix((triangle as u64).wrapping_mul(GOLDEN))))
+}
+
+/// Two unit vectors that make an orthonormal base with the unit vector `n`.
+fn tangents(n: DVec3) -> (DVec3, DVec3) {
+    let least = match n.abs() {
+        a if a.x <= a.y && a.x <= a.z => DVec3::X,
+        a if a.y <= a.z => DVec3::Y,
+        _ => DVec3::Z,
+    };
+    let t = n.cross(least).normalize();
+    (t, n.cross(t))
+}
+
+fn around(axis: DVec3, cos_theta: f64, sin_theta: f64, phi: f64) -> DVec3 {
+    let (t, b) = tangents(axis);
+    (t * (phi.cos() * sin_theta) + b * (phi.sin() * sin_theta) + axis * cos_theta).normalize()
+}
+
+/// Direction with density cos θ / π around the unit vector `n`.
+pub fn cosine_direction(n: DVec3, rng: &mut Rng) -> DVec3 {
+    let sin2 = rng.uniform();
+    around(n, (1.0 - sin2).sqrt(), sin2.sqrt(), TAU * rng.uniform())
+}
+
+/// Direction uniform in the solid angle of the cone around `axis` with half-angle θ, given by 1 − cos θ
+/// (which keeps its digits for narrow cones). Density 1 / (2π (1 − cos θ)).
+pub fn cone_direction(axis: DVec3, one_minus_cos: f64, rng: &mut Rng) -> DVec3 {
+    let drop = one_minus_cos * rng.uniform();
+    let sin_theta = (drop * (2.0 - drop)).max(0.0).sqrt();
+    around(axis, 1.0 - drop, sin_theta, TAU * rng.uniform())
+}
+
+/// Barycentric weights uniform over a triangle's area.
+pub fn triangle_weights(rng: &mut Rng) -> [f64; 3] {
+    let root = rng.uniform().sqrt();
+    let v = rng.uniform();
+    [1.0 - root, root * (1.0 - v), root * v]
+}

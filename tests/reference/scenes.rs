@@ -1,0 +1,542 @@
+//! Small scenes, made here, that between them use everything of the model. Each comes with its camera.
+
+use std::f32::consts::{PI, TAU};
+
+use diptych::image::{Extent, Image, RgbImage};
+use diptych::scene::{
+    AlphaMode, Environment, Instance, Light, LightKind, Material, Mesh, Scene, TexelImage, Texture,
+    TextureRef, Wrap,
+};
+use glam::{Affine3A, Quat, Vec2, Vec3, vec2, vec3, vec4};
+
+use super::Pinhole;
+
+/// Every scene with its name.
+pub fn all() -> Vec<(&'static str, Scene, Pinhole)> {
+    let named = |name, (scene, camera)| (name, scene, camera);
+    vec![
+        named("box_area_light", box_area_light()),
+        named("sphere_light", sphere_light()),
+        named("point_spot_directional", point_spot_directional()),
+        named("environment_only", environment_only()),
+        named("textured_masked_blend", textured_masked_blend()),
+        named("instanced_mirrored", instanced_mirrored()),
+    ]
+}
+
+/// A box open towards the camera, two blocks in it, one-sided emissive quad under the ceiling.
+pub fn box_area_light() -> (Scene, Pinhole) {
+    let mut scene = empty("box_area_light");
+    let white = add_matte(&mut scene, vec3(0.73, 0.73, 0.73));
+    let red = add_matte(&mut scene, vec3(0.63, 0.06, 0.05));
+    let green = add_matte(&mut scene, vec3(0.14, 0.45, 0.09));
+    let lamp = add_material(
+        &mut scene,
+        Material {
+            base_color: vec4(0.4, 0.4, 0.4, 1.0),
+            emissive: vec3(6.0, 4.5, 2.5),
+            ..matte()
+        },
+    );
+    let (x, y, z) = (2.0 * Vec3::X, 2.0 * Vec3::Y, 2.0 * Vec3::Z);
+    let corner = vec3(-1.0, 0.0, -1.0);
+    place(&mut scene, quad(corner, z, x, white)); // floor, faces +y
+    place(&mut scene, quad(corner + y, x, z, white)); // ceiling
+    place(&mut scene, quad(corner, x, y, white)); // back
+    place(&mut scene, quad(corner, y, z, red)); // left, faces +x
+    place(&mut scene, quad(corner + x, z, y, green)); // right
+    place(
+        &mut scene,
+        quad(vec3(-0.5, 1.98, -0.5), Vec3::X, Vec3::Z, lamp),
+    );
+    let block = add_mesh(&mut scene, block(white));
+    let stand = |size: Vec3, at: Vec3, turn_deg: f32| {
+        let turn = Quat::from_rotation_y(turn_deg.to_radians());
+        Affine3A::from_scale_rotation_translation(size, turn, at + Vec3::Y * (0.5 * size.y))
+    };
+    let tall = stand(vec3(0.6, 1.2, 0.6), vec3(-0.35, 0.0, -0.3), 18.0);
+    let low = stand(vec3(0.6, 0.6, 0.6), vec3(0.35, 0.0, 0.35), -17.0);
+    instance(&mut scene, block, tall);
+    instance(&mut scene, block, low);
+    let camera = Pinhole::looking_at(vec3(0.0, 1.0, 3.6), vec3(0.0, 1.0, 0.0), Vec3::Y, 40.0);
+    (scene, camera)
+}
+
+/// A corner with a ball and a block, lit by a spherical lamp and a spherical spot, both in the picture.
+pub fn sphere_light() -> (Scene, Pinhole) {
+    let mut scene = empty("sphere_light");
+    let grey = add_matte(&mut scene, vec3(0.6, 0.6, 0.65));
+    let ochre = add_matte(&mut scene, vec3(0.8, 0.5, 0.2));
+    place(
+        &mut scene,
+        quad(vec3(-3.0, 0.0, -2.0), 5.0 * Vec3::Z, 6.0 * Vec3::X, grey),
+    );
+    place(
+        &mut scene,
+        quad(vec3(-3.0, 0.0, -2.0), 6.0 * Vec3::X, 3.0 * Vec3::Y, grey),
+    );
+    let ball = add_mesh(&mut scene, icosphere(3, true, ochre));
+    instance(&mut scene, ball, scaled_at(0.5, vec3(-0.8, 0.5, -0.6)));
+    let cube = add_mesh(&mut scene, block(ochre));
+    instance(&mut scene, cube, scaled_at(0.6, vec3(0.7, 0.3, -0.9)));
+    scene.lights.push(Light {
+        kind: LightKind::Point {
+            position: vec3(0.1, 1.3, -0.3),
+            radius: 0.35,
+        },
+        strength: vec3(3.0, 2.7, 2.0),
+    });
+    let (position, direction) = (vec3(1.9, 1.8, 0.2), vec3(-0.45, -0.8, -0.35).normalize());
+    let (cos_inner, cos_outer) = (15f32.to_radians().cos(), 40f32.to_radians().cos());
+    scene.lights.push(Light {
+        kind: LightKind::Spot {
+            position,
+            radius: 0.1,
+            direction,
+            cos_inner,
+            cos_outer,
+        },
+        strength: vec3(2.0, 4.0, 6.0),
+    });
+    let camera = Pinhole::looking_at(vec3(0.2, 1.5, 4.5), vec3(0.1, 0.8, -0.5), Vec3::Y, 42.0);
+    (scene, camera)
+}
+
+/// Lights without extent, and a sun with a disc of 3°, over a floor with a ball and a block.
+pub fn point_spot_directional() -> (Scene, Pinhole) {
+    let mut scene = empty("point_spot_directional");
+    let grey = add_matte(&mut scene, vec3(0.7, 0.68, 0.66));
+    let blue = add_matte(&mut scene, vec3(0.2, 0.35, 0.75));
+    place(
+        &mut scene,
+        quad(vec3(-4.0, 0.0, -4.0), 8.0 * Vec3::Z, 8.0 * Vec3::X, grey),
+    );
+    let ball = add_mesh(&mut scene, icosphere(3, true, blue));
+    instance(&mut scene, ball, scaled_at(0.6, vec3(-0.9, 0.6, 0.0)));
+    let cube = add_mesh(&mut scene, block(grey));
+    let turn = Quat::from_rotation_y(0.6);
+    let stretch = vec3(0.7, 1.1, 0.5);
+    let stand = Affine3A::from_scale_rotation_translation(stretch, turn, vec3(0.8, 0.55, -0.2));
+    instance(&mut scene, cube, stand);
+    scene.lights = vec![
+        Light {
+            kind: LightKind::Point {
+                position: vec3(0.0, 1.6, 0.9),
+                radius: 0.0,
+            },
+            strength: vec3(1.5, 1.2, 0.8),
+        },
+        Light {
+            kind: LightKind::Spot {
+                position: vec3(2.2, 2.4, 1.0),
+                radius: 0.0,
+                direction: vec3(-0.6, -0.75, -0.3).normalize(),
+                cos_inner: 10f32.to_radians().cos(),
+                cos_outer: 25f32.to_radians().cos(),
+            },
+            strength: vec3(4.0, 8.0, 4.0),
+        },
+        Light {
+            kind: LightKind::Directional {
+                direction: vec3(0.7, -1.0, -0.4).normalize(),
+                angle_rad: 0.0,
+            },
+            strength: vec3(0.3, 0.4, 0.6),
+        },
+        Light {
+            kind: LightKind::Directional {
+                direction: vec3(-0.3, -0.8, 0.6).normalize(),
+                angle_rad: 3f32.to_radians(),
+            },
+            strength: vec3(0.9, 0.8, 0.6),
+        },
+    ];
+    let camera = Pinhole::looking_at(vec3(0.3, 2.0, 4.2), vec3(0.0, 0.5, 0.0), Vec3::Y, 45.0);
+    (scene, camera)
+}
+
+/// A turned sky with a soft sun and a dark ground, and nothing else to light a ball and a block on a floor.
+pub fn environment_only() -> (Scene, Pinhole) {
+    let mut scene = empty("environment_only");
+    let grey = add_matte(&mut scene, vec3(0.5, 0.5, 0.5));
+    let rose = add_matte(&mut scene, vec3(0.85, 0.5, 0.55));
+    place(
+        &mut scene,
+        quad(vec3(-2.0, 0.0, -2.0), 4.0 * Vec3::Z, 4.0 * Vec3::X, grey),
+    );
+    let ball = add_mesh(&mut scene, icosphere(3, true, rose));
+    instance(&mut scene, ball, scaled_at(0.7, vec3(-0.6, 0.7, 0.0)));
+    let cube = add_mesh(&mut scene, block(rose));
+    instance(&mut scene, cube, scaled_at(0.8, vec3(0.8, 0.4, 0.3)));
+    scene.environment = Environment::Map {
+        image: sky(Extent::new(64, 32)),
+        rotation_deg: 70.0,
+    };
+    let camera = Pinhole::looking_at(vec3(0.0, 1.4, 4.0), vec3(0.0, 0.7, 0.0), Vec3::Y, 50.0);
+    (scene, camera)
+}
+
+/// Every wrap mode, nearest and bilinear, textured emission, a mask, and blending by texture and by vertex alpha.
+pub fn textured_masked_blend() -> (Scene, Pinhole) {
+    let mut scene = empty("textured_masked_blend");
+    let image = add_image(&mut scene, checker(Extent::new(7, 5)));
+    let mut add_texture = |wrap_u, wrap_v, linear| {
+        scene.textures.push(Texture {
+            image,
+            wrap_u,
+            wrap_v,
+            linear,
+        });
+        Some(TextureRef {
+            texture: scene.textures.len() - 1,
+            uv_set: 0,
+        })
+    };
+    let tiles = add_texture(Wrap::Repeat, Wrap::MirroredRepeat, true);
+    let pixels = add_texture(Wrap::MirroredRepeat, Wrap::Repeat, false);
+    let single = add_texture(Wrap::ClampToEdge, Wrap::ClampToEdge, true);
+    let other_set = single.map(|t| TextureRef { uv_set: 1, ..t });
+    let floor = Material {
+        base_color_texture: tiles,
+        ..matte()
+    };
+    let wall = Material {
+        base_color: vec4(0.9, 0.7, 0.5, 1.0),
+        base_color_texture: pixels,
+        ..matte()
+    };
+    let leaf = Material {
+        base_color_texture: single,
+        alpha_mode: AlphaMode::Mask { cutoff: 0.5 },
+        double_sided: true,
+        ..matte()
+    };
+    let veil = Material {
+        base_color: vec4(0.3, 0.8, 0.4, 0.8),
+        base_color_texture: tiles,
+        alpha_mode: AlphaMode::Blend,
+        ..matte()
+    };
+    let panel = Material {
+        base_color: vec4(0.1, 0.1, 0.1, 1.0),
+        emissive: vec3(3.0, 2.5, 2.0),
+        emissive_texture: other_set,
+        double_sided: true,
+        ..matte()
+    };
+    let [floor, wall, leaf, veil, panel] =
+        [floor, wall, leaf, veil, panel].map(|m| add_material(&mut scene, m));
+    let uvs = |mesh: Mesh, low: f32, high: f32| {
+        let corners = [
+            vec2(low, high),
+            vec2(high, high),
+            vec2(high, low),
+            vec2(low, low),
+        ];
+        Mesh {
+            uvs: [corners.to_vec(), Vec::new()],
+            ..mesh
+        }
+    };
+    let ground = quad(vec3(-3.0, 0.0, -2.0), 5.0 * Vec3::Z, 6.0 * Vec3::X, floor);
+    place(&mut scene, uvs(ground, -1.3, 2.6));
+    let back = quad(vec3(-3.0, 0.0, -2.0), 6.0 * Vec3::X, 3.0 * Vec3::Y, wall);
+    place(&mut scene, uvs(back, -2.2, 1.9));
+    let masked = quad(
+        vec3(-1.5, 0.1, -0.4),
+        vec3(1.2, 0.0, 0.3),
+        vec3(0.0, 1.3, -0.2),
+        leaf,
+    );
+    place(&mut scene, uvs(masked, -0.2, 1.2));
+    let mut blended = quad(
+        vec3(0.2, 0.2, 0.2),
+        vec3(1.3, 0.0, -0.4),
+        vec3(0.0, 1.2, 0.1),
+        veil,
+    );
+    blended.colors = vec![
+        vec4(1.0, 1.0, 1.0, 1.0),
+        vec4(1.0, 0.5, 1.0, 0.2),
+        vec4(1.0, 1.0, 0.5, 0.9),
+        vec4(0.5, 1.0, 1.0, 0.6),
+    ];
+    place(&mut scene, uvs(blended, 0.0, 1.4));
+    let mut lit = uvs(
+        quad(
+            vec3(-0.4, 1.4, -1.2),
+            vec3(1.0, 0.0, 0.0),
+            Vec3::Y * 0.7,
+            panel,
+        ),
+        0.0,
+        1.0,
+    );
+    lit.uvs.swap(0, 1);
+    place(&mut scene, lit);
+    scene.lights.push(Light {
+        kind: LightKind::Point {
+            position: vec3(0.4, 2.2, 2.0),
+            radius: 0.0,
+        },
+        strength: vec3(4.0, 4.0, 4.5),
+    });
+    scene.environment = Environment::Constant(vec3(0.2, 0.25, 0.3));
+    let camera = Pinhole::looking_at(vec3(0.0, 1.3, 4.0), vec3(0.0, 0.8, -0.5), Vec3::Y, 45.0);
+    (scene, camera)
+}
+
+/// One mesh pair (a ball with smooth normals, a one-sided emissive badge beside it), placed plain, mirrored,
+/// stretched and turned, and both mirrored and stretched.
+pub fn instanced_mirrored() -> (Scene, Pinhole) {
+    let mut scene = empty("instanced_mirrored");
+    let grey = add_matte(&mut scene, vec3(0.6, 0.6, 0.6));
+    let ball = add_matte(&mut scene, vec3(0.7, 0.75, 0.3));
+    let badge = add_material(
+        &mut scene,
+        Material {
+            base_color: vec4(0.2, 0.2, 0.6, 1.0),
+            emissive: vec3(2.0, 3.0, 4.0),
+            ..matte()
+        },
+    );
+    place(
+        &mut scene,
+        quad(vec3(-4.0, 0.0, -3.0), 6.0 * Vec3::Z, 8.0 * Vec3::X, grey),
+    );
+    let ball = add_mesh(&mut scene, icosphere(2, true, ball));
+    // Faces +x and a little towards +z; the plain instance shines away from the ball.
+    let (along, up) = (vec3(0.3, 0.0, -0.8), vec3(0.0, 0.8, 0.0));
+    let badge = add_mesh(&mut scene, quad(vec3(1.2, -0.4, 0.4), along, up, badge));
+    let turn = Quat::from_rotation_y(0.5) * Quat::from_rotation_z(0.4);
+    for world_from_local in [
+        scaled_at(0.45, vec3(-2.0, 0.6, 0.0)),
+        Affine3A::from_scale_rotation_translation(
+            vec3(-0.45, 0.45, 0.45),
+            Quat::IDENTITY,
+            vec3(-0.2, 0.6, 0.3),
+        ),
+        Affine3A::from_scale_rotation_translation(vec3(0.3, 0.7, 0.45), turn, vec3(0.8, 0.9, -0.8)),
+        Affine3A::from_scale_rotation_translation(
+            vec3(0.4, 0.6, -0.3),
+            Quat::from_rotation_y(-0.7),
+            vec3(1.9, 0.7, 0.3),
+        ),
+    ] {
+        instance(&mut scene, ball, world_from_local);
+        instance(&mut scene, badge, world_from_local);
+    }
+    let direction = vec3(0.5, -1.0, -0.6).normalize();
+    scene.lights.push(Light {
+        kind: LightKind::Directional {
+            direction,
+            angle_rad: 0.0,
+        },
+        strength: vec3(1.0, 0.95, 0.9),
+    });
+    scene.environment = Environment::Constant(vec3(0.1, 0.12, 0.15));
+    let camera = Pinhole::looking_at(vec3(0.0, 1.8, 4.8), vec3(0.0, 0.6, 0.0), Vec3::Y, 45.0);
+    (scene, camera)
+}
+
+// Parts to build with.
+
+pub fn empty(name: &str) -> Scene {
+    Scene {
+        name: name.to_owned(),
+        meshes: Vec::new(),
+        instances: Vec::new(),
+        materials: Vec::new(),
+        textures: Vec::new(),
+        images: Vec::new(),
+        lights: Vec::new(),
+        environment: Environment::Black,
+        cameras: Vec::new(),
+        warnings: Vec::new(),
+    }
+}
+
+pub fn matte() -> Material {
+    Material::default()
+}
+
+pub fn add_material(scene: &mut Scene, material: Material) -> usize {
+    scene.materials.push(material);
+    scene.materials.len() - 1
+}
+
+pub fn add_matte(scene: &mut Scene, albedo: Vec3) -> usize {
+    add_material(
+        scene,
+        Material {
+            base_color: albedo.extend(1.0),
+            ..matte()
+        },
+    )
+}
+
+pub fn add_image(scene: &mut Scene, image: TexelImage) -> usize {
+    scene.images.push(image);
+    scene.images.len() - 1
+}
+
+pub fn add_mesh(scene: &mut Scene, mesh: Mesh) -> usize {
+    scene.meshes.push(mesh);
+    scene.meshes.len() - 1
+}
+
+pub fn instance(scene: &mut Scene, mesh: usize, world_from_local: Affine3A) {
+    scene.instances.push(Instance {
+        mesh,
+        world_from_local,
+    });
+}
+
+/// Adds the mesh with one instance, where it is.
+pub fn place(scene: &mut Scene, mesh: Mesh) {
+    let mesh = add_mesh(scene, mesh);
+    instance(scene, mesh, Affine3A::IDENTITY);
+}
+
+pub fn scaled_at(scale: f32, at: Vec3) -> Affine3A {
+    Affine3A::from_scale_rotation_translation(Vec3::splat(scale), Quat::IDENTITY, at)
+}
+
+/// Parallelogram whose front looks along `u` × `v`; corners in the order 0, u, u + v, v.
+pub fn quad(corner: Vec3, u: Vec3, v: Vec3, material: usize) -> Mesh {
+    Mesh {
+        positions: vec![corner, corner + u, corner + u + v, corner + v],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        material,
+        ..Mesh::default()
+    }
+}
+
+/// Cube of edge 1 around the origin, faces out.
+pub fn block(material: usize) -> Mesh {
+    let mut mesh = Mesh {
+        material,
+        ..Mesh::default()
+    };
+    for (n, u) in [(Vec3::X, Vec3::Y), (Vec3::Y, Vec3::Z), (Vec3::Z, Vec3::X)] {
+        for n in [n, -n] {
+            let v = n.cross(u);
+            let face = quad((n - u - v) * 0.5, u, v, material);
+            append(&mut mesh, face);
+        }
+    }
+    mesh
+}
+
+fn append(mesh: &mut Mesh, part: Mesh) {
+    let first = mesh.positions.len() as u32;
+    mesh.positions.extend(part.positions);
+    mesh.triangles
+        .extend(part.triangles.iter().map(|t| t.map(|i| i + first)));
+}
+
+/// Unit sphere of 20 · 4^`levels` triangles, faces out; its corners lie on the sphere.
+pub fn icosphere(levels: u32, smooth: bool, material: usize) -> Mesh {
+    let golden = 0.5 * (1.0 + 5f32.sqrt());
+    // The corners of an icosahedron are those of three golden rectangles.
+    let rectangle = |a: fn(f32, f32) -> Vec3| {
+        [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)].map(|(s, l)| a(s, l * golden))
+    };
+    let corners: Vec<Vec3> = [
+        rectangle(|s, l| vec3(s, l, 0.0)),
+        rectangle(|s, l| vec3(0.0, s, l)),
+        rectangle(|s, l| vec3(l, 0.0, s)),
+    ]
+    .concat()
+    .iter()
+    .map(|p| p.normalize())
+    .collect();
+    // Faces join three corners that are nearest to each other.
+    let edge = corners
+        .iter()
+        .map(|c| c.distance(corners[0]))
+        .filter(|d| *d > 0.1)
+        .fold(9.0, f32::min);
+    let near = |a: Vec3, b: Vec3| a.distance(b) < 1.1 * edge;
+    let mut faces = Vec::new();
+    for (i, &a) in corners.iter().enumerate() {
+        for (j, &b) in corners.iter().enumerate().skip(i + 1) {
+            for &c in &corners[j + 1..] {
+                if near(a, b) && near(b, c) && near(c, a) {
+                    let outward = (b - a).cross(c - a).dot(a) > 0.0;
+                    faces.push(if outward { [a, b, c] } else { [a, c, b] });
+                }
+            }
+        }
+    }
+    for _ in 0..levels {
+        let split = |[a, b, c]: [Vec3; 3]| {
+            let (ab, bc, ca) = (
+                (a + b).normalize(),
+                (b + c).normalize(),
+                (c + a).normalize(),
+            );
+            [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
+        };
+        faces = faces.into_iter().flat_map(split).collect();
+    }
+    let positions = faces.concat();
+    Mesh {
+        normals: if smooth {
+            positions.clone()
+        } else {
+            Vec::new()
+        },
+        triangles: (0..faces.len() as u32)
+            .map(|i| [3 * i, 3 * i + 1, 3 * i + 2])
+            .collect(),
+        positions,
+        material,
+        ..Mesh::default()
+    }
+}
+
+/// Light and dark fields of changing hue, with an alpha that falls off from the middle.
+fn checker(extent: Extent) -> TexelImage {
+    let mut image = Image::filled(extent, [0; 4]);
+    for (i, texel) in image.pixels.iter_mut().enumerate() {
+        let (x, y) = (i as u32 % extent.width, i as u32 / extent.width);
+        let dark = (x + y) % 2 == 1;
+        let place = vec2(x as f32 + 0.5, y as f32 + 0.5);
+        let from_middle: Vec2 = place / vec2(extent.width as f32, extent.height as f32) - 0.5;
+        let alpha = (1.3 - 2.0 * from_middle.length()).clamp(0.0, 1.0);
+        let level = if dark { 60 } else { 230 };
+        let hue = [x * 180 / extent.width, y * 120 / extent.height].map(|h| h as u8);
+        *texel = [
+            level,
+            level - hue[0].min(level),
+            level - hue[1].min(level),
+            (alpha * 255.0) as u8,
+        ];
+    }
+    image
+}
+
+/// A sky that brightens towards the horizon, with a soft sun; dark below.
+fn sky(extent: Extent) -> RgbImage {
+    let mut image = Image::filled(extent, [0.0; 3]);
+    let sun = vec3(0.5, 0.6, -0.6).normalize();
+    for (i, texel) in image.pixels.iter_mut().enumerate() {
+        let (x, y) = (i as u32 % extent.width, i as u32 / extent.width);
+        let azimuth = TAU * ((x as f32 + 0.5) / extent.width as f32 - 0.5);
+        let polar = PI * (y as f32 + 0.5) / extent.height as f32;
+        let d = vec3(
+            polar.sin() * azimuth.sin(),
+            polar.cos(),
+            -polar.sin() * azimuth.cos(),
+        );
+        let base = if d.y > 0.0 {
+            Vec3::lerp(vec3(0.9, 0.95, 1.0), vec3(0.15, 0.3, 0.8), d.y)
+        } else {
+            vec3(0.12, 0.1, 0.08)
+        };
+        let glow = 12.0 * d.dot(sun).max(0.0).powi(60);
+        *texel = (base + glow * vec3(1.0, 0.85, 0.6)).to_array();
+    }
+    image
+}

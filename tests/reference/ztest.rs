@@ -1,0 +1,311 @@
+//! Do two noisy images have the same mean? A z-test per pixel, per block of 8×8 pixels and for the image.
+//!
+//! z = (b − a) / √(var a + var b), where a and b are means over samples and var the variances of these means,
+//! both estimated from the samples. If the means agree (the null hypothesis), then
+//! - z of **a block**, a mean over 64 independent pixels of many samples each, is close to N(0, 1) by the
+//!   central limit theorem: mean square 1 ± √(2/N) over N blocks, 0.27 % beyond |z| = 3, the largest of N about
+//!   √(2 ln N): 3.0 for 100 blocks, 3.7 for 1,000. The three channels of a block are correlated, so N counts
+//!   blocks, not channels, where a spread is derived from it.
+//! - z of **the image mean** is N(0, 1): beyond 4 once in 16,000.
+//! - z of **a pixel** is *not* normal. With a variance from K renders it follows Student's t with about K − 1
+//!   degrees of freedom (K = 8: 2 % beyond 3, K = 4: 6 %), and path-traced pixels have heavy tails: rarely a
+//!   bright path, and until it comes both mean and variance are too small. Pixels are reported, not judged.
+//!   In a block, 64 such variances are summed: its degrees of freedom are about 64 (K − 1).
+//!
+//! Differences below [`ROUNDING`] of the mean are f32 arithmetic, not bias; they enter as a standard error of
+//! that size which averaging does not reduce.
+
+use std::fmt;
+
+use diptych::image::{Extent, RgbImage};
+
+/// Relative error granted to f32 rendering.
+pub const ROUNDING: f64 = 2e-5;
+const BLOCK: u32 = 8;
+
+/// Running mean and sum of squared deviations (Welford 1962) of an RGB value.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Moments {
+    count: u64,
+    mean: [f64; 3],
+    squares: [f64; 3],
+}
+
+impl Moments {
+    pub fn add(&mut self, value: [f64; 3]) {
+        self.count += 1;
+        for (c, x) in value.into_iter().enumerate() {
+            let before = x - self.mean[c];
+            self.mean[c] += before / self.count as f64;
+            self.squares[c] += before * (x - self.mean[c]);
+        }
+    }
+}
+
+/// An image of means, with the variance of each mean; row-major.
+#[derive(Clone, Debug)]
+pub struct Estimate {
+    pub extent: Extent,
+    pub mean: Vec<[f64; 3]>,
+    pub variance_of_mean: Vec<[f64; 3]>,
+}
+
+impl Estimate {
+    /// From at least two samples per pixel.
+    pub fn from_moments(extent: Extent, pixels: &[Moments]) -> Self {
+        let variance = |m: &Moments| {
+            let n = m.count as f64;
+            m.squares.map(|s| s / (n - 1.0) / n)
+        };
+        Self {
+            extent,
+            mean: pixels.iter().map(|m| m.mean).collect(),
+            variance_of_mean: pixels.iter().map(variance).collect(),
+        }
+    }
+
+    /// Mean and variance of the mean of pixels (by index), seen as one value.
+    fn mean_over(&self, pixels: &[usize]) -> [Value; 3] {
+        let n = pixels.len() as f64;
+        std::array::from_fn(|c| Value {
+            mean: pixels.iter().map(|&i| self.mean[i][c]).sum::<f64>() / n,
+            variance: pixels
+                .iter()
+                .map(|&i| self.variance_of_mean[i][c])
+                .sum::<f64>()
+                / (n * n),
+        })
+    }
+}
+
+/// From K >= 2 renders that differ in the seed only: their mean, and the variance of that mean from their spread.
+pub fn mean_and_variance(renders: &[RgbImage]) -> Estimate {
+    assert!(renders.len() >= 2, "a variance needs two renders or more");
+    let extent = renders[0].extent;
+    let mut pixels = vec![Moments::default(); extent.area()];
+    for render in renders {
+        assert_eq!(render.extent, extent, "renders differ in size");
+        for (moments, value) in pixels.iter_mut().zip(&render.pixels) {
+            moments.add(value.map(f64::from));
+        }
+    }
+    Estimate::from_moments(extent, &pixels)
+}
+
+#[derive(Clone, Copy)]
+struct Value {
+    mean: f64,
+    variance: f64,
+}
+
+fn z(a: Value, b: Value) -> f64 {
+    let difference = b.mean - a.mean;
+    let rounding = ROUNDING * a.mean.abs().max(b.mean.abs());
+    let sigma = (a.variance + b.variance + rounding * rounding).sqrt();
+    if difference == 0.0 {
+        0.0
+    } else {
+        difference / sigma
+    }
+}
+
+/// What comparing two estimates gives. NaN where an image has values that are not finite.
+#[derive(Clone, Debug)]
+pub struct ZReport {
+    /// Pixels of either image with a mean or variance that is not finite.
+    pub non_finite: usize,
+    /// Fraction of pixel channels with |z| > 3. Under the null 0.0027 at best; see the module.
+    pub pixels_beyond_3: f64,
+    pub pixel_max: f64,
+    /// z of the means of 8×8 blocks (smaller at right and bottom edges), row-major. N(0, 1) under the null.
+    pub block_z: Vec<[f64; 3]>,
+    /// z of the mean of the image. N(0, 1) under the null.
+    pub image_z: [f64; 3],
+    /// Mean of b over mean of a, and its standard error.
+    pub mean_ratio: [f64; 3],
+    pub mean_ratio_error: [f64; 3],
+}
+
+impl ZReport {
+    /// Mean of the blocks' z² over blocks and channels; 1 under the null, less with blocks free of noise.
+    pub fn block_mean_square(&self) -> f64 {
+        let all = self.block_z.as_flattened();
+        all.iter().map(|z| z * z).sum::<f64>() / all.len() as f64
+    }
+
+    pub fn block_max(&self) -> f64 {
+        max_abs(self.block_z.as_flattened())
+    }
+
+    pub fn blocks_beyond_3(&self) -> f64 {
+        beyond_3(self.block_z.as_flattened())
+    }
+}
+
+impl fmt::Display for ZReport {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "mean ratio   {:.5?} ± {:.5?}",
+            self.mean_ratio, self.mean_ratio_error
+        )?;
+        writeln!(f, "image z      {:.2?}", self.image_z)?;
+        writeln!(
+            f,
+            "blocks       {} of 8x8: mean z² {:.3}, max |z| {:.2}, {:.2} % beyond 3",
+            self.block_z.len(),
+            self.block_mean_square(),
+            self.block_max(),
+            100.0 * self.blocks_beyond_3()
+        )?;
+        writeln!(
+            f,
+            "pixels       max |z| {:.2}, {:.2} % beyond 3, {} not finite",
+            self.pixel_max,
+            100.0 * self.pixels_beyond_3,
+            self.non_finite
+        )
+    }
+}
+
+/// Largest magnitude; NaN if any is.
+fn max_abs(values: &[f64]) -> f64 {
+    values
+        .iter()
+        .fold(0.0, |max, z| if z.abs() <= max { max } else { z.abs() })
+}
+
+fn beyond_3(values: &[f64]) -> f64 {
+    values.iter().filter(|z| z.abs() > 3.0).count() as f64 / values.len() as f64
+}
+
+/// Holds `b` against `a`.
+pub fn compare(a: &Estimate, b: &Estimate) -> ZReport {
+    assert_eq!(a.extent, b.extent, "images differ in size");
+    let extent = a.extent;
+    let z_over = |pixels: &[usize]| -> [f64; 3] {
+        let (a, b) = (a.mean_over(pixels), b.mean_over(pixels));
+        std::array::from_fn(|c| z(a[c], b[c]))
+    };
+    let all: Vec<usize> = (0..extent.area()).collect();
+    let pixel_z: Vec<[f64; 3]> = all.iter().map(|&i| z_over(&[i])).collect();
+    let finite = |e: &Estimate, i: usize| {
+        e.mean[i]
+            .iter()
+            .chain(&e.variance_of_mean[i])
+            .all(|x| x.is_finite())
+    };
+    let (of_a, of_b) = (a.mean_over(&all), b.mean_over(&all));
+    // Equal means, so that black channels have a ratio, too.
+    let ratio = |c: usize| match (of_a[c].mean, of_b[c].mean) {
+        (a, b) if a == b => 1.0,
+        (a, b) => b / a,
+    };
+    let ratio_error = |c: usize| match of_b[c].variance + ratio(c).powi(2) * of_a[c].variance {
+        0.0 => 0.0,
+        variance => variance.sqrt() / of_a[c].mean,
+    };
+    ZReport {
+        non_finite: all
+            .iter()
+            .filter(|&&i| !(finite(a, i) && finite(b, i)))
+            .count(),
+        pixels_beyond_3: beyond_3(pixel_z.as_flattened()),
+        pixel_max: max_abs(pixel_z.as_flattened()),
+        block_z: blocks(extent).iter().map(|pixels| z_over(pixels)).collect(),
+        image_z: z_over(&all),
+        mean_ratio: std::array::from_fn(ratio),
+        mean_ratio_error: std::array::from_fn(ratio_error),
+    }
+}
+
+/// Pixel indices of each block.
+fn blocks(extent: Extent) -> Vec<Vec<usize>> {
+    let mut blocks = Vec::new();
+    for top in (0..extent.height).step_by(BLOCK as usize) {
+        for left in (0..extent.width).step_by(BLOCK as usize) {
+            let rows = top..(top + BLOCK).min(extent.height);
+            let row = |y: u32| {
+                let columns = left..(left + BLOCK).min(extent.width);
+                columns.map(move |x| y as usize * extent.width as usize + x as usize)
+            };
+            blocks.push(rows.flat_map(row).collect());
+        }
+    }
+    blocks
+}
+
+/// What [`verdict`] allows. Each bound fails a true null less than once in 10,000 times if the blocks are
+/// normal, with some room for those that are not quite.
+mod bound {
+    /// |z| of the image mean.
+    pub const IMAGE: f64 = 4.2;
+
+    /// Largest |z| of `n` blocks × 3 channels: P(|z| > x) <= exp(−x²/2), divided among all of them; 15 % room.
+    pub fn block_max(n: usize) -> f64 {
+        1.15 * (2.0 * (3.0 * n as f64 * 1e4).ln()).sqrt()
+    }
+
+    /// Mean square over `n` blocks: 1 + 5 standard deviations of χ²/n, and 0.1 room.
+    pub fn block_mean_square(n: usize) -> f64 {
+        1.1 + 5.0 * (2.0 / n as f64).sqrt()
+    }
+
+    /// Fraction beyond 3 of `n` blocks, whose channels may all go together: 1 % (the normal has 0.27 %), 4 standard
+    /// deviations of the Poisson count, and 3 blocks, as that count is skewed where few are expected.
+    pub fn blocks_beyond_3(n: usize) -> f64 {
+        let expected = 0.01 * n as f64;
+        (expected + 4.0 * expected.sqrt() + 3.0) / n as f64
+    }
+}
+
+/// What speaks against the two images having one mean; empty if nothing does. A comparison that is too noisy to
+/// see a relative difference of the image mean by `resolution` (e.g. 0.01) speaks against itself: the standard
+/// error must be below a sixth of it, so that such a bias gives |z| = 6 ± 1 where 4.2 is allowed.
+pub fn verdict(report: &ZReport, resolution: f64) -> Vec<String> {
+    let n = report.block_z.len();
+    let mut against = Vec::new();
+    let mut check = |what: &str, value: f64, limit: f64| {
+        // Not `value > limit`: NaN must not pass.
+        if !matches!(value.partial_cmp(&limit), Some(o) if o.is_le()) {
+            against.push(format!("{what}: {value:.4} > {limit:.4}"));
+        }
+    };
+    check("pixels that are not finite", report.non_finite as f64, 0.0);
+    check(
+        "|z| of the image mean",
+        max_abs(&report.image_z),
+        bound::IMAGE,
+    );
+    check("max |z| of blocks", report.block_max(), bound::block_max(n));
+    check(
+        "mean z² of blocks",
+        report.block_mean_square(),
+        bound::block_mean_square(n),
+    );
+    check(
+        "blocks beyond |z| = 3",
+        report.blocks_beyond_3(),
+        bound::blocks_beyond_3(n),
+    );
+    let error = max_abs(&report.mean_ratio_error);
+    check(
+        "too noisy to tell: error of the mean ratio",
+        error,
+        resolution / 6.0,
+    );
+    against
+}
+
+/// Panics, with the report, unless `b` agrees with `a` within noise and that noise is below `resolution`
+/// (see [`verdict`]).
+pub fn assert_agrees(what: &str, a: &Estimate, b: &Estimate, resolution: f64) -> ZReport {
+    let report = compare(a, b);
+    let against = verdict(&report, resolution);
+    assert!(
+        against.is_empty(),
+        "{what}: the images differ\n{}\n{report}",
+        against.join("\n")
+    );
+    report
+}
