@@ -11,4 +11,5 @@ pub mod device;
 pub mod stages;
 pub mod exec;
 pub mod metrics;
+pub mod trace;
 pub mod report;

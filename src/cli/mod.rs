@@ -16,7 +16,6 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-
 /// Real-time stereoscopic path tracing for virtual reality, image-parallel over several GPUs.
 #[derive(Parser)]
 #[command(name = "diptych", version, about, max_term_width = 110)]

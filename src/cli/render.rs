@@ -1,14 +1,13 @@
 //! `diptych render`.
 
-use std::time::Instant;
-
 use diptych::report::run::{FrameRow, RunReport};
+use diptych::trace::frames::record_devices;
 
 use super::failure::Failure;
 use super::options::RenderOptions;
 use super::output::{self, FrameImages};
 use super::progress::Progress;
-use super::session;
+use super::session::{self, Tracing};
 
 #[derive(clap::Args, Debug)]
 pub struct Args {
@@ -27,8 +26,8 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let options = &args.options;
-    let origin = Instant::now();
     output::prepare(&options.out)?;
+    let tracing = Tracing::start(options)?;
     let progress = Progress::new(u64::from(options.frames), options.quiet, options.json);
     progress.phase("loading");
     let loaded = session::load(options)?;
@@ -37,11 +36,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let gpus = session::open_devices(options, usize::from(args.virtual_devices))?;
     progress.phase("warming up");
-    let mut renderer = session::renderer(options, &loaded, gpus, origin)?;
+    let mut renderer = session::renderer(options, &loaded, gpus, tracing.recorder.origin())?;
+    record_devices(&tracing.recorder, renderer.devices());
     let mut rows = Vec::new();
     for i in 0..options.frames {
         let time_s = options.time + f64::from(i) / options.fps;
         let frame = renderer.render(&loaded.shot.rig, time_s, i)?;
+        tracing.record(options, &frame);
         let mut images = FrameImages::read(&renderer, &options.aov)?;
         if args.overlay {
             images.overlay(frame.stripe_edges());
@@ -56,6 +57,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let settings = session::run_settings(options, renderer.policy_name());
     let report = RunReport::new(settings, renderer.devices(), &loaded.scene, loaded.needs, !options.no_skip, rows);
     report.write(&options.out.join("run.json"))?;
+    tracing.finish()?;
     conclude(options, &report);
     Ok(())
 }
@@ -78,5 +80,8 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
             100.0 * report.frames.last().map_or(0.0, |f| f.hole_fraction),
         );
         println!("pictures and run.json: {}", options.out.display());
+        if let Some(trace) = &options.trace {
+            println!("trace: {} (open it in https://ui.perfetto.dev)", trace.display());
+        }
     }
 }

@@ -1,7 +1,6 @@
 //! `diptych scale`: the same frames at several device counts.
 
 use std::io::Write;
-use std::time::Instant;
 
 use anyhow::Context;
 use serde::Serialize;
@@ -9,12 +8,13 @@ use serde::Serialize;
 use diptych::exec::{FrameReport, TimedTask};
 use diptych::image::file::atomic_write;
 use diptych::report::{Axis, Chart, Series, line_chart_svg, text_table};
+use diptych::trace::frames::record_devices;
 
 use super::failure::Failure;
 use super::options::RenderOptions;
-use super::progress::Progress;
-use super::session::{self, Loaded};
 use super::output;
+use super::progress::Progress;
+use super::session::{self, Loaded, Tracing};
 
 #[derive(clap::Args, Debug)]
 pub struct Args {
@@ -53,6 +53,7 @@ struct Row {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let options = &args.options;
     output::prepare(&options.out)?;
+    let tracing = Tracing::start(options)?;
     let loaded = session::load(options)?;
     let timed = options.frames.max(REPEATS);
     let steps = args.counts.len() as u64 * u64::from(timed + args.warm_up);
@@ -60,10 +61,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut rows: Vec<Row> = Vec::new();
     for &count in &args.counts {
         let base = rows.first().map(|r: &Row| (r.devices, r.makespan_ms));
-        rows.push(measure(args, &loaded, usize::from(count), timed, base, &progress)?);
+        rows.push(measure(args, &loaded, usize::from(count), timed, base, &progress, &tracing)?);
     }
     progress.finish();
     write_results(args, &rows)?;
+    tracing.finish()?;
     if options.json {
         println!("{}", serde_json::json!({ "event": "result", "rows": rows }));
     } else if !options.quiet {
@@ -80,11 +82,13 @@ fn measure(
     timed: u32,
     base: Option<(usize, f64)>,
     progress: &Progress,
+    tracing: &Tracing,
 ) -> Result<Row, Failure> {
     let options = &args.options;
     let gpus = session::open_devices(options, count)?;
     let threads: usize = gpus.iter().filter_map(|g| g.info.threads).sum();
-    let mut renderer = session::renderer(options, loaded, gpus, Instant::now())?;
+    let mut renderer = session::renderer(options, loaded, gpus, tracing.recorder.origin())?;
+    record_devices(&tracing.recorder, renderer.devices());
     let devices = renderer.devices().len();
     let mut frames = Vec::new();
     for i in 0..args.warm_up + timed {
@@ -94,6 +98,7 @@ fn measure(
         let event = serde_json::json!({ "event": "frame", "devices": devices, "makespan_ms": frame.makespan_ms });
         progress.step(format!("{devices} device(s) {:.1} ms", frame.makespan_ms), &event);
         if i >= args.warm_up {
+            tracing.record(options, &frame);
             frames.push(frame);
         }
     }

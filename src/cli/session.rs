@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use diptych::accel::Accel;
 use diptych::device::{self, GpuDevice, Selection};
-use diptych::exec::{RenderSettings, Renderer};
+use diptych::exec::{FrameReport, RenderSettings, Renderer};
 use diptych::report::run::{Quality, RunSettings};
 use diptych::scene::Scene;
 use diptych::scene::load::load_shot;
@@ -13,6 +13,8 @@ use diptych::scene::needs::SceneNeeds;
 use diptych::scene::shot::Shot;
 use diptych::schedule::{Even, Measured, Policy, Static};
 use diptych::stages::{SceneTables, StageSettings};
+use diptych::trace::frames::{FrameKnobs, record_frame};
+use diptych::trace::{Recorder, TraceFile};
 
 use super::failure::Failure;
 use super::options::{Balance, RenderOptions};
@@ -85,6 +87,32 @@ pub fn renderer(
     let _span = tracing::info_span!("start renderer").entered();
     Ok(Renderer::new(gpus, Arc::clone(&loaded.tables), settings, policy, origin)?)
 }
+
+/// The trace-file of a run and the zero of its times.
+pub struct Tracing {
+    file: Option<TraceFile>,
+    pub recorder: Recorder,
+}
+
+impl Tracing {
+    pub fn start(options: &RenderOptions) -> Result<Self, Failure> {
+        let file = options.trace.as_deref().map(TraceFile::start).transpose().map_err(anyhow::Error::from)?;
+        let recorder = file.as_ref().map_or_else(Recorder::off, TraceFile::recorder);
+        Ok(Self { file, recorder })
+    }
+
+    pub fn record(&self, options: &RenderOptions, frame: &FrameReport) {
+        let knobs = FrameKnobs { spp: options.spp, iterations: options.iterations(), budget_ms: BUDGET_MS };
+        record_frame(&self.recorder, frame, &knobs);
+    }
+
+    pub fn finish(self) -> Result<(), Failure> {
+        self.file.map_or(Ok(()), TraceFile::finish).map_err(|e| Failure::Run(e.into()))
+    }
+}
+
+/// Frame times of the human critical flicker frequency, 50 to 90 Hz (Leria et al.), which the trace shows as a band.
+const BUDGET_MS: [f64; 2] = [11.0, 20.0];
 
 /// The knobs of every frame.
 pub fn frame_settings(options: &RenderOptions) -> Quality {

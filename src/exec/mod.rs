@@ -56,6 +56,9 @@ pub struct TaskTiming {
     pub end_ms: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bytes: Option<u64>,
+    /// Number of the transfer within its frame; both of its ends have it.
+    #[serde(skip)]
+    pub transfer: Option<u32>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

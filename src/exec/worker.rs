@@ -260,7 +260,7 @@ impl Worker {
         let submission = self.gpu.queue.submit([encoder.finish()]);
         for (copy, task) in progress.copies.drain(..) {
             let TaskKind::Download { resource, transfer, to } = task.kind else { continue };
-            let timing = transfer_timing(&task, TimedTask::Download, resource);
+            let timing = transfer_timing(&task, TimedTask::Download, resource, transfer);
             progress.outgoing.push_back(Outgoing { back: copy.submitted(submission.clone()), to, transfer, timing });
         }
         Ok(())
@@ -292,7 +292,7 @@ impl Worker {
         task: &Task,
     ) -> Result<(), Stop> {
         let bytes = self.receive(progress, frame, transfer)?;
-        let mut timing = transfer_timing(task, TimedTask::Upload, resource);
+        let mut timing = transfer_timing(task, TimedTask::Upload, resource, transfer);
         timing.begin_ms = self.now_ms();
         let image = resource.physical();
         let (offset, size) = self.stages.images.span(image, &task.rows);
@@ -364,6 +364,7 @@ impl Worker {
             begin_ms: self.clock.host_ms(ticks[2 * *pair as usize]),
             end_ms: self.clock.host_ms(ticks[2 * *pair as usize + 1]),
             bytes: None,
+            transfer: None,
         };
         Ok(progress.stamped.iter().map(timing).collect())
     }
@@ -381,7 +382,7 @@ impl Worker {
     }
 }
 
-fn transfer_timing(task: &Task, kind: TimedTask, resource: Resource) -> TaskTiming {
+fn transfer_timing(task: &Task, kind: TimedTask, resource: Resource, transfer: u32) -> TaskTiming {
     TaskTiming {
         stage: resource_name(resource),
         kind,
@@ -391,5 +392,6 @@ fn transfer_timing(task: &Task, kind: TimedTask, resource: Resource) -> TaskTimi
         begin_ms: 0.0,
         end_ms: 0.0,
         bytes: None,
+        transfer: Some(transfer),
     }
 }

@@ -1,0 +1,338 @@
+//! Reads a trace-file back, checks it, and picks out the work of diptych's devices.
+//!
+//! Any Chrome trace is accepted. What is not device work is checked for form and then only counted.
+
+use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
+use std::path::Path;
+
+use serde_json::{Map, Value};
+
+use super::{FIRST_DEVICE_PID, Lane, TraceError};
+
+/// Rounding of a begin and a duration to f64 microseconds must not make neighbours overlap.
+const OVERLAP_TOLERANCE_US: f64 = 1e-3;
+
+/// One piece of device work.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Task {
+    pub pid: u32,
+    pub lane: Lane,
+    pub name: String,
+    pub begin_us: f64,
+    pub end_us: f64,
+    pub frame: Option<u64>,
+}
+
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Trace {
+    /// Name by pid; also of devices that did nothing.
+    pub devices: BTreeMap<u32, String>,
+    /// In order of begin.
+    pub tasks: Vec<Task>,
+    /// What is odd about the trace but no error, each said once.
+    pub warnings: Vec<String>,
+}
+
+/// Reads and checks the trace at `path`.
+///
+/// # Errors
+/// [`TraceError::Read`], [`TraceError::NotATrace`] or, naming the event, [`TraceError::Event`].
+pub fn read(path: &Path) -> Result<Trace, TraceError> {
+    let name = path.display().to_string();
+    match std::fs::read(path) {
+        Ok(bytes) => parse(&bytes, &name),
+        Err(source) => Err(TraceError::Read { path: name, source }),
+    }
+}
+
+/// As [`read`], from memory; `origin` names the trace in messages.
+pub fn parse(bytes: &[u8], origin: &str) -> Result<Trace, TraceError> {
+    let not_a_trace = |what: String| TraceError::NotATrace { path: origin.to_owned(), what };
+    let document: Value = serde_json::from_slice(bytes).map_err(|e| not_a_trace(e.to_string()))?;
+    let (events, other_data) = match document {
+        Value::Array(events) => (events, Value::Null),
+        Value::Object(mut object) => match object.remove("traceEvents") {
+            Some(Value::Array(events)) => (events, object.remove("otherData").unwrap_or(Value::Null)),
+            _ => return Err(not_a_trace("it has no list \"traceEvents\"".to_owned())),
+        },
+        _ => return Err(not_a_trace("it is no list of events".to_owned())),
+    };
+    let mut reader = Reader::default();
+    let checked =
+        reader.all(events).map_err(|(index, what)| TraceError::Event { path: origin.to_owned(), index, what });
+    let mut trace = checked?;
+    if other_data["complete"] == Value::Bool(false) {
+        let what = "the run ended early: what came after is missing";
+        trace.warnings.push(what.to_owned());
+    }
+    Ok(trace)
+}
+
+/// Index of the event, and what is wrong with it.
+type Wrong = (usize, String);
+
+/// Process and thread; other tools use numbers or text.
+type TrackKey = (String, String);
+
+struct Span {
+    index: usize,
+    track: TrackKey,
+    name: String,
+    begin_us: f64,
+    end_us: f64,
+    args: Value,
+}
+
+/// A `B` or an `E`.
+struct Edge {
+    index: usize,
+    time_us: f64,
+    is_begin: bool,
+}
+
+#[derive(Default)]
+struct Reader {
+    process_names: HashMap<String, String>,
+    thread_names: HashMap<TrackKey, String>,
+    spans: Vec<Span>,
+    edges: BTreeMap<TrackKey, Vec<Edge>>,
+    flow_starts: HashSet<String>,
+    flow_ends: HashSet<String>,
+    unknown_phases: BTreeMap<String, usize>,
+}
+
+impl Reader {
+    fn all(&mut self, events: Vec<Value>) -> Result<Trace, Wrong> {
+        for (index, event) in events.into_iter().enumerate() {
+            let Value::Object(event) = event else {
+                return Err((index, "it is no object".to_owned()));
+            };
+            self.event(index, event).map_err(|what| (index, what))?;
+        }
+        self.check_balance()?;
+        let spans = std::mem::take(&mut self.spans);
+        let (device_spans, foreign): (Vec<_>, Vec<_>) =
+            spans.into_iter().map(|span| (self.device_lane(&span.track), span)).partition(|(lane, _)| lane.is_some());
+        let device_spans = device_spans.into_iter().filter_map(|(lane, span)| Some((lane?, span))).collect();
+        let foreign_pids: BTreeSet<_> = foreign.into_iter().map(|(_, s)| s.track.0).collect();
+        Ok(Trace { devices: self.devices(), tasks: tasks(device_spans)?, warnings: self.warnings(&foreign_pids) })
+    }
+
+    fn event(&mut self, index: usize, mut event: Map<String, Value>) -> Result<(), String> {
+        let args = event.remove("args").unwrap_or(Value::Null);
+        let fields = Fields(&event);
+        let phase = fields.text("ph")?;
+        match phase {
+            "M" => self.metadata(&fields, &args)?,
+            "X" => {
+                let (track, begin_us) = (fields.track()?, fields.number("ts")?);
+                let duration_us = fields.number("dur")?;
+                if duration_us < 0.0 {
+                    return Err(format!("its \"dur\" is {duration_us}, below 0"));
+                }
+                self.spans.push(Span {
+                    index,
+                    track,
+                    name: fields.text("name").unwrap_or_default().to_owned(),
+                    begin_us,
+                    end_us: begin_us + duration_us,
+                    args,
+                });
+            }
+            "B" | "E" => {
+                let time_us = fields.number("ts")?;
+                let is_begin = phase == "B";
+                let edges = self.edges.entry(fields.track()?).or_default();
+                edges.push(Edge { index, time_us, is_begin });
+            }
+            "C" => {
+                fields.id("pid")?;
+                fields.number("ts")?;
+                check_counter(&args)?;
+            }
+            "i" | "I" | "R" => fields.instant()?,
+            "s" | "t" | "f" => {
+                fields.track()?;
+                fields.number("ts")?;
+                let id = fields.id("id").or_else(|_| fields.id2())?;
+                match phase {
+                    "s" => drop(self.flow_starts.insert(id)),
+                    _ => drop(self.flow_ends.insert(id)),
+                }
+            }
+            "b" | "n" | "e" | "S" | "T" | "p" | "F" => {
+                fields.id("pid")?;
+                fields.number("ts")?;
+                fields.id("id").or_else(|_| fields.id2())?;
+            }
+            other => *self.unknown_phases.entry(other.to_owned()).or_default() += 1,
+        }
+        Ok(())
+    }
+
+    fn metadata(&mut self, fields: &Fields, args: &Value) -> Result<(), String> {
+        let name = fields.text("name")?;
+        let shown = args["name"].as_str().unwrap_or_default().to_owned();
+        match name {
+            "process_name" => drop(self.process_names.insert(fields.id("pid")?, shown)),
+            "thread_name" => drop(self.thread_names.insert(fields.track()?, shown)),
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn check_balance(&mut self) -> Result<(), Wrong> {
+        for edges in self.edges.values_mut() {
+            edges.sort_by(|a, b| a.time_us.total_cmp(&b.time_us));
+            let mut open = Vec::new();
+            for edge in edges {
+                if edge.is_begin {
+                    open.push(edge.index);
+                } else if open.pop().is_none() {
+                    return Err((edge.index, "it ends a span that never began".to_owned()));
+                }
+            }
+            if let Some(index) = open.pop() {
+                return Err((index, "the span it begins never ends".to_owned()));
+            }
+        }
+        Ok(())
+    }
+
+    /// The lane, if this is one of ours: a device's process with the thread named as the lane.
+    fn device_lane(&self, track: &TrackKey) -> Option<(u32, Lane)> {
+        let pid: u32 = track.0.parse().ok().filter(|&pid| pid >= FIRST_DEVICE_PID)?;
+        let name = self.thread_names.get(track)?;
+        let lane = Lane::ALL.into_iter().find(|lane| lane.name() == name)?;
+        Some((pid, lane))
+    }
+
+    fn devices(&self) -> BTreeMap<u32, String> {
+        let tracks = self.thread_names.keys();
+        tracks
+            .filter_map(|track| {
+                let (pid, _) = self.device_lane(track)?;
+                let name = self.process_names.get(&track.0).cloned();
+                Some((pid, name.unwrap_or_else(|| format!("process {pid}"))))
+            })
+            .collect()
+    }
+
+    fn warnings(&self, foreign_pids: &BTreeSet<String>) -> Vec<String> {
+        let mut warnings = Vec::new();
+        let host = super::HOST_PID.to_string();
+        let foreign: Vec<_> = foreign_pids.iter().filter(|pid| **pid != host).cloned().collect();
+        if !foreign.is_empty() {
+            let pids = foreign.join(", ");
+            warnings.push(format!("spans that are no device lane's are left out: process {pids}"));
+        }
+        for (phase, count) in &self.unknown_phases {
+            warnings.push(format!("{count} events of unknown phase '{phase}' are left out"));
+        }
+        let orphans = self.flow_ends.difference(&self.flow_starts).count();
+        if orphans > 0 {
+            warnings.push(format!("{orphans} arrows end that never started"));
+        }
+        let loose = self.flow_starts.difference(&self.flow_ends).count();
+        if loose > 0 {
+            warnings.push(format!("{loose} arrows start that never end"));
+        }
+        warnings
+    }
+}
+
+/// Device spans as tasks in order of begin; an error if two on one lane overlap.
+fn tasks(mut spans: Vec<((u32, Lane), Span)>) -> Result<Vec<Task>, Wrong> {
+    spans.sort_by(|(_, a), (_, b)| a.begin_us.total_cmp(&b.begin_us).then(a.end_us.total_cmp(&b.end_us)));
+    let mut last_on_lane: HashMap<(u32, Lane), (usize, f64)> = HashMap::new();
+    let mut tasks = Vec::with_capacity(spans.len());
+    for ((pid, lane), span) in spans {
+        let last = last_on_lane.insert((pid, lane), (span.index, span.end_us));
+        if let Some((other, end_us)) = last.filter(|l| span.begin_us < l.1 - OVERLAP_TOLERANCE_US) {
+            let (name, begin_us) = (&span.name, span.begin_us);
+            let what = format!(
+                "task '{name}' begins at {begin_us} µs, before event {other} on the same lane ends at {end_us} µs"
+            );
+            return Err((span.index, what));
+        }
+        let frame = frame(&span.args).map_err(|what| (span.index, what))?;
+        tasks.push(Task { pid, lane, name: span.name, begin_us: span.begin_us, end_us: span.end_us, frame });
+    }
+    Ok(tasks)
+}
+
+/// The argument `frame` of a task, once all of its arguments are found to be finite.
+fn frame(args: &Value) -> Result<Option<u64>, String> {
+    for (name, value) in args.as_object().into_iter().flatten() {
+        if !is_finite(value) {
+            return Err(format!("its argument '{name}' is {value}, no finite number"));
+        }
+    }
+    match args["frame"].as_f64() {
+        None => Ok(None),
+        Some(frame) if frame >= 0.0 && frame.fract() == 0.0 => Ok(Some(frame as u64)),
+        Some(frame) => Err(format!("its argument 'frame' is {frame}, no frame number")),
+    }
+}
+
+/// JSON writers put null or a text where a number was not finite.
+fn is_finite(value: &Value) -> bool {
+    match value {
+        Value::Null => false,
+        Value::String(text) => text.parse().map_or(true, f64::is_finite),
+        _ => true,
+    }
+}
+
+fn check_counter(args: &Value) -> Result<(), String> {
+    let Some(series) = args.as_object().filter(|series| !series.is_empty()) else {
+        return Err("a counter needs \"args\" with at least one number".to_owned());
+    };
+    match series.iter().find(|(_, value)| !value.is_number()) {
+        None => Ok(()),
+        Some((name, value)) => Err(format!("its value '{name}' is {value}, no finite number")),
+    }
+}
+
+/// An event's fields but `args`.
+struct Fields<'a>(&'a Map<String, Value>);
+
+impl Fields<'_> {
+    fn text(&self, key: &str) -> Result<&str, String> {
+        let value = self.0.get(key).and_then(Value::as_str);
+        value.ok_or_else(|| format!("it needs a text \"{key}\""))
+    }
+
+    fn number(&self, key: &str) -> Result<f64, String> {
+        let value = self.0.get(key).and_then(Value::as_f64);
+        value.filter(|v| v.is_finite()).ok_or_else(|| format!("it needs a number \"{key}\""))
+    }
+
+    fn id(&self, key: &str) -> Result<String, String> {
+        match self.0.get(key) {
+            Some(Value::Number(number)) => Ok(number.to_string()),
+            Some(Value::String(text)) => Ok(text.clone()),
+            _ => Err(format!("it needs \"{key}\"")),
+        }
+    }
+
+    /// An id that says whether it is local to the process.
+    fn id2(&self) -> Result<String, String> {
+        let id2 = self.0.get("id2").filter(|id2| id2.is_object());
+        id2.map(Value::to_string).ok_or_else(|| "it needs \"id\"".to_owned())
+    }
+
+    fn track(&self) -> Result<TrackKey, String> {
+        Ok((self.id("pid")?, self.id("tid")?))
+    }
+
+    /// An instant of global or process scope belongs to no thread.
+    fn instant(&self) -> Result<(), String> {
+        self.number("ts")?;
+        match self.0.get("s").and_then(Value::as_str) {
+            Some("g") => Ok(()),
+            Some("p") => self.id("pid").map(drop),
+            _ => self.track().map(drop),
+        }
+    }
+}

@@ -1,0 +1,277 @@
+use super::read::parse;
+use super::summary::Summary;
+use super::*;
+use serde_json::json;
+
+/// Two devices, two frames. µs:
+/// device 0: left 0–1000, right 500–2000, both 3000–4000; download 1500–2500 (500 hidden)
+/// device 1: left 1000–3000; upload 4000–5000
+fn record(recorder: &Recorder) {
+    recorder.device(0, "first gpu");
+    recorder.device(1, "second gpu");
+    let first = [("frame", 0.0), ("rows", 90.0)];
+    let second = [("frame", 1.0)];
+    recorder.task(0, Lane::Right, "gbuffer", 500.0, 2000.0, &first);
+    recorder.task(0, Lane::Left, "gbuffer", 0.0, 1000.0, &first);
+    recorder.task(1, Lane::Left, "path trace", 1000.0, 3000.0, &first);
+    recorder.task(0, Lane::Download, "rows", 1500.0, 2500.0, &first);
+    recorder.task(0, Lane::Both, "stitch", 3000.0, 4000.0, &second);
+    recorder.task(1, Lane::Upload, "rows", 4000.0, 5000.0, &second);
+    let budget = [("ms", 4.0), ("low", 11.0), ("high", 20.0)];
+    recorder.counter("frame time", 4000.0, &budget);
+    let from = (Lane::Left.track(0), 900.0);
+    recorder.flow(3, "critical path", from, (Lane::Left.track(1), 1000.0));
+    recorder.note("clock_residual_us.0", 1.25);
+}
+
+fn written() -> (tempfile::TempDir, PathBuf) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("trace.json");
+    let file = TraceFile::start_without_host(&path);
+    record(&file.recorder());
+    file.finish().unwrap();
+    (folder, path)
+}
+
+fn document(path: &Path) -> Value {
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+fn close(a: f64, b: f64) {
+    assert!((a - b).abs() < 1e-9, "{a} is not {b}");
+}
+
+#[test]
+fn a_known_trace_sums_up_to_known_numbers() {
+    let (_folder, path) = written();
+    let summary = Summary::read(&path).unwrap();
+    let [a, b] = &summary.devices[..] else { panic!("{summary:?}") };
+    assert_eq!((a.pid, a.name.as_str()), (10, "first gpu"));
+    assert_eq!((b.pid, b.name.as_str()), (11, "second gpu"));
+    close(summary.makespan_ms, 5.0);
+    close(a.busy_ms, 3.0);
+    close(a.transfer_ms, 1.0);
+    close(a.hidden_transfer_ms, 0.5);
+    close(a.idle_ms, 1.5);
+    close(a.busy_share, 0.6);
+    close(b.busy_ms, 2.0);
+    close(b.transfer_ms, 1.0);
+    close(b.idle_ms, 2.0);
+    close(summary.overlap_share, 0.2);
+    close(summary.hidden_transfer_share.unwrap(), 0.25);
+    close(summary.imbalance.unwrap(), 1.2);
+    let [first, second] = &summary.frames[..] else { panic!("{summary:?}") };
+    assert_eq!((first.frame, second.frame), (0, 1));
+    close(first.makespan_ms, 3.0);
+    close(second.begin_ms, 3.0);
+    close(second.makespan_ms, 2.0);
+    assert_eq!(summary.warnings, [""; 0]);
+}
+
+#[test]
+fn a_summary_prints_and_survives_json() {
+    let (_folder, path) = written();
+    let summary = Summary::read(&path).unwrap();
+    let text = summary.to_string();
+    for part in ["first gpu ", "3.000", "60.0%", "makespan          5.000 ms", "1.200", "frames            2"] {
+        assert!(text.contains(part), "no `{part}` in\n{text}");
+    }
+    let json = serde_json::to_string(&summary).unwrap();
+    assert_eq!(serde_json::from_str::<Summary>(&json).unwrap(), summary);
+}
+
+#[test]
+fn the_file_is_an_object_with_lanes_notes_and_units() {
+    let (_folder, path) = written();
+    let document = document(&path);
+    assert_eq!(document["displayTimeUnit"], "ms");
+    assert_eq!(document["otherData"]["clock_residual_us.0"], 1.25);
+    assert_eq!(document["otherData"]["complete"], true);
+    assert_eq!(document["otherData"]["dropped_events"], 0);
+    let events = document["traceEvents"].as_array().unwrap();
+    let lane_names: Vec<_> = events
+        .iter()
+        .filter(|e| e["name"] == "thread_name" && e["pid"] == 10)
+        .map(|e| e["args"]["name"].as_str().unwrap())
+        .collect();
+    assert_eq!(lane_names, ["left", "right", "both", "upload", "download"]);
+    let times: Vec<_> = events.iter().filter_map(|e| e["ts"].as_f64()).collect();
+    assert!(times.is_sorted());
+    assert_eq!(events.iter().filter(|e| e["ph"] == "s" || e["ph"] == "f").count(), 2);
+}
+
+#[test]
+fn a_recorder_that_is_off_takes_nothing_down() {
+    let recorder = Recorder::off();
+    record(&recorder);
+    assert!(!recorder.is_on());
+    let later = recorder.origin() + std::time::Duration::from_micros(5);
+    assert_eq!(recorder.time_us(later), 5.0);
+}
+
+#[test]
+fn times_that_make_no_sense_are_counted_and_left_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("trace.json");
+    let file = TraceFile::start_without_host(&path);
+    let recorder = file.recorder();
+    recorder.device(0, "gpu");
+    recorder.task(0, Lane::Left, "backwards", 5.0, 4.0, &[]);
+    recorder.task(0, Lane::Left, "nowhen", f64::NAN, 4.0, &[]);
+    recorder.task(0, Lane::Left, "endless", 1.0, f64::INFINITY, &[]);
+    file.finish().unwrap();
+    assert_eq!(document(&path)["otherData"]["dropped_events"], 3);
+    assert!(Summary::read(&path).unwrap().devices[0].busy_ms == 0.0);
+}
+
+#[test]
+fn a_run_that_panics_leaves_a_valid_trace_that_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("trace.json");
+    let run = std::panic::AssertUnwindSafe(|| {
+        let file = TraceFile::start_without_host(&path);
+        record(&file.recorder());
+        let recorder = file.recorder();
+        let worker = std::thread::spawn(move || {
+            let _guard = recorder.lock();
+            panic!("a worker dies while it holds the lock");
+        });
+        worker.join().unwrap();
+    });
+    assert!(std::panic::catch_unwind(run).is_err());
+    assert_eq!(document(&path)["otherData"]["complete"], false);
+    let summary = Summary::read(&path).unwrap();
+    close(summary.makespan_ms, 5.0);
+    assert!(summary.warnings[0].contains("ended early"));
+}
+
+#[test]
+fn a_trace_that_cannot_be_written_is_an_error() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = TraceFile::start_without_host(&folder.path().join("no/such/trace.json"));
+    assert!(matches!(file.finish(), Err(TraceError::Write(_))));
+}
+
+/// Parsing `events` must fail at `index` with a message that holds `says`.
+#[track_caller]
+fn wrong(events: Value, index: usize, says: &str) {
+    let error = parse(events.to_string().as_bytes(), "t.json").unwrap_err();
+    let TraceError::Event { index: found, what, .. } = &error else { panic!("{error}") };
+    assert_eq!(*found, index, "{error}");
+    assert!(what.contains(says), "`{error}` lacks `{says}`");
+}
+
+/// A named lane `left` of a device, and a task on it.
+fn lane() -> Value {
+    json!({"ph": "M", "name": "thread_name", "pid": 10, "tid": 1, "args": {"name": "left"}})
+}
+
+fn task(ts: f64, dur: f64) -> Value {
+    json!({"ph": "X", "name": "t", "pid": 10, "tid": 1, "ts": ts, "dur": dur})
+}
+
+#[test]
+fn wrong_events_are_named() {
+    wrong(json!([lane(), 7]), 1, "no object");
+    wrong(json!([{"name": "x"}]), 0, "\"ph\"");
+    wrong(json!([{"ph": "X", "pid": 1, "tid": 1, "dur": 1}]), 0, "\"ts\"");
+    wrong(json!([{"ph": "X", "ts": 1, "tid": 1, "dur": 1}]), 0, "\"pid\"");
+    wrong(json!([{"ph": "B", "ts": 1, "pid": 1}]), 0, "\"tid\"");
+    wrong(json!([{"ph": "X", "ts": 1, "pid": 1, "tid": 1}]), 0, "\"dur\"");
+    wrong(json!([{"ph": "s", "ts": 1, "pid": 1, "tid": 1}]), 0, "\"id\"");
+    wrong(json!([{"ph": "i", "ts": "now", "pid": 1, "tid": 1}]), 0, "\"ts\"");
+    wrong(json!([lane(), task(0.0, -1.0)]), 1, "below 0");
+    wrong(json!([{"ph": "C", "ts": 1, "pid": 1, "name": "c"}]), 0, "counter");
+    wrong(json!([{"ph": "C", "ts": 1, "pid": 1, "args": {"v": null}}]), 0, "'v' is null");
+}
+
+#[test]
+fn begins_and_ends_must_balance() {
+    let edge = |ph: &str, ts: f64, tid: u32| json!({"ph": ph, "name": "a", "pid": 1, "tid": tid, "ts": ts});
+    let good = json!([edge("E", 4.0, 1), edge("B", 1.0, 1), edge("B", 2.0, 1), edge("E", 3.0, 1)]);
+    parse(good.to_string().as_bytes(), "t").unwrap();
+    wrong(json!([edge("B", 1.0, 1), edge("E", 2.0, 2), edge("E", 3.0, 1)]), 1, "never began");
+    wrong(json!([edge("B", 1.0, 1), edge("B", 2.0, 1), edge("E", 3.0, 1)]), 0, "never ends");
+    wrong(json!([edge("B", 3.0, 1), edge("E", 2.0, 1)]), 1, "never began");
+}
+
+#[test]
+fn tasks_on_one_lane_must_not_overlap() {
+    wrong(json!([lane(), task(5.0, 5.0), task(0.0, 6.0)]), 1, "event 2");
+    let touching = json!([lane(), task(0.1, 0.2), task(0.3, 1.0), task(1.3, 0.0)]);
+    assert_eq!(parse(touching.to_string().as_bytes(), "t").unwrap().tasks.len(), 3);
+    let nested_elsewhere = json!([
+        {"ph": "X", "pid": 77, "tid": 1, "ts": 0, "dur": 9},
+        {"ph": "X", "pid": 77, "tid": 1, "ts": 1, "dur": 2},
+    ]);
+    parse(nested_elsewhere.to_string().as_bytes(), "t").unwrap();
+}
+
+#[test]
+fn numeric_arguments_of_tasks_must_be_finite() {
+    for bad in [json!(null), json!("NaN"), json!("-inf")] {
+        let mut event = task(0.0, 1.0);
+        event["args"] = json!({"stage": "gbuffer", "spp": bad});
+        wrong(json!([lane(), event]), 1, "'spp'");
+    }
+    let mut event = task(0.0, 1.0);
+    event["args"] = json!({"frame": 1.5});
+    wrong(json!([lane(), event]), 1, "frame");
+}
+
+#[test]
+fn traces_of_other_tools_are_read_and_flagged() {
+    let foreign = json!([
+        {"ph": "X", "name": "op", "pid": "Spans", "tid": "main", "ts": 0, "dur": 9},
+        {"ph": "X", "name": "op", "pid": 12, "tid": 4, "ts": 0, "dur": 9},
+        {"ph": "b", "cat": "net", "id2": {"local": "0x1"}, "pid": 12, "ts": 0},
+        {"ph": "i", "s": "g", "ts": 4},
+        {"ph": "Z", "ts": 4},
+        {"ph": "f", "id": "a", "pid": 12, "tid": 4, "ts": 4},
+    ]);
+    let trace = parse(foreign.to_string().as_bytes(), "t").unwrap();
+    let summary = Summary::of(&trace);
+    assert_eq!((summary.devices.len(), summary.makespan_ms), (0, 0.0));
+    assert_eq!((summary.imbalance, summary.hidden_transfer_share), (None, None));
+    let warnings = summary.warnings.join("\n");
+    for part in ["12, Spans", "'Z'", "1 arrows end", "no device work"] {
+        assert!(warnings.contains(part), "no `{part}` in\n{warnings}");
+    }
+    assert!(summary.to_string().contains("note: "));
+}
+
+#[test]
+fn what_is_no_trace_is_an_error() {
+    for bad in ["", "[", "{}", "7", "null", "{\"traceEvents\": 3}", "[{\"ph\":\"X\",\"ts\":NaN}]", "[{\"ts\":1e999}]"] {
+        let error = parse(bad.as_bytes(), "t.json").unwrap_err();
+        assert!(matches!(error, TraceError::NotATrace { .. }), "{bad}: {error}");
+    }
+    let deep = "[".repeat(100_000);
+    assert!(parse(deep.as_bytes(), "t.json").is_err());
+    assert!(parse(&[0xff, 0xfe], "t.json").is_err());
+    assert!(matches!(Summary::read(Path::new("no/such.json")), Err(TraceError::Read { .. })));
+}
+
+#[test]
+fn damaged_traces_never_panic() {
+    let (_folder, path) = written();
+    let whole = std::fs::read(&path).unwrap();
+    for cut in 0..whole.len() - 1 {
+        assert!(parse(&whole[..cut], "cut").is_err());
+    }
+    let mut state = 1u64;
+    let mut next = |below: usize| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 33) as usize % below
+    };
+    for _ in 0..5000 {
+        let mut bytes = whole.clone();
+        for _ in 0..=next(3) {
+            let at = next(bytes.len());
+            bytes[at] = b"0123456789-eE.,:\"{}[]ntfXBECMsi"[next(31)];
+        }
+        if let Ok(trace) = parse(&bytes, "mutated") {
+            let _ = Summary::of(&trace).to_string();
+        }
+    }
+}
