@@ -18,12 +18,7 @@ fn read(path: &Path) -> Value {
 /// A span with a field known at its end, between two readings of our clock.
 fn frame(recorder: &Recorder) -> (f64, f64) {
     let before = recorder.time_us(Instant::now());
-    let span = tracing::info_span!(
-        "frame",
-        frame = 3,
-        label = "first",
-        rows = tracing::field::Empty
-    );
+    let span = tracing::info_span!("frame", frame = 3, label = "first", rows = tracing::field::Empty);
     span.in_scope(|| {
         std::thread::sleep(Duration::from_millis(5));
         tracing::info_span!("cut", share = 0.25).in_scope(|| tracing::info!("stripes moved"));
@@ -40,24 +35,14 @@ fn host_spans_are_recorded_on_the_traces_clock() {
     let recorder = file.recorder();
     recorder.device(0, "gpu");
     let (before_us, after_us) = frame(&recorder);
-    recorder.task(
-        0,
-        Lane::Left,
-        "gbuffer",
-        before_us,
-        after_us,
-        &[("frame", 3.0)],
-    );
+    recorder.task(0, Lane::Left, "gbuffer", before_us, after_us, &[("frame", 3.0)]);
     let worker = std::thread::Builder::new().name("worker".to_owned());
     let work = || tracing::info_span!("work").in_scope(|| ());
     worker.spawn(work).unwrap().join().unwrap();
     let open = tracing::info_span!("never closed").entered();
 
     let second = folder.path().join("second.json");
-    assert!(matches!(
-        TraceFile::start(&second),
-        Err(TraceError::SubscriberTaken)
-    ));
+    assert!(matches!(TraceFile::start(&second), Err(TraceError::SubscriberTaken)));
     assert!(!second.exists());
 
     file.finish().unwrap();
@@ -76,13 +61,8 @@ fn host_spans_are_recorded_on_the_traces_clock() {
     assert_eq!(frame["args"]["frame"], 3.0);
     assert_eq!(frame["args"]["rows"], 90.0);
     assert_eq!(frame["args"]["label"], "first");
-    let (begin_us, duration_us) = (
-        frame["ts"].as_f64().unwrap(),
-        frame["dur"].as_f64().unwrap(),
-    );
-    let residual_us = document["otherData"]["host_clock_residual_us"]
-        .as_f64()
-        .unwrap();
+    let (begin_us, duration_us) = (frame["ts"].as_f64().unwrap(), frame["dur"].as_f64().unwrap());
+    let residual_us = document["otherData"]["host_clock_residual_us"].as_f64().unwrap();
     assert!((0.0..1000.0).contains(&residual_us));
     assert!(duration_us >= 5000.0);
     assert!(begin_us >= before_us - residual_us && begin_us < before_us + SLACK_US);
@@ -92,19 +72,11 @@ fn host_spans_are_recorded_on_the_traces_clock() {
     assert_eq!(named("stripes moved")["ph"], "i");
     assert_eq!(named("never closed")["args"]["unfinished"], 1.0);
     let worker_tid = &named("work")["tid"];
-    let thread = events
-        .iter()
-        .find(|e| e["name"] == "thread_name" && e["tid"] == *worker_tid && e["pid"] == 1);
+    let thread = events.iter().find(|e| e["name"] == "thread_name" && e["tid"] == *worker_tid && e["pid"] == 1);
     assert_eq!(thread.unwrap()["args"]["name"], "worker");
-    let process = events
-        .iter()
-        .find(|e| e["name"] == "process_name" && e["pid"] == 1);
+    let process = events.iter().find(|e| e["name"] == "process_name" && e["pid"] == 1);
     assert_eq!(process.unwrap()["args"]["name"], "host");
-    assert!(
-        !events
-            .iter()
-            .any(|e| e["name"].as_str().unwrap().contains("clock"))
-    );
+    assert!(!events.iter().any(|e| e["name"].as_str().unwrap().contains("clock")));
     assert!(events.iter().all(|e| e["ph"] != "B" && e["ph"] != "E"));
 
     let summary = Summary::read(&path).unwrap();

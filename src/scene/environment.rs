@@ -19,14 +19,8 @@ const LARGEST_AREA: usize = 1 << 28;
 /// # Errors
 /// [`SceneError::Read`], [`SceneError::Image`] or [`SceneError::Invalid`] for a file that can't be decoded.
 pub fn read_latlong(path: &Path, scale: f32) -> Result<(RgbImage, usize), SceneError> {
-    let is_hdr = path
-        .extension()
-        .is_some_and(|e| e.eq_ignore_ascii_case("hdr"));
-    let mut image = if is_hdr {
-        read_hdr(path)?
-    } else {
-        exr::read_rgb(path)?
-    };
+    let is_hdr = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("hdr"));
+    let mut image = if is_hdr { read_hdr(path)? } else { exr::read_rgb(path)? };
     let mut bad_pixels = 0;
     for pixel in &mut image.pixels {
         let scaled = pixel.map(|v| v * scale);
@@ -41,16 +35,10 @@ fn read_hdr(path: &Path) -> Result<RgbImage, SceneError> {
     let name = || path.display().to_string();
     let invalid = |what: String| SceneError::Invalid { path: name(), what };
     let decode_error = |error: DecodeError| match error {
-        DecodeError::IoError(source) => SceneError::Read {
-            path: name(),
-            source,
-        },
+        DecodeError::IoError(source) => SceneError::Read { path: name(), source },
         other => invalid(other.to_string()),
     };
-    let file = File::open(path).map_err(|source| SceneError::Read {
-        path: name(),
-        source,
-    })?;
+    let file = File::open(path).map_err(|source| SceneError::Read { path: name(), source })?;
     let decoder = HdrDecoder::new(BufReader::new(file)).map_err(decode_error)?;
     let (width, height) = decoder.dimensions();
     let (sides, extent) = (1..=LARGEST_SIDE, Extent::new(width, height));
@@ -60,9 +48,7 @@ fn read_hdr(path: &Path) -> Result<RgbImage, SceneError> {
         )));
     }
     let mut image = Image::filled(extent, [0.0; 3]);
-    decoder
-        .read_image(bytemuck::cast_slice_mut(&mut image.pixels))
-        .map_err(decode_error)?;
+    decoder.read_image(bytemuck::cast_slice_mut(&mut image.pixels)).map_err(decode_error)?;
     Ok(image)
 }
 
@@ -92,21 +78,11 @@ mod tests {
     fn exr_files_are_read_and_what_is_no_radiance_is_counted() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sky.exr");
-        let pixels = vec![
-            [1.0, 2.0, 3.0],
-            [f32::NAN, 1.0, 1.0],
-            [-1.0, f32::INFINITY, 2.0],
-        ];
-        let image = RgbImage {
-            extent: Extent::new(3, 1),
-            pixels,
-        };
+        let pixels = vec![[1.0, 2.0, 3.0], [f32::NAN, 1.0, 1.0], [-1.0, f32::INFINITY, 2.0]];
+        let image = RgbImage { extent: Extent::new(3, 1), pixels };
         exr::write_rgb(&path, &image).unwrap();
         let (image, bad) = read_latlong(&path, 0.5).unwrap();
-        assert_eq!(
-            image.pixels,
-            [[0.5, 1.0, 1.5], [0.0, 0.5, 0.5], [0.0, 0.0, 1.0]]
-        );
+        assert_eq!(image.pixels, [[0.5, 1.0, 1.5], [0.0, 0.5, 0.5], [0.0, 0.0, 1.0]]);
         assert_eq!(bad, 2);
     }
 
@@ -122,11 +98,6 @@ mod tests {
         }
         let huge = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4000000000 +X 4000000000\n";
         std::fs::write(&path, huge).unwrap();
-        assert!(
-            read_latlong(&path, 1.0)
-                .unwrap_err()
-                .to_string()
-                .contains("4000000000x")
-        );
+        assert!(read_latlong(&path, 1.0).unwrap_err().to_string().contains("4000000000x"));
     }
 }

@@ -26,9 +26,7 @@ pub fn load_shot(arg: &str) -> Result<(Shot, Scene), SceneError> {
         return load_scene_of(shot, Path::new(""));
     }
     let path = Path::new(arg);
-    let extension = path
-        .extension()
-        .map(|e| e.to_ascii_lowercase().to_string_lossy().into_owned());
+    let extension = path.extension().map(|e| e.to_ascii_lowercase().to_string_lossy().into_owned());
     match extension.as_deref() {
         Some("toml") => {
             let shot = Shot::parse(&read_text(path)?, arg)?;
@@ -43,10 +41,7 @@ pub fn load_shot(arg: &str) -> Result<(Shot, Scene), SceneError> {
 }
 
 fn read_text(path: &Path) -> Result<String, SceneError> {
-    fs::read_to_string(path).map_err(|source| SceneError::Read {
-        path: path.display().to_string(),
-        source,
-    })
+    fs::read_to_string(path).map_err(|source| SceneError::Read { path: path.display().to_string(), source })
 }
 
 /// `folder`: where the shot's relative paths start.
@@ -68,17 +63,9 @@ fn load_bare_gltf(path: &Path) -> Result<(Shot, Scene), SceneError> {
 
 /// The shot of a scene that came without one.
 fn shot_for(scene: &Scene, path: &Path) -> Shot {
-    let white = ShotEnvironment {
-        sky: Sky::Constant(Vec3::ONE),
-        scale: 1.0,
-        rotation_deg: 0.0,
-    };
+    let white = ShotEnvironment { sky: Sky::Constant(Vec3::ONE), scale: 1.0, rotation_deg: 0.0 };
     Shot {
-        name: path
-            .file_stem()
-            .unwrap_or_default()
-            .to_string_lossy()
-            .into_owned(),
+        name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
         scene: SceneSource::File(path.to_owned()),
         rig: match scene.cameras.first() {
             Some(&camera) => Rig::from_camera(camera),
@@ -96,9 +83,7 @@ fn has_light(scene: &Scene) -> bool {
         let material = &scene.materials[scene.meshes[mesh].material];
         material.emissive.max_element() > 0.0
     };
-    !scene.lights.is_empty()
-        || scene.environment != Environment::Black
-        || scene.instances.iter().any(|i| emits(i.mesh))
+    !scene.lights.is_empty() || scene.environment != Environment::Black || scene.instances.iter().any(|i| emits(i.mesh))
 }
 
 fn apply(shot: &Shot, folder: &Path, scene: &mut Scene) -> Result<(), SceneError> {
@@ -118,21 +103,14 @@ fn apply(shot: &Shot, folder: &Path, scene: &mut Scene) -> Result<(), SceneError
                 ));
             }
             let rotation_deg = environment.rotation_deg;
-            Environment::Map {
-                image,
-                rotation_deg,
-            }
+            Environment::Map { image, rotation_deg }
         }
     };
     Ok(())
 }
 
 fn constant(radiance: Vec3) -> Environment {
-    if radiance == Vec3::ZERO {
-        Environment::Black
-    } else {
-        Environment::Constant(radiance)
-    }
+    if radiance == Vec3::ZERO { Environment::Black } else { Environment::Constant(radiance) }
 }
 
 #[cfg(test)]
@@ -143,15 +121,9 @@ mod tests {
     use glam::Affine3A;
 
     fn triangle() -> Scene {
-        let mesh = Mesh {
-            positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
-            triangles: vec![[0, 1, 2]],
-            ..Mesh::default()
-        };
-        let instance = Instance {
-            mesh: 0,
-            world_from_local: Affine3A::IDENTITY,
-        };
+        let mesh =
+            Mesh { positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y], triangles: vec![[0, 1, 2]], ..Mesh::default() };
+        let instance = Instance { mesh: 0, world_from_local: Affine3A::IDENTITY };
         Scene {
             name: "triangle".into(),
             meshes: vec![mesh],
@@ -167,20 +139,12 @@ mod tests {
     }
 
     fn light() -> Light {
-        let kind = LightKind::Point {
-            position: Vec3::ONE,
-            radius: 0.0,
-        };
-        Light {
-            kind,
-            strength: Vec3::ONE,
-        }
+        let kind = LightKind::Point { position: Vec3::ONE, radius: 0.0 };
+        Light { kind, strength: Vec3::ONE }
     }
 
     fn shot(environment: &str) -> Shot {
-        let text = format!(
-            "scene = 'builtin:x'\n[[rig.key]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\n{environment}"
-        );
+        let text = format!("scene = 'builtin:x'\n[[rig.key]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\n{environment}");
         let text = text.replacen("[[rig.key]]", "[rig]\n[[rig.key]]", 1);
         Shot::parse(&text, "x.toml").unwrap()
     }
@@ -192,36 +156,23 @@ mod tests {
         apply(&shot, Path::new(""), &mut scene).unwrap();
         assert_eq!(shot.name, "chair");
         assert_eq!(scene.environment, Environment::Constant(Vec3::ONE));
-        assert_eq!(
-            shot.rig,
-            Rig::framing(scene.bounds(), FRAMING_YFOV_DEG.to_radians())
-        );
+        assert_eq!(shot.rig, Rig::framing(scene.bounds(), FRAMING_YFOV_DEG.to_radians()));
     }
 
     #[test]
     fn a_scene_with_light_or_camera_keeps_them() {
         let mut scene = triangle();
-        let camera = Camera {
-            world_from_view: Affine3A::IDENTITY,
-            yfov_rad: 0.5,
-        };
+        let camera = Camera { world_from_view: Affine3A::IDENTITY, yfov_rad: 0.5 };
         scene.cameras.push(camera);
         scene.lights.push(light());
         let shot = shot_for(&scene, Path::new("a.gltf"));
-        assert_eq!(
-            (&shot.rig, &shot.environment),
-            (&Rig::from_camera(camera), &None)
-        );
+        assert_eq!((&shot.rig, &shot.environment), (&Rig::from_camera(camera), &None));
 
         let mut emissive = triangle();
         emissive.materials[0].emissive = Vec3::X;
         assert_eq!(shot_for(&emissive, Path::new("a.gltf")).environment, None);
         emissive.instances.clear();
-        assert!(
-            shot_for(&emissive, Path::new("a.gltf"))
-                .environment
-                .is_some()
-        );
+        assert!(shot_for(&emissive, Path::new("a.gltf")).environment.is_some());
     }
 
     #[test]
@@ -232,15 +183,9 @@ mod tests {
         let lit = "[environment]\nradiance = [1, 2, 3]\nscale = 2\n[[light]]\nkind = 'point'\nposition = [0, 1, 0]";
         apply(&shot(lit), Path::new(""), &mut scene).unwrap();
         assert_eq!(scene.lights.len(), 2);
-        assert_eq!(
-            scene.environment,
-            Environment::Constant(Vec3::new(2.0, 4.0, 6.0))
-        );
+        assert_eq!(scene.environment, Environment::Constant(Vec3::new(2.0, 4.0, 6.0)));
         apply(&shot(""), Path::new(""), &mut scene).unwrap();
-        assert_eq!(
-            scene.environment,
-            Environment::Constant(Vec3::new(2.0, 4.0, 6.0))
-        );
+        assert_eq!(scene.environment, Environment::Constant(Vec3::new(2.0, 4.0, 6.0)));
         apply(&shot("[environment]\nscale = 0"), Path::new(""), &mut scene).unwrap();
         assert_eq!(scene.environment, Environment::Black);
     }
@@ -248,25 +193,41 @@ mod tests {
     #[test]
     fn sky_images_are_relative_to_the_shot() {
         let folder = tempfile::tempdir().unwrap();
-        let sky = Image {
-            extent: Extent::new(2, 1),
-            pixels: vec![[1.0, 2.0, 3.0], [-1.0, 0.0, 0.0]],
-        };
+        let sky = Image { extent: Extent::new(2, 1), pixels: vec![[1.0, 2.0, 3.0], [-1.0, 0.0, 0.0]] };
         exr::write_rgb(&folder.path().join("sky.exr"), &sky).unwrap();
         let mut scene = triangle();
         let lit = shot("[environment]\nimage = 'sky.exr'\nscale = 2\nrotation_deg = 30");
         apply(&lit, folder.path(), &mut scene).unwrap();
-        let Environment::Map {
-            image,
-            rotation_deg,
-        } = &scene.environment
-        else {
-            panic!("{:?}", scene.environment)
-        };
+        let Environment::Map { image, rotation_deg } = &scene.environment else { panic!("{:?}", scene.environment) };
         assert_eq!((image.pixels[0], *rotation_deg), ([2.0, 4.0, 6.0], 30.0));
         assert_eq!(scene.warnings.len(), 1);
         let error = apply(&lit, Path::new("nowhere"), &mut scene).unwrap_err();
         assert!(error.to_string().contains("sky.exr"), "{error}");
+    }
+
+    #[test]
+    fn every_builtin_scene_loads_with_light() {
+        for builtin in builtin::BUILTINS {
+            let (shot, scene) = load_shot(&format!("builtin:{}", builtin.name)).unwrap();
+            assert_eq!(shot.scene, SceneSource::Builtin(builtin.name.to_owned()));
+            assert!(scene.triangle_count() > 0 && has_light(&scene), "{}", builtin.name);
+        }
+    }
+
+    #[test]
+    fn shots_and_bare_files_on_disk_load_with_light() {
+        let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/scenes");
+        let folder = std::env::var_os("DIPTYCH_SCENES").map_or(here, Into::into);
+        let path = |name: &str| folder.join(name).display().to_string();
+        if !folder.join("garage.toml").exists() {
+            eprintln!("SKIPPED: no garage.toml in {}: set DIPTYCH_SCENES", folder.display());
+            return;
+        }
+        for name in ["garage.toml", "garage/garage.gltf"] {
+            let (shot, scene) = load_shot(&path(name)).unwrap();
+            assert_eq!(shot.name, "garage");
+            assert!(scene.triangle_count() > 0 && has_light(&scene), "{name}");
+        }
     }
 
     #[test]

@@ -59,9 +59,7 @@ impl RigKey {
     /// Length of cross(view vector, up) over the product of their lengths; 0 if either has no length.
     fn sin_view_up(&self) -> f64 {
         let view = self.target - self.position;
-        view.try_normalize()
-            .zip(self.up.try_normalize())
-            .map_or(0.0, |(view, up)| view.cross(up).length())
+        view.try_normalize().zip(self.up.try_normalize()).map_or(0.0, |(view, up)| view.cross(up).length())
     }
 
     fn lerp(&self, to: &RigKey, s: f64) -> RigKey {
@@ -124,10 +122,7 @@ impl Rig {
 
     fn key_at(&self, time_s: f64) -> RigKey {
         let next = self.keys.partition_point(|key| key.time_s <= time_s);
-        match (
-            next.checked_sub(1).map(|i| &self.keys[i]),
-            self.keys.get(next),
-        ) {
+        match (next.checked_sub(1).map(|i| &self.keys[i]), self.keys.get(next)) {
             (Some(a), Some(b)) => a.lerp(b, (time_s - a.time_s) / (b.time_s - a.time_s)),
             (Some(key), None) | (None, Some(key)) => *key,
             (None, None) => unreachable!("a rig has at least one key"),
@@ -165,40 +160,17 @@ impl Rig {
         // A single point still needs a distance that survives rounding to f32.
         let radius = radius.max(centre.length() * 1e-4).max(1e-6);
         let distance = MARGIN * radius / (yfov_rad / 2.0).sin();
-        let key = RigKey {
-            time_s: 0.0,
-            position: centre + DVec3::Z * distance,
-            target: centre,
-            up: DVec3::Y,
-        };
-        Rig {
-            yfov_rad,
-            baseline_m: DEFAULT_BASELINE_M.min(distance / 30.0),
-            metres_per_unit: 1.0,
-            keys: vec![key],
-        }
+        let key = RigKey { time_s: 0.0, position: centre + DVec3::Z * distance, target: centre, up: DVec3::Y };
+        Rig { yfov_rad, baseline_m: DEFAULT_BASELINE_M.min(distance / 30.0), metres_per_unit: 1.0, keys: vec![key] }
     }
 
     /// The rig whose midpoint is `camera`, at metre scale. A camera scaled to nothing looks along −z.
     pub fn from_camera(camera: Camera) -> Rig {
         let world_from_view = camera.world_from_view;
         let position = world_from_view.translation.as_dvec3();
-        let forward = -world_from_view
-            .matrix3
-            .z_axis
-            .as_dvec3()
-            .normalize_or(DVec3::Z);
-        let up = world_from_view
-            .matrix3
-            .y_axis
-            .as_dvec3()
-            .normalize_or(DVec3::Y);
-        let mut key = RigKey {
-            time_s: 0.0,
-            position,
-            target: position + forward,
-            up,
-        };
+        let forward = -world_from_view.matrix3.z_axis.as_dvec3().normalize_or(DVec3::Z);
+        let up = world_from_view.matrix3.y_axis.as_dvec3().normalize_or(DVec3::Y);
+        let mut key = RigKey { time_s: 0.0, position, target: position + forward, up };
         if key.sin_view_up() < MIN_SIN_VIEW_UP {
             key.up = forward.any_orthonormal_vector();
         }
@@ -237,28 +209,15 @@ mod tests {
     use glam::{Affine3A, Quat};
 
     fn key(time_s: f64, position: [f64; 3], target: [f64; 3]) -> RigKey {
-        RigKey {
-            time_s,
-            position: position.into(),
-            target: target.into(),
-            up: DVec3::Y,
-        }
+        RigKey { time_s, position: position.into(), target: target.into(), up: DVec3::Y }
     }
 
     fn rig(keys: Vec<RigKey>) -> Rig {
-        Rig {
-            yfov_rad: 70f64.to_radians(),
-            baseline_m: 0.064,
-            metres_per_unit: 0.01,
-            keys,
-        }
+        Rig { yfov_rad: 70f64.to_radians(), baseline_m: 0.064, metres_per_unit: 0.01, keys }
     }
 
     fn path() -> Rig {
-        rig(vec![
-            key(0.0, [0.0, 1.6, 2.5], [0.0, 1.2, -3.0]),
-            key(2.0, [0.6, 1.6, 1.2], [-1.0, 1.1, -3.0]),
-        ])
+        rig(vec![key(0.0, [0.0, 1.6, 2.5], [0.0, 1.2, -3.0]), key(2.0, [0.6, 1.6, 1.2], [-1.0, 1.1, -3.0])])
     }
 
     #[test]
@@ -267,18 +226,9 @@ mod tests {
         for i in 0..40 {
             let time_s = f64::from(i) * 0.07 - 0.3;
             let [left, right] = Eye::ALL.map(|eye| rig.view(time_s, eye));
-            assert_eq!(
-                left.right.to_array().map(f32::to_bits),
-                right.right.to_array().map(f32::to_bits)
-            );
-            assert_eq!(
-                left.up.to_array().map(f32::to_bits),
-                right.up.to_array().map(f32::to_bits)
-            );
-            assert_eq!(
-                left.forward.to_array().map(f32::to_bits),
-                right.forward.to_array().map(f32::to_bits)
-            );
+            assert_eq!(left.right.to_array().map(f32::to_bits), right.right.to_array().map(f32::to_bits));
+            assert_eq!(left.up.to_array().map(f32::to_bits), right.up.to_array().map(f32::to_bits));
+            assert_eq!(left.forward.to_array().map(f32::to_bits), right.forward.to_array().map(f32::to_bits));
             assert_eq!(left.tan_half_yfov.to_bits(), right.tan_half_yfov.to_bits());
             let apart = right.origin - left.origin;
             assert!((apart.dot(left.right) - 6.4).abs() < 1e-5);
@@ -315,14 +265,9 @@ mod tests {
         let view = rig(vec![key(0.0, [0.0; 3], [0.0, 0.0, -1.0])]).view(0.0, Eye::Left);
         let extent = Extent::new(40, 20);
         let tan = f64::from(view.tan_half_yfov);
-        let close = |a: DVec3, b: [f64; 3]| {
-            assert!((a - DVec3::from(b).normalize()).length() < 1e-7, "{a}")
-        };
+        let close = |a: DVec3, b: [f64; 3]| assert!((a - DVec3::from(b).normalize()).length() < 1e-7, "{a}");
         close(view.ray_direction(20.0, 10.0, extent), [0.0, 0.0, -1.0]);
-        close(
-            view.ray_direction(0.0, 0.0, extent),
-            [-2.0 * tan, tan, -1.0],
-        );
+        close(view.ray_direction(0.0, 0.0, extent), [-2.0 * tan, tan, -1.0]);
         close(view.ray_direction(20.0, 0.0, extent), [0.0, tan, -1.0]);
         close(view.ray_direction(30.0, 20.0, extent), [tan, -tan, -1.0]);
     }
@@ -342,47 +287,28 @@ mod tests {
     #[test]
     fn paths_through_the_target_or_through_up_are_found() {
         assert_eq!(path().degenerate_time(), None);
-        let through = rig(vec![
-            key(0.0, [0.0, 0.0, 2.0], [0.0; 3]),
-            key(4.0, [0.0, 0.0, -2.0], [0.0; 3]),
-        ]);
+        let through = rig(vec![key(0.0, [0.0, 0.0, 2.0], [0.0; 3]), key(4.0, [0.0, 0.0, -2.0], [0.0; 3])]);
         assert!((through.degenerate_time().unwrap() - 2.0).abs() < 1e-9);
-        let over = rig(vec![
-            key(1.0, [0.0, 0.0, 0.0], [-1.0, 5.0, 0.0]),
-            key(3.0, [0.0; 3], [3.0, 5.0, 0.0]),
-        ]);
+        let over = rig(vec![key(1.0, [0.0, 0.0, 0.0], [-1.0, 5.0, 0.0]), key(3.0, [0.0; 3], [3.0, 5.0, 0.0])]);
         assert!((over.degenerate_time().unwrap() - 1.5).abs() < 1e-9);
         let mut turned = path();
         turned.keys[1].up = -DVec3::Y;
         assert!((turned.degenerate_time().unwrap() - 1.0).abs() < 1e-9);
-        assert_eq!(
-            rig(vec![key(7.0, [1.0; 3], [1.0; 3])]).degenerate_time(),
-            Some(7.0)
-        );
+        assert_eq!(rig(vec![key(7.0, [1.0; 3], [1.0; 3])]).degenerate_time(), Some(7.0));
     }
 
     #[test]
     fn framing_sees_every_corner_at_any_scale() {
-        let unit = Bounds {
-            min: Vec3::new(-1.0, 0.0, -2.0),
-            max: Vec3::new(3.0, 1.0, 2.0),
-        };
+        let unit = Bounds { min: Vec3::new(-1.0, 0.0, -2.0), max: Vec3::new(3.0, 1.0, 2.0) };
         for scale in [1e-3, 1.0, 1e4] {
-            let bounds = Bounds {
-                min: unit.min * scale,
-                max: unit.max * scale,
-            };
+            let bounds = Bounds { min: unit.min * scale, max: unit.max * scale };
             let rig = Rig::framing(bounds, 1.0);
             assert!(rig.baseline_m <= 0.064);
             for eye in Eye::ALL {
                 let view = rig.view(0.0, eye);
                 for corner in 0..8 {
                     let pick = |axis: usize| {
-                        if corner >> axis & 1 == 0 {
-                            bounds.min[axis]
-                        } else {
-                            bounds.max[axis]
-                        }
+                        if corner >> axis & 1 == 0 { bounds.min[axis] } else { bounds.max[axis] }
                     };
                     let d = Vec3::new(pick(0), pick(1), pick(2)) - view.origin;
                     let depth = d.dot(view.forward);
@@ -396,14 +322,8 @@ mod tests {
 
     #[test]
     fn framing_of_nothing_or_of_a_point_is_finite() {
-        let empty = Bounds {
-            min: Vec3::INFINITY,
-            max: Vec3::NEG_INFINITY,
-        };
-        let point = Bounds {
-            min: Vec3::splat(5e6),
-            max: Vec3::splat(5e6),
-        };
+        let empty = Bounds { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
+        let point = Bounds { min: Vec3::splat(5e6), max: Vec3::splat(5e6) };
         for bounds in [empty, point] {
             let view = Rig::framing(bounds, 1.0).view(0.0, Eye::Left);
             assert!(view.origin.is_finite() && view.right.is_finite());
@@ -418,24 +338,15 @@ mod tests {
             Quat::from_rotation_y(-std::f32::consts::FRAC_PI_2),
             Vec3::new(1.0, 2.0, 3.0),
         );
-        let rig = Rig::from_camera(Camera {
-            world_from_view,
-            yfov_rad: 0.8,
-        });
+        let rig = Rig::from_camera(Camera { world_from_view, yfov_rad: 0.8 });
         let view = rig.view(0.0, Eye::Right);
         assert!((view.forward - Vec3::X).length() < 1e-6);
         assert!((view.right - Vec3::Z).length() < 1e-6);
         assert!((view.origin - Vec3::new(1.0, 2.0, 3.032)).length() < 1e-6);
         assert!((view.tan_half_yfov - 0.4f32.tan()).abs() < 1e-6);
 
-        let flat = Camera {
-            world_from_view: Affine3A::from_scale(Vec3::ZERO),
-            yfov_rad: 0.8,
-        };
-        assert_eq!(
-            Rig::from_camera(flat).view(0.0, Eye::Left).forward,
-            Vec3::NEG_Z
-        );
+        let flat = Camera { world_from_view: Affine3A::from_scale(Vec3::ZERO), yfov_rad: 0.8 };
+        assert_eq!(Rig::from_camera(flat).view(0.0, Eye::Left).forward, Vec3::NEG_Z);
     }
 
     #[test]

@@ -39,21 +39,9 @@ pub struct ShotEnvironment {
 /// Positions in scene units, `direction` unit length, angles and cones measured from their axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ShotLightKind {
-    Point {
-        position: Vec3,
-        radius_m: f64,
-    },
-    Directional {
-        direction: Vec3,
-        angle_deg: f64,
-    },
-    Spot {
-        position: Vec3,
-        radius_m: f64,
-        direction: Vec3,
-        inner_cone_deg: f64,
-        outer_cone_deg: f64,
-    },
+    Point { position: Vec3, radius_m: f64 },
+    Directional { direction: Vec3, angle_deg: f64 },
+    Spot { position: Vec3, radius_m: f64, direction: Vec3, inner_cone_deg: f64, outer_cone_deg: f64 },
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -72,9 +60,7 @@ pub struct Gaze {
 
 impl Default for Gaze {
     fn default() -> Self {
-        Self {
-            path: vec![[0.0, 0.5, 0.5]],
-        }
+        Self { path: vec![[0.0, 0.5, 0.5]] }
     }
 }
 
@@ -82,10 +68,7 @@ impl Gaze {
     /// (x, y) at `time_s`: linear between the path's points, held outside.
     pub fn at(&self, time_s: f64) -> [f64; 2] {
         let next = self.path.partition_point(|point| point[0] <= time_s);
-        match (
-            next.checked_sub(1).map(|i| self.path[i]),
-            self.path.get(next),
-        ) {
+        match (next.checked_sub(1).map(|i| self.path[i]), self.path.get(next)) {
             (Some([t0, x0, y0]), Some([t1, x1, y1])) => {
                 let s = (time_s - t0) / (t1 - t0);
                 [x0 + (x1 - x0) * s, y0 + (y1 - y0) * s]
@@ -123,10 +106,7 @@ impl Shot {
     /// The shot's lights in scene units.
     pub fn lights(&self) -> Vec<Light> {
         let units = |metres: f64| (metres / self.rig.metres_per_unit) as f32;
-        let light = |light: &ShotLight| Light {
-            kind: light.kind.in_units(units),
-            strength: light.strength,
-        };
+        let light = |light: &ShotLight| Light { kind: light.kind.in_units(units), strength: light.strength };
         self.lights.iter().map(light).collect()
     }
 }
@@ -135,24 +115,11 @@ impl ShotLightKind {
     fn in_units(self, units: impl Fn(f64) -> f32) -> LightKind {
         let cos = |deg: f64| deg.to_radians().cos() as f32;
         match self {
-            Self::Point { position, radius_m } => LightKind::Point {
-                position,
-                radius: units(radius_m),
-            },
-            Self::Directional {
-                direction,
-                angle_deg,
-            } => LightKind::Directional {
-                direction,
-                angle_rad: angle_deg.to_radians() as f32,
-            },
-            Self::Spot {
-                position,
-                radius_m,
-                direction,
-                inner_cone_deg,
-                outer_cone_deg,
-            } => LightKind::Spot {
+            Self::Point { position, radius_m } => LightKind::Point { position, radius: units(radius_m) },
+            Self::Directional { direction, angle_deg } => {
+                LightKind::Directional { direction, angle_rad: angle_deg.to_radians() as f32 }
+            }
+            Self::Spot { position, radius_m, direction, inner_cone_deg, outer_cone_deg } => LightKind::Spot {
                 position,
                 radius: units(radius_m),
                 direction,

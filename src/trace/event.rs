@@ -22,11 +22,7 @@ pub enum Arg {
 
 impl From<f64> for Arg {
     fn from(value: f64) -> Self {
-        if value.is_finite() {
-            Arg::Number(value)
-        } else {
-            Arg::Text(value.to_string())
-        }
+        if value.is_finite() { Arg::Number(value) } else { Arg::Text(value.to_string()) }
     }
 }
 
@@ -40,9 +36,7 @@ pub type Args = BTreeMap<String, Arg>;
 
 pub fn args_from(values: &[(&str, f64)]) -> Args {
     let named = values.iter();
-    named
-        .map(|&(name, value)| (name.to_owned(), value.into()))
-        .collect()
+    named.map(|&(name, value)| (name.to_owned(), value.into())).collect()
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -83,12 +77,7 @@ impl Event {
 
     pub fn process_sort_index(pid: u32, index: u32) -> Event {
         let track = Track { pid, tid: 0 };
-        metadata(
-            track,
-            "process_sort_index",
-            "sort_index",
-            f64::from(index).into(),
-        )
+        metadata(track, "process_sort_index", "sort_index", f64::from(index).into())
     }
 
     pub fn thread_name(track: Track, name: &str) -> Event {
@@ -96,12 +85,7 @@ impl Event {
     }
 
     pub fn thread_sort_index(track: Track, index: u32) -> Event {
-        metadata(
-            track,
-            "thread_sort_index",
-            "sort_index",
-            f64::from(index).into(),
-        )
+        metadata(track, "thread_sort_index", "sort_index", f64::from(index).into())
     }
 
     fn phase(&self) -> &'static str {
@@ -189,25 +173,13 @@ mod tests {
             value
         };
         let complete = event(Kind::Complete { duration_us: 4.0 }, &[("frame", 3.0)]);
-        assert_eq!(
-            json_of(&complete),
-            with("X", json!({"dur": 4.0, "args": {"frame": 3.0}}))
-        );
-        assert_eq!(
-            json_of(&event(Kind::Instant, &[])),
-            with("i", json!({"s": "t"}))
-        );
-        assert_eq!(
-            json_of(&event(Kind::Counter, &[("ms", 1.5)])),
-            with("C", json!({"args": {"ms": 1.5}}))
-        );
+        assert_eq!(json_of(&complete), with("X", json!({"dur": 4.0, "args": {"frame": 3.0}})));
+        assert_eq!(json_of(&event(Kind::Instant, &[])), with("i", json!({"s": "t"})));
+        assert_eq!(json_of(&event(Kind::Counter, &[("ms", 1.5)])), with("C", json!({"args": {"ms": 1.5}})));
         let flow = |step| json_of(&event(Kind::Flow { step, id: 7 }, &[]));
         assert_eq!(flow(FlowStep::Start), with("s", json!({"id": 7})));
         assert_eq!(flow(FlowStep::Step), with("t", json!({"id": 7})));
-        assert_eq!(
-            flow(FlowStep::Finish),
-            with("f", json!({"id": 7, "bp": "e"}))
-        );
+        assert_eq!(flow(FlowStep::Finish), with("f", json!({"id": 7, "bp": "e"})));
         let named = json!({"ph": "M", "name": "process_name", "pid": 10, "tid": 0, "args": {"name": "gpu 0"}});
         assert_eq!(json_of(&Event::process_name(10, "gpu 0")), named);
     }
@@ -215,9 +187,6 @@ mod tests {
     #[test]
     fn non_finite_arguments_stay_readable() {
         let args = args_from(&[("a", f64::NAN), ("b", f64::INFINITY)]);
-        assert_eq!(
-            serde_json::to_value(args).unwrap(),
-            json!({"a": "NaN", "b": "inf"})
-        );
+        assert_eq!(serde_json::to_value(args).unwrap(), json!({"a": "NaN", "b": "inf"}));
     }
 }

@@ -55,11 +55,8 @@ impl HostSpans {
     /// [`TraceError::SubscriberTaken`]
     pub fn install(origin: Instant) -> Result<HostSpans, TraceError> {
         let buffer = Buffer::default();
-        let (layer, guard) = ChromeLayerBuilder::new()
-            .writer(buffer.clone())
-            .include_args(true)
-            .include_locations(false)
-            .build();
+        let (layer, guard) =
+            ChromeLayerBuilder::new().writer(buffer.clone()).include_args(true).include_locations(false).build();
         tracing::subscriber::set_global_default(tracing_subscriber::registry().with(layer))
             .map_err(|_| TraceError::SubscriberTaken)?;
         let elapsed_us = || origin.elapsed().as_nanos() as f64 / 1000.0;
@@ -70,11 +67,7 @@ impl HostSpans {
             ((before + after) / 2.0, (after - before) / 2.0)
         };
         let brackets = (0..MARKER_COUNT).map(mark).collect();
-        Ok(HostSpans {
-            guard,
-            buffer,
-            brackets,
-        })
+        Ok(HostSpans { guard, buffer, brackets })
     }
 
     /// Stops recording. Spans still open end at the last time recorded and carry `unfinished`.
@@ -83,16 +76,12 @@ impl HostSpans {
     /// [`TraceError::HostSpans`]
     pub fn collect(self) -> Result<HostEvents, TraceError> {
         drop(self.guard);
-        let bytes =
-            std::mem::take(&mut *self.buffer.0.lock().unwrap_or_else(PoisonError::into_inner));
-        let records: Vec<Record> = serde_json::from_slice(&bytes)
-            .map_err(|source| TraceError::HostSpans(source.to_string()))?;
+        let bytes = std::mem::take(&mut *self.buffer.0.lock().unwrap_or_else(PoisonError::into_inner));
+        let records: Vec<Record> =
+            serde_json::from_slice(&bytes).map_err(|source| TraceError::HostSpans(source.to_string()))?;
         let (shift_us, clock_residual_us) = clock(&self.brackets, &records)
             .ok_or_else(|| TraceError::HostSpans("its clock markers are missing".to_owned()))?;
-        Ok(HostEvents {
-            events: events_from(records, shift_us),
-            clock_residual_us,
-        })
+        Ok(HostEvents { events: events_from(records, shift_us), clock_residual_us })
     }
 }
 
@@ -100,9 +89,7 @@ impl HostSpans {
 fn clock(brackets: &[(f64, f64)], records: &[Record]) -> Option<(f64, f64)> {
     let markers = records.iter().filter(|record| record.is_marker());
     let paired = brackets.iter().zip(markers.filter_map(|marker| marker.ts));
-    paired
-        .map(|(&(middle, half), ts)| (middle - ts, half))
-        .min_by(|a, b| a.1.total_cmp(&b.1))
+    paired.map(|(&(middle, half), ts)| (middle - ts, half)).min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 /// An event as `tracing-chrome` writes it.
@@ -123,10 +110,7 @@ impl Record {
 
     fn event(self, kind: Kind, shift_us: f64) -> Event {
         // `tracing` names an event after its place in the source unless told otherwise; its message says more.
-        let message = self
-            .args
-            .get("message")
-            .filter(|_| self.name.starts_with("event "));
+        let message = self.args.get("message").filter(|_| self.name.starts_with("event "));
         Event {
             kind,
             name: message.unwrap_or(&self.name).clone(),
@@ -140,17 +124,11 @@ impl Record {
 
 /// `tracing-chrome` counts threads from 0, which some viewers take for the idle thread.
 fn track(tid: u32) -> Track {
-    Track {
-        pid: HOST_PID,
-        tid: tid + 1,
-    }
+    Track { pid: HOST_PID, tid: tid + 1 }
 }
 
 fn args(recorded: HashMap<String, String>) -> Args {
-    recorded
-        .into_iter()
-        .map(|(name, text)| (name, arg(text)))
-        .collect()
+    recorded.into_iter().map(|(name, text)| (name, arg(text))).collect()
 }
 
 /// Every argument was recorded by its `Debug` text: numbers plain, strings quoted.
@@ -163,19 +141,13 @@ fn arg(text: String) -> Arg {
 
 /// Joins begins with their ends and moves all to our clock.
 fn events_from(records: Vec<Record>, shift_us: f64) -> Vec<Event> {
-    let mut events = vec![
-        Event::process_name(HOST_PID, "host"),
-        Event::process_sort_index(HOST_PID, HOST_PID),
-    ];
+    let mut events = vec![Event::process_name(HOST_PID, "host"), Event::process_sort_index(HOST_PID, HOST_PID)];
     let last_us = records.iter().filter_map(|r| r.ts).fold(f64::MIN, f64::max) + shift_us;
     let mut open: HashMap<u32, Vec<Record>> = HashMap::new();
     for record in records {
         match record.ph.as_str() {
             "M" => {
-                let name = record
-                    .args
-                    .get("name")
-                    .map_or("thread", |name| name.as_str());
+                let name = record.args.get("name").map_or("thread", |name| name.as_str());
                 events.push(Event::thread_name(track(record.tid), name));
             }
             "B" => open.entry(record.tid).or_default().push(record),
@@ -230,28 +202,17 @@ mod tests {
             {"ph":"i","pid":1,"ts":16.0,"name":"event src/a.rs:7","tid":1,"s":"t","args":{"message":"late"}}]"#;
         let events = events_from(records(recorded), 100.0);
         let span = |name: &str, tid| {
-            let found = events
-                .iter()
-                .find(|e| e.name == name && e.track == track(tid));
+            let found = events.iter().find(|e| e.name == name && e.track == track(tid));
             let event = found.unwrap_or_else(|| panic!("no {name}"));
-            let Kind::Complete { duration_us } = event.kind else {
-                panic!("{event:?}")
-            };
+            let Kind::Complete { duration_us } = event.kind else { panic!("{event:?}") };
             (event.time_us, duration_us, event.args.clone())
         };
         let number = |name: &str, value: f64| (name.to_owned(), Arg::Number(value));
         let frame_args = Args::from([number("frame", 3.0), number("rows", 90.0)]);
         assert_eq!(span("frame", 0), (110.0, 4.0, frame_args));
         assert_eq!(span("cut", 0), (111.0, 1.0, Args::new()));
-        assert_eq!(
-            span("frame", 1),
-            (111.5, 4.5, Args::from([number("unfinished", 1.0)]))
-        );
-        assert!(
-            events
-                .iter()
-                .any(|e| e.kind == Kind::Instant && e.name == "late")
-        );
+        assert_eq!(span("frame", 1), (111.5, 4.5, Args::from([number("unfinished", 1.0)])));
+        assert!(events.iter().any(|e| e.kind == Kind::Instant && e.name == "late"));
         assert!(events.contains(&Event::thread_name(track(0), "main")));
         assert!(!events.iter().any(|e| e.name == "stray"));
     }

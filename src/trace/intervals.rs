@@ -37,9 +37,7 @@ pub fn shared_length(a: &[Interval], b: &[Interval]) -> f64 {
 /// Length of the time that lies in at least two of the unions.
 pub fn length_in_two_or_more<'a>(unions: impl IntoIterator<Item = &'a Vec<Interval>>) -> f64 {
     let intervals = unions.into_iter().flatten();
-    let mut edges: Vec<(f64, i32)> = intervals
-        .flat_map(|&(begin, end)| [(begin, 1), (end, -1)])
-        .collect();
+    let mut edges: Vec<(f64, i32)> = intervals.flat_map(|&(begin, end)| [(begin, 1), (end, -1)]).collect();
     edges.sort_by(|a, b| a.0.total_cmp(&b.0));
     let (mut depth, mut total) = (0, 0.0);
     for pair in edges.windows(2) {
@@ -57,13 +55,7 @@ mod tests {
 
     #[test]
     fn unions_merge_what_touches_overlaps_or_nests() {
-        let merged = union(vec![
-            (5.0, 6.0),
-            (0.0, 2.0),
-            (2.0, 3.0),
-            (0.5, 1.0),
-            (5.5, 8.0),
-        ]);
+        let merged = union(vec![(5.0, 6.0), (0.0, 2.0), (2.0, 3.0), (0.5, 1.0), (5.5, 8.0)]);
         assert_eq!(merged, [(0.0, 3.0), (5.0, 8.0)]);
         assert_eq!(length(&merged), 6.0);
         assert_eq!(length(&union(vec![])), 0.0);
@@ -82,9 +74,6 @@ mod tests {
         let unions = [vec![(0.0, 4.0)], vec![(1.0, 3.0)], vec![(2.0, 6.0)]];
         assert_eq!(length_in_two_or_more(&unions), 3.0);
         assert_eq!(length_in_two_or_more(&unions[..1]), 0.0);
-        assert_eq!(
-            length_in_two_or_more(&[vec![(0.0, 1.0)], vec![(1.0, 2.0)]]),
-            0.0
-        );
+        assert_eq!(length_in_two_or_more(&[vec![(0.0, 1.0)], vec![(1.0, 2.0)]]), 0.0);
     }
 }

@@ -35,18 +35,11 @@ pub enum TraceError {
     #[error(transparent)]
     Write(#[from] ImageError),
     #[error("cannot read trace '{path}'")]
-    Read {
-        path: String,
-        source: std::io::Error,
-    },
+    Read { path: String, source: std::io::Error },
     #[error("'{path}' is not a trace: {what}")]
     NotATrace { path: String, what: String },
     #[error("'{path}', event {index} (counted from 0): {what}")]
-    Event {
-        path: String,
-        index: usize,
-        what: String,
-    },
+    Event { path: String, index: usize, what: String },
 }
 
 /// What a device does side by side: work on one eye, on both, and transfers from and to the host.
@@ -61,13 +54,7 @@ pub enum Lane {
 }
 
 impl Lane {
-    pub const ALL: [Lane; 5] = [
-        Lane::Left,
-        Lane::Right,
-        Lane::Both,
-        Lane::Upload,
-        Lane::Download,
-    ];
+    pub const ALL: [Lane; 5] = [Lane::Left, Lane::Right, Lane::Both, Lane::Upload, Lane::Download];
 
     pub fn name(self) -> &'static str {
         match self {
@@ -85,10 +72,7 @@ impl Lane {
 
     /// Where the lane of device `device` is shown.
     pub fn track(self, device: u32) -> Track {
-        Track {
-            pid: FIRST_DEVICE_PID + device,
-            tid: self as u32 + 1,
-        }
+        Track { pid: FIRST_DEVICE_PID + device, tid: self as u32 + 1 }
     }
 }
 
@@ -110,10 +94,7 @@ struct Log {
 impl Recorder {
     /// A recorder that takes nothing down.
     pub fn off() -> Recorder {
-        Recorder {
-            origin: Instant::now(),
-            log: None,
-        }
+        Recorder { origin: Instant::now(), log: None }
     }
 
     pub fn is_on(&self) -> bool {
@@ -139,40 +120,20 @@ impl Recorder {
         self.push(|| {
             let lanes = Lane::ALL.into_iter().flat_map(|lane| {
                 let track = lane.track(device);
-                [
-                    Event::thread_name(track, lane.name()),
-                    Event::thread_sort_index(track, track.tid),
-                ]
+                [Event::thread_name(track, lane.name()), Event::thread_sort_index(track, track.tid)]
             });
-            let process = [
-                Event::process_name(pid, name),
-                Event::process_sort_index(pid, pid),
-            ];
+            let process = [Event::process_name(pid, name), Event::process_sort_index(pid, pid)];
             process.into_iter().chain(lanes)
         });
     }
 
     /// Work on one lane of a device, from GPU timestamps brought to the origin.
-    pub fn task(
-        &self,
-        device: u32,
-        lane: Lane,
-        name: &str,
-        begin_us: f64,
-        end_us: f64,
-        args: &[(&str, f64)],
-    ) {
+    pub fn task(&self, device: u32, lane: Lane, name: &str, begin_us: f64, end_us: f64, args: &[(&str, f64)]) {
         self.push(|| {
             [Event {
-                kind: Kind::Complete {
-                    duration_us: end_us - begin_us,
-                },
+                kind: Kind::Complete { duration_us: end_us - begin_us },
                 name: name.to_owned(),
-                category: if lane.is_transfer() {
-                    "transfer"
-                } else {
-                    "device"
-                },
+                category: if lane.is_transfer() { "transfer" } else { "device" },
                 track: lane.track(device),
                 time_us: begin_us,
                 args: args_from(args),
@@ -187,10 +148,7 @@ impl Recorder {
                 kind: Kind::Counter,
                 name: name.to_owned(),
                 category: "counter",
-                track: Track {
-                    pid: HOST_PID,
-                    tid: 0,
-                },
+                track: Track { pid: HOST_PID, tid: 0 },
                 time_us,
                 args: args_from(values),
             }]
@@ -202,14 +160,7 @@ impl Recorder {
         self.push(|| {
             [(FlowStep::Start, from), (FlowStep::Finish, to)].map(|(step, (track, time_us))| {
                 let kind = Kind::Flow { step, id };
-                Event {
-                    kind,
-                    name: name.to_owned(),
-                    category: "flow",
-                    track,
-                    time_us,
-                    args: Default::default(),
-                }
+                Event { kind, name: name.to_owned(), category: "flow", track, time_us, args: Default::default() }
             })
         });
     }
@@ -274,12 +225,7 @@ impl TraceFile {
 
     fn new(path: &Path, origin: Instant, host: Option<HostSpans>) -> TraceFile {
         let log = Some(Arc::new(Mutex::new(Log::default())));
-        TraceFile {
-            path: path.to_owned(),
-            recorder: Recorder { origin, log },
-            host,
-            is_written: false,
-        }
+        TraceFile { path: path.to_owned(), recorder: Recorder { origin, log }, host, is_written: false }
     }
 
     pub fn recorder(&self) -> Recorder {
@@ -296,28 +242,18 @@ impl TraceFile {
 
     fn write(&mut self, is_complete: bool) -> Result<(), TraceError> {
         self.is_written = true;
-        let log = self
-            .recorder
-            .lock()
-            .map(|mut log| std::mem::take(&mut *log));
+        let log = self.recorder.lock().map(|mut log| std::mem::take(&mut *log));
         let mut log = log.unwrap_or_default();
         let host = self.host.take().map(HostSpans::collect).transpose();
         let host_result = host.map(|host| {
             if let Some(host) = host {
-                log.notes.insert(
-                    "host_clock_residual_us".to_owned(),
-                    host.clock_residual_us.into(),
-                );
+                log.notes.insert("host_clock_residual_us".to_owned(), host.clock_residual_us.into());
                 log.events.extend(host.events);
             }
         });
         log.notes.insert("complete".to_owned(), is_complete.into());
-        log.notes
-            .insert("dropped_events".to_owned(), log.dropped_events.into());
-        log.notes.insert(
-            "writer".to_owned(),
-            concat!("diptych ", env!("CARGO_PKG_VERSION")).into(),
-        );
+        log.notes.insert("dropped_events".to_owned(), log.dropped_events.into());
+        log.notes.insert("writer".to_owned(), concat!("diptych ", env!("CARGO_PKG_VERSION")).into());
         write_events(&self.path, log)?;
         host_result
     }
@@ -348,11 +284,7 @@ fn write_events(path: &Path, log: Log) -> Result<(), TraceError> {
         let ((a_timed, a_us), (b_timed, b_us)) = (key(a), key(b));
         a_timed.cmp(&b_timed).then(a_us.total_cmp(&b_us))
     });
-    let document = Document {
-        trace_events: events,
-        display_time_unit: "ms",
-        other_data: log.notes,
-    };
+    let document = Document { trace_events: events, display_time_unit: "ms", other_data: log.notes };
     atomic_write(path, |file| Ok(serde_json::to_writer(file, &document)?))?;
     Ok(())
 }

@@ -47,29 +47,19 @@ pub fn read(path: &Path) -> Result<Trace, TraceError> {
 
 /// As [`read`], from memory; `origin` names the trace in messages.
 pub fn parse(bytes: &[u8], origin: &str) -> Result<Trace, TraceError> {
-    let not_a_trace = |what: String| TraceError::NotATrace {
-        path: origin.to_owned(),
-        what,
-    };
+    let not_a_trace = |what: String| TraceError::NotATrace { path: origin.to_owned(), what };
     let document: Value = serde_json::from_slice(bytes).map_err(|e| not_a_trace(e.to_string()))?;
     let (events, other_data) = match document {
         Value::Array(events) => (events, Value::Null),
         Value::Object(mut object) => match object.remove("traceEvents") {
-            Some(Value::Array(events)) => {
-                (events, object.remove("otherData").unwrap_or(Value::Null))
-            }
+            Some(Value::Array(events)) => (events, object.remove("otherData").unwrap_or(Value::Null)),
             _ => return Err(not_a_trace("it has no list \"traceEvents\"".to_owned())),
         },
         _ => return Err(not_a_trace("it is no list of events".to_owned())),
     };
     let mut reader = Reader::default();
-    let checked = reader
-        .all(events)
-        .map_err(|(index, what)| TraceError::Event {
-            path: origin.to_owned(),
-            index,
-            what,
-        });
+    let checked =
+        reader.all(events).map_err(|(index, what)| TraceError::Event { path: origin.to_owned(), index, what });
     let mut trace = checked?;
     if other_data["complete"] == Value::Bool(false) {
         let what = "the run ended early: what came after is missing";
@@ -121,20 +111,11 @@ impl Reader {
         }
         self.check_balance()?;
         let spans = std::mem::take(&mut self.spans);
-        let (device_spans, foreign): (Vec<_>, Vec<_>) = spans
-            .into_iter()
-            .map(|span| (self.device_lane(&span.track), span))
-            .partition(|(lane, _)| lane.is_some());
-        let device_spans = device_spans
-            .into_iter()
-            .filter_map(|(lane, span)| Some((lane?, span)))
-            .collect();
+        let (device_spans, foreign): (Vec<_>, Vec<_>) =
+            spans.into_iter().map(|span| (self.device_lane(&span.track), span)).partition(|(lane, _)| lane.is_some());
+        let device_spans = device_spans.into_iter().filter_map(|(lane, span)| Some((lane?, span))).collect();
         let foreign_pids: BTreeSet<_> = foreign.into_iter().map(|(_, s)| s.track.0).collect();
-        Ok(Trace {
-            devices: self.devices(),
-            tasks: tasks(device_spans)?,
-            warnings: self.warnings(&foreign_pids),
-        })
+        Ok(Trace { devices: self.devices(), tasks: tasks(device_spans)?, warnings: self.warnings(&foreign_pids) })
     }
 
     fn event(&mut self, index: usize, mut event: Map<String, Value>) -> Result<(), String> {
@@ -162,11 +143,7 @@ impl Reader {
                 let time_us = fields.number("ts")?;
                 let is_begin = phase == "B";
                 let edges = self.edges.entry(fields.track()?).or_default();
-                edges.push(Edge {
-                    index,
-                    time_us,
-                    is_begin,
-                });
+                edges.push(Edge { index, time_us, is_begin });
             }
             "C" => {
                 fields.id("pid")?;
@@ -224,11 +201,7 @@ impl Reader {
 
     /// The lane, if this is one of ours: a device's process with the thread named as the lane.
     fn device_lane(&self, track: &TrackKey) -> Option<(u32, Lane)> {
-        let pid: u32 = track
-            .0
-            .parse()
-            .ok()
-            .filter(|&pid| pid >= FIRST_DEVICE_PID)?;
+        let pid: u32 = track.0.parse().ok().filter(|&pid| pid >= FIRST_DEVICE_PID)?;
         let name = self.thread_names.get(track)?;
         let lane = Lane::ALL.into_iter().find(|lane| lane.name() == name)?;
         Some((pid, lane))
@@ -248,21 +221,13 @@ impl Reader {
     fn warnings(&self, foreign_pids: &BTreeSet<String>) -> Vec<String> {
         let mut warnings = Vec::new();
         let host = super::HOST_PID.to_string();
-        let foreign: Vec<_> = foreign_pids
-            .iter()
-            .filter(|pid| **pid != host)
-            .cloned()
-            .collect();
+        let foreign: Vec<_> = foreign_pids.iter().filter(|pid| **pid != host).cloned().collect();
         if !foreign.is_empty() {
             let pids = foreign.join(", ");
-            warnings.push(format!(
-                "spans that are no device lane's are left out: process {pids}"
-            ));
+            warnings.push(format!("spans that are no device lane's are left out: process {pids}"));
         }
         for (phase, count) in &self.unknown_phases {
-            warnings.push(format!(
-                "{count} events of unknown phase '{phase}' are left out"
-            ));
+            warnings.push(format!("{count} events of unknown phase '{phase}' are left out"));
         }
         let orphans = self.flow_ends.difference(&self.flow_starts).count();
         if orphans > 0 {
@@ -278,11 +243,7 @@ impl Reader {
 
 /// Device spans as tasks in order of begin; an error if two on one lane overlap.
 fn tasks(mut spans: Vec<((u32, Lane), Span)>) -> Result<Vec<Task>, Wrong> {
-    spans.sort_by(|(_, a), (_, b)| {
-        a.begin_us
-            .total_cmp(&b.begin_us)
-            .then(a.end_us.total_cmp(&b.end_us))
-    });
+    spans.sort_by(|(_, a), (_, b)| a.begin_us.total_cmp(&b.begin_us).then(a.end_us.total_cmp(&b.end_us)));
     let mut last_on_lane: HashMap<(u32, Lane), (usize, f64)> = HashMap::new();
     let mut tasks = Vec::with_capacity(spans.len());
     for ((pid, lane), span) in spans {
@@ -295,14 +256,7 @@ fn tasks(mut spans: Vec<((u32, Lane), Span)>) -> Result<Vec<Task>, Wrong> {
             return Err((span.index, what));
         }
         let frame = frame(&span.args).map_err(|what| (span.index, what))?;
-        tasks.push(Task {
-            pid,
-            lane,
-            name: span.name,
-            begin_us: span.begin_us,
-            end_us: span.end_us,
-            frame,
-        });
+        tasks.push(Task { pid, lane, name: span.name, begin_us: span.begin_us, end_us: span.end_us, frame });
     }
     Ok(tasks)
 }
@@ -311,9 +265,7 @@ fn tasks(mut spans: Vec<((u32, Lane), Span)>) -> Result<Vec<Task>, Wrong> {
 fn frame(args: &Value) -> Result<Option<u64>, String> {
     for (name, value) in args.as_object().into_iter().flatten() {
         if !is_finite(value) {
-            return Err(format!(
-                "its argument '{name}' is {value}, no finite number"
-            ));
+            return Err(format!("its argument '{name}' is {value}, no finite number"));
         }
     }
     match args["frame"].as_f64() {
@@ -353,9 +305,7 @@ impl Fields<'_> {
 
     fn number(&self, key: &str) -> Result<f64, String> {
         let value = self.0.get(key).and_then(Value::as_f64);
-        value
-            .filter(|v| v.is_finite())
-            .ok_or_else(|| format!("it needs a number \"{key}\""))
+        value.filter(|v| v.is_finite()).ok_or_else(|| format!("it needs a number \"{key}\""))
     }
 
     fn id(&self, key: &str) -> Result<String, String> {
@@ -369,8 +319,7 @@ impl Fields<'_> {
     /// An id that says whether it is local to the process.
     fn id2(&self) -> Result<String, String> {
         let id2 = self.0.get("id2").filter(|id2| id2.is_object());
-        id2.map(Value::to_string)
-            .ok_or_else(|| "it needs \"id\"".to_owned())
+        id2.map(Value::to_string).ok_or_else(|| "it needs \"id\"".to_owned())
     }
 
     fn track(&self) -> Result<TrackKey, String> {

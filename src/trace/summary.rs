@@ -64,25 +64,12 @@ impl Summary {
         let all = span_of(&trace.tasks);
         let makespan_us = all.map_or(0.0, |(begin, end)| end - begin);
         let share = |us: f64| {
-            if makespan_us > 0.0 {
-                us / makespan_us
-            } else {
-                0.0
-            }
+            if makespan_us > 0.0 { us / makespan_us } else { 0.0 }
         };
-        let lanes: Vec<Lanes> = trace
-            .devices
-            .iter()
-            .map(|(&pid, name)| Lanes::of(trace, pid, name))
-            .collect();
+        let lanes: Vec<Lanes> = trace.devices.iter().map(|(&pid, name)| Lanes::of(trace, pid, name)).collect();
         let busy_us: Vec<f64> = lanes.iter().map(|device| length(&device.busy)).collect();
-        let (total_us, most_us) = busy_us
-            .iter()
-            .fold((0.0, 0.0f64), |(sum, max), &us| (sum + us, max.max(us)));
-        let devices: Vec<_> = lanes
-            .iter()
-            .map(|device| device.sum_up(makespan_us))
-            .collect();
+        let (total_us, most_us) = busy_us.iter().fold((0.0, 0.0f64), |(sum, max), &us| (sum + us, max.max(us)));
+        let devices: Vec<_> = lanes.iter().map(|device| device.sum_up(makespan_us)).collect();
         let transfer_ms: f64 = devices.iter().map(|d| d.transfer_ms).sum();
         let hidden_ms: f64 = devices.iter().map(|d| d.hidden_transfer_ms).sum();
         let mut warnings = trace.warnings.clone();
@@ -92,9 +79,7 @@ impl Summary {
         Summary {
             frames: frames(&trace.tasks, all.map_or(0.0, |(begin, _)| begin)),
             makespan_ms: makespan_us / 1000.0,
-            overlap_share: share(length_in_two_or_more(
-                lanes.iter().map(|device| &device.busy),
-            )),
+            overlap_share: share(length_in_two_or_more(lanes.iter().map(|device| &device.busy))),
             hidden_transfer_share: (transfer_ms > 0.0).then(|| hidden_ms / transfer_ms),
             imbalance: (total_us > 0.0).then(|| most_us * busy_us.len() as f64 / total_us),
             devices,
@@ -105,10 +90,7 @@ impl Summary {
 
 /// First begin and last end.
 fn span_of<'a>(tasks: impl IntoIterator<Item = &'a Task>) -> Option<Interval> {
-    tasks
-        .into_iter()
-        .map(|task| (task.begin_us, task.end_us))
-        .reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+    tasks.into_iter().map(|task| (task.begin_us, task.end_us)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
 }
 
 fn frames(tasks: &[Task], zero_us: f64) -> Vec<FrameSummary> {
@@ -120,11 +102,7 @@ fn frames(tasks: &[Task], zero_us: f64) -> Vec<FrameSummary> {
     }
     let summaries = by_frame.into_iter().filter_map(|(frame, tasks)| {
         let (begin_us, end_us) = span_of(tasks)?;
-        Some(FrameSummary {
-            frame,
-            begin_ms: (begin_us - zero_us) / 1000.0,
-            makespan_ms: (end_us - begin_us) / 1000.0,
-        })
+        Some(FrameSummary { frame, begin_ms: (begin_us - zero_us) / 1000.0, makespan_ms: (end_us - begin_us) / 1000.0 })
     });
     summaries.collect()
 }
@@ -144,12 +122,7 @@ impl Lanes<'_> {
             let chosen = tasks.filter(|t| t.pid == pid && t.lane.is_transfer() == is_transfer);
             union(chosen.map(|t| (t.begin_us, t.end_us)).collect())
         };
-        Lanes {
-            pid,
-            name,
-            busy: when(false),
-            transfer: when(true),
-        }
+        Lanes { pid, name, busy: when(false), transfer: when(true) }
     }
 
     fn sum_up(&self, makespan_us: f64) -> DeviceSummary {
@@ -163,27 +136,16 @@ impl Lanes<'_> {
             transfer_ms: transfer_us / 1000.0,
             hidden_transfer_ms: hidden_us / 1000.0,
             idle_ms: (makespan_us - in_use_us).max(0.0) / 1000.0,
-            busy_share: if makespan_us > 0.0 {
-                busy_us / makespan_us
-            } else {
-                0.0
-            },
+            busy_share: if makespan_us > 0.0 { busy_us / makespan_us } else { 0.0 },
         }
     }
 }
 
 impl fmt::Display for Summary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let names = self
-            .devices
-            .iter()
-            .map(|device| device.name.chars().count());
+        let names = self.devices.iter().map(|device| device.name.chars().count());
         let width = names.max().unwrap_or(0).max("device".len());
-        writeln!(
-            f,
-            "{:width$}  {:>12}  {:>12}  {:>12}  {:>6}",
-            "device", "busy ms", "transfer ms", "idle ms", "busy"
-        )?;
+        writeln!(f, "{:width$}  {:>12}  {:>12}  {:>12}  {:>6}", "device", "busy ms", "transfer ms", "idle ms", "busy")?;
         for device in &self.devices {
             writeln!(
                 f,
@@ -198,24 +160,16 @@ impl fmt::Display for Summary {
         writeln!(f)?;
         writeln!(f, "makespan          {:.3} ms", self.makespan_ms)?;
         let share = self.overlap_share * 100.0;
-        writeln!(
-            f,
-            "overlap           {share:.1}% with two or more devices busy"
-        )?;
+        writeln!(f, "overlap           {share:.1}% with two or more devices busy")?;
         if let Some(share) = self.hidden_transfer_share {
             let share = share * 100.0;
             writeln!(f, "hidden transfers  {share:.1}% of transfer time")?;
         }
         if let Some(imbalance) = self.imbalance {
-            writeln!(
-                f,
-                "imbalance         {imbalance:.3} (largest over mean busy time)"
-            )?;
+            writeln!(f, "imbalance         {imbalance:.3} (largest over mean busy time)")?;
         }
         self.fmt_frames(f)?;
-        self.warnings
-            .iter()
-            .try_for_each(|warning| writeln!(f, "note: {warning}"))
+        self.warnings.iter().try_for_each(|warning| writeln!(f, "note: {warning}"))
     }
 }
 
@@ -229,9 +183,6 @@ impl Summary {
         let middle = times.len() / 2;
         let median = (times[middle] + times[(times.len() - 1) / 2]) / 2.0;
         let count = times.len();
-        writeln!(
-            f,
-            "frames            {count}, makespan median {median:.3} ms, least {least:.3}, most {most:.3}"
-        )
+        writeln!(f, "frames            {count}, makespan median {median:.3} ms, least {least:.3}, most {most:.3}")
     }
 }

@@ -45,9 +45,7 @@ fn close(a: f64, b: f64) {
 fn a_known_trace_sums_up_to_known_numbers() {
     let (_folder, path) = written();
     let summary = Summary::read(&path).unwrap();
-    let [a, b] = &summary.devices[..] else {
-        panic!("{summary:?}")
-    };
+    let [a, b] = &summary.devices[..] else { panic!("{summary:?}") };
     assert_eq!((a.pid, a.name.as_str()), (10, "first gpu"));
     assert_eq!((b.pid, b.name.as_str()), (11, "second gpu"));
     close(summary.makespan_ms, 5.0);
@@ -62,9 +60,7 @@ fn a_known_trace_sums_up_to_known_numbers() {
     close(summary.overlap_share, 0.2);
     close(summary.hidden_transfer_share.unwrap(), 0.25);
     close(summary.imbalance.unwrap(), 1.2);
-    let [first, second] = &summary.frames[..] else {
-        panic!("{summary:?}")
-    };
+    let [first, second] = &summary.frames[..] else { panic!("{summary:?}") };
     assert_eq!((first.frame, second.frame), (0, 1));
     close(first.makespan_ms, 3.0);
     close(second.begin_ms, 3.0);
@@ -77,14 +73,7 @@ fn a_summary_prints_and_survives_json() {
     let (_folder, path) = written();
     let summary = Summary::read(&path).unwrap();
     let text = summary.to_string();
-    for part in [
-        "first gpu ",
-        "3.000",
-        "60.0%",
-        "makespan          5.000 ms",
-        "1.200",
-        "frames            2",
-    ] {
+    for part in ["first gpu ", "3.000", "60.0%", "makespan          5.000 ms", "1.200", "frames            2"] {
         assert!(text.contains(part), "no `{part}` in\n{text}");
     }
     let json = serde_json::to_string(&summary).unwrap();
@@ -108,13 +97,7 @@ fn the_file_is_an_object_with_lanes_notes_and_units() {
     assert_eq!(lane_names, ["left", "right", "both", "upload", "download"]);
     let times: Vec<_> = events.iter().filter_map(|e| e["ts"].as_f64()).collect();
     assert!(times.is_sorted());
-    assert_eq!(
-        events
-            .iter()
-            .filter(|e| e["ph"] == "s" || e["ph"] == "f")
-            .count(),
-        2
-    );
+    assert_eq!(events.iter().filter(|e| e["ph"] == "s" || e["ph"] == "f").count(), 2);
 }
 
 #[test]
@@ -173,12 +156,7 @@ fn a_trace_that_cannot_be_written_is_an_error() {
 #[track_caller]
 fn wrong(events: Value, index: usize, says: &str) {
     let error = parse(events.to_string().as_bytes(), "t.json").unwrap_err();
-    let TraceError::Event {
-        index: found, what, ..
-    } = &error
-    else {
-        panic!("{error}")
-    };
+    let TraceError::Event { index: found, what, .. } = &error else { panic!("{error}") };
     assert_eq!(*found, index, "{error}");
     assert!(what.contains(says), "`{error}` lacks `{says}`");
 }
@@ -196,87 +174,32 @@ fn task(ts: f64, dur: f64) -> Value {
 fn wrong_events_are_named() {
     wrong(json!([lane(), 7]), 1, "no object");
     wrong(json!([{"name": "x"}]), 0, "\"ph\"");
-    wrong(
-        json!([{"ph": "X", "pid": 1, "tid": 1, "dur": 1}]),
-        0,
-        "\"ts\"",
-    );
-    wrong(
-        json!([{"ph": "X", "ts": 1, "tid": 1, "dur": 1}]),
-        0,
-        "\"pid\"",
-    );
+    wrong(json!([{"ph": "X", "pid": 1, "tid": 1, "dur": 1}]), 0, "\"ts\"");
+    wrong(json!([{"ph": "X", "ts": 1, "tid": 1, "dur": 1}]), 0, "\"pid\"");
     wrong(json!([{"ph": "B", "ts": 1, "pid": 1}]), 0, "\"tid\"");
-    wrong(
-        json!([{"ph": "X", "ts": 1, "pid": 1, "tid": 1}]),
-        0,
-        "\"dur\"",
-    );
-    wrong(
-        json!([{"ph": "s", "ts": 1, "pid": 1, "tid": 1}]),
-        0,
-        "\"id\"",
-    );
-    wrong(
-        json!([{"ph": "i", "ts": "now", "pid": 1, "tid": 1}]),
-        0,
-        "\"ts\"",
-    );
+    wrong(json!([{"ph": "X", "ts": 1, "pid": 1, "tid": 1}]), 0, "\"dur\"");
+    wrong(json!([{"ph": "s", "ts": 1, "pid": 1, "tid": 1}]), 0, "\"id\"");
+    wrong(json!([{"ph": "i", "ts": "now", "pid": 1, "tid": 1}]), 0, "\"ts\"");
     wrong(json!([lane(), task(0.0, -1.0)]), 1, "below 0");
-    wrong(
-        json!([{"ph": "C", "ts": 1, "pid": 1, "name": "c"}]),
-        0,
-        "counter",
-    );
-    wrong(
-        json!([{"ph": "C", "ts": 1, "pid": 1, "args": {"v": null}}]),
-        0,
-        "'v' is null",
-    );
+    wrong(json!([{"ph": "C", "ts": 1, "pid": 1, "name": "c"}]), 0, "counter");
+    wrong(json!([{"ph": "C", "ts": 1, "pid": 1, "args": {"v": null}}]), 0, "'v' is null");
 }
 
 #[test]
 fn begins_and_ends_must_balance() {
     let edge = |ph: &str, ts: f64, tid: u32| json!({"ph": ph, "name": "a", "pid": 1, "tid": tid, "ts": ts});
-    let good = json!([
-        edge("E", 4.0, 1),
-        edge("B", 1.0, 1),
-        edge("B", 2.0, 1),
-        edge("E", 3.0, 1)
-    ]);
+    let good = json!([edge("E", 4.0, 1), edge("B", 1.0, 1), edge("B", 2.0, 1), edge("E", 3.0, 1)]);
     parse(good.to_string().as_bytes(), "t").unwrap();
-    wrong(
-        json!([edge("B", 1.0, 1), edge("E", 2.0, 2), edge("E", 3.0, 1)]),
-        1,
-        "never began",
-    );
-    wrong(
-        json!([edge("B", 1.0, 1), edge("B", 2.0, 1), edge("E", 3.0, 1)]),
-        0,
-        "never ends",
-    );
-    wrong(
-        json!([edge("B", 3.0, 1), edge("E", 2.0, 1)]),
-        1,
-        "never began",
-    );
+    wrong(json!([edge("B", 1.0, 1), edge("E", 2.0, 2), edge("E", 3.0, 1)]), 1, "never began");
+    wrong(json!([edge("B", 1.0, 1), edge("B", 2.0, 1), edge("E", 3.0, 1)]), 0, "never ends");
+    wrong(json!([edge("B", 3.0, 1), edge("E", 2.0, 1)]), 1, "never began");
 }
 
 #[test]
 fn tasks_on_one_lane_must_not_overlap() {
-    wrong(
-        json!([lane(), task(5.0, 5.0), task(0.0, 6.0)]),
-        1,
-        "event 2",
-    );
+    wrong(json!([lane(), task(5.0, 5.0), task(0.0, 6.0)]), 1, "event 2");
     let touching = json!([lane(), task(0.1, 0.2), task(0.3, 1.0), task(1.3, 0.0)]);
-    assert_eq!(
-        parse(touching.to_string().as_bytes(), "t")
-            .unwrap()
-            .tasks
-            .len(),
-        3
-    );
+    assert_eq!(parse(touching.to_string().as_bytes(), "t").unwrap().tasks.len(), 3);
     let nested_elsewhere = json!([
         {"ph": "X", "pid": 77, "tid": 1, "ts": 0, "dur": 9},
         {"ph": "X", "pid": 77, "tid": 1, "ts": 1, "dur": 2},
@@ -309,10 +232,7 @@ fn traces_of_other_tools_are_read_and_flagged() {
     let trace = parse(foreign.to_string().as_bytes(), "t").unwrap();
     let summary = Summary::of(&trace);
     assert_eq!((summary.devices.len(), summary.makespan_ms), (0, 0.0));
-    assert_eq!(
-        (summary.imbalance, summary.hidden_transfer_share),
-        (None, None)
-    );
+    assert_eq!((summary.imbalance, summary.hidden_transfer_share), (None, None));
     let warnings = summary.warnings.join("\n");
     for part in ["12, Spans", "'Z'", "1 arrows end", "no device work"] {
         assert!(warnings.contains(part), "no `{part}` in\n{warnings}");
@@ -322,29 +242,14 @@ fn traces_of_other_tools_are_read_and_flagged() {
 
 #[test]
 fn what_is_no_trace_is_an_error() {
-    for bad in [
-        "",
-        "[",
-        "{}",
-        "7",
-        "null",
-        "{\"traceEvents\": 3}",
-        "[{\"ph\":\"X\",\"ts\":NaN}]",
-        "[{\"ts\":1e999}]",
-    ] {
+    for bad in ["", "[", "{}", "7", "null", "{\"traceEvents\": 3}", "[{\"ph\":\"X\",\"ts\":NaN}]", "[{\"ts\":1e999}]"] {
         let error = parse(bad.as_bytes(), "t.json").unwrap_err();
-        assert!(
-            matches!(error, TraceError::NotATrace { .. }),
-            "{bad}: {error}"
-        );
+        assert!(matches!(error, TraceError::NotATrace { .. }), "{bad}: {error}");
     }
     let deep = "[".repeat(100_000);
     assert!(parse(deep.as_bytes(), "t.json").is_err());
     assert!(parse(&[0xff, 0xfe], "t.json").is_err());
-    assert!(matches!(
-        Summary::read(Path::new("no/such.json")),
-        Err(TraceError::Read { .. })
-    ));
+    assert!(matches!(Summary::read(Path::new("no/such.json")), Err(TraceError::Read { .. })));
 }
 
 #[test]
@@ -356,9 +261,7 @@ fn damaged_traces_never_panic() {
     }
     let mut state = 1u64;
     let mut next = |below: usize| {
-        state = state
-            .wrapping_mul(6_364_136_223_846_793_005)
-            .wrapping_add(1_442_695_040_888_963_407);
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (state >> 33) as usize % below
     };
     for _ in 0..5000 {

@@ -6,9 +6,7 @@ use std::path::Path;
 use glam::{DVec3, Vec3};
 use toml::Spanned;
 
-use super::file::{
-    EnvironmentTable, GazeTable, KeyTable, Kind, LightTable, Number, RigTable, ShotFile, Triple,
-};
+use super::file::{EnvironmentTable, GazeTable, KeyTable, Kind, LightTable, Number, RigTable, ShotFile, Triple};
 use super::{Gaze, SceneSource, Shot, ShotEnvironment, ShotLight, ShotLightKind, Sky};
 use crate::scene::SceneError;
 use crate::scene::rig::{DEFAULT_BASELINE_M, Rig, RigKey};
@@ -23,34 +21,13 @@ struct Allowed {
     what: &'static str,
 }
 
-const ANY: Allowed = Allowed {
-    test: |_| true,
-    what: "a finite number",
-};
-const POSITIVE: Allowed = Allowed {
-    test: |v| v > 0.0,
-    what: "a number above 0",
-};
-const NOT_NEGATIVE: Allowed = Allowed {
-    test: |v| v >= 0.0,
-    what: "0 or a number above",
-};
-const YFOV: Allowed = Allowed {
-    test: |v| v > 0.0 && v < 180.0,
-    what: "degrees above 0 and below 180",
-};
-const DISC: Allowed = Allowed {
-    test: |v| (0.0..90.0).contains(&v),
-    what: "degrees from 0 to below 90",
-};
-const CONE: Allowed = Allowed {
-    test: |v| (0.0..=90.0).contains(&v),
-    what: "degrees from 0 to 90",
-};
-const FRACTION: Allowed = Allowed {
-    test: |v| (0.0..=1.0).contains(&v),
-    what: "a number from 0 to 1",
-};
+const ANY: Allowed = Allowed { test: |_| true, what: "a finite number" };
+const POSITIVE: Allowed = Allowed { test: |v| v > 0.0, what: "a number above 0" };
+const NOT_NEGATIVE: Allowed = Allowed { test: |v| v >= 0.0, what: "0 or a number above" };
+const YFOV: Allowed = Allowed { test: |v| v > 0.0 && v < 180.0, what: "degrees above 0 and below 180" };
+const DISC: Allowed = Allowed { test: |v| (0.0..90.0).contains(&v), what: "degrees from 0 to below 90" };
+const CONE: Allowed = Allowed { test: |v| (0.0..=90.0).contains(&v), what: "degrees from 0 to 90" };
+const FRACTION: Allowed = Allowed { test: |v| (0.0..=1.0).contains(&v), what: "a number from 0 to 1" };
 
 type Result<T> = std::result::Result<T, SceneError>;
 
@@ -62,34 +39,17 @@ pub fn shot(text: &str, origin: &str) -> Result<Shot> {
     Ok(Shot {
         name: file.name.unwrap_or_else(|| stem(origin)),
         scene: check.scene(&file.scene)?,
-        environment: file
-            .environment
-            .map(|table| check.environment(&table))
-            .transpose()?,
-        lights: lights
-            .map(|(i, table)| check.light(i, table, &rig))
-            .collect::<Result<_>>()?,
-        gaze: file
-            .gaze
-            .map(|table| check.gaze(&table))
-            .transpose()?
-            .unwrap_or_default(),
-        exposure_ev: check.number_or(
-            "exposure.ev",
-            file.exposure.and_then(|e| e.ev).as_ref(),
-            0.0,
-            &ANY,
-        )? as f32,
+        environment: file.environment.map(|table| check.environment(&table)).transpose()?,
+        lights: lights.map(|(i, table)| check.light(i, table, &rig)).collect::<Result<_>>()?,
+        gaze: file.gaze.map(|table| check.gaze(&table)).transpose()?.unwrap_or_default(),
+        exposure_ev: check.number_or("exposure.ev", file.exposure.and_then(|e| e.ev).as_ref(), 0.0, &ANY)? as f32,
         rig,
     })
 }
 
 fn stem(origin: &str) -> String {
     let origin = origin.strip_prefix("builtin:").unwrap_or(origin);
-    Path::new(origin).file_stem().map_or_else(
-        || origin.to_owned(),
-        |stem| stem.to_string_lossy().into_owned(),
-    )
+    Path::new(origin).file_stem().map_or_else(|| origin.to_owned(), |stem| stem.to_string_lossy().into_owned())
 }
 
 /// An f64 that an f32 can hold.
@@ -106,10 +66,7 @@ impl Check<'_> {
     fn at(&self, span: Range<usize>, what: String) -> SceneError {
         let before = &self.text.as_bytes()[..span.start.min(self.text.len())];
         let line = 1 + before.iter().filter(|&&byte| byte == b'\n').count();
-        SceneError::Invalid {
-            path: self.origin.to_owned(),
-            what: format!("line {line}: {what}"),
-        }
+        SceneError::Invalid { path: self.origin.to_owned(), what: format!("line {line}: {what}") }
     }
 
     /// toml names the key of an error only in the text it prints when it has no source to quote.
@@ -118,13 +75,8 @@ impl Check<'_> {
         let span = error.span().unwrap_or(0..0);
         error.set_input(None);
         let printed = error.to_string();
-        let key = printed
-            .lines()
-            .find_map(|line| line.strip_prefix("in `")?.strip_suffix('`'));
-        self.at(
-            span,
-            key.map_or(message.clone(), |key| format!("{key}: {message}")),
-        )
+        let key = printed.lines().find_map(|line| line.strip_prefix("in `")?.strip_suffix('`'));
+        self.at(span, key.map_or(message.clone(), |key| format!("{key}: {message}")))
     }
 
     fn number(&self, key: &str, value: &Number, allowed: &Allowed) -> Result<f64> {
@@ -135,13 +87,7 @@ impl Check<'_> {
         }
     }
 
-    fn number_or(
-        &self,
-        key: &str,
-        value: Option<&Number>,
-        default: f64,
-        allowed: &Allowed,
-    ) -> Result<f64> {
+    fn number_or(&self, key: &str, value: Option<&Number>, default: f64, allowed: &Allowed) -> Result<f64> {
         value.map_or(Ok(default), |value| self.number(key, value, allowed))
     }
 
@@ -149,79 +95,45 @@ impl Check<'_> {
         let v = *value.get_ref();
         match v.iter().all(|&c| fits_f32(c) && (allowed.test)(c)) {
             true => Ok(v.into()),
-            false => Err(self.at(
-                value.span(),
-                format!("{key} is {v:?}: give each {}", allowed.what),
-            )),
+            false => Err(self.at(value.span(), format!("{key} is {v:?}: give each {}", allowed.what))),
         }
     }
 
     fn unit(&self, key: &str, value: &Triple) -> Result<DVec3> {
         let v = self.triple(key, value, &ANY)?;
-        v.try_normalize().ok_or_else(|| {
-            self.at(
-                value.span(),
-                format!("{key} has no length: give a direction"),
-            )
-        })
+        v.try_normalize().ok_or_else(|| self.at(value.span(), format!("{key} has no length: give a direction")))
     }
 
     fn scene(&self, value: &Spanned<String>) -> Result<SceneSource> {
         let text = value.get_ref();
         match text.strip_prefix("builtin:") {
-            Some("") => Err(self.at(
-                value.span(),
-                "scene names no built-in scene: give \"builtin:NAME\"".into(),
-            )),
+            Some("") => Err(self.at(value.span(), "scene names no built-in scene: give \"builtin:NAME\"".into())),
             Some(name) => Ok(SceneSource::Builtin(name.to_owned())),
             None if has_extension(text, &["gltf", "glb"]) => Ok(SceneSource::File(text.into())),
-            None => Err(self.at(
-                value.span(),
-                format!("scene is '{text}': give a .gltf, a .glb or \"builtin:NAME\""),
-            )),
+            None => Err(self.at(value.span(), format!("scene is '{text}': give a .gltf, a .glb or \"builtin:NAME\""))),
         }
     }
 
     fn rig(&self, table: &Spanned<RigTable>) -> Result<Rig> {
         let t = table.get_ref();
         if t.key.is_empty() {
-            return Err(self.at(
-                table.span(),
-                "rig.key is missing: give at least one [[rig.key]]".into(),
-            ));
+            return Err(self.at(table.span(), "rig.key is missing: give at least one [[rig.key]]".into()));
         }
         let rig = Rig {
-            yfov_rad: self
-                .number_or("rig.yfov_deg", t.yfov_deg.as_ref(), DEFAULT_YFOV_DEG, &YFOV)?
-                .to_radians(),
-            baseline_m: self.number_or(
-                "rig.baseline_m",
-                t.baseline_m.as_ref(),
-                DEFAULT_BASELINE_M,
-                &NOT_NEGATIVE,
-            )?,
-            metres_per_unit: self.number_or(
-                "rig.metres_per_unit",
-                t.metres_per_unit.as_ref(),
-                1.0,
-                &POSITIVE,
-            )?,
+            yfov_rad: self.number_or("rig.yfov_deg", t.yfov_deg.as_ref(), DEFAULT_YFOV_DEG, &YFOV)?.to_radians(),
+            baseline_m: self.number_or("rig.baseline_m", t.baseline_m.as_ref(), DEFAULT_BASELINE_M, &NOT_NEGATIVE)?,
+            metres_per_unit: self.number_or("rig.metres_per_unit", t.metres_per_unit.as_ref(), 1.0, &POSITIVE)?,
             keys: self.keys(&t.key)?,
         };
         if !fits_f32(rig.baseline_m / rig.metres_per_unit) {
-            let what =
-                "rig.baseline_m / rig.metres_per_unit is too large a number: give other units";
+            let what = "rig.baseline_m / rig.metres_per_unit is too large a number: give other units";
             return Err(self.at(table.span(), what.into()));
         }
         match rig.degenerate_time() {
             None => Ok(rig),
             Some(time_s) => {
                 // The key it happens at or before; the first key is never later than the time found.
-                let before = rig
-                    .keys
-                    .iter()
-                    .rposition(|key| key.time_s <= time_s)
-                    .unwrap_or(0);
+                let before = rig.keys.iter().rposition(|key| key.time_s <= time_s).unwrap_or(0);
                 let what = format!(
                     "rig.key[{before}]: at {time_s} s position and target are the same point, or up is parallel \
                      to the view: give a view vector with a length and another direction than up"
@@ -234,27 +146,18 @@ impl Check<'_> {
     fn keys(&self, tables: &[Spanned<KeyTable>]) -> Result<Vec<RigKey>> {
         let mut keys: Vec<RigKey> = Vec::with_capacity(tables.len());
         for (i, table) in tables.iter().enumerate() {
-            let (t, name) = (table.get_ref(), |field: &str| {
-                format!("rig.key[{i}].{field}")
-            });
+            let (t, name) = (table.get_ref(), |field: &str| format!("rig.key[{i}].{field}"));
             let time_s = self.number_or(&name("time_s"), t.time_s.as_ref(), 0.0, &ANY)?;
             if let Some(last) = keys.last().filter(|last| last.time_s >= time_s) {
                 let span = t.time_s.as_ref().map_or(table.span(), Spanned::span);
-                let what = format!(
-                    "{} is {time_s}: give a time after {} s",
-                    name("time_s"),
-                    last.time_s
-                );
+                let what = format!("{} is {time_s}: give a time after {} s", name("time_s"), last.time_s);
                 return Err(self.at(span, what));
             }
             keys.push(RigKey {
                 time_s,
                 position: self.triple(&name("position"), &t.position, &ANY)?,
                 target: self.triple(&name("target"), &t.target, &ANY)?,
-                up: t
-                    .up
-                    .as_ref()
-                    .map_or(Ok(DVec3::Y), |up| self.unit(&name("up"), up))?,
+                up: t.up.as_ref().map_or(Ok(DVec3::Y), |up| self.unit(&name("up"), up))?,
             });
         }
         Ok(keys)
@@ -270,80 +173,43 @@ impl Check<'_> {
                 Sky::Image(image.get_ref().into())
             }
             (None, Some(image)) => {
-                let what = format!(
-                    "environment.image is '{}': give a .hdr or an .exr",
-                    image.get_ref()
-                );
+                let what = format!("environment.image is '{}': give a .hdr or an .exr", image.get_ref());
                 return Err(self.at(image.span(), what));
             }
-            (Some(v), None) => Sky::Constant(
-                self.triple("environment.radiance", v, &NOT_NEGATIVE)?
-                    .as_vec3(),
-            ),
+            (Some(v), None) => Sky::Constant(self.triple("environment.radiance", v, &NOT_NEGATIVE)?.as_vec3()),
             (None, None) => Sky::Constant(Vec3::ONE),
         };
-        let scale =
-            self.number_or("environment.scale", t.scale.as_ref(), 1.0, &NOT_NEGATIVE)? as f32;
+        let scale = self.number_or("environment.scale", t.scale.as_ref(), 1.0, &NOT_NEGATIVE)? as f32;
         if let (Sky::Constant(radiance), Some(span)) = (&sky, t.scale.as_ref().map(Spanned::span))
             && !(*radiance * scale).is_finite()
         {
-            return Err(self.at(
-                span,
-                "environment.radiance × scale is too large a number: give less".into(),
-            ));
+            return Err(self.at(span, "environment.radiance × scale is too large a number: give less".into()));
         }
-        let rotation_deg = self.number_or(
-            "environment.rotation_deg",
-            t.rotation_deg.as_ref(),
-            0.0,
-            &ANY,
-        )? as f32;
-        Ok(ShotEnvironment {
-            sky,
-            scale,
-            rotation_deg,
-        })
+        let rotation_deg = self.number_or("environment.rotation_deg", t.rotation_deg.as_ref(), 0.0, &ANY)? as f32;
+        Ok(ShotEnvironment { sky, scale, rotation_deg })
     }
 
     /// Keys that the light's kind has no use for are checked like the others, then left alone.
     fn light(&self, index: usize, table: &Spanned<LightTable>, rig: &Rig) -> Result<ShotLight> {
-        let (t, name) = (table.get_ref(), |field: &str| {
-            format!("light[{index}].{field}")
-        });
+        let (t, name) = (table.get_ref(), |field: &str| format!("light[{index}].{field}"));
         let missing = |field: &str, kind: &str| {
-            self.at(
-                table.span(),
-                format!("{} is missing: a {kind} light needs it", name(field)),
-            )
+            self.at(table.span(), format!("{} is missing: a {kind} light needs it", name(field)))
         };
-        let position = t
-            .position
-            .as_ref()
-            .map(|v| self.triple(&name("position"), v, &ANY))
-            .transpose()?;
+        let position = t.position.as_ref().map(|v| self.triple(&name("position"), v, &ANY)).transpose()?;
         let position = position.map(|v| v.as_vec3());
-        let direction = t
-            .direction
-            .as_ref()
-            .map(|v| self.unit(&name("direction"), v))
-            .transpose()?;
+        let direction = t.direction.as_ref().map(|v| self.unit(&name("direction"), v)).transpose()?;
         let direction = direction.map(|v| v.as_vec3());
-        let radius_m =
-            self.number_or(&name("radius_m"), t.radius_m.as_ref(), 0.0, &NOT_NEGATIVE)?;
+        let radius_m = self.number_or(&name("radius_m"), t.radius_m.as_ref(), 0.0, &NOT_NEGATIVE)?;
         if !fits_f32(radius_m / rig.metres_per_unit) {
-            let what = format!(
-                "{} / rig.metres_per_unit is too large a number: give less",
-                name("radius_m")
-            );
+            let what = format!("{} / rig.metres_per_unit is too large a number: give less", name("radius_m"));
             return Err(self.at(table.span(), what));
         }
         let angle_deg = self.number_or(&name("angle_deg"), t.angle_deg.as_ref(), 0.0, &DISC)?;
         let (inner_cone_deg, outer_cone_deg) = self.cones(t, name)?;
         let kind = match t.kind {
-            Kind::Point => ShotLightKind::Point {
-                position: position.ok_or_else(|| missing("position", "point"))?,
-                radius_m,
-            },
+            Kind::Point => {
+                ShotLightKind::Point { position: position.ok_or_else(|| missing("position", "point"))?, radius_m }
+            }
             Kind::Directional => ShotLightKind::Directional {
                 direction: direction.ok_or_else(|| missing("direction", "directional"))?,
                 angle_deg,
@@ -356,23 +222,14 @@ impl Check<'_> {
                 outer_cone_deg,
             },
         };
-        let color = t.color.as_ref().map_or(Ok(DVec3::ONE), |v| {
-            self.triple(&name("color"), v, &NOT_NEGATIVE)
-        })?;
-        let intensity =
-            self.number_or(&name("intensity"), t.intensity.as_ref(), 1.0, &NOT_NEGATIVE)?;
+        let color = t.color.as_ref().map_or(Ok(DVec3::ONE), |v| self.triple(&name("color"), v, &NOT_NEGATIVE))?;
+        let intensity = self.number_or(&name("intensity"), t.intensity.as_ref(), 1.0, &NOT_NEGATIVE)?;
         let strength = (color * intensity).as_vec3();
         match strength.is_finite() {
             true => Ok(ShotLight { kind, strength }),
             false => {
-                let what = format!(
-                    "{} × color is too large a number: give less",
-                    name("intensity")
-                );
-                Err(self.at(
-                    t.intensity.as_ref().map_or(table.span(), Spanned::span),
-                    what,
-                ))
+                let what = format!("{} × color is too large a number: give less", name("intensity"));
+                Err(self.at(t.intensity.as_ref().map_or(table.span(), Spanned::span), what))
             }
         }
     }
@@ -381,12 +238,7 @@ impl Check<'_> {
     /// the default inner one, which then follows it.
     fn cones(&self, t: &LightTable, name: impl Fn(&str) -> String) -> Result<(f64, f64)> {
         let outer_default = DEFAULT_OUTER_CONE_DEG;
-        let outer = self.number_or(
-            &name("outer_cone_deg"),
-            t.outer_cone_deg.as_ref(),
-            outer_default,
-            &CONE,
-        )?;
+        let outer = self.number_or(&name("outer_cone_deg"), t.outer_cone_deg.as_ref(), outer_default, &CONE)?;
         let Some(inner) = &t.inner_cone_deg else {
             return Ok((DEFAULT_INNER_CONE_DEG.min(outer), outer));
         };
@@ -394,10 +246,8 @@ impl Check<'_> {
         match inner_deg <= outer {
             true => Ok((inner_deg, outer)),
             false => {
-                let what = format!(
-                    "{} is {inner_deg}: give at most outer_cone_deg, which is {outer}",
-                    name("inner_cone_deg")
-                );
+                let what =
+                    format!("{} is {inner_deg}: give at most outer_cone_deg, which is {outer}", name("inner_cone_deg"));
                 Err(self.at(inner.span(), what))
             }
         }
@@ -409,25 +259,16 @@ impl Check<'_> {
             let name = format!("gaze.path[{i}]");
             let [time_s, x, y] = self.triple(&name, point, &ANY)?.to_array();
             if !(FRACTION.test)(x) || !(FRACTION.test)(y) {
-                let what = format!(
-                    "{name} looks at ({x}, {y}): give x and y each {}",
-                    FRACTION.what
-                );
+                let what = format!("{name} looks at ({x}, {y}): give x and y each {}", FRACTION.what);
                 return Err(self.at(point.span(), what));
             }
             if let Some([last, ..]) = path.last().filter(|last| last[0] >= time_s) {
-                return Err(self.at(
-                    point.span(),
-                    format!("{name} is at {time_s} s: give a time after {last} s"),
-                ));
+                return Err(self.at(point.span(), format!("{name} is at {time_s} s: give a time after {last} s")));
             }
             path.push([time_s, x, y]);
         }
         match path.is_empty() {
-            true => Err(self.at(
-                t.path.span(),
-                "gaze.path is empty: give at least one [time_s, x, y]".into(),
-            )),
+            true => Err(self.at(t.path.span(), "gaze.path is empty: give at least one [time_s, x, y]".into())),
             false => Ok(Gaze { path }),
         }
     }

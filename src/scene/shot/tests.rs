@@ -57,8 +57,7 @@ path = [[0.0, 0.5, 0.5], [2.0, 1.0, 0.25]]
 ev = -1.5
 "#;
 
-const MINIMAL: &str =
-    "scene = 'builtin:box'\n[rig]\n[[rig.key]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\n";
+const MINIMAL: &str = "scene = 'builtin:box'\n[rig]\n[[rig.key]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\n";
 
 fn line_of(text: &str, needle: &str) -> usize {
     1 + text.lines().position(|line| line.contains(needle)).unwrap()
@@ -96,37 +95,15 @@ fn every_key_is_read() {
 #[test]
 fn lights_come_out_in_scene_units() {
     let lights = Shot::parse(FULL, "x.toml").unwrap().lights();
-    assert_eq!(
-        lights[0].kind,
-        LightKind::Point {
-            position: Vec3::new(0.0, 2.3, 0.0),
-            radius: 10.0
-        }
-    );
+    assert_eq!(lights[0].kind, LightKind::Point { position: Vec3::new(0.0, 2.3, 0.0), radius: 10.0 });
     assert_eq!(lights[0].strength, Vec3::new(4.0, 2.0, 1.0));
     let angle_rad = 9f64.to_radians() as f32;
-    assert_eq!(
-        lights[1].kind,
-        LightKind::Directional {
-            direction: Vec3::NEG_Y,
-            angle_rad
-        }
-    );
+    assert_eq!(lights[1].kind, LightKind::Directional { direction: Vec3::NEG_Y, angle_rad });
     assert_eq!(lights[1].strength, Vec3::splat(3.0));
-    let LightKind::Spot {
-        position,
-        radius,
-        direction,
-        cos_inner,
-        cos_outer,
-    } = lights[2].kind
-    else {
+    let LightKind::Spot { position, radius, direction, cos_inner, cos_outer } = lights[2].kind else {
         panic!("{:?}", lights[2])
     };
-    assert_eq!(
-        (position, radius, direction),
-        (Vec3::new(1.0, 2.0, 3.0), 0.0, Vec3::NEG_Z)
-    );
+    assert_eq!((position, radius, direction), (Vec3::new(1.0, 2.0, 3.0), 0.0, Vec3::NEG_Z));
     assert!((cos_outer - 0.5).abs() < 1e-6 && (cos_inner - 20f32.to_radians().cos()).abs() < 1e-6);
 }
 
@@ -135,16 +112,10 @@ fn what_is_left_out_has_its_default() {
     let shot = Shot::parse(MINIMAL, "some/where/box view.toml").unwrap();
     assert_eq!(shot.name, "box view");
     assert_eq!(shot.scene, SceneSource::Builtin("box".into()));
-    assert_eq!(
-        (shot.rig.baseline_m, shot.rig.metres_per_unit),
-        (0.064, 1.0)
-    );
+    assert_eq!((shot.rig.baseline_m, shot.rig.metres_per_unit), (0.064, 1.0));
     assert_eq!(shot.rig.yfov_rad, 70f64.to_radians());
     assert_eq!(shot.rig.keys[0].up, glam::DVec3::Y);
-    assert_eq!(
-        (shot.environment, shot.lights.len(), shot.exposure_ev),
-        (None, 0, 0.0)
-    );
+    assert_eq!((shot.environment, shot.lights.len(), shot.exposure_ev), (None, 0, 0.0));
     assert_eq!(shot.gaze.at(3.0), [0.5, 0.5]);
     assert_eq!(Shot::parse(MINIMAL, "builtin:box").unwrap().name, "box");
 }
@@ -153,39 +124,19 @@ fn what_is_left_out_has_its_default() {
 fn unknown_keys_name_line_and_what_is_known() {
     fails("scale = 1.0", "scael = 1.0", &["scael", "`scale`"]);
     fails("yfov_deg = 70.0", "fov = 70.0", &["fov", "`yfov_deg`"]);
-    fails(
-        "target = [0.0, 1.2, -3.0]\nup",
-        "upp = 1\ntarget = [0.0, 1.2, -3.0]\nup",
-        &["upp", "`up`"],
-    );
+    fails("target = [0.0, 1.2, -3.0]\nup", "upp = 1\ntarget = [0.0, 1.2, -3.0]\nup", &["upp", "`up`"]);
     fails("radius_m = 0.1", "radius = 0.1", &["radius", "`radius_m`"]);
     fails("ev = -1.5", "eV = -1.5", &["eV", "`ev`"]);
-    fails(
-        "name = \"garage\"",
-        "nane = \"garage\"",
-        &["nane", "`name`"],
-    );
+    fails("name = \"garage\"", "nane = \"garage\"", &["nane", "`name`"]);
     fails("[gaze]", "[gaze2]", &["gaze2", "`gaze`"]);
-    fails(
-        "path = [[0.0, 0.5",
-        "paths = [[0.0, 0.5",
-        &["paths", "`path`"],
-    );
+    fails("path = [[0.0, 0.5", "paths = [[0.0, 0.5", &["paths", "`path`"]);
 }
 
 #[test]
 fn wrong_types_name_line_and_key() {
     fails("yfov_deg = 70.0", "yfov_deg = '70'", &["yfov_deg", "f64"]);
-    fails(
-        "position = [0.0, 2.3, 0.0]",
-        "position = [0.0, 2.3]",
-        &["position", "length"],
-    );
-    fails(
-        "kind = \"spot\"",
-        "kind = \"area\"",
-        &["area", "`point`", "`directional`", "`spot`"],
-    );
+    fails("position = [0.0, 2.3, 0.0]", "position = [0.0, 2.3]", &["position", "length"]);
+    fails("kind = \"spot\"", "kind = \"area\"", &["area", "`point`", "`directional`", "`spot`"]);
     fails("name = \"garage\"", "name = \"garage", &["string"]);
     fails("name = \"garage\"", "name =", &["value"]);
 }
@@ -193,39 +144,15 @@ fn wrong_types_name_line_and_key() {
 #[test]
 fn rig_values_are_checked() {
     for bad in ["0.0", "180.0", "-5", "nan", "inf"] {
-        fails(
-            "yfov_deg = 70.0",
-            &format!("yfov_deg = {bad}"),
-            &["rig.yfov_deg", "above 0 and below 180"],
-        );
+        fails("yfov_deg = 70.0", &format!("yfov_deg = {bad}"), &["rig.yfov_deg", "above 0 and below 180"]);
     }
     for bad in ["0.0", "-1.0", "nan", "1e300"] {
-        fails(
-            "metres_per_unit = 0.01",
-            &format!("metres_per_unit = {bad}"),
-            &["metres_per_unit", "above 0"],
-        );
+        fails("metres_per_unit = 0.01", &format!("metres_per_unit = {bad}"), &["metres_per_unit", "above 0"]);
     }
-    fails(
-        "baseline_m = 0.064",
-        "baseline_m = -0.1",
-        &["rig.baseline_m"],
-    );
-    fails(
-        "position = [0.0, 1.6, 2.5]",
-        "position = [0.0, nan, 2.5]",
-        &["rig.key[0].position", "finite"],
-    );
-    fails(
-        "up = [0.0, 1.0, 0.0]",
-        "up = [0.0, 0.0, 0.0]",
-        &["rig.key[0].up", "no length"],
-    );
-    fails(
-        "time_s = 2",
-        "time_s = 0",
-        &["rig.key[1].time_s", "after 0 s"],
-    );
+    fails("baseline_m = 0.064", "baseline_m = -0.1", &["rig.baseline_m"]);
+    fails("position = [0.0, 1.6, 2.5]", "position = [0.0, nan, 2.5]", &["rig.key[0].position", "finite"]);
+    fails("up = [0.0, 1.0, 0.0]", "up = [0.0, 0.0, 0.0]", &["rig.key[0].up", "no length"]);
+    fails("time_s = 2", "time_s = 0", &["rig.key[1].time_s", "after 0 s"]);
     fails("time_s = 2", "time_s = -inf", &["rig.key[1].time_s"]);
 }
 
@@ -250,10 +177,7 @@ fn degenerate_views_name_the_key() {
 fn missing_parts_are_named() {
     let without_keys = "scene = 'builtin:box'\n\n[rig]\nyfov_deg = 60\n";
     let error = Shot::parse(without_keys, "a.toml").unwrap_err().to_string();
-    assert!(
-        error.contains("line 3") && error.contains("[[rig.key]]"),
-        "{error}"
-    );
+    assert!(error.contains("line 3") && error.contains("[[rig.key]]"), "{error}");
     let error = Shot::parse("", "a.toml").unwrap_err().to_string();
     assert!(error.contains("missing field `scene`"), "{error}");
     fails(
@@ -264,72 +188,24 @@ fn missing_parts_are_named() {
     let undirected = FULL.replace("direction = [0.0, -2.0, 0.0]\n", "");
     let error = Shot::parse(&undirected, "a.toml").unwrap_err().to_string();
     assert!(error.contains("light[1].direction is missing"), "{error}");
-    fails(
-        "scene = \"garage/garage.gltf\"",
-        "scene = \"garage/garage.obj\"",
-        &["garage.obj", ".glb"],
-    );
-    fails(
-        "scene = \"garage/garage.gltf\"",
-        "scene = \"builtin:\"",
-        &["builtin:NAME"],
-    );
+    fails("scene = \"garage/garage.gltf\"", "scene = \"garage/garage.obj\"", &["garage.obj", ".glb"]);
+    fails("scene = \"garage/garage.gltf\"", "scene = \"builtin:\"", &["builtin:NAME"]);
 }
 
 #[test]
 fn light_and_environment_values_are_checked() {
-    fails(
-        "intensity = 4.0",
-        "intensity = -4.0",
-        &["light[0].intensity", "0 or a number above"],
-    );
-    fails(
-        "intensity = 3.0",
-        "intensity = nan",
-        &["light[1].intensity"],
-    );
+    fails("intensity = 4.0", "intensity = -4.0", &["light[0].intensity", "0 or a number above"]);
+    fails("intensity = 3.0", "intensity = nan", &["light[1].intensity"]);
     fails("radius_m = 0.1", "radius_m = -0.1", &["light[0].radius_m"]);
-    fails(
-        "color = [1.0, 0.5, 0.25]",
-        "color = [1.0, -0.5, 0.25]",
-        &["light[0].color"],
-    );
-    fails(
-        "direction = [0.0, -2.0, 0.0]",
-        "direction = [0.0, 0.0, 0.0]",
-        &["light[1].direction", "no length"],
-    );
-    fails(
-        "angle_deg = 90e-1",
-        "angle_deg = 90",
-        &["light[1].angle_deg"],
-    );
-    fails(
-        "inner_cone_deg = 20.0",
-        "inner_cone_deg = 31.0",
-        &["light[0].inner_cone_deg", "outer_cone_deg", "30"],
-    );
-    fails(
-        "outer_cone_deg = 60",
-        "outer_cone_deg = 91",
-        &["light[2].outer_cone_deg"],
-    );
-    fails(
-        "radiance = [1.0, 1.0, 1.0]",
-        "radiance = [1.0, -1.0, 1.0]",
-        &["environment.radiance"],
-    );
-    fails(
-        "radiance = [1.0, 1.0, 1.0]\nscale = 1.0",
-        "image = 'a.png'\nscale = 1.0",
-        &["a.png", ".hdr"],
-    );
+    fails("color = [1.0, 0.5, 0.25]", "color = [1.0, -0.5, 0.25]", &["light[0].color"]);
+    fails("direction = [0.0, -2.0, 0.0]", "direction = [0.0, 0.0, 0.0]", &["light[1].direction", "no length"]);
+    fails("angle_deg = 90e-1", "angle_deg = 90", &["light[1].angle_deg"]);
+    fails("inner_cone_deg = 20.0", "inner_cone_deg = 31.0", &["light[0].inner_cone_deg", "outer_cone_deg", "30"]);
+    fails("outer_cone_deg = 60", "outer_cone_deg = 91", &["light[2].outer_cone_deg"]);
+    fails("radiance = [1.0, 1.0, 1.0]", "radiance = [1.0, -1.0, 1.0]", &["environment.radiance"]);
+    fails("radiance = [1.0, 1.0, 1.0]\nscale = 1.0", "image = 'a.png'\nscale = 1.0", &["a.png", ".hdr"]);
     fails("scale = 1.0", "scale = -1.0", &["environment.scale"]);
-    fails(
-        "rotation_deg = 0.0",
-        "rotation_deg = inf",
-        &["environment.rotation_deg", "finite"],
-    );
+    fails("rotation_deg = 0.0", "rotation_deg = inf", &["environment.rotation_deg", "finite"]);
     let both = FULL.replace("scale = 1.0", "image = 'sky.hdr'");
     let error = Shot::parse(&both, "a.toml").unwrap_err().to_string();
     assert!(error.contains("both radiance and image"), "{error}");
@@ -339,16 +215,8 @@ fn light_and_environment_values_are_checked() {
 fn gaze_and_exposure_are_checked() {
     let path = "path = [[0.0, 0.5, 0.5], [2.0, 1.0, 0.25]]";
     fails(path, "path = []", &["gaze.path is empty"]);
-    fails(
-        path,
-        "path = [[0.0, 1.5, 0.5]]",
-        &["gaze.path[0]", "0 to 1"],
-    );
-    fails(
-        path,
-        "path = [[0.0, 0.5, 0.5], [0.0, 0.5, 0.5]]",
-        &["gaze.path[1]", "after 0 s"],
-    );
+    fails(path, "path = [[0.0, 1.5, 0.5]]", &["gaze.path[0]", "0 to 1"]);
+    fails(path, "path = [[0.0, 0.5, 0.5], [0.0, 0.5, 0.5]]", &["gaze.path[1]", "after 0 s"]);
     fails("ev = -1.5", "ev = nan", &["exposure.ev"]);
 }
 
@@ -356,14 +224,7 @@ fn gaze_and_exposure_are_checked() {
 fn an_outer_cone_alone_may_be_narrow() {
     let narrow = FULL.replace("outer_cone_deg = 60", "outer_cone_deg = 5");
     let shot = Shot::parse(&narrow, "a.toml").unwrap();
-    let ShotLightKind::Spot {
-        inner_cone_deg,
-        outer_cone_deg,
-        ..
-    } = shot.lights[2].kind
-    else {
-        panic!()
-    };
+    let ShotLightKind::Spot { inner_cone_deg, outer_cone_deg, .. } = shot.lights[2].kind else { panic!() };
     assert_eq!((inner_cone_deg, outer_cone_deg), (5.0, 5.0));
 }
 
@@ -376,20 +237,8 @@ fn mutate(text: &str, seed: u64) -> String {
         state ^= state << 17;
         (state >> 11) as usize % below.max(1)
     };
-    const PIECES: [&str; 12] = [
-        "nan",
-        "-inf",
-        "1e999",
-        "[",
-        "]",
-        "\"",
-        "=",
-        "\n",
-        "-",
-        "[[light]]\n",
-        "99999999999999999999",
-        "é",
-    ];
+    const PIECES: [&str; 12] =
+        ["nan", "-inf", "1e999", "[", "]", "\"", "=", "\n", "-", "[[light]]\n", "99999999999999999999", "é"];
     let mut bytes = text.as_bytes().to_vec();
     for _ in 0..=next(4) {
         let at = next(bytes.len());
@@ -421,22 +270,15 @@ fn mutated_shots_never_panic_and_what_is_accepted_is_finite() {
                 accepted += 1;
                 for time_s in [-1.0, 0.0, 0.3, 1.0, 1.7, 5.0] {
                     let view = shot.rig.view(time_s, crate::scene::rig::Eye::Right);
-                    let finite =
-                        view.origin.is_finite() && view.right.is_finite() && view.up.is_finite();
+                    let finite = view.origin.is_finite() && view.right.is_finite() && view.up.is_finite();
                     assert!(finite && view.forward.is_finite(), "{text}");
                 }
-                assert!(
-                    shot.lights().iter().all(|light| light.strength.is_finite()),
-                    "{text}"
-                );
+                assert!(shot.lights().iter().all(|light| light.strength.is_finite()), "{text}");
             }
             Err(error) => assert!(error.to_string().contains("line "), "{error}"),
         }
     }
-    assert!(
-        accepted > 100,
-        "only {accepted} mutations were accepted: the test does not reach the checks"
-    );
+    assert!(accepted > 100, "only {accepted} mutations were accepted: the test does not reach the checks");
 }
 
 #[test]
@@ -444,16 +286,10 @@ fn shots_on_disk_are_accepted() {
     let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/scenes");
     let folder = std::env::var_os("DIPTYCH_SCENES").map_or(here, PathBuf::from);
     let Ok(entries) = std::fs::read_dir(&folder) else {
-        eprintln!(
-            "SKIPPED: no folder {}: set DIPTYCH_SCENES to check real shots",
-            folder.display()
-        );
+        eprintln!("SKIPPED: no folder {}: set DIPTYCH_SCENES to check real shots", folder.display());
         return;
     };
-    for path in entries
-        .map(|entry| entry.unwrap().path())
-        .filter(|p| p.extension().is_some_and(|e| e == "toml"))
-    {
+    for path in entries.map(|entry| entry.unwrap().path()).filter(|p| p.extension().is_some_and(|e| e == "toml")) {
         let text = std::fs::read_to_string(&path).unwrap();
         let shot = Shot::parse(&text, &path.display().to_string()).unwrap();
         assert!(!shot.rig.keys.is_empty(), "{}", path.display());
