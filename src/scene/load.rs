@@ -206,6 +206,31 @@ mod tests {
     }
 
     #[test]
+    fn every_builtin_scene_loads_with_light() {
+        for builtin in builtin::BUILTINS {
+            let (shot, scene) = load_shot(&format!("builtin:{}", builtin.name)).unwrap();
+            assert_eq!(shot.scene, SceneSource::Builtin(builtin.name.to_owned()));
+            assert!(scene.triangle_count() > 0 && has_light(&scene), "{}", builtin.name);
+        }
+    }
+
+    #[test]
+    fn shots_and_bare_files_on_disk_load_with_light() {
+        let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/scenes");
+        let folder = std::env::var_os("DIPTYCH_SCENES").map_or(here, Into::into);
+        let path = |name: &str| folder.join(name).display().to_string();
+        if !folder.join("garage.toml").exists() {
+            eprintln!("SKIPPED: no garage.toml in {}: set DIPTYCH_SCENES", folder.display());
+            return;
+        }
+        for name in ["garage.toml", "garage/garage.gltf"] {
+            let (shot, scene) = load_shot(&path(name)).unwrap();
+            assert_eq!(shot.name, "garage");
+            assert!(scene.triangle_count() > 0 && has_light(&scene), "{name}");
+        }
+    }
+
+    #[test]
     fn what_cannot_be_loaded_is_named() {
         let says = |arg: &str, part: &str| {
             let error = load_shot(arg).unwrap_err().to_string();

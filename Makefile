@@ -1,0 +1,39 @@
+# make demo    the built-in scene on two virtual devices: a stereo picture and a trace-file
+# make test    format, lints, documentation, tests
+# make deps    checks for a Vulkan driver and compilers; installs Mesa's driver where apt-get is and none was found
+# make clean
+#
+# Everything is built in the release profile, so that the program, the tests and the benchmarks share one build of each
+# dependency, and lints and documentation share one check of each.
+
+CARGO ?= cargo
+DIPTYCH := $(or $(CARGO_TARGET_DIR),target)/release/diptych
+DEMO := out/demo
+
+# Mesa complains where the variable is unset. To be followed by commands of the same shell.
+WITH_RUNTIME_DIR = set -e; if [ -z "$$XDG_RUNTIME_DIR" ]; then dir=$$(mktemp -d); trap 'rm -rf "$$dir"' EXIT; \
+	export XDG_RUNTIME_DIR="$$dir"; fi
+
+.PHONY: demo test deps clean
+
+demo: deps
+	$(CARGO) build --release --locked
+	@$(WITH_RUNTIME_DIR); \
+	"$(DIPTYCH)" render builtin:atrium --virtual 2 --out $(DEMO) --trace $(DEMO)/trace.json; \
+	"$(DIPTYCH)" trace $(DEMO)/trace.json
+	@echo
+	@echo "picture, both eyes side by side: $(DEMO)/stereo.png"
+	@echo "trace: $(DEMO)/trace.json (open it in https://ui.perfetto.dev)"
+
+test: deps
+	$(CARGO) fmt --check
+	$(CARGO) clippy --release --locked --all-targets -- -D warnings
+	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --release --locked
+	@$(WITH_RUNTIME_DIR); set -x; $(CARGO) test --release --locked
+
+deps:
+	@sh tools/deps.sh
+
+clean:
+	$(CARGO) clean
+	rm -rf $(DEMO)

@@ -1,0 +1,113 @@
+#!/bin/sh
+# Checks for what building and running takes beside Rust's own packages: cargo, a C++ compiler (the crate `meshopt` has
+# C++ inside) and, on Linux, a Vulkan loader and driver. Where the loader or any driver is missing and apt-get is there,
+# installs Mesa's, which has a software one. Installs nothing else, and nothing where both are found.
+set -eu
+
+fail() {
+    echo "deps: $*" >&2
+    exit 1
+}
+
+has() {
+    command -v "$1" >/dev/null 2>&1
+}
+
+# Whether one of the paths in the colon-separated list $1 is there.
+any_exists() {
+    old_ifs=$IFS
+    IFS=:
+    for path in $1; do
+        if [ -n "$path" ] && [ -e "$path" ]; then
+            IFS=$old_ifs
+            return 0
+        fi
+    done
+    IFS=$old_ifs
+    return 1
+}
+
+# A driver announces itself by a JSON file; the two variables replace the search.
+has_driver() {
+    named=${VK_DRIVER_FILES:-${VK_ICD_FILENAMES:-}}
+    if [ -n "$named" ]; then
+        any_exists "$named" || fail "VK_DRIVER_FILES or VK_ICD_FILENAMES names no file that exists: $named"
+        return 0
+    fi
+    home=${HOME:-/nonexistent}
+    for folder in /usr/share /usr/local/share /etc /usr/local/etc /etc/xdg /run/opengl-driver/share \
+        "${XDG_CONFIG_HOME:-$home/.config}" "${XDG_DATA_HOME:-$home/.local/share}"; do
+        for file in "$folder"/vulkan/icd.d/*.json; do
+            if [ -e "$file" ]; then
+                return 0
+            fi
+        done
+    done
+    return 1
+}
+
+has_loader() {
+    for ldconfig in ldconfig /sbin/ldconfig /usr/sbin/ldconfig; do
+        if has "$ldconfig" && "$ldconfig" -p 2>/dev/null | grep -q 'libvulkan\.so\.1'; then
+            return 0
+        fi
+    done
+    # Systems without glibc's cache.
+    for file in /lib/libvulkan.so.1 /usr/lib/libvulkan.so.1 /usr/lib64/libvulkan.so.1 /usr/local/lib/libvulkan.so.1 \
+        /run/opengl-driver/lib/libvulkan.so.1; do
+        if [ -e "$file" ]; then
+            return 0
+        fi
+    done
+    any_exists "$(echo "${LD_LIBRARY_PATH:-}" | sed 's|\([^:]\{1,\}\)|\1/libvulkan.so.1|g')"
+}
+
+install_mesa() {
+    packages="libvulkan1 mesa-vulkan-drivers"
+    if ! has apt-get; then
+        hint="a Vulkan loader and driver; Mesa's lavapipe is a software one"
+        if has dnf; then hint="$hint: dnf install vulkan-loader mesa-vulkan-drivers"; fi
+        if has pacman; then hint="$hint: pacman -S vulkan-icd-loader vulkan-swrast"; fi
+        if has apk; then hint="$hint: apk add vulkan-loader mesa-vulkan-swrast"; fi
+        fail "no Vulkan driver was found. Install $hint"
+    fi
+    as_root=
+    if [ "$(id -u)" -ne 0 ]; then
+        has sudo || fail "no Vulkan driver was found. As root: apt-get install $packages"
+        as_root=sudo
+    fi
+    echo "deps: no Vulkan driver was found; installing $packages" >&2
+    $as_root apt-get update
+    $as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends $packages
+    has_loader && has_driver || fail "$packages are installed, but there is still no Vulkan driver to be found"
+}
+
+# CXX if it is set, or whatever compiler there is.
+has_cpp() {
+    for compiler in ${CXX:-c++ g++ clang++}; do
+        if has "$compiler"; then
+            return 0
+        fi
+    done
+    return 1
+}
+
+cargo=${CARGO:-cargo}
+has "${cargo%% *}" || fail "cargo was not found. Install Rust: https://rustup.rs"
+
+case $(uname -s) in
+Linux)
+    has_cpp || fail "no C++ compiler was found. Install g++ or clang (Debian or Ubuntu: apt-get install g++)"
+    has_loader && has_driver || install_mesa
+    ;;
+Darwin)
+    has_cpp || fail "no C++ compiler was found. Install Apple's: xcode-select --install"
+    ;;
+MINGW* | MSYS* | CYGWIN*)
+    # Graphics come with Windows, the compiler with the linker that Rust asks for at its installation.
+    ;;
+*)
+    has_cpp || fail "no C++ compiler was found. Install g++ or clang"
+    has_loader && has_driver || echo "deps: no Vulkan driver was found; diptych needs one to run" >&2
+    ;;
+esac
