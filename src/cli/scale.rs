@@ -98,7 +98,9 @@ fn measure(
         let event = serde_json::json!({ "event": "frame", "devices": devices, "makespan_ms": frame.makespan_ms });
         progress.step(format!("{devices} device(s) {:.1} ms", frame.makespan_ms), &event);
         if i >= args.warm_up {
-            tracing.record(options, &frame);
+            // Each count's frames get numbers of their own in the trace.
+            let shown = FrameReport { index: frame.index + count as u32 * 1_000_000, ..frame.clone() };
+            tracing.record(options, &shown);
             frames.push(frame);
         }
     }

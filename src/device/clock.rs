@@ -3,7 +3,7 @@
 //! wgpu has no calibrated timestamps. A submission that only takes a timestamp is bracketed by two readings of the host
 //! clock; the tightest of several brackets gives the offset, and half its width bounds the error.
 
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use super::GpuDevice;
 
@@ -25,13 +25,11 @@ impl GpuClock {
         let ms_per_tick = f64::from(gpu.queue.get_timestamp_period()) * 1e-6;
         let mut best = Self { ms_per_tick, offset_ms: 0.0, residual_us: f64::INFINITY };
         for _ in 0..TRIES {
-            let before = origin.elapsed().as_secs_f64() * 1e3;
-            let tick = probe.read(gpu)?;
-            // The mapping takes place after the work; the bracket is taken around the submission alone.
-            let after = before + tick.1;
-            let residual_us = (after - before) * 500.0;
+            let (tick, begin, lasted) = probe.read(gpu)?;
+            let residual_us = lasted.as_secs_f64() * 0.5e6;
             if residual_us < best.residual_us {
-                let offset_ms = 0.5 * (before + after) - tick.0 as f64 * ms_per_tick;
+                let middle_ms = (begin.duration_since(origin) + lasted / 2).as_secs_f64() * 1e3;
+                let offset_ms = middle_ms - tick as f64 * ms_per_tick;
                 best = Self { ms_per_tick, offset_ms, residual_us };
             }
         }
@@ -71,8 +69,8 @@ impl Probe {
         }
     }
 
-    /// A tick, and the milliseconds that the submission which took it lasted.
-    fn read(&self, gpu: &GpuDevice) -> Result<(u64, f64), String> {
+    /// A tick, and when the submission that took it began and how long it lasted.
+    fn read(&self, gpu: &GpuDevice) -> Result<(u64, Instant, Duration), String> {
         let mut stamp = gpu.device.create_command_encoder(&Default::default());
         stamp.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some("clock"),
@@ -86,7 +84,7 @@ impl Probe {
         let begin = Instant::now();
         let index = gpu.queue.submit([commands]);
         gpu.wait(Some(index))?;
-        let lasted_ms = begin.elapsed().as_secs_f64() * 1e3;
+        let lasted = begin.elapsed();
         let mut copy = gpu.device.create_command_encoder(&Default::default());
         copy.resolve_query_set(&self.queries, 0..2, &self.resolved, 0);
         copy.copy_buffer_to_buffer(&self.resolved, 0, &self.readable, 0, 16);
@@ -98,6 +96,6 @@ impl Probe {
             u64::from_le_bytes(bytes[8..16].try_into().map_err(|_| "a timestamp has 8 bytes")?)
         };
         self.readable.unmap();
-        Ok((tick, lasted_ms))
+        Ok((tick, begin, lasted))
     }
 }

@@ -128,7 +128,6 @@ pub struct Renderer {
     planned: Option<(Assignment, Arc<FrameGraph>)>,
     previous: Option<[layout::View; 2]>,
     origin: Instant,
-    frames: u32,
 }
 
 struct Handle {
@@ -168,19 +167,7 @@ impl Renderer {
             devices.push(worker.info().clone());
             workers.push(start(worker)?);
         }
-        Ok(Self {
-            settings,
-            spec,
-            tables,
-            policy,
-            devices,
-            workers,
-            replies,
-            planned: None,
-            previous: None,
-            origin,
-            frames: 0,
-        })
+        Ok(Self { settings, spec, tables, policy, devices, workers, replies, planned: None, previous: None, origin })
     }
 
     pub fn devices(&self) -> &[DeviceInfo] {
@@ -202,7 +189,7 @@ impl Renderer {
         self.previous = Some(constants.views);
         for (device, worker) in self.workers.iter().enumerate() {
             let job = FrameJob { graph: Arc::clone(&graph), constants, previous };
-            worker.commands.send(Command::Frame(job)).map_err(|_| ExecError::Gone { device })?;
+            worker.commands.send(Command::Frame(Box::new(job))).map_err(|_| ExecError::Gone { device })?;
         }
         let mut report = FrameReport {
             index,
@@ -214,11 +201,8 @@ impl Renderer {
             assignment: self.policy_assignment(),
         };
         self.collect(&mut report)?;
-        report.tasks.sort_by(|a, b| {
-            (a.device, a.begin_ms).partial_cmp(&(b.device, b.begin_ms)).unwrap_or(std::cmp::Ordering::Equal)
-        });
+        report.tasks.sort_by(|a, b| a.device.cmp(&b.device).then(a.begin_ms.total_cmp(&b.begin_ms)));
         self.policy.learn(&costs(&report.tasks));
-        self.frames += 1;
         Ok(report)
     }
 
@@ -263,12 +247,12 @@ impl Renderer {
         let mut failure = None;
         for _ in 0..self.workers.len() {
             match self.replies.recv() {
-                Ok(Reply::Frame { device, tasks, tallies, end_ms }) => {
-                    if device == 0 {
-                        report.makespan_ms = end_ms - report.begin_ms;
+                Ok(Reply::Frame(reply)) => {
+                    if let Some(tallies) = reply.tallies {
+                        report.makespan_ms = reply.end_ms - report.begin_ms;
                         report.tallies = tallies;
                     }
-                    report.tasks.extend(tasks);
+                    report.tasks.extend(reply.tasks);
                 }
                 // The device that failed first, not those that stopped because of it.
                 Ok(Reply::Failed { device, what, is_cause }) => {

@@ -1,6 +1,8 @@
 //! The thread that drives one device.
 
+use std::any::Any;
 use std::collections::{HashMap, VecDeque};
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -15,7 +17,7 @@ use crate::stages::{DeviceStages, RowTally, SceneTables, StageSettings, StageTas
 
 /// What the renderer tells a worker.
 pub enum Command {
-    Frame(FrameJob),
+    Frame(Box<FrameJob>),
     /// Sends both eyes' image back.
     Read(PhysicalImage),
     Quit,
@@ -29,9 +31,18 @@ pub struct FrameJob {
 
 /// What a worker answers.
 pub enum Reply {
-    Frame { device: usize, tasks: Vec<TaskTiming>, tallies: [Tally; 2], end_ms: f64 },
+    Frame(FrameReply),
     Failed { device: usize, what: String, is_cause: bool },
     Pixels([Vec<u8>; 2]),
+}
+
+/// A device's part of a frame, done.
+pub struct FrameReply {
+    pub tasks: Vec<TaskTiming>,
+    /// Of the whole frame; the primary has them.
+    pub tallies: Option<[Tally; 2]>,
+    /// When the device was done, milliseconds since the origin.
+    pub end_ms: f64,
 }
 
 /// What workers send one another.
@@ -171,7 +182,10 @@ impl Worker {
     fn frame(&mut self, job: &FrameJob) -> Reply {
         let device = self.gpu.info.index;
         let frame = job.constants.index;
-        match self.try_frame(job) {
+        // A panic is a bug; those who wait for this device's rows must hear of it all the same.
+        let outcome = catch_unwind(AssertUnwindSafe(|| self.try_frame(job)))
+            .unwrap_or_else(|panic| Err(Stop::Device(format!("its worker panicked: {}", panic_text(&*panic)))));
+        match outcome {
             Ok(reply) => reply,
             Err(stop) => {
                 self.early.clear();
@@ -214,13 +228,15 @@ impl Worker {
         while self.send_oldest(&mut progress, frame)? {}
         {
             let _span = tracing::info_span!("wait for device", frame).entered();
+            // Uploads that no dispatch follows, as those of the stitch, are carried out by an empty submission.
+            self.gpu.queue.submit([]);
             self.gpu.wait(None)?;
         }
         let end_ms = self.now_ms();
         let mut tasks = self.read_stamps(&progress)?;
         tasks.append(&mut progress.timings);
-        let tallies = if device == 0 { self.read_tallies()? } else { Default::default() };
-        Ok(Reply::Frame { device, tasks, tallies, end_ms })
+        let tallies = if device == 0 { Some(self.read_tallies()?) } else { None };
+        Ok(Reply::Frame(FrameReply { tasks, tallies, end_ms }))
     }
 
     fn dispatch(&mut self, progress: &mut Progress, task: &Task) {
@@ -380,6 +396,10 @@ impl Worker {
         let [left, right] = Eye::ALL.map(|eye| self.stages.images.buffer(image, eye).clone());
         Ok([self.read_back(&left, offset, size)?, self.read_back(&right, offset, size)?])
     }
+}
+
+fn panic_text(panic: &(dyn Any + Send)) -> &str {
+    panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied()).unwrap_or("no message")
 }
 
 fn transfer_timing(task: &Task, kind: TimedTask, resource: Resource, transfer: u32) -> TaskTiming {
