@@ -1,0 +1,169 @@
+//! What the tests of the renderer share: loading a subject, and a renderer for it.
+
+#![allow(dead_code)] // Each test binary uses a part.
+
+use std::path::PathBuf;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use diptych::accel::Accel;
+use diptych::device::{self, Selection, ShaderChecks};
+use diptych::exec::{FrameReport, RenderSettings, Renderer, Stereo};
+use diptych::graph::{HaloPlan, Seam};
+use diptych::image::{Extent, RgbImage};
+use diptych::scene::Scene;
+use diptych::scene::load::load_shot;
+use diptych::scene::needs::SceneNeeds;
+use diptych::scene::rig::Rig;
+use diptych::schedule::{Even, Policy};
+use diptych::stages::{Sampler, SceneTables, StageSettings};
+
+/// A scene ready to be put on devices, and where it is seen from.
+pub struct Subject {
+    pub name: String,
+    pub scene: Scene,
+    pub rig: Rig,
+    pub needs: SceneNeeds,
+    tables: Arc<SceneTables>,
+}
+
+impl Subject {
+    pub fn new(name: &str, scene: Scene, rig: Rig) -> Self {
+        let accel = Accel::build(&scene).unwrap_or_else(|e| panic!("{name}: {e}"));
+        let tables = SceneTables::new(&scene, accel).unwrap_or_else(|e| panic!("{name}: {e}"));
+        Self { name: name.to_owned(), needs: SceneNeeds::of(&scene), scene, rig, tables: Arc::new(tables) }
+    }
+
+    /// `builtin:NAME` or a file, as the command line takes it.
+    pub fn load(shot: &str) -> Self {
+        let (parsed, scene) = load_shot(shot).unwrap_or_else(|e| panic!("{shot}: {e}"));
+        Self::new(shot, scene, parsed.rig)
+    }
+
+    /// One traced sample per pixel of either eye's pinhole, six reflections, nothing after it.
+    pub fn settings(&self, width: u32, height: u32) -> RenderSettings {
+        let stages = StageSettings {
+            extent: Extent::new(width, height),
+            needs: self.needs,
+            sampler: Sampler::Sobol,
+            spp: 1,
+            iterations: 0,
+            reproject: false,
+            aovs: Vec::new(),
+            checks: ShaderChecks::Fast,
+        };
+        let seam = Seam::Halo(HaloPlan::Recompute);
+        RenderSettings { stages, seam, seed: 0, bounces: 6, indirect_clamp: 0.0, exposure_ev: 0.0 }
+    }
+
+    /// [`Self::settings`] with the right eye reprojected and five filter iterations.
+    pub fn denoised(&self, width: u32, height: u32) -> RenderSettings {
+        let mut settings = self.settings(width, height);
+        settings.stages.reproject = true;
+        settings.stages.iterations = 5;
+        settings
+    }
+}
+
+/// Tests of one binary take turns on the devices: drivers have crashed on devices and pipelines made side by side,
+/// and a software adapter's threads are counted per process.
+static TURN: Mutex<()> = Mutex::new(());
+
+/// A renderer, and the turn on the devices that goes with it.
+pub struct Stage<'a> {
+    subject: &'a Subject,
+    renderer: Renderer,
+    devices: usize,
+    _turn: MutexGuard<'static, ()>,
+}
+
+impl<'a> Stage<'a> {
+    /// On one device that takes every core.
+    pub fn alone(subject: &'a Subject, settings: &RenderSettings) -> Self {
+        Self::open(subject, settings, 1, None, Box::new(Even::new(settings.stages.extent.height, 1)))
+    }
+
+    /// On `devices` devices of one thread each.
+    pub fn with(subject: &'a Subject, settings: &RenderSettings, devices: usize, policy: Box<dyn Policy>) -> Self {
+        Self::open(subject, settings, devices, Some(1), policy)
+    }
+
+    /// On `devices` devices with stripes of equal height.
+    pub fn even(subject: &'a Subject, settings: &RenderSettings, devices: usize) -> Self {
+        let policy = Even::new(settings.stages.extent.height, devices);
+        Self::with(subject, settings, devices, Box::new(policy))
+    }
+
+    fn open(
+        subject: &'a Subject,
+        settings: &RenderSettings,
+        devices: usize,
+        threads: Option<usize>,
+        policy: Box<dyn Policy>,
+    ) -> Self {
+        let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+        // The first adapter that can do it: the same one for every count of devices.
+        let adapter = device::adapters().into_iter().find(|a| a.missing.is_empty());
+        let adapter = adapter.expect("these tests need an adapter: on Linux, install mesa-vulkan-drivers");
+        let selection =
+            Selection { adapters: Some(vec![adapter.index]), virtual_devices: devices, threads_per_device: threads };
+        let gpus = device::open(&selection).unwrap_or_else(|e| panic!("these tests need a device: {e}"));
+        let tables = Arc::clone(&subject.tables);
+        let renderer = Renderer::new(gpus, tables, settings.clone(), policy, Instant::now())
+            .unwrap_or_else(|e| panic!("{}: {e}", subject.name));
+        Self { subject, renderer, devices, _turn: turn }
+    }
+
+    /// Renders a frame without a sample that is not finite.
+    #[track_caller]
+    pub fn frame_at(&mut self, time_s: f64, index: u32) -> Frame {
+        let what = format!("{} on {} device(s)", self.subject.name, self.devices);
+        let report = self.renderer.render(&self.subject.rig, time_s, index).unwrap_or_else(|e| panic!("{what}: {e}"));
+        for (eye, tally) in ["left", "right"].iter().zip(&report.tallies) {
+            assert_eq!(tally.nonfinite, 0, "{what}: samples of the {eye} eye are not finite");
+        }
+        let linear = self.renderer.read_linear().unwrap_or_else(|e| panic!("{what}: {e}"));
+        Frame { linear, report }
+    }
+
+    #[track_caller]
+    pub fn frame(&mut self, index: u32) -> Frame {
+        self.frame_at(0.0, index)
+    }
+
+    /// The i-th auxiliary image that the settings ask for.
+    pub fn aov(&self, i: usize) -> Stereo<Vec<Vec<f32>>> {
+        self.renderer.read_aov(i).unwrap_or_else(|e| panic!("{}: {e}", self.subject.name))
+    }
+}
+
+pub struct Frame {
+    pub linear: Stereo<RgbImage>,
+    pub report: FrameReport,
+}
+
+impl Frame {
+    /// Share of the right eye's pixels that reprojection left open.
+    pub fn hole_fraction(&self) -> f64 {
+        let holes: u64 = self.report.tallies[1].holes.iter().sum();
+        holes as f64 / self.linear.right.extent.area() as f64
+    }
+}
+
+/// The files of large scenes, if they are there: in `DIPTYCH_SCENES`, else `../shared/scenes` beside the crate.
+pub fn shared_shot(name: &str) -> Option<String> {
+    let beside = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../shared/scenes");
+    let folder = std::env::var_os("DIPTYCH_SCENES").map_or(beside, PathBuf::from);
+    let shot = folder.join(format!("{name}.toml"));
+    if shot.is_file() {
+        return Some(shot.display().to_string());
+    }
+    eprintln!("\nSKIPPED: {name}: there is no {} (DIPTYCH_SCENES names another folder)\n", shot.display());
+    None
+}
+
+/// The command, built.
+pub fn diptych(args: &[&str]) -> std::process::Output {
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_diptych"));
+    command.args(args).output().unwrap_or_else(|e| panic!("cannot start diptych: {e}"))
+}

@@ -1,0 +1,226 @@
+//! N devices give the same bytes as one, however rows are shared out, and so do more general and more checked shaders.
+
+mod common;
+
+use common::{Stage, Subject, diptych, shared_shot};
+use diptych::device::ShaderChecks;
+use diptych::exec::{RenderSettings, Stereo};
+use diptych::graph::{HaloPlan, Seam};
+use diptych::image::RgbImage;
+use diptych::scene::needs::SceneNeeds;
+use diptych::schedule::{Measured, Policy, Static};
+use diptych::stages::Sampler;
+
+const WIDTH: u32 = 128;
+const HEIGHT: u32 = 72;
+
+/// Every bit of both images.
+#[track_caller]
+fn assert_same(what: &str, expected: &Stereo<RgbImage>, found: &Stereo<RgbImage>) {
+    for (eye, a, b) in [("left", &expected.left, &found.left), ("right", &expected.right, &found.right)] {
+        assert_eq!(a.extent, b.extent);
+        let differs = |i: &usize| a.pixels[*i].map(f32::to_bits) != b.pixels[*i].map(f32::to_bits);
+        let wrong: Vec<usize> = (0..a.extent.area()).filter(differs).collect();
+        if let Some(&first) = wrong.first() {
+            let width = a.extent.width as usize;
+            let mut rows: Vec<usize> = wrong.iter().map(|i| i / width).collect();
+            rows.dedup();
+            panic!(
+                "{what}: {} pixels of the {eye} eye differ, the first at ({}, {}): {:?} is not {:?}; rows {rows:?}",
+                wrong.len(),
+                first % width,
+                first / width,
+                b.pixels[first],
+                a.pixels[first]
+            );
+        }
+    }
+    let lit = |image: &RgbImage| image.pixels.iter().filter(|p| **p != [0.0; 3]).count() * 4 > image.extent.area();
+    assert!(lit(&expected.left) && lit(&expected.right), "{what}: there is nothing to see");
+}
+
+fn ratios(devices: usize, rules: &[&str]) -> Box<dyn Policy> {
+    let rules: Vec<_> = rules.iter().map(|r| r.parse().unwrap()).collect();
+    Box::new(Static::new(HEIGHT, devices, &rules).unwrap())
+}
+
+/// One frame on one device, then on several in every way of sharing rows out.
+fn hold_against_one_device(subject: &Subject, settings: &RenderSettings, counts: &[usize]) {
+    let one = Stage::even(subject, settings, 1).frame(0).linear;
+    for &devices in counts {
+        let found = Stage::even(subject, settings, devices).frame(0).linear;
+        assert_same(&format!("{}, {devices} even stripes", subject.name), &one, &found);
+    }
+}
+
+#[test]
+fn two_three_and_four_devices_give_the_bytes_of_one() {
+    for shot in ["builtin:atrium", "builtin:checker"] {
+        let subject = Subject::load(shot);
+        hold_against_one_device(&subject, &subject.denoised(WIDTH, HEIGHT), &[2, 3, 4]);
+    }
+}
+
+#[test]
+fn uneven_and_empty_stripes_give_the_bytes_of_one_device() {
+    let subject = Subject::load("builtin:checker");
+    let settings = subject.denoised(WIDTH, HEIGHT);
+    let one = Stage::even(&subject, &settings, 1).frame(0).linear;
+    for rules in ["5,1,2", "1,0,1", "0,0,1", "1,70,1"] {
+        let found = Stage::with(&subject, &settings, 3, ratios(3, &[rules])).frame(0).linear;
+        assert_same(&format!("ratios {rules}"), &one, &found);
+    }
+}
+
+#[test]
+fn stripes_may_differ_between_stages_and_views() {
+    let rules = [
+        "gbuffer=1,2,1",
+        "path_trace.left=5,1,2",
+        "path_trace.right=1,1,6",
+        "reproject=3,1,1",
+        "atrous.left=1,1,2",
+        "atrous.right=4,1,1",
+        "tonemap=1,8,3",
+    ];
+    for shot in ["builtin:atrium", "builtin:checker"] {
+        let subject = Subject::load(shot);
+        for reproject in [true, false] {
+            for plan in [HaloPlan::Recompute, HaloPlan::Exchange] {
+                let mut settings = subject.denoised(WIDTH, HEIGHT);
+                settings.stages.reproject = reproject;
+                settings.seam = Seam::Halo(plan);
+                let one = Stage::even(&subject, &settings, 1).frame(0).linear;
+                let found = Stage::with(&subject, &settings, 3, ratios(3, &rules)).frame(0).linear;
+                assert_same(&format!("{shot}, reproject {reproject}, {plan:?}"), &one, &found);
+            }
+        }
+    }
+}
+
+#[test]
+fn measured_stripes_that_move_along_the_camera_path_give_the_bytes_of_one_device() {
+    let subject = Subject::load("builtin:atrium");
+    let settings = subject.denoised(WIDTH, HEIGHT);
+    let frames = |devices: usize| {
+        let mut stage = Stage::with(&subject, &settings, devices, Box::new(Measured::new(HEIGHT, devices)));
+        (0..5).map(|i| stage.frame_at(f64::from(i) * 0.7, i)).collect::<Vec<_>>()
+    };
+    let (one, three) = (frames(1), frames(3));
+    for (a, b) in one.iter().zip(&three) {
+        assert_same(&format!("frame {}", a.report.index), &a.linear, &b.linear);
+    }
+    let edges: Vec<_> = three.iter().map(|f| f.report.stripe_edges()).collect();
+    assert!(edges.iter().any(|e| *e != edges[0]), "no stripe moved: {edges:?}");
+    assert!(one[0].linear.left != one[1].linear.left, "the camera stood still");
+}
+
+#[test]
+fn both_halo_plans_give_the_same_bytes() {
+    let subject = Subject::load("builtin:cornell");
+    let render = |plan, devices| {
+        let mut settings = subject.denoised(WIDTH, HEIGHT);
+        settings.seam = Seam::Halo(plan);
+        Stage::even(&subject, &settings, devices).frame(0).linear
+    };
+    let one = render(HaloPlan::Recompute, 1);
+    for devices in [2, 4] {
+        for plan in [HaloPlan::Recompute, HaloPlan::Exchange] {
+            assert_same(&format!("{plan:?} on {devices}"), &one, &render(plan, devices));
+        }
+    }
+}
+
+#[test]
+fn every_seed_sampler_and_sample_count_gives_the_bytes_of_one_device() {
+    let subject = Subject::load("builtin:checker");
+    let mut last: Option<Stereo<RgbImage>> = None;
+    for (seed, spp, sampler, reproject) in [
+        (1, 1, Sampler::Sobol, true),
+        (7, 3, Sampler::Sobol, true),
+        (0xffff_ffff, 3, Sampler::Pcg, false),
+        (12345, 1, Sampler::Pcg, true),
+    ] {
+        let mut settings = subject.denoised(WIDTH, HEIGHT);
+        settings.seed = seed;
+        settings.stages.spp = spp;
+        settings.stages.sampler = sampler;
+        settings.stages.reproject = reproject;
+        let one = Stage::even(&subject, &settings, 1).frame(0).linear;
+        let three = Stage::even(&subject, &settings, 3).frame(0).linear;
+        assert_same(&format!("seed {seed}, {spp} spp"), &one, &three);
+        assert!(last.is_none_or(|l| l.left != one.left), "seed {seed} changes nothing");
+        last = Some(one);
+    }
+}
+
+#[test]
+fn a_frame_shorter_than_its_halo_or_than_its_devices_gives_the_bytes_of_one_device() {
+    let subject = Subject::load("builtin:checker");
+    for (width, height) in [(50, 3), (7, 1), (1, 40)] {
+        let settings = subject.denoised(width, height);
+        let one = Stage::even(&subject, &settings, 1).frame(0).linear;
+        let four = Stage::even(&subject, &settings, 4).frame(0).linear;
+        assert_same(&format!("{width}x{height}"), &one, &four);
+    }
+}
+
+#[test]
+fn scenes_from_files_give_the_bytes_of_one_device() {
+    for name in ["garage", "ww2-cityscene"] {
+        if let Some(shot) = shared_shot(name) {
+            let subject = Subject::load(&shot);
+            hold_against_one_device(&subject, &subject.denoised(WIDTH, HEIGHT), &[3]);
+        }
+    }
+}
+
+#[test]
+fn code_that_a_scene_does_not_need_changes_no_byte() {
+    for shot in ["builtin:cornell", "builtin:checker", "builtin:furnace", "builtin:forest"] {
+        let subject = Subject::load(shot);
+        for spp in [1, 3] {
+            if spp > 1 && shot == "builtin:forest" {
+                continue; // Dear, and alike.
+            }
+            let mut settings = subject.denoised(80, 45);
+            settings.stages.spp = spp;
+            let needed = Stage::alone(&subject, &settings).frame(0).linear;
+            settings.stages.needs = SceneNeeds::ALL;
+            let all = Stage::alone(&subject, &settings).frame(0).linear;
+            assert_same(&format!("{shot} at {spp} spp with everything compiled in"), &needed, &all);
+        }
+    }
+}
+
+#[test]
+fn shader_checks_change_no_byte() {
+    let subject = Subject::load("builtin:checker");
+    let mut settings = subject.denoised(WIDTH, HEIGHT);
+    let fast = Stage::alone(&subject, &settings).frame(0).linear;
+    settings.stages.checks = ShaderChecks::Full;
+    let full = Stage::alone(&subject, &settings).frame(0).linear;
+    assert_same("full checks", &fast, &full);
+}
+
+#[test]
+fn files_of_one_and_three_devices_are_equal() {
+    let folder = tempfile::tempdir().unwrap();
+    let render = |devices: &str| {
+        let out = folder.path().join(devices);
+        let to = out.to_str().unwrap();
+        let aovs = "albedo,normal,position,depth,motion,roughness,holes,spp";
+        let args = ["render", "builtin:checker", "--size", "96x54", "--aov", aovs, "--out", to, "--virtual", devices];
+        let output = diptych(&args);
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        out
+    };
+    let (one, three) = (render("1"), render("3"));
+    let mut names: Vec<_> = std::fs::read_dir(&one).unwrap().map(|f| f.unwrap().file_name()).collect();
+    names.retain(|n| n != "run.json");
+    assert_eq!(names.len(), 2 + 2 * 8 + 1, "{names:?}");
+    for name in names {
+        let bytes = |folder: &std::path::Path| std::fs::read(folder.join(&name)).unwrap();
+        assert!(bytes(&one) == bytes(&three), "{} differs", name.display());
+    }
+}
