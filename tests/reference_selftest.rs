@@ -433,7 +433,7 @@ const MIDDLE: f64 = 0.215_860_500_113_899_26;
 fn texels_are_decoded_before_they_are_filtered() {
     let scene = checker_scene(Wrap::Repeat, Wrap::Repeat, true);
     let at = |u, v| {
-        let reference = TextureRef { texture: 0, uv_set: 0 };
+        let reference = TextureRef { texture: 0, uv_set: 0, uv_from_uv: glam::Affine2::IDENTITY };
         texture::color(&scene, reference, DVec2::new(u, v)).to_array()
     };
     let close = |a: [f64; 4], b: [f64; 4]| {
@@ -458,7 +458,12 @@ fn wrap_modes_repeat_mirror_and_clamp() {
 
     let look = |wrap_u, wrap_v, u: f64, v: f64| {
         let scene = checker_scene(wrap_u, wrap_v, false);
-        texture::color(&scene, TextureRef { texture: 0, uv_set: 0 }, DVec2::new(u, v)).w
+        texture::color(
+            &scene,
+            TextureRef { texture: 0, uv_set: 0, uv_from_uv: glam::Affine2::IDENTITY },
+            DVec2::new(u, v),
+        )
+        .w
     };
     use Wrap::{ClampToEdge, MirroredRepeat, Repeat};
     assert_eq!(look(Repeat, ClampToEdge, 1.1, 1.6), 0.2);
@@ -483,7 +488,7 @@ fn through(scene: &Scene, x: f32, y: f32, spp: u32) -> Estimate {
     Reference::new(scene).probe(vec3(x, y, 2.0), Vec3::NEG_Z, spp, 0, 7)
 }
 
-const SECOND_SET: Option<TextureRef> = Some(TextureRef { texture: 0, uv_set: 1 });
+const SECOND_SET: Option<TextureRef> = Some(TextureRef { texture: 0, uv_set: 1, uv_from_uv: glam::Affine2::IDENTITY });
 
 #[test]
 fn a_textured_surface_multiplies_factor_vertex_colour_and_texel() {
@@ -550,7 +555,7 @@ fn masked_and_blended_lamps_light_the_same_by_either_estimator() {
     for alpha_mode in [AlphaMode::Mask { cutoff: 0.3 }, AlphaMode::Blend] {
         let mut scene = checker_scene(Wrap::Repeat, Wrap::Repeat, true);
         floor(&mut scene, Vec3::ONE);
-        let texture = Some(TextureRef { texture: 0, uv_set: 0 });
+        let texture = Some(TextureRef { texture: 0, uv_set: 0, uv_from_uv: glam::Affine2::IDENTITY });
         let lamp = Material {
             emissive: Vec3::ONE,
             base_color_texture: texture,

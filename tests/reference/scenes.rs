@@ -138,7 +138,7 @@ pub fn textured_masked_blend() -> (Scene, Pinhole) {
     let image = add_image(&mut scene, checker(Extent::new(7, 5)));
     let mut add_texture = |wrap_u, wrap_v, linear| {
         scene.textures.push(Texture { image, wrap_u, wrap_v, linear });
-        Some(TextureRef { texture: scene.textures.len() - 1, uv_set: 0 })
+        Some(TextureRef { texture: scene.textures.len() - 1, uv_set: 0, uv_from_uv: glam::Affine2::IDENTITY })
     };
     let tiles = add_texture(Wrap::Repeat, Wrap::MirroredRepeat, true);
     let pixels = add_texture(Wrap::MirroredRepeat, Wrap::Repeat, false);
