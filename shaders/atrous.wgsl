@@ -24,7 +24,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let step = i32(pass_.arg0);
     let inverse_sigma2 = bitcast<f32>(pass_.arg1);
-    let guide = guide_for(bits, frame.views[pass_.view].origin, 0.01);
+    let guide = guide_for(bits, frame.views[pass_.view].origin, 0.02);
     let colour = comparable(centre.rgb);
     var kernel = array<f32, 5>(0.0625, 0.25, 0.375, 0.25, 0.0625);
     let low = vec2<i32>(0, i32(pass_.valid_begin));

@@ -19,10 +19,10 @@ fn comparable(c: vec3<f32>) -> vec3<f32> {
 
 fn edge_weight(centre: Guide, colour: vec3<f32>, tap_bits: vec4<u32>, tap_colour: vec3<f32>, inverse_sigma2: f32) -> f32 {
     let cosine = max(dot(centre.normal, unpack_normal(tap_bits.w)), 0.0);
-    let c4 = cosine * cosine * cosine * cosine;
-    let c16 = c4 * c4 * c4 * c4;
+    let c2 = cosine * cosine;
+    let c4 = c2 * c2;
     let off = dot(centre.normal, bitcast<vec3<f32>>(tap_bits.xyz) - centre.position) * centre.inverse_reach;
     let d = colour - comparable(tap_colour);
-    let w = c16 * c16 * exp(-min(off * off + dot(d, d) * inverse_sigma2, 80.0));
+    let w = c4 * c4 * exp(-min(off * off + dot(d, d) * inverse_sigma2, 80.0));
     return select(w, 0.0, tap_bits.w == NO_NORMAL);
 }

@@ -13,7 +13,7 @@ pub(super) const ROOM: Room = Room {
 };
 
 /// Tolerance to differences in compressed radiance once the noise is averaged down.
-const SIGMA: f32 = 0.25;
+const SIGMA: f32 = 1.0;
 /// Iterations before radiance is compared at all: at one sample per pixel a pixel's own value says nothing about what
 /// it should be, and comparing with it would keep outliers as they are.
 const BLIND_ITERATIONS: u32 = 3;
