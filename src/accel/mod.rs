@@ -16,6 +16,9 @@ use crate::scene::Scene;
 /// Deepest tree the shader's stack holds; `STACK_SIZE` there.
 const MAX_DEPTH: usize = 32;
 
+/// Most triangles: their tables take 112 bytes each on the host and on every device, 7 GiB in all.
+const MAX_TRIANGLES: usize = 1 << 26;
+
 /// Bit of [`Triangle::flags`]: whether a ray is stopped must be asked of the material's alpha.
 pub const TRIANGLE_ALPHA: u32 = 1;
 
@@ -74,14 +77,16 @@ pub enum AccelError {
         "the scene's tree is {depth} levels deep, more than the {MAX_DEPTH} a ray's stack holds: its triangles are stacked on one another, simplify the scene"
     )]
     TooDeep { depth: usize },
-    #[error("the scene has {0} triangles, more than the 2^31 a hit can name")]
+    #[error(
+        "the scene has {0} triangles after instancing, more than the {MAX_TRIANGLES} that fit into memory: simplify it"
+    )]
     TooMany(usize),
 }
 
 impl Accel {
     /// Flattens and builds. Deterministic: the same scene gives the same tree.
     pub fn build(scene: &Scene) -> Result<Self, AccelError> {
-        if scene.triangle_count() >= 1 << 31 {
+        if scene.triangle_count() > MAX_TRIANGLES {
             return Err(AccelError::TooMany(scene.triangle_count()));
         }
         let flat = flatten::flatten(scene);

@@ -135,7 +135,7 @@ fn busy_ms(frame: &FrameReport, devices: usize) -> Vec<f64> {
 
 fn transfer_ms(frame: &FrameReport) -> f64 {
     let transfers = frame.tasks.iter().filter(|t| !matches!(t.kind, TimedTask::Gpu(_)));
-    transfers.map(|t| t.end_ms - t.begin_ms).sum()
+    transfers.map(|t| t.end_ms - t.begin_ms).fold(0.0, |sum, ms| sum + ms)
 }
 
 fn middle(mut values: Vec<f64>) -> f64 {
