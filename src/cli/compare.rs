@@ -32,7 +32,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if args.json {
         println!("{}", serde_json::to_string(&result).map_err(anyhow::Error::from)?);
     } else {
-        print!("{result}");
+        println!("{result}");
     }
     Ok(())
 }
