@@ -10,16 +10,11 @@ CARGO ?= cargo
 DIPTYCH := $(or $(CARGO_TARGET_DIR),target)/release/diptych
 DEMO := out/demo
 
-# Mesa complains where the variable is unset. To be followed by commands of the same shell.
-WITH_RUNTIME_DIR = set -e; if [ -z "$$XDG_RUNTIME_DIR" ]; then dir=$$(mktemp -d); trap 'rm -rf "$$dir"' EXIT; \
-	export XDG_RUNTIME_DIR="$$dir"; fi
-
 .PHONY: demo test deps clean
 
 demo: deps
 	$(CARGO) build --release --locked
-	@$(WITH_RUNTIME_DIR); \
-	"$(DIPTYCH)" render builtin:atrium --virtual 2 --out $(DEMO) --trace $(DEMO)/trace.json; \
+	"$(DIPTYCH)" render builtin:atrium --virtual 2 --out $(DEMO) --trace $(DEMO)/trace.json
 	"$(DIPTYCH)" trace $(DEMO)/trace.json
 	@echo
 	@echo "picture, both eyes side by side: $(DEMO)/stereo.png"
@@ -29,7 +24,7 @@ test: deps
 	$(CARGO) fmt --check
 	$(CARGO) clippy --release --locked --all-targets -- -D warnings
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --release --locked
-	@$(WITH_RUNTIME_DIR); set -x; $(CARGO) test --release --locked
+	$(CARGO) test --release --locked
 
 deps:
 	@sh tools/deps.sh

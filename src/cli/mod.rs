@@ -40,7 +40,17 @@ enum Command {
     Scenes,
 }
 
+/// Mesa complains on every start where this is unset, as it is in containers; nothing is ever put there.
+fn quiet_mesa() {
+    const VARIABLE: &str = "XDG_RUNTIME_DIR";
+    if cfg!(target_os = "linux") && std::env::var_os(VARIABLE).is_none() {
+        // SAFETY: the program has no other thread yet.
+        unsafe { std::env::set_var(VARIABLE, std::env::temp_dir()) };
+    }
+}
+
 pub fn run() -> ExitCode {
+    quiet_mesa();
     let result = match Cli::parse().command {
         Command::Render(args) => render::run(&args),
         Command::Scale(args) => scale::run(&args),
