@@ -9,7 +9,7 @@ use std::f64::consts::PI;
 
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::scene::{AlphaMode, Environment, Light, LightKind, Material, Scene, Texture, TextureRef, Wrap};
-use glam::{Affine3A, DVec2, DVec3, Quat, Vec2, Vec3, vec2, vec3, vec4};
+use glam::{Affine2, Affine3A, DVec2, DVec3, Quat, Vec2, Vec3, vec2, vec3, vec4};
 
 use reference::intersect::{Geometry, Ray, Triangle};
 use reference::sampling::{Rng, cone_direction, cosine_direction};
@@ -426,6 +426,11 @@ fn checker_scene(wrap_u: Wrap, wrap_v: Wrap, linear: bool) -> Scene {
     scene
 }
 
+/// The only texture, through a coordinate set as it is.
+const fn texture_ref(uv_set: usize) -> TextureRef {
+    TextureRef { texture: 0, uv_set, uv_from_uv: Affine2::IDENTITY }
+}
+
 /// sRGB code 128, decoded.
 const MIDDLE: f64 = 0.215_860_500_113_899_26;
 
@@ -433,7 +438,7 @@ const MIDDLE: f64 = 0.215_860_500_113_899_26;
 fn texels_are_decoded_before_they_are_filtered() {
     let scene = checker_scene(Wrap::Repeat, Wrap::Repeat, true);
     let at = |u, v| {
-        let reference = TextureRef { texture: 0, uv_set: 0, uv_from_uv: glam::Affine2::IDENTITY };
+        let reference = texture_ref(0);
         texture::color(&scene, reference, DVec2::new(u, v)).to_array()
     };
     let close = |a: [f64; 4], b: [f64; 4]| {
@@ -450,6 +455,17 @@ fn texels_are_decoded_before_they_are_filtered() {
 }
 
 #[test]
+fn coordinates_are_transformed_before_the_lookup() {
+    let scene = checker_scene(Wrap::Repeat, Wrap::Repeat, true);
+    let turned = Affine2::from_scale_angle_translation(vec2(2.0, 0.5), 0.3, vec2(0.1, -0.2));
+    let look = |reference, uv: Vec2| texture::color(&scene, reference, uv.as_dvec2());
+    let uv = vec2(0.3, 0.8);
+    let expected = look(texture_ref(0), turned.transform_point2(uv));
+    let found = look(TextureRef { uv_from_uv: turned, ..texture_ref(0) }, uv);
+    assert!((found - expected).abs().max_element() < 1e-6, "{found} is not {expected}");
+}
+
+#[test]
 fn wrap_modes_repeat_mirror_and_clamp() {
     let row = |mode, n| (-4..8).map(|i| texture::wrap(f64::from(i), n, mode)).collect::<Vec<_>>();
     assert_eq!(row(Wrap::Repeat, 3), [2, 0, 1, 2, 0, 1, 2, 0, 1, 2, 0, 1]);
@@ -458,12 +474,7 @@ fn wrap_modes_repeat_mirror_and_clamp() {
 
     let look = |wrap_u, wrap_v, u: f64, v: f64| {
         let scene = checker_scene(wrap_u, wrap_v, false);
-        texture::color(
-            &scene,
-            TextureRef { texture: 0, uv_set: 0, uv_from_uv: glam::Affine2::IDENTITY },
-            DVec2::new(u, v),
-        )
-        .w
+        texture::color(&scene, texture_ref(0), DVec2::new(u, v)).w
     };
     use Wrap::{ClampToEdge, MirroredRepeat, Repeat};
     assert_eq!(look(Repeat, ClampToEdge, 1.1, 1.6), 0.2);
@@ -488,7 +499,7 @@ fn through(scene: &Scene, x: f32, y: f32, spp: u32) -> Estimate {
     Reference::new(scene).probe(vec3(x, y, 2.0), Vec3::NEG_Z, spp, 0, 7)
 }
 
-const SECOND_SET: Option<TextureRef> = Some(TextureRef { texture: 0, uv_set: 1, uv_from_uv: glam::Affine2::IDENTITY });
+const SECOND_SET: Option<TextureRef> = Some(texture_ref(1));
 
 #[test]
 fn a_textured_surface_multiplies_factor_vertex_colour_and_texel() {
@@ -555,7 +566,7 @@ fn masked_and_blended_lamps_light_the_same_by_either_estimator() {
     for alpha_mode in [AlphaMode::Mask { cutoff: 0.3 }, AlphaMode::Blend] {
         let mut scene = checker_scene(Wrap::Repeat, Wrap::Repeat, true);
         floor(&mut scene, Vec3::ONE);
-        let texture = Some(TextureRef { texture: 0, uv_set: 0, uv_from_uv: glam::Affine2::IDENTITY });
+        let texture = Some(texture_ref(0));
         let lamp = Material {
             emissive: Vec3::ONE,
             base_color_texture: texture,

@@ -148,8 +148,30 @@ fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, key: u32, any: 
     return hit;
 }
 
+// Barycentrics (b1, b2) of a hit, from edge functions on vertices relative to the hit itself: relative to the ray's
+// origin, their rounding errors grow with the square of the distance, which small and distant triangles show.
+fn hit_barycentrics(origin: vec3<f32>, direction: vec3<f32>, hit: Hit) -> vec2<f32> {
+    let tri = triangles[hit.prim];
+    let p = origin + direction * hit.t;
+    let a = tri.v0 - p;
+    let b = tri.v1 - p;
+    let c = tri.v2 - p;
+    let v = dot(cross(a, c), direction);
+    let w = dot(cross(b, a), direction);
+    let det = dot(cross(c, b), direction) + v + w;
+    if det == 0.0 {
+        return hit.bary;
+    }
+    // Not outside the triangle, where the next one might stand in front.
+    let bary = max(vec2<f32>(v, w) / det, vec2<f32>(0.0));
+    return bary / max(bary.x + bary.y, 1.0);
+}
+
 fn trace_closest(origin: vec3<f32>, direction: vec3<f32>, key: u32) -> Hit {
     var hit = traverse(origin, direction, 3.0e38, key, false);
+    if hit.prim != NO_PRIM {
+        hit.bary = hit_barycentrics(origin, direction, hit);
+    }
     if HAS_SPHERES {
         for (var i = 0u; i < frame.sphere_count; i += 1u) {
             let t = intersect_sphere(origin, direction, i);

@@ -138,7 +138,11 @@ fn gpu_light(light: &scene::Light) -> Light {
         LightKind::Directional { direction, angle_rad } => {
             // 1 - cos, without cancellation.
             let half = (0.5 * f64::from(angle_rad)).sin();
-            Light { position: -direction, radius: (2.0 * half * half) as f32, ..base }
+            let lift = 2.0 * half * half;
+            // Directions are drawn evenly over the disc, which a surface that faces its middle sees at a mean cosine of
+            // 1 - lift / 2: that surface is to have the given irradiance.
+            let strength = light.strength * (1.0 / (1.0 - 0.5 * lift)) as f32;
+            Light { position: -direction, radius: lift as f32, strength, ..base }
         }
     }
 }

@@ -14,7 +14,7 @@ use diptych::image::{Extent, RgbImage};
 use diptych::scene::Scene;
 use diptych::scene::load::load_shot;
 use diptych::scene::needs::SceneNeeds;
-use diptych::scene::rig::Rig;
+use diptych::scene::rig::{Rig, RigKey};
 use diptych::schedule::{Even, Policy};
 use diptych::stages::{Sampler, SceneTables, StageSettings};
 
@@ -166,4 +166,12 @@ pub fn shared_shot(name: &str) -> Option<String> {
 pub fn diptych(args: &[&str]) -> std::process::Output {
     let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_diptych"));
     command.args(args).output().unwrap_or_else(|e| panic!("cannot start diptych: {e}"))
+}
+
+/// A rig whose eyes both see what a pinhole at `origin` sees; the eyes differ in their random numbers.
+pub fn still_rig(origin: glam::Vec3, forward: glam::Vec3, up: glam::Vec3, tan_half_yfov: f32) -> Rig {
+    let position = origin.as_dvec3();
+    let key = RigKey { time_s: 0.0, position, target: position + forward.as_dvec3(), up: up.as_dvec3() };
+    let yfov_rad = 2.0 * f64::from(tan_half_yfov).atan();
+    Rig { yfov_rad, baseline_m: 0.0, metres_per_unit: 1.0, keys: vec![key] }
 }

@@ -6,7 +6,7 @@ use diptych::image::{Extent, Image, RgbImage};
 use diptych::scene::{
     AlphaMode, Environment, Instance, Light, LightKind, Material, Mesh, Scene, TexelImage, Texture, TextureRef, Wrap,
 };
-use glam::{Affine3A, Quat, Vec2, Vec3, vec2, vec3, vec4};
+use glam::{Affine2, Affine3A, Quat, Vec2, Vec3, vec2, vec3, vec4};
 
 use super::Pinhole;
 
@@ -138,12 +138,14 @@ pub fn textured_masked_blend() -> (Scene, Pinhole) {
     let image = add_image(&mut scene, checker(Extent::new(7, 5)));
     let mut add_texture = |wrap_u, wrap_v, linear| {
         scene.textures.push(Texture { image, wrap_u, wrap_v, linear });
-        Some(TextureRef { texture: scene.textures.len() - 1, uv_set: 0, uv_from_uv: glam::Affine2::IDENTITY })
+        Some(TextureRef { texture: scene.textures.len() - 1, uv_set: 0, uv_from_uv: Affine2::IDENTITY })
     };
     let tiles = add_texture(Wrap::Repeat, Wrap::MirroredRepeat, true);
     let pixels = add_texture(Wrap::MirroredRepeat, Wrap::Repeat, false);
     let single = add_texture(Wrap::ClampToEdge, Wrap::ClampToEdge, true);
     let other_set = single.map(|t| TextureRef { uv_set: 1, ..t });
+    let turned = Affine2::from_scale_angle_translation(vec2(1.4, 0.7), 0.4, vec2(0.15, -0.3));
+    let pixels = pixels.map(|t| TextureRef { uv_from_uv: turned, ..t });
     let floor = Material { base_color_texture: tiles, ..matte() };
     let wall = Material { base_color: vec4(0.9, 0.7, 0.5, 1.0), base_color_texture: pixels, ..matte() };
     let leaf = Material {

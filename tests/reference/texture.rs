@@ -4,7 +4,7 @@ use std::f64::consts::{PI, TAU};
 use std::sync::LazyLock;
 
 use diptych::scene::{Environment, Scene, TexelImage, TextureRef, Wrap};
-use glam::{DVec2, DVec3, DVec4};
+use glam::{DVec2, DVec3, DVec4, Vec2};
 
 /// Linear value of an 8-bit sRGB code (IEC 61966-2-1).
 static LINEAR_FROM_SRGB: LazyLock<[f64; 256]> = LazyLock::new(|| {
@@ -34,8 +34,11 @@ fn texel(image: &TexelImage, x: u32, y: u32) -> DVec4 {
     DVec4::new(linear(r), linear(g), linear(b), f64::from(a) / 255.0)
 }
 
-/// Linear colour and alpha of a colour texture: texels are decoded, then filtered.
+/// Linear colour and alpha of a colour texture at the mesh's own coordinates: texels are decoded, then filtered.
 pub fn color(scene: &Scene, reference: TextureRef, uv: DVec2) -> DVec4 {
+    let uv_from_uv = reference.uv_from_uv;
+    let [x, y, origin] = [uv_from_uv.x_axis, uv_from_uv.y_axis, uv_from_uv.translation].map(|v: Vec2| v.as_dvec2());
+    let uv = x * uv.x + y * uv.y + origin;
     let texture = &scene.textures[reference.texture];
     let image = &scene.images[texture.image];
     let size = image.extent;

@@ -1,0 +1,110 @@
+//! A white furnace neither makes nor loses light.
+
+mod common;
+
+use common::{Stage, Subject};
+use diptych::exec::RenderSettings;
+use diptych::image::{Extent, Image, RgbImage};
+use diptych::scene::Environment;
+use diptych::stages::{Aov, Sampler};
+
+const WIDTH: u32 = 160;
+const HEIGHT: u32 = 90;
+
+/// Rounding of a sum of samples that are all 1.
+const ROUNDING: f32 = 1e-5;
+
+/// The left image and its albedo.
+fn render(subject: &Subject, settings: &RenderSettings) -> (RgbImage, Vec<f32>) {
+    let mut settings = settings.clone();
+    settings.stages.aovs = vec![Aov::Albedo];
+    let mut stage = Stage::alone(subject, &settings);
+    let image = stage.frame(0).linear.left;
+    (image, stage.aov(0).left.swap_remove(0))
+}
+
+/// Pixels whose centre is on a surface of that albedo.
+fn pixels_of(albedo: &[f32], of: f32) -> Vec<usize> {
+    (0..albedo.len()).filter(|&i| (albedo[i] - of).abs() < 1e-6).collect()
+}
+
+/// Pixels of the set all of whose neighbours are in it, too.
+fn inner(pixels: &[usize], width: usize) -> Vec<usize> {
+    let is_in = |i: usize| pixels.binary_search(&i).is_ok();
+    let block = |i: usize| (0..3).flat_map(move |dy| (0..3).map(move |dx| i + dy * width + dx - width - 1));
+    pixels.iter().copied().filter(|&i| i > width && block(i).all(is_in)).collect()
+}
+
+fn mean(image: &RgbImage, pixels: &[usize]) -> f64 {
+    pixels.iter().map(|&i| f64::from(image.pixels[i][1])).sum::<f64>() / pixels.len() as f64
+}
+
+#[test]
+fn a_white_sphere_vanishes_and_grey_ones_show_their_albedo() {
+    let subject = Subject::load("builtin:furnace");
+    for (spp, bounces, sampler) in [(1, 6, Sampler::Sobol), (1, 1, Sampler::Pcg), (16, 12, Sampler::Pcg)] {
+        let mut settings = subject.settings(WIDTH, HEIGHT);
+        settings.bounces = bounces;
+        settings.stages.spp = spp;
+        settings.stages.sampler = sampler;
+        let (image, albedo) = render(&subject, &settings);
+        let brightest = image.pixels.as_flattened().iter().fold(0.0f32, |a, b| a.max(*b));
+        assert!(brightest <= 1.0 + ROUNDING, "{spp} spp: light is made: {brightest}");
+        for (of, least) in [(1.0, 500), (0.5, 40), (0.2, 40)] {
+            let pixels = inner(&pixels_of(&albedo, of), WIDTH as usize);
+            assert!(pixels.len() >= least, "{} pixels of albedo {of}", pixels.len());
+            // Only paths that hit another sphere fall short; those that are cut off there carry nothing.
+            let (exact_share, least_mean) = match (spp, bounces) {
+                (_, 1) => (0.9, 0.94),
+                (1, _) => (0.98, 0.98),
+                _ => (0.8, 0.995),
+            };
+            let exact = pixels.iter().filter(|i| (image.pixels[**i][1] - of).abs() <= ROUNDING).count();
+            assert!(exact as f64 >= exact_share * pixels.len() as f64, "{exact} of {} show {of}", pixels.len());
+            let mean = mean(&image, &pixels) / f64::from(of);
+            assert!((least_mean..=1.0 + 1e-5).contains(&mean), "{spp} spp: albedo {of} shows {mean} of it");
+        }
+        let sky = pixels_of(&albedo, 0.0);
+        assert!(sky.iter().any(|&i| image.pixels[i] == [1.0; 3]));
+    }
+}
+
+#[test]
+fn a_white_environment_image_is_as_good_as_a_constant_one() {
+    let mut subject = Subject::load("builtin:furnace");
+    let white = Image::filled(Extent::new(16, 8), [1.0; 3]);
+    let scene = diptych::scene::Scene {
+        environment: Environment::Map { image: white, rotation_deg: 40.0 },
+        ..subject.scene.clone()
+    };
+    subject = Subject::new("furnace, image", scene, subject.rig);
+    let mut settings = subject.settings(WIDTH, HEIGHT);
+    settings.stages.spp = 64;
+    settings.stages.sampler = Sampler::Pcg;
+    let (image, albedo) = render(&subject, &settings);
+    let pixels = inner(&pixels_of(&albedo, 1.0), WIDTH as usize);
+    let values: Vec<f64> = pixels.iter().map(|&i| f64::from(image.pixels[i][1])).collect();
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let sigma = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
+    assert!(sigma < 0.2, "noise {sigma}");
+    // Up to 0.2 % are the other spheres'.
+    let z = [(mean - 1.0) / (sigma / n.sqrt()), (mean - 0.998) / (sigma / n.sqrt())];
+    assert!(z[0] < 4.5 && z[1] > -4.5, "mean {mean}, noise of a pixel {sigma}");
+    let brightest = values.iter().fold(0.0f64, |a, b| a.max(*b));
+    assert!(brightest < 1.0 + 7.0 * sigma, "{brightest} is above 1 by more than noise, {sigma}");
+}
+
+#[test]
+fn the_filter_keeps_the_mean() {
+    let subject = Subject::load("builtin:furnace");
+    let raw = render(&subject, &subject.settings(WIDTH, HEIGHT));
+    let filtered = render(&subject, &subject.denoised(WIDTH, HEIGHT));
+    for of in [1.0, 0.5, 0.2] {
+        let pixels = pixels_of(&raw.1, of);
+        let ratio = mean(&filtered.0, &pixels) / mean(&raw.0, &pixels);
+        assert!((ratio - 1.0).abs() < 0.01, "albedo {of}: {ratio}");
+    }
+    let brightest = filtered.0.pixels.as_flattened().iter().fold(0.0f32, |a, b| a.max(*b));
+    assert!(brightest <= 1.0 + ROUNDING, "light is made: {brightest}");
+}

@@ -1,0 +1,176 @@
+//! The renderer's mean is that of an independent path tracer, and more samples only make it quieter.
+
+mod common;
+mod reference;
+
+use common::{Stage, Subject, still_rig};
+use diptych::exec::RenderSettings;
+use diptych::image::RgbImage;
+use diptych::scene::Scene;
+use diptych::scene::rig::Eye;
+use diptych::stages::Sampler;
+use reference::ztest::{Estimate, assert_agrees, mean_and_variance};
+use reference::{Emitters, Pinhole, Reference};
+
+const WIDTH: u32 = 48;
+const HEIGHT: u32 = 32;
+struct Effort {
+    reference_spp: u32,
+    emitters: Emitters,
+    /// Samples of each of eight renders.
+    renders: &'static [(Sampler, u32)],
+    /// Bias of the image's mean that the test is sure to see.
+    resolution: f64,
+}
+
+const QUICK: Effort = Effort {
+    reference_spp: 512,
+    emitters: Emitters::Area,
+    renders: &[(Sampler::Sobol, 64), (Sampler::Pcg, 96)],
+    resolution: 0.015,
+};
+
+/// In the classic box, light on the ceiling beside the lamp makes most of the noise.
+const BOX: Effort = Effort { reference_spp: 768, emitters: Emitters::BounceHits, resolution: 0.08, ..QUICK };
+
+/// Enough to see what a sun's disc of 3° loses if it is normalised by its solid angle, 0.07 % of its light.
+const THOROUGH: Effort = Effort {
+    reference_spp: 8192,
+    emitters: Emitters::Area,
+    renders: &[(Sampler::Sobol, 1024), (Sampler::Pcg, 2048)],
+    resolution: 0.005,
+};
+
+/// What the left eye of the subject's rig sees, as the reference has it.
+fn pinhole(subject: &Subject) -> Pinhole {
+    let view = subject.rig.view(0.0, Eye::Left);
+    Pinhole {
+        origin: view.origin,
+        right: view.right,
+        up: view.up,
+        forward: view.forward,
+        tan_half_yfov: view.tan_half_yfov,
+    }
+}
+
+/// The rigs' eyes coincide, so that both are renders of the same view, with random numbers of their own.
+fn renders(subject: &Subject, settings: &RenderSettings, frames: u32) -> Vec<RgbImage> {
+    assert_eq!(subject.rig.baseline_m, 0.0);
+    let mut stage = Stage::alone(subject, settings);
+    (0..frames).map(|i| stage.frame(i).linear).flat_map(|eyes| [eyes.left, eyes.right]).collect()
+}
+
+/// Light over up to max(`bounces`, 1) reflections. The reference counts one less.
+fn expected(subject: &Subject, bounces: u32, effort: &Effort) -> Estimate {
+    let extent = subject.settings(WIDTH, HEIGHT).stages.extent;
+    let reference = Reference::new(&subject.scene).with_emitters(effort.emitters);
+    reference.render(&pinhole(subject), extent, effort.reference_spp, bounces.max(1) - 1, 1)
+}
+
+fn hold_against_the_reference(subject: &Subject, effort: &Effort) {
+    for bounces in [1, 4] {
+        let expected = expected(subject, bounces, effort);
+        for &(sampler, spp) in effort.renders {
+            let mut settings = subject.settings(WIDTH, HEIGHT);
+            settings.bounces = bounces;
+            settings.seed = 3 + bounces;
+            settings.stages.sampler = sampler;
+            settings.stages.spp = spp;
+            let found = mean_and_variance(&renders(subject, &settings, 4));
+            let what = format!("{}, {bounces} reflections, {sampler:?}", subject.name);
+            let report = assert_agrees(&what, &expected, &found, effort.resolution);
+            println!("{what}\n{report}");
+        }
+    }
+}
+
+/// A scene as its camera sees it, with both eyes.
+fn subject((scene, camera): (Scene, Pinhole)) -> Subject {
+    let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
+    Subject::new(&scene.name.clone(), scene, rig)
+}
+
+#[test]
+fn emissive_triangles_are_unbiased() {
+    hold_against_the_reference(&subject(reference::scenes::box_area_light()), &QUICK);
+}
+
+#[test]
+fn spherical_lights_are_unbiased() {
+    hold_against_the_reference(&subject(reference::scenes::sphere_light()), &QUICK);
+}
+
+#[test]
+fn point_spot_and_directional_lights_are_unbiased() {
+    hold_against_the_reference(&subject(reference::scenes::point_spot_directional()), &QUICK);
+}
+
+#[test]
+fn an_environment_image_is_unbiased() {
+    hold_against_the_reference(&subject(reference::scenes::environment_only()), &QUICK);
+}
+
+#[test]
+fn textures_masks_and_blending_are_unbiased() {
+    hold_against_the_reference(&subject(reference::scenes::textured_masked_blend()), &QUICK);
+}
+
+#[test]
+fn mirrored_and_stretched_instances_are_unbiased() {
+    hold_against_the_reference(&subject(reference::scenes::instanced_mirrored()), &QUICK);
+}
+
+#[test]
+fn every_scene_of_the_reference_has_its_test() {
+    let names: Vec<_> = reference::scenes::all().iter().map(|(name, ..)| *name).collect();
+    let tested = [
+        "box_area_light",
+        "sphere_light",
+        "point_spot_directional",
+        "environment_only",
+        "textured_masked_blend",
+        "instanced_mirrored",
+    ];
+    assert_eq!(names, tested);
+}
+
+#[test]
+#[ignore = "takes minutes: run it after changes to lights, sampling or intersection"]
+fn no_scene_has_a_small_bias() {
+    for (_, scene, camera) in reference::scenes::all() {
+        hold_against_the_reference(&subject((scene, camera)), &THOROUGH);
+    }
+}
+
+#[test]
+fn the_classic_box_is_unbiased() {
+    let mut subject = Subject::load("builtin:cornell");
+    subject.rig.baseline_m = 0.0;
+    hold_against_the_reference(&subject, &BOX);
+}
+
+#[test]
+fn no_bounces_are_direct_light_as_is_one() {
+    let subject = subject(reference::scenes::box_area_light());
+    let render = |bounces| {
+        let settings = RenderSettings { bounces, ..subject.settings(WIDTH, HEIGHT) };
+        Stage::alone(&subject, &settings).frame(0).linear.left
+    };
+    assert!(render(0) == render(1));
+    assert!(render(1) != render(2));
+}
+
+/// Batches, running means and jitter: many samples in one frame have the mean of many frames of few samples.
+#[test]
+fn samples_of_a_frame_and_of_several_frames_have_one_mean() {
+    let subject = subject(reference::scenes::box_area_light());
+    let estimate = |spp, frames| {
+        let mut settings = subject.settings(WIDTH, HEIGHT);
+        settings.bounces = 2;
+        settings.stages.sampler = Sampler::Pcg;
+        settings.stages.spp = spp;
+        mean_and_variance(&renders(&subject, &settings, frames))
+    };
+    // 100 samples make four batches, the last of them short.
+    assert_agrees("100 x 8 and 2 x 200", &estimate(100, 4), &estimate(2, 200), RESOLUTION);
+}
