@@ -46,8 +46,6 @@ pub fn color(scene: &Scene, reference: TextureRef, uv: DVec2) -> DVec4 {
         let x = wrap(x, size.width, texture.wrap_u);
         texel(image, x, wrap(y, size.height, texture.wrap_v))
     };
-    let uv_from_uv = reference.uv_from_uv;
-    let uv = uv_from_uv.matrix2.as_dmat2() * uv + uv_from_uv.translation.as_dvec2();
     let place = uv * DVec2::new(size.width.into(), size.height.into());
     if texture.linear { bilinear(place, at) } else { at(place.x.floor(), place.y.floor()) }
 }
