@@ -172,5 +172,5 @@ fn samples_of_a_frame_and_of_several_frames_have_one_mean() {
         mean_and_variance(&renders(&subject, &settings, frames))
     };
     // 100 samples make four batches, the last of them short.
-    assert_agrees("100 x 8 and 2 x 200", &estimate(100, 4), &estimate(2, 200), RESOLUTION);
+    assert_agrees("100 x 8 and 2 x 200", &estimate(100, 4), &estimate(2, 200), QUICK.resolution);
 }
