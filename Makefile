@@ -24,7 +24,7 @@ test: deps
 	$(CARGO) fmt --check
 	$(CARGO) clippy --release --locked --all-targets -- -D warnings
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --release --locked
-	$(CARGO) test --release --locked
+	XDG_RUNTIME_DIR="$${XDG_RUNTIME_DIR:-$${TMPDIR:-/tmp}}" $(CARGO) test --release --locked
 
 deps:
 	@sh tools/deps.sh

@@ -52,7 +52,10 @@ fn push_instance(flat: &mut Flat, instance: &Instance, mesh: &Mesh, material: &M
             continue;
         }
         let normal = cross.normalize();
-        let [n0, n1, n2] = shading_normals(corner.map(|i| mesh.normals.get(i).map(|&n| cofactor * n)), normal);
+        let [n0, n1, n2] = corner.map(|i| match mesh.normals.get(i) {
+            Some(&n) => (cofactor * n).try_normalize().unwrap_or(normal),
+            None => normal,
+        });
         let [t0, t1, t2] = corner.map(|i| uvs.get(i).copied().unwrap_or(Vec2::ZERO));
         flat.triangles.push(Triangle { v0, material: mesh.material as u32, v1, flags, v2, pad: 0 });
         flat.shadings.push(Shading {
@@ -71,14 +74,4 @@ fn push_instance(flat: &mut Flat, instance: &Instance, mesh: &Mesh, material: &M
             flat.colors.push(corner.map(|i| mesh.colors.get(i).map_or([1.0; 4], |c| c.to_array())));
         }
     }
-}
-
-/// Normals to interpolate over a triangle, in the ratio of lengths that the transform gave them: they interpolate to
-/// the transform of what the mesh's own normals interpolate to, also where it stretches. The longest has length 1.
-fn shading_normals(transformed: [Option<Vec3>; 3], normal: Vec3) -> [Vec3; 3] {
-    let longest = transformed.iter().flatten().map(|n| n.length()).fold(0.0, f32::max);
-    transformed.map(|n| match n {
-        Some(n) if longest > 0.0 && longest.is_finite() => n / longest,
-        _ => normal,
-    })
 }

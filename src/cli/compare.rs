@@ -30,9 +30,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         write_png(path, &metrics::heatmap::heatmap(&reference, &image)?)?;
     }
     if args.json {
-        println!("{}", serde_json::to_string(&result).map_err(anyhow::Error::from)?);
+        say!("{}", serde_json::to_string(&result).map_err(anyhow::Error::from)?);
     } else {
-        println!("{result}");
+        say!("{result}");
     }
     Ok(())
 }

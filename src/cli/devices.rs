@@ -16,7 +16,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let adapters = device::adapters();
     if args.json {
         let text = serde_json::to_string_pretty(&adapters).map_err(anyhow::Error::from)?;
-        println!("{text}");
+        say!("{text}");
         return Ok(());
     }
     if adapters.is_empty() {
@@ -41,6 +41,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             ]
         })
         .collect();
-    print!("{}", text_table(&["#", "adapter", "kind", "backend", "driver", "largest buffer", "state"], &rows));
+    let headers = ["#", "adapter", "kind", "backend", "driver", "largest buffer", "state"];
+    say!("{}", text_table(&headers, &rows).trim_end());
     Ok(())
 }

@@ -1,5 +1,13 @@
 //! One file per command. Exit status: 0 done, 1 it failed, 2 the command line or an input file is wrong.
 
+/// `println!` that does not mind a reader who has left, as `head` does.
+macro_rules! say {
+    ($($arg:tt)*) => {{
+        use std::io::Write;
+        let _ = writeln!(std::io::stdout(), $($arg)*);
+    }};
+}
+
 mod compare;
 mod devices;
 mod failure;

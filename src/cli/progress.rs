@@ -28,7 +28,7 @@ impl Progress {
             bar.tick();
         }
         if self.json {
-            println!("{}", serde_json::json!({ "event": "phase", "phase": message }));
+            say!("{}", serde_json::json!({ "event": "phase", "phase": message }));
         }
     }
 
@@ -39,7 +39,7 @@ impl Progress {
             bar.inc(1);
         }
         if self.json {
-            println!("{event}");
+            say!("{event}");
         }
     }
 

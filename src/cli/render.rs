@@ -69,9 +69,9 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
     let total_s: f64 = report.frames.iter().map(|f| f.makespan_ms).sum::<f64>() * 1e-3;
     if options.json {
         let out = options.out.display().to_string();
-        println!("{}", serde_json::json!({ "event": "result", "out": out, "median_makespan_ms": median }));
+        say!("{}", serde_json::json!({ "event": "result", "out": out, "median_makespan_ms": median }));
     } else if !options.quiet {
-        println!(
+        say!(
             "{} frame(s) of {} on {} device(s): median makespan {median:.1} ms, {:.2} Mrays/s, holes {:.1} %",
             report.frames.len(),
             report.scene.name,
@@ -79,9 +79,9 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
             rays as f64 / total_s * 1e-6,
             100.0 * report.frames.last().map_or(0.0, |f| f.hole_fraction),
         );
-        println!("pictures and run.json: {}", options.out.display());
+        say!("pictures and run.json: {}", options.out.display());
         if let Some(trace) = &options.trace {
-            println!("trace: {} (open it in https://ui.perfetto.dev)", trace.display());
+            say!("trace: {} (open it in https://ui.perfetto.dev)", trace.display());
         }
     }
 }

@@ -67,10 +67,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     write_results(args, &rows)?;
     tracing.finish()?;
     if options.json {
-        println!("{}", serde_json::json!({ "event": "result", "rows": rows }));
+        say!("{}", serde_json::json!({ "event": "result", "rows": rows }));
     } else if !options.quiet {
         print_table(&rows);
-        println!("scale.csv and scale.svg: {}", options.out.display());
+        say!("scale.csv and scale.svg: {}", options.out.display());
     }
     Ok(())
 }
@@ -203,5 +203,5 @@ fn print_table(rows: &[Row]) {
         .collect();
     let headers =
         ["devices", "makespan ms", "min..max", "speed-up", "efficiency", "imbalance", "transfers", "idle", "note"];
-    print!("{}", text_table(&headers, &cells));
+    say!("{}", text_table(&headers, &cells).trim_end());
 }

@@ -6,7 +6,7 @@ use super::failure::Failure;
 
 pub fn run() -> Result<(), Failure> {
     for builtin in BUILTINS {
-        println!("builtin:{:<10} {}", builtin.name, builtin.about);
+        say!("builtin:{:<10} {}", builtin.name, builtin.about);
     }
     Ok(())
 }

@@ -19,9 +19,9 @@ pub struct Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let summary = Summary::read(&args.file).map_err(|e: TraceError| Failure::Input(e.into()))?;
     if args.json {
-        println!("{}", serde_json::to_string_pretty(&summary).map_err(anyhow::Error::from)?);
+        say!("{}", serde_json::to_string_pretty(&summary).map_err(anyhow::Error::from)?);
     } else {
-        print!("{summary}");
+        say!("{}", summary.to_string().trim_end());
     }
     Ok(())
 }

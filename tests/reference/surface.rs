@@ -155,15 +155,15 @@ impl<'a> Surfaces<'a> {
         texture::color(self.scene, reference, uv)
     }
 
-    /// Interpolated in local space, then transformed; none for flat meshes and where normals cancel.
+    /// Transformed and normalised per vertex, then interpolated, as vertex shaders do; none for flat meshes and where normals cancel.
     fn smooth_normal(&self, triangle: &Triangle, weights: [f64; 3]) -> Option<DVec3> {
         let normals = &self.mesh(triangle).normals;
         if normals.is_empty() {
             return None;
         }
-        let corners = self.corners(triangle).map(|i| normals[i].as_dvec3());
-        let local = interpolate(corners, weights, DVec3::ZERO);
-        let world = self.placements[triangle.instance].world_from_local_normal * local;
+        let to_world = self.placements[triangle.instance].world_from_local_normal;
+        let corners = self.corners(triangle).map(|i| (to_world * normals[i].as_dvec3()).normalize_or_zero());
+        let world = corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
         world.try_normalize()
     }
 }
