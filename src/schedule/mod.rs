@@ -1,6 +1,6 @@
 //! Who does it, when: policies that cut each view into stripes, stage by stage.
 //!
-//! A policy sees what past frames cost and answers with an [`Assignment`]; it knows neither devices nor wgpu. No result
+//! A policy sees what past frames cost and answers with an [`crate::graph::Assignment`]; it knows neither devices nor wgpu. No result
 //! may depend on its answer, only the time it takes to get there.
 
 mod policy;

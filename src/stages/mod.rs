@@ -1,6 +1,6 @@
 //! One room per stage: what its shader binds and how it is dispatched. A room shares its stem with its shader.
 //!
-//! A room is a [`Room`]: a sentence of bindings, and a function that says which dispatches a task becomes.
+//! A room is a `Room`: a sentence of bindings, and a function that says which dispatches a task becomes.
 //! [`DeviceStages`] turns rooms into pipelines on a device and records tasks with them.
 
 mod alias;
