@@ -18,6 +18,11 @@ const STACK_SIZE: u32 = 32u;
 
 override HAS_SPHERES: bool = true;
 
+// No triangle lies before it.
+const BEFORE_ALL: Hit = Hit(-1.0, 0u, vec2<f32>(0.0));
+// Uncovered layers that a ray looks through at most; what lies behind is taken for covered.
+const MAX_LAYERS: u32 = 4096u;
+
 struct Traversal {
     origin: vec3<f32>,
     direction: vec3<f32>,
@@ -83,24 +88,24 @@ fn intersect_triangle(origin: vec3<f32>, direction: vec3<f32>, prim: u32, t_max:
     let normal = cross(b - a, c - a);
     let facing = dot(normal, direction);
     let t = dot(normal, a) / facing;
-    if !(t > 0.0 && t < t_max) {
+    if !(t > 0.0 && t <= t_max) {
         return vec3<f32>(-1.0);
     }
     let inv = 1.0 / det;
     return vec3<f32>(t, v * inv, w * inv);
 }
 
-fn accepts(prim: u32, bary: vec2<f32>, key: u32) -> bool {
-    if HAS_ALPHA {
-        if (triangles[prim].flags & TRIANGLE_ALPHA) != 0u {
-            return is_covered(prim, bary, key);
-        }
-    }
-    return true;
+// Whether a triangle stops every ray, without a look at its alpha.
+fn is_opaque(prim: u32) -> bool {
+    return !HAS_ALPHA || (triangles[prim].flags & TRIANGLE_ALPHA) == 0u;
 }
 
-// The closest triangle before `t_max`, or any one if `any`: always a literal, so that each call is compiled for its kind.
-fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, key: u32, any: bool) -> Hit {
+// The first triangle up to `t_max` in the order of (distance, index) that comes after `after`, or any opaque one if
+// `any`: always a literal, so that each call is compiled for its kind.
+//
+// Alpha is looked at by the callers, between traversals. In here it would be looked at by every lane at every triangle,
+// since software drivers mask branches instead of taking them.
+fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, after: Hit, any: bool) -> Hit {
     var hit = Hit(t_max, NO_PRIM, vec2<f32>(0.0));
     let ray = traversal_for(origin, direction);
     var stack: array<vec2<u32>, STACK_SIZE>;
@@ -130,9 +135,11 @@ fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, key: u32, any: 
             let prim = leaf.x + firstTrailingBit(leaf.y);
             leaf.y &= leaf.y - 1u;
             let found = intersect_triangle(origin, direction, prim, hit.t);
-            if found.x > 0.0 && accepts(prim, found.yz, key) {
+            let is_first = found.x > 0.0 && (found.x < hit.t || prim < hit.prim);
+            let is_after = !HAS_ALPHA || found.x > after.t || (found.x == after.t && prim > after.prim);
+            if is_first && is_after {
                 hit = Hit(found.x, prim, found.yz);
-                if any {
+                if any && is_opaque(prim) {
                     return hit;
                 }
             }
@@ -168,7 +175,13 @@ fn hit_barycentrics(origin: vec3<f32>, direction: vec3<f32>, hit: Hit) -> vec2<f
 }
 
 fn trace_closest(origin: vec3<f32>, direction: vec3<f32>, key: u32) -> Hit {
-    var hit = traverse(origin, direction, 3.0e38, key, false);
+    var hit = BEFORE_ALL;
+    for (var layer = 0u; layer < MAX_LAYERS; layer += 1u) {
+        hit = traverse(origin, direction, 3.0e38, hit, false);
+        if !HAS_ALPHA || hit.prim == NO_PRIM || is_opaque(hit.prim) || is_covered(hit.prim, hit.bary, key) {
+            break;
+        }
+    }
     if hit.prim != NO_PRIM {
         hit.bary = hit_barycentrics(origin, direction, hit);
     }
@@ -193,5 +206,12 @@ fn is_occluded(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, except: u32,
             }
         }
     }
-    return traverse(origin, direction, t_max, key, true).prim != NO_PRIM;
+    var hit = BEFORE_ALL;
+    for (var layer = 0u; layer < MAX_LAYERS; layer += 1u) {
+        hit = traverse(origin, direction, t_max, hit, true);
+        if !HAS_ALPHA || hit.prim == NO_PRIM || is_opaque(hit.prim) || is_covered(hit.prim, hit.bary, key) {
+            break;
+        }
+    }
+    return hit.prim != NO_PRIM;
 }
