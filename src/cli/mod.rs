@@ -17,7 +17,7 @@ mod progress;
 mod render;
 mod scale;
 mod scenes;
-mod session;
+mod setup;
 mod trace;
 
 use std::process::ExitCode;

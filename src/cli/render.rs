@@ -7,7 +7,7 @@ use super::failure::Failure;
 use super::options::RenderOptions;
 use super::output::{self, FrameImages};
 use super::progress::Progress;
-use super::session::{self, Tracing};
+use super::setup::{self, Tracing};
 
 #[derive(clap::Args, Debug)]
 pub struct Args {
@@ -30,13 +30,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let tracing = Tracing::start(options)?;
     let progress = Progress::new(u64::from(options.frames), options.quiet, options.json);
     progress.phase("loading");
-    let loaded = session::load(options)?;
+    let loaded = setup::load(options)?;
     for warning in &loaded.scene.warnings {
         eprintln!("warning: {warning}");
     }
-    let gpus = session::open_devices(options, usize::from(args.virtual_devices))?;
+    let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
     progress.phase("warming up");
-    let mut renderer = session::renderer(options, &loaded, gpus, tracing.recorder.origin())?;
+    let mut renderer = setup::renderer(options, &loaded, gpus, tracing.recorder.origin())?;
     record_devices(&tracing.recorder, renderer.devices());
     let mut rows = Vec::new();
     for i in 0..options.frames {
@@ -48,13 +48,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             images.overlay(frame.stripe_edges());
         }
         images.write(&options.out, (options.frames > 1).then_some(i), args.anaglyph)?;
-        let row = FrameRow::new(&frame, &session::frame_settings(options), options.size);
+        let row = FrameRow::new(&frame, &setup::frame_settings(options), options.size);
         let event = serde_json::json!({ "event": "frame", "index": i, "makespan_ms": row.makespan_ms });
         progress.step(format!("{:.1} ms", row.makespan_ms), &event);
         rows.push(row);
     }
     progress.finish();
-    let settings = session::run_settings(options, renderer.policy_name());
+    let settings = setup::run_settings(options, renderer.policy_name());
     let report = RunReport::new(settings, renderer.devices(), &loaded.scene, loaded.needs, !options.no_skip, rows);
     report.write(&options.out.join("run.json"))?;
     tracing.finish()?;

@@ -14,7 +14,7 @@ use super::failure::Failure;
 use super::options::RenderOptions;
 use super::output;
 use super::progress::Progress;
-use super::session::{self, Loaded, Tracing};
+use super::setup::{self, Loaded, Tracing};
 
 #[derive(clap::Args, Debug)]
 pub struct Args {
@@ -54,7 +54,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let options = &args.options;
     output::prepare(&options.out)?;
     let tracing = Tracing::start(options)?;
-    let loaded = session::load(options)?;
+    let loaded = setup::load(options)?;
     let timed = options.frames.max(REPEATS);
     let steps = args.counts.len() as u64 * u64::from(timed + args.warm_up);
     let progress = Progress::new(steps, options.quiet, options.json);
@@ -85,9 +85,9 @@ fn measure(
     tracing: &Tracing,
 ) -> Result<Row, Failure> {
     let options = &args.options;
-    let gpus = session::open_devices(options, count)?;
+    let gpus = setup::open_devices(options, count)?;
     let threads: usize = gpus.iter().filter_map(|g| g.info.threads).sum();
-    let mut renderer = session::renderer(options, loaded, gpus, tracing.recorder.origin())?;
+    let mut renderer = setup::renderer(options, loaded, gpus, tracing.recorder.origin())?;
     record_devices(&tracing.recorder, renderer.devices());
     let devices = renderer.devices().len();
     let mut frames = Vec::new();
