@@ -142,6 +142,17 @@ impl RenderOptions {
         }
     }
 
+    /// The auxiliary images asked for, each once.
+    pub fn aovs(&self) -> Vec<Aov> {
+        let mut once = Vec::new();
+        for &aov in &self.aov {
+            if !once.contains(&aov) {
+                once.push(aov);
+            }
+        }
+        once
+    }
+
     pub fn reprojects(&self) -> bool {
         self.reproject == Switch::On && !self.reference
     }

@@ -43,7 +43,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let time_s = options.time + f64::from(i) / options.fps;
         let frame = renderer.render(&loaded.shot.rig, time_s, i)?;
         tracing.record(options, &frame);
-        let mut images = FrameImages::read(&renderer, &options.aov)?;
+        let mut images = FrameImages::read(&renderer, &options.aovs())?;
         if args.overlay {
             images.overlay(frame.stripe_edges());
         }

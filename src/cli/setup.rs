@@ -73,7 +73,7 @@ pub fn renderer(
         spp: options.spp,
         iterations: options.iterations(),
         reproject: options.reprojects(),
-        aovs: options.aov.clone(),
+        aovs: options.aovs(),
         checks: options.shader_checks,
     };
     let settings = RenderSettings {

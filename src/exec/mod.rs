@@ -12,7 +12,7 @@ use crossbeam::channel::{Receiver, Sender, unbounded};
 
 use crate::device::{DeviceInfo, GpuDevice};
 use crate::graph::{Assignment, FrameGraph, FrameSpec, PhysicalImage, Resource, Seam, Stage, Views, passes};
-use crate::image::{Extent, Image, RgbImage};
+use crate::image::{Image, RgbImage};
 use crate::scene::rig::{Eye, Rig};
 use crate::schedule::{Policy, StageCost};
 use crate::stages::{Aov, RowTally, SceneTables, StageError, StageSettings, layout};
@@ -182,7 +182,7 @@ impl Renderer {
     pub fn render(&mut self, rig: &Rig, time_s: f64, index: u32) -> Result<FrameReport, ExecError> {
         let _span = tracing::info_span!("frame", frame = index).entered();
         let begin = Instant::now();
-        let graph = self.plan();
+        let (assignment, graph) = self.plan();
         let plan_ms = begin.elapsed().as_secs_f64() * 1e3;
         let constants = self.constants(rig, time_s, index);
         let previous = self.previous.unwrap_or(constants.views);
@@ -198,7 +198,7 @@ impl Renderer {
             plan_ms,
             tasks: Vec::new(),
             tallies: Default::default(),
-            assignment: self.policy_assignment(),
+            assignment,
         };
         self.collect(&mut report)?;
         report.tasks.sort_by(|a, b| a.device.cmp(&b.device).then(a.begin_ms.total_cmp(&b.begin_ms)));
@@ -206,21 +206,15 @@ impl Renderer {
         Ok(report)
     }
 
-    /// The graph of the next frame; built anew only when the policy has moved a stripe.
-    fn plan(&mut self) -> Arc<FrameGraph> {
+    /// Stripes and graph of the next frame; the graph is built anew only when the policy has moved a stripe.
+    fn plan(&mut self) -> (Assignment, Arc<FrameGraph>) {
         let assignment = self.policy.assign();
-        match &self.planned {
-            Some((old, graph)) if *old == assignment => Arc::clone(graph),
-            _ => {
-                let graph = Arc::new(FrameGraph::build(&self.spec, &assignment));
-                self.planned = Some((assignment, Arc::clone(&graph)));
-                graph
-            }
-        }
-    }
-
-    fn policy_assignment(&self) -> Assignment {
-        self.planned.as_ref().expect("a frame is planned before it is reported").0.clone()
+        let graph = match self.planned.take() {
+            Some((old, graph)) if old == assignment => graph,
+            _ => Arc::new(FrameGraph::build(&self.spec, &assignment)),
+        };
+        self.planned = Some((assignment.clone(), Arc::clone(&graph)));
+        (assignment, graph)
     }
 
     fn constants(&self, rig: &Rig, time_s: f64, index: u32) -> layout::Frame {
@@ -303,10 +297,6 @@ impl Renderer {
             (0..aov.channels().len()).map(|c| pixels.iter().map(|p| p[c]).collect()).collect()
         };
         Ok(Stereo { left: channels(&raw.left), right: channels(&raw.right) })
-    }
-
-    pub fn extent(&self) -> Extent {
-        self.spec.extent
     }
 }
 

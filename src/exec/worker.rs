@@ -215,11 +215,11 @@ impl Worker {
                 self.flush(&mut progress, frame)?;
             }
             match &task.kind {
-                TaskKind::Dispatch { .. } => self.dispatch(&mut progress, &task),
-                TaskKind::Download { resource, .. } => self.download(&mut progress, *resource, &task),
+                TaskKind::Dispatch { .. } => self.dispatch(&mut progress, task),
+                TaskKind::Download { resource, .. } => self.download(&mut progress, *resource, task),
                 TaskKind::Upload { resource, transfer, .. } => {
                     self.flush(&mut progress, frame)?;
-                    self.upload(&mut progress, frame, *resource, *transfer, &task)?;
+                    self.upload(&mut progress, frame, *resource, *transfer, task)?;
                 }
                 TaskKind::Stitch => {}
             }

@@ -60,7 +60,8 @@ pub struct Task {
 #[derive(Debug)]
 pub struct FrameGraph {
     pub dag: DiGraph<Task, Resource>,
-    pub transfers: u32,
+    /// Per device, in the order of keys.
+    orders: Vec<Vec<Task>>,
 }
 
 impl FrameGraph {
@@ -71,14 +72,17 @@ impl FrameGraph {
             builder.add_pass(i as u32, pass, spec, assignment);
         }
         builder.stitch(passes.len() as u32, spec);
-        Self { dag: builder.dag, transfers: builder.transfers }
+        let mut orders = vec![Vec::new(); spec.devices];
+        for task in builder.dag.node_weights() {
+            orders[task.device].push(task.clone());
+        }
+        orders.iter_mut().for_each(|tasks| tasks.sort_by_key(|t| t.key));
+        Self { dag: builder.dag, orders }
     }
 
     /// A device's tasks in the order it carries them out.
-    pub fn tasks_of(&self, device: usize) -> Vec<Task> {
-        let mut tasks: Vec<Task> = self.dag.node_weights().filter(|t| t.device == device).cloned().collect();
-        tasks.sort_by_key(|t| t.key);
-        tasks
+    pub fn tasks_of(&self, device: usize) -> &[Task] {
+        &self.orders[device]
     }
 }
 

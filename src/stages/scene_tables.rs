@@ -81,10 +81,6 @@ impl SceneTables {
     pub fn has_surfaces(&self) -> bool {
         self.accel.nodes.len() > 1 || self.accel.nodes[0] != [0; 20]
     }
-
-    pub fn triangle_count(&self) -> usize {
-        self.accel.triangles.len()
-    }
 }
 
 fn texture_info(texture: &scene::Texture, scene: &Scene, first: u32) -> TextureInfo {

@@ -10,7 +10,7 @@ use diptych::accel::Accel;
 use diptych::device::{self, Selection, ShaderChecks};
 use diptych::exec::{FrameReport, RenderSettings, Renderer, Stereo};
 use diptych::graph::{HaloPlan, Seam};
-use diptych::image::{Extent, RgbImage};
+use diptych::image::{Extent, Image, RgbImage};
 use diptych::scene::Scene;
 use diptych::scene::load::load_shot;
 use diptych::scene::needs::SceneNeeds;
@@ -132,6 +132,11 @@ impl<'a> Stage<'a> {
     }
 
     /// The i-th auxiliary image that the settings ask for.
+    /// The last frame as the devices encoded it for display.
+    pub fn display(&self) -> Stereo<Image<[u8; 4]>> {
+        self.renderer.read_display().unwrap_or_else(|e| panic!("{}: {e}", self.subject.name))
+    }
+
     pub fn aov(&self, i: usize) -> Stereo<Vec<Vec<f32>>> {
         self.renderer.read_aov(i).unwrap_or_else(|e| panic!("{}: {e}", self.subject.name))
     }
