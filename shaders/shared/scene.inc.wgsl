@@ -1,9 +1,11 @@
 // The scene's tables and what a hit finds there. Mirrors `accel` (triangles) and `stages::layout` (the rest).
 
 override HAS_TEXTURES: bool = true;
+override HAS_SECOND_UVS: bool = true;
 override HAS_VERTEX_COLORS: bool = true;
 override HAS_ALPHA: bool = true;
 
+// Factors of glTF's metallic-roughness material and its extensions, and the textures that multiply them.
 struct Material {
     base_color: vec4<f32>,
     emissive: vec3<f32>,
@@ -13,18 +15,34 @@ struct Material {
     metallic: f32,
     alpha_cutoff: f32,
     flags: u32,
+    ior: f32,
+    specular: f32,
+    transmission: f32,
+    clearcoat: f32,
+    specular_color: vec3<f32>,
+    clearcoat_roughness: f32,
+    // Inside a volume, per scene unit.
+    absorption: vec3<f32>,
+    normal_scale: f32,
     base_color_texture: u32,
+    metallic_roughness_texture: u32,
+    normal_texture: u32,
     emissive_texture: u32,
-    emissive_uv_offset: vec2<f32>,
-    // uv' = (m00 u + m01 v + tx, m10 u + m11 v + ty) as KHR_texture_transform.
-    uv_matrix: vec4<f32>,
-    emissive_uv_matrix: vec4<f32>,
-    uv_offset: vec2<f32>,
-    pad: vec2<u32>,
+    specular_texture: u32,
+    specular_color_texture: u32,
+    transmission_texture: u32,
+    clearcoat_texture: u32,
+    clearcoat_roughness_texture: u32,
+    clearcoat_normal_texture: u32,
+    clearcoat_normal_scale: f32,
+    pad: u32,
 }
 const DOUBLE_SIDED: u32 = 1u;
 const ALPHA_MASK: u32 = 2u;
 const ALPHA_BLEND: u32 = 4u;
+// Encloses a volume; transmission is through a thin sheet otherwise.
+const THICK: u32 = 8u;
+const UNLIT: u32 = 16u;
 
 // Vertices are exact: an edge shared by two triangles has the same bits in both.
 struct Triangle {
@@ -50,9 +68,14 @@ struct TextureInfo {
     width: u32,
     height: u32,
     flags: u32,
+    // uv' = (m00 u + m01 v + tx, m10 u + m11 v + ty) as KHR_texture_transform.
+    uv_matrix: vec4<f32>,
+    uv_offset: vec2<f32>,
+    pad: vec2<u32>,
 }
 const NO_TEXTURE: u32 = 0xffffffffu;
 const TEXTURE_LINEAR: u32 = 1u;
+const TEXTURE_SECOND_UVS: u32 = 2u;
 
 @group(0) @binding(1) var<storage, read> nodes: array<vec4<u32>>;
 @group(0) @binding(2) var<storage, read> triangles: array<Triangle>;
@@ -61,6 +84,9 @@ const TEXTURE_LINEAR: u32 = 1u;
 @group(0) @binding(5) var<storage, read> materials: array<Material>;
 @group(0) @binding(6) var<storage, read> textures: array<TextureInfo>;
 @group(0) @binding(7) var texels: texture_2d_array<f32>;
+// Three of each a triangle.
+@group(0) @binding(12) var<storage, read> second_uvs: array<vec2<f32>>;
+@group(0) @binding(13) var<storage, read> tangents: array<vec4<f32>>;
 @group(0) @binding(8) var<storage, read> srgb_to_linear: array<f32, 256>;
 
 fn wrap(coordinate: i32, size: i32, mode: u32) -> i32 {
@@ -86,8 +112,7 @@ fn texel(info: TextureInfo, x: i32, y: i32, srgb: bool) -> vec4<f32> {
 }
 
 // Filters linear colour: the sRGB curve is undone before the texels are mixed.
-fn sample_texture(texture: u32, uv: vec2<f32>, srgb: bool) -> vec4<f32> {
-    let info = textures[texture];
+fn sample_texture(info: TextureInfo, uv: vec2<f32>, srgb: bool) -> vec4<f32> {
     let size = vec2<f32>(f32(info.width), f32(info.height));
     // Far-off coordinates lose their fraction anyway; bounding them keeps the integer conversion defined.
     let at = clamp(uv * size, vec2<f32>(-1e9), vec2<f32>(1e9));
@@ -103,21 +128,27 @@ fn sample_texture(texture: u32, uv: vec2<f32>, srgb: bool) -> vec4<f32> {
     return mix(top, bottom, f.y);
 }
 
-fn interpolate_uv(prim: u32, bary: vec2<f32>) -> vec2<f32> {
+fn interpolate_uv(prim: u32, bary: vec2<f32>, info: TextureInfo) -> vec2<f32> {
+    let b0 = 1.0 - bary.x - bary.y;
     let s = shadings[prim];
-    return (1.0 - bary.x - bary.y) * vec2<f32>(s.u0, s.v0) + bary.x * vec2<f32>(s.u1, s.v1) + bary.y * vec2<f32>(s.u2, s.v2);
+    var uv = b0 * vec2<f32>(s.u0, s.v0) + bary.x * vec2<f32>(s.u1, s.v1) + bary.y * vec2<f32>(s.u2, s.v2);
+    if HAS_SECOND_UVS && (info.flags & TEXTURE_SECOND_UVS) != 0u {
+        uv = b0 * second_uvs[3u * prim] + bary.x * second_uvs[3u * prim + 1u] + bary.y * second_uvs[3u * prim + 2u];
+    }
+    return vec2<f32>(dot(info.uv_matrix.xy, uv), dot(info.uv_matrix.zw, uv)) + info.uv_offset;
 }
 
-fn moved_uv(uv: vec2<f32>, matrix: vec4<f32>, offset: vec2<f32>) -> vec2<f32> {
-    return vec2<f32>(dot(matrix.xy, uv), dot(matrix.zw, uv)) + offset;
+// A material's texture at a hit; white where there is none.
+fn texture_at(prim: u32, bary: vec2<f32>, texture: u32, srgb: bool) -> vec4<f32> {
+    if !HAS_TEXTURES || texture == NO_TEXTURE {
+        return vec4<f32>(1.0);
+    }
+    let info = textures[texture];
+    return sample_texture(info, interpolate_uv(prim, bary, info), srgb);
 }
 
 fn emissive_at(prim: u32, bary: vec2<f32>, m: Material) -> vec3<f32> {
-    if HAS_TEXTURES && m.emissive_texture != NO_TEXTURE {
-        let uv = moved_uv(interpolate_uv(prim, bary), m.emissive_uv_matrix, m.emissive_uv_offset);
-        return m.emissive * sample_texture(m.emissive_texture, uv, true).rgb;
-    }
-    return m.emissive;
+    return m.emissive * texture_at(prim, bary, m.emissive_texture, true).rgb;
 }
 
 fn base_color_at(prim: u32, bary: vec2<f32>, m: Material) -> vec4<f32> {
@@ -127,11 +158,7 @@ fn base_color_at(prim: u32, bary: vec2<f32>, m: Material) -> vec4<f32> {
             + bary.x * vertex_colors[3u * prim + 1u]
             + bary.y * vertex_colors[3u * prim + 2u];
     }
-    if HAS_TEXTURES && m.base_color_texture != NO_TEXTURE {
-        let uv = interpolate_uv(prim, bary);
-        color *= sample_texture(m.base_color_texture, moved_uv(uv, m.uv_matrix, m.uv_offset), true);
-    }
-    return color;
+    return color * texture_at(prim, bary, m.base_color_texture, true);
 }
 
 // Whether a ray meets the surface there, where parts of it are cut out or thin. `key` names the ray: the same ray

@@ -10,26 +10,45 @@ pub(super) struct Flat {
     pub shadings: Vec<Shading>,
     /// Per triangle; empty when no mesh has colours.
     pub colors: Vec<[[f32; 4]; 3]>,
+    /// Per triangle; empty when no texture is on coordinate set 1.
+    pub second_uvs: Vec<[[f32; 2]; 3]>,
+    /// Per triangle; empty when no mesh has tangents.
+    pub tangents: Vec<[[f32; 4]; 3]>,
     pub dropped: usize,
 }
 
+/// Which attributes the scene has at all: an array is full or empty.
+struct Present {
+    colors: bool,
+    second_uvs: bool,
+    tangents: bool,
+}
+
 pub(super) fn flatten(scene: &Scene) -> Flat {
+    let any = |has: fn(&Mesh) -> bool| scene.instances.iter().any(|i| has(&scene.meshes[i.mesh]));
+    let present = Present {
+        colors: any(|m| !m.colors.is_empty()),
+        second_uvs: scene.instances.iter().any(|i| scene.materials[scene.meshes[i.mesh].material].uses_uv_set(1)),
+        tangents: any(|m| !m.tangents.is_empty()),
+    };
     let count = scene.triangle_count();
-    let has_colors = scene.instances.iter().any(|i| !scene.meshes[i.mesh].colors.is_empty());
+    let room = |present: bool| if present { count } else { 0 };
     let mut flat = Flat {
         triangles: Vec::with_capacity(count),
         shadings: Vec::with_capacity(count),
-        colors: Vec::with_capacity(if has_colors { count } else { 0 }),
+        colors: Vec::with_capacity(room(present.colors)),
+        second_uvs: Vec::with_capacity(room(present.second_uvs)),
+        tangents: Vec::with_capacity(room(present.tangents)),
         dropped: 0,
     };
     for instance in &scene.instances {
         let mesh = &scene.meshes[instance.mesh];
-        push_instance(&mut flat, instance, mesh, &scene.materials[mesh.material], has_colors);
+        push_instance(&mut flat, instance, mesh, &scene.materials[mesh.material], &present);
     }
     flat
 }
 
-fn push_instance(flat: &mut Flat, instance: &Instance, mesh: &Mesh, material: &Material, has_colors: bool) {
+fn push_instance(flat: &mut Flat, instance: &Instance, mesh: &Mesh, material: &Material, present: &Present) {
     let linear = Mat3::from(instance.world_from_local.matrix3);
     let mirrored = linear.determinant() < 0.0;
     // The cofactor matrix: the inverse transpose up to a factor, defined for flattened (singular) transforms too.
@@ -40,8 +59,8 @@ fn push_instance(flat: &mut Flat, instance: &Instance, mesh: &Mesh, material: &M
     ) * if mirrored { -1.0 } else { 1.0 };
     let world: Vec<Vec3> = mesh.positions.iter().map(|&p| instance.world_from_local.transform_point3(p)).collect();
     let flags = if material.alpha_mode == AlphaMode::Opaque { 0 } else { TRIANGLE_ALPHA };
-    let uv_set = material.base_color_texture.or(material.emissive_texture).map_or(0, |t| t.uv_set);
-    let uvs = &mesh.uvs[uv_set];
+    // A mirrored frame is left-handed: the bitangent's sign turns with it.
+    let handedness = if mirrored { -1.0 } else { 1.0 };
     for &[a, b, c] in &mesh.triangles {
         // A mirrored triangle winds the other way round.
         let corner = if mirrored { [a, c, b] } else { [a, b, c] }.map(|i| i as usize);
@@ -56,7 +75,8 @@ fn push_instance(flat: &mut Flat, instance: &Instance, mesh: &Mesh, material: &M
             Some(&n) => (cofactor * n).try_normalize().unwrap_or(normal),
             None => normal,
         });
-        let [t0, t1, t2] = corner.map(|i| uvs.get(i).copied().unwrap_or(Vec2::ZERO));
+        let uvs = |set: usize| corner.map(|i| mesh.uvs[set].get(i).copied().unwrap_or(Vec2::ZERO));
+        let [t0, t1, t2] = uvs(0);
         flat.triangles.push(Triangle { v0, material: mesh.material as u32, v1, flags, v2, pad: 0 });
         flat.shadings.push(Shading {
             n0,
@@ -70,8 +90,20 @@ fn push_instance(flat: &mut Flat, instance: &Instance, mesh: &Mesh, material: &M
             v2: t2.y,
             pad: 0.0,
         });
-        if has_colors {
+        if present.colors {
             flat.colors.push(corner.map(|i| mesh.colors.get(i).map_or([1.0; 4], |c| c.to_array())));
+        }
+        if present.second_uvs {
+            flat.second_uvs.push(uvs(1).map(|uv| uv.to_array()));
+        }
+        if present.tangents {
+            flat.tangents.push(corner.map(|i| match mesh.tangents.get(i) {
+                Some(t) => {
+                    let tangent = (linear * t.truncate()).normalize_or_zero();
+                    tangent.extend(t.w * handedness).to_array()
+                }
+                None => [0.0; 4],
+            }));
         }
     }
 }

@@ -67,6 +67,10 @@ pub struct Accel {
     pub shadings: Vec<Shading>,
     /// Three linear RGBA colours a triangle, or none at all.
     pub colors: Vec<[f32; 4]>,
+    /// Texture coordinate set 1, three a triangle, or none at all.
+    pub second_uvs: Vec<[f32; 2]>,
+    /// Three tangents a triangle with the bitangent's sign in w, or none at all.
+    pub tangents: Vec<[f32; 4]>,
     /// Triangles without area, which no ray can meet.
     pub dropped: usize,
 }
@@ -111,10 +115,9 @@ impl Accel {
             nodes: bytemuck::cast_slice(&bvh.nodes).to_vec(),
             triangles: order.iter().map(|i| flat.triangles[pick(i)]).collect(),
             shadings: order.iter().map(|i| flat.shadings[pick(i)]).collect(),
-            colors: match flat.colors.is_empty() {
-                true => Vec::new(),
-                false => order.iter().flat_map(|i| flat.colors[pick(i)]).collect(),
-            },
+            colors: corners(order, &flat.colors),
+            second_uvs: corners(order, &flat.second_uvs),
+            tangents: corners(order, &flat.tangents),
             dropped: flat.dropped,
         })
     }
@@ -126,9 +129,16 @@ impl Accel {
             triangles: vec![Triangle::default()],
             shadings: vec![Shading::default()],
             colors: Vec::new(),
+            second_uvs: Vec::new(),
+            tangents: Vec::new(),
             dropped: 0,
         }
     }
+}
+
+/// The corners of each triangle in tree order; none where there are none.
+fn corners<T: Copy>(order: &[u32], of_triangle: &[[T; 3]]) -> Vec<T> {
+    if of_triangle.is_empty() { Vec::new() } else { order.iter().flat_map(|&i| of_triangle[i as usize]).collect() }
 }
 
 /// Levels of the tree, walked without recursion.

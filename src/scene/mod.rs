@@ -19,6 +19,9 @@ pub struct Mesh {
     pub positions: Vec<Vec3>,
     /// One per position, unit length; empty: flat shading from the triangle.
     pub normals: Vec<Vec3>,
+    /// Unit tangents with the bitangent's sign in w (glTF's TANGENT), one per position or empty. Present wherever the
+    /// material has a normal map.
+    pub tangents: Vec<Vec4>,
     /// Texture coordinate sets 0 and 1; each has one entry per position or is empty.
     pub uvs: [Vec<Vec2>; 2],
     /// Linear vertex colours that multiply base colour and alpha; one per position or empty.
@@ -59,28 +62,78 @@ pub struct TextureRef {
     pub uv_from_uv: Affine2,
 }
 
-/// glTF 2.0 metallic-roughness material.
+/// A normal map: red and green hold x and y along tangent and bitangent, scaled by `scale`; not sRGB.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct NormalMap {
+    pub texture: TextureRef,
+    pub scale: f32,
+}
+
+/// What fills a closed surface (`KHR_materials_volume`). Without it, a transmitting surface is infinitely thin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Volume {
+    /// Share of light left after `attenuation_distance`.
+    pub attenuation_color: Vec3,
+    /// Scene units of world space, above 0; infinite: no attenuation.
+    pub attenuation_distance: f32,
+}
+
+/// A second, dielectric layer on top (`KHR_materials_clearcoat`), with an index of refraction of 1.5.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Clearcoat {
+    /// 0: none; 1: everywhere. The texture's red multiplies it.
+    pub factor: f32,
+    pub factor_texture: Option<TextureRef>,
+    /// The texture's green multiplies it.
+    pub roughness: f32,
+    pub roughness_texture: Option<TextureRef>,
+    pub normal_map: Option<NormalMap>,
+}
+
+/// glTF 2.0 metallic-roughness material, with the extensions that change how light is scattered.
+///
+/// Textures hold stored codes; those called colours are sRGB-encoded, all others linear. A texture multiplies its factor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Material {
     pub name: String,
     /// Linear RGB and alpha factor.
     pub base_color: Vec4,
-    /// sRGB-encoded colour, linear alpha; multiplies `base_color`.
+    /// Colour, and linear alpha.
     pub base_color_texture: Option<TextureRef>,
     pub metallic: f32,
     /// Perceptual roughness, 0 to 1.
     pub roughness: f32,
+    /// Green multiplies roughness, blue metalness.
+    pub metallic_roughness_texture: Option<TextureRef>,
+    pub normal_map: Option<NormalMap>,
     /// Emitted radiance, W/(m² sr): emissive factor times emissive strength. Leaves the front side only,
     /// both sides of a double-sided material.
     pub emissive: Vec3,
-    /// sRGB-encoded; multiplies `emissive`.
+    /// Colour.
     pub emissive_texture: Option<TextureRef>,
     pub alpha_mode: AlphaMode,
     pub double_sided: bool,
+    /// `KHR_materials_ior`: at least 1, or 0 for a Fresnel term of 1.
+    pub ior: f32,
+    /// `KHR_materials_specular`: strength of the dielectric's reflection; its texture is the alpha channel.
+    pub specular: f32,
+    pub specular_texture: Option<TextureRef>,
+    /// Tint of the dielectric's reflection at normal incidence; may exceed 1.
+    pub specular_color: Vec3,
+    /// Colour.
+    pub specular_color_texture: Option<TextureRef>,
+    /// `KHR_materials_transmission`: share of the dielectric's base that lets light through; its texture is red.
+    pub transmission: f32,
+    pub transmission_texture: Option<TextureRef>,
+    pub volume: Option<Volume>,
+    pub clearcoat: Clearcoat,
+    /// `KHR_materials_unlit`: shows its base colour as radiance and scatters nothing.
+    pub unlit: bool,
 }
 
 impl Default for Material {
-    /// glTF's default material, but with a dielectric (non-metal) base, as files without materials are meant.
+    /// White and Lambertian: no metal, and no reflection from the dielectric's surface (`specular` 0). Materials that a
+    /// glTF file describes start from `specular` 1 instead.
     fn default() -> Self {
         Self {
             name: String::new(),
@@ -88,11 +141,49 @@ impl Default for Material {
             base_color_texture: None,
             metallic: 0.0,
             roughness: 1.0,
+            metallic_roughness_texture: None,
+            normal_map: None,
             emissive: Vec3::ZERO,
             emissive_texture: None,
             alpha_mode: AlphaMode::Opaque,
             double_sided: false,
+            ior: 1.5,
+            specular: 0.0,
+            specular_texture: None,
+            specular_color: Vec3::ONE,
+            specular_color_texture: None,
+            transmission: 0.0,
+            transmission_texture: None,
+            volume: None,
+            clearcoat: Clearcoat::default(),
+            unlit: false,
         }
+    }
+}
+
+impl Material {
+    /// All textures that it refers to.
+    pub fn textures(&self) -> impl Iterator<Item = TextureRef> {
+        let normal = |map: Option<NormalMap>| map.map(|m| m.texture);
+        [
+            self.base_color_texture,
+            self.metallic_roughness_texture,
+            normal(self.normal_map),
+            self.emissive_texture,
+            self.specular_texture,
+            self.specular_color_texture,
+            self.transmission_texture,
+            self.clearcoat.factor_texture,
+            self.clearcoat.roughness_texture,
+            normal(self.clearcoat.normal_map),
+        ]
+        .into_iter()
+        .flatten()
+    }
+
+    /// Whether one of its textures is on that coordinate set.
+    pub fn uses_uv_set(&self, set: usize) -> bool {
+        self.textures().any(|t| t.uv_set == set)
     }
 }
 

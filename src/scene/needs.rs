@@ -6,6 +6,14 @@ use super::{AlphaMode, Environment, LightKind, Scene};
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
 pub struct SceneNeeds {
     pub textures: bool,
+    /// Textures on the second set of coordinates.
+    pub second_uvs: bool,
+    pub normal_maps: bool,
+    /// Microfacet reflection: metal, or a dielectric whose surface reflects.
+    pub specular: bool,
+    pub transmission: bool,
+    pub clearcoat: bool,
+    pub unlit: bool,
     pub vertex_colors: bool,
     pub alpha: bool,
     pub emissive: bool,
@@ -22,6 +30,12 @@ impl SceneNeeds {
     /// Everything, for comparison.
     pub const ALL: Self = Self {
         textures: true,
+        second_uvs: true,
+        normal_maps: true,
+        specular: true,
+        transmission: true,
+        clearcoat: true,
+        unlit: true,
         vertex_colors: true,
         alpha: true,
         emissive: true,
@@ -40,7 +54,13 @@ impl SceneNeeds {
             LightKind::Directional { .. } => None,
         };
         Self {
-            textures: materials().any(|m| m.base_color_texture.is_some() || m.emissive_texture.is_some()),
+            textures: materials().any(|m| m.textures().next().is_some()),
+            second_uvs: materials().any(|m| m.uses_uv_set(1)),
+            normal_maps: materials().any(|m| m.normal_map.is_some() || m.clearcoat.normal_map.is_some()),
+            specular: materials().any(|m| m.metallic > 0.0 || m.specular > 0.0),
+            transmission: materials().any(|m| m.transmission > 0.0),
+            clearcoat: materials().any(|m| m.clearcoat.factor > 0.0),
+            unlit: materials().any(|m| m.unlit),
             vertex_colors: used().any(|m| !m.colors.is_empty()),
             alpha: materials().any(|m| m.alpha_mode != AlphaMode::Opaque),
             emissive: materials().any(|m| m.emissive != glam::Vec3::ZERO),
@@ -53,9 +73,15 @@ impl SceneNeeds {
     }
 
     /// Names and values, as the shaders' override constants have them.
-    pub fn constants(&self) -> [(&'static str, bool); 9] {
+    pub fn constants(&self) -> [(&'static str, bool); 15] {
         [
             ("HAS_TEXTURES", self.textures),
+            ("HAS_SECOND_UVS", self.second_uvs),
+            ("HAS_NORMAL_MAPS", self.normal_maps),
+            ("HAS_SPECULAR", self.specular),
+            ("HAS_TRANSMISSION", self.transmission),
+            ("HAS_CLEARCOAT", self.clearcoat),
+            ("HAS_UNLIT", self.unlit),
             ("HAS_VERTEX_COLORS", self.vertex_colors),
             ("HAS_ALPHA", self.alpha),
             ("HAS_EMISSIVE", self.emissive),

@@ -69,7 +69,7 @@ pub struct Pass {
     pub args: [u32; 3],
 }
 
-/// `Material` in `scene.inc.wgsl`.
+/// `Material` in `scene.inc.wgsl`. Textures are indices into the texture table, or [`NO_TEXTURE`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Material {
@@ -80,29 +80,47 @@ pub struct Material {
     pub metallic: f32,
     pub alpha_cutoff: f32,
     pub flags: u32,
+    pub ior: f32,
+    pub specular: f32,
+    pub transmission: f32,
+    pub clearcoat: f32,
+    pub specular_color: Vec3,
+    pub clearcoat_roughness: f32,
+    pub absorption: Vec3,
+    pub normal_scale: f32,
     pub base_color_texture: u32,
+    pub metallic_roughness_texture: u32,
+    pub normal_texture: u32,
     pub emissive_texture: u32,
-    pub emissive_uv_offset: Vec2,
-    pub uv_matrix: Vec4,
-    pub emissive_uv_matrix: Vec4,
-    pub uv_offset: Vec2,
-    pub pad: UVec2,
+    pub specular_texture: u32,
+    pub specular_color_texture: u32,
+    pub transmission_texture: u32,
+    pub clearcoat_texture: u32,
+    pub clearcoat_roughness_texture: u32,
+    pub clearcoat_normal_texture: u32,
+    pub clearcoat_normal_scale: f32,
+    pub pad: u32,
 }
 
 pub const DOUBLE_SIDED: u32 = 1;
 pub const ALPHA_MASK: u32 = 2;
 pub const ALPHA_BLEND: u32 = 4;
+pub const THICK: u32 = 8;
+pub const UNLIT: u32 = 16;
 pub const NO_TEXTURE: u32 = u32::MAX;
 
-/// `TextureInfo` in `scene.inc.wgsl`.
+/// `TextureInfo` in `scene.inc.wgsl`: a texture as one material refers to it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct TextureInfo {
     pub first: u32,
     pub width: u32,
     pub height: u32,
-    /// Bit 0: bilinear. Bits 2, 3: wrap of u. Bits 4, 5: wrap of v (0 repeat, 1 mirror, 2 clamp).
+    /// Bit 0: bilinear. Bit 1: coordinate set 1. Bits 2, 3: wrap of u. Bits 4, 5: wrap of v (0 repeat, 1 mirror, 2 clamp).
     pub flags: u32,
+    pub uv_matrix: Vec4,
+    pub uv_offset: Vec2,
+    pub pad: UVec2,
 }
 
 /// `Light` in `lights.inc.wgsl`.

@@ -2,11 +2,11 @@
 
 use std::borrow::Cow;
 
-use glam::{Vec2, Vec4};
+use glam::{Vec3, Vec4};
 use wgpu::util::DeviceExt;
 
 use super::emitters::Emitters;
-use super::layout::{self, ALPHA_BLEND, ALPHA_MASK, DOUBLE_SIDED, NO_TEXTURE, TextureInfo};
+use super::layout::{self, ALPHA_BLEND, ALPHA_MASK, DOUBLE_SIDED, NO_TEXTURE, THICK, TextureInfo, UNLIT};
 use crate::accel::Accel;
 use crate::device::GpuDevice;
 use crate::image::{Extent, RgbImage};
@@ -55,8 +55,11 @@ impl SceneTables {
         if texels.len() as u64 > u64::from(u32::MAX) {
             return Err(TableError::Texels(texels.len() as u64));
         }
-        let textures = scene.textures.iter().map(|t| texture_info(t, scene, firsts[t.image] as u32)).collect();
-        let materials = scene.materials.iter().zip(&emitters.light_pdf).map(|(m, &pdf)| gpu_material(m, pdf)).collect();
+        let firsts = firsts.into_iter().map(|first| first as u32).collect();
+        let mut table = TextureTable { scene, firsts, refs: Vec::new() };
+        let materials: Vec<_> =
+            scene.materials.iter().zip(&emitters.light_pdf).map(|(m, &pdf)| table.material(m, pdf)).collect();
+        let textures = table.infos();
         Ok(Self { accel, materials, textures, texels, emitters, environment: scene.environment.clone() })
     }
 
@@ -83,49 +86,97 @@ impl SceneTables {
     }
 }
 
-fn texture_info(texture: &scene::Texture, scene: &Scene, first: u32) -> TextureInfo {
-    let wrap = |w| match w {
-        Wrap::Repeat => 0,
-        Wrap::MirroredRepeat => 1,
-        Wrap::ClampToEdge => 2,
-    };
-    let Extent { width, height } = scene.images[texture.image].extent;
-    let flags = u32::from(texture.linear) | wrap(texture.wrap_u) << 2 | wrap(texture.wrap_v) << 4;
-    TextureInfo { first, width, height, flags }
+/// The texture table: one entry for each way in which materials refer to a texture.
+struct TextureTable<'a> {
+    scene: &'a Scene,
+    /// First texel of each image.
+    firsts: Vec<u32>,
+    refs: Vec<scene::TextureRef>,
 }
 
-fn gpu_material(m: &scene::Material, light_pdf: f32) -> layout::Material {
-    let (alpha, alpha_cutoff) = match m.alpha_mode {
-        AlphaMode::Opaque => (0, 0.0),
-        AlphaMode::Mask { cutoff } => (ALPHA_MASK, cutoff),
-        AlphaMode::Blend => (ALPHA_BLEND, 0.0),
-    };
-    let texture = |t: &Option<scene::TextureRef>| t.map_or(NO_TEXTURE, |t| t.texture as u32);
-    layout::Material {
-        base_color: m.base_color,
-        emissive: m.emissive,
-        light_pdf,
-        roughness: m.roughness,
-        metallic: m.metallic,
-        alpha_cutoff,
-        flags: alpha | if m.double_sided { DOUBLE_SIDED } else { 0 },
-        base_color_texture: texture(&m.base_color_texture),
-        emissive_texture: texture(&m.emissive_texture),
-        uv_matrix: uv_matrix(&m.base_color_texture),
-        uv_offset: uv_offset(&m.base_color_texture),
-        emissive_uv_matrix: uv_matrix(&m.emissive_texture),
-        emissive_uv_offset: uv_offset(&m.emissive_texture),
-        ..Default::default()
+impl TextureTable<'_> {
+    /// Index of the entry, or [`NO_TEXTURE`].
+    fn entry(&mut self, texture: Option<scene::TextureRef>) -> u32 {
+        let Some(texture) = texture else { return NO_TEXTURE };
+        let known = self.refs.iter().position(|r| *r == texture);
+        known.unwrap_or_else(|| {
+            self.refs.push(texture);
+            self.refs.len() - 1
+        }) as u32
+    }
+
+    fn infos(&self) -> Vec<TextureInfo> {
+        self.refs.iter().map(|r| self.info(r)).collect()
+    }
+
+    fn info(&self, r: &scene::TextureRef) -> TextureInfo {
+        let wrap = |w| match w {
+            Wrap::Repeat => 0,
+            Wrap::MirroredRepeat => 1,
+            Wrap::ClampToEdge => 2,
+        };
+        let texture = &self.scene.textures[r.texture];
+        let Extent { width, height } = self.scene.images[texture.image].extent;
+        let linear = u32::from(texture.linear);
+        let m = r.uv_from_uv.matrix2;
+        TextureInfo {
+            first: self.firsts[texture.image],
+            width,
+            height,
+            flags: linear | (r.uv_set as u32) << 1 | wrap(texture.wrap_u) << 2 | wrap(texture.wrap_v) << 4,
+            uv_matrix: Vec4::new(m.x_axis.x, m.y_axis.x, m.x_axis.y, m.y_axis.y),
+            uv_offset: r.uv_from_uv.translation,
+            ..Default::default()
+        }
+    }
+
+    fn material(&mut self, m: &scene::Material, light_pdf: f32) -> layout::Material {
+        let (alpha, alpha_cutoff) = match m.alpha_mode {
+            AlphaMode::Opaque => (0, 0.0),
+            AlphaMode::Mask { cutoff } => (ALPHA_MASK, cutoff),
+            AlphaMode::Blend => (ALPHA_BLEND, 0.0),
+        };
+        let flag = |set: bool, bit: u32| if set { bit } else { 0 };
+        let normal = |map: Option<scene::NormalMap>| (map.map(|m| m.texture), map.map_or(1.0, |m| m.scale));
+        let (normal_texture, normal_scale) = normal(m.normal_map);
+        let (coat_normal_texture, clearcoat_normal_scale) = normal(m.clearcoat.normal_map);
+        layout::Material {
+            base_color: m.base_color,
+            emissive: m.emissive,
+            light_pdf,
+            roughness: m.roughness,
+            metallic: m.metallic,
+            alpha_cutoff,
+            flags: alpha | flag(m.double_sided, DOUBLE_SIDED) | flag(m.volume.is_some(), THICK) | flag(m.unlit, UNLIT),
+            ior: m.ior,
+            specular: m.specular,
+            transmission: m.transmission,
+            clearcoat: m.clearcoat.factor,
+            specular_color: m.specular_color,
+            clearcoat_roughness: m.clearcoat.roughness,
+            absorption: m.volume.map_or(Vec3::ZERO, absorption),
+            normal_scale,
+            base_color_texture: self.entry(m.base_color_texture),
+            metallic_roughness_texture: self.entry(m.metallic_roughness_texture),
+            normal_texture: self.entry(normal_texture),
+            emissive_texture: self.entry(m.emissive_texture),
+            specular_texture: self.entry(m.specular_texture),
+            specular_color_texture: self.entry(m.specular_color_texture),
+            transmission_texture: self.entry(m.transmission_texture),
+            clearcoat_texture: self.entry(m.clearcoat.factor_texture),
+            clearcoat_roughness_texture: self.entry(m.clearcoat.roughness_texture),
+            clearcoat_normal_texture: self.entry(coat_normal_texture),
+            clearcoat_normal_scale,
+            pad: 0,
+        }
     }
 }
 
-fn uv_matrix(texture: &Option<scene::TextureRef>) -> Vec4 {
-    let m = texture.map_or(glam::Mat2::IDENTITY, |t| t.uv_from_uv.matrix2);
-    Vec4::new(m.x_axis.x, m.y_axis.x, m.x_axis.y, m.y_axis.y)
-}
-
-fn uv_offset(texture: &Option<scene::TextureRef>) -> Vec2 {
-    texture.map_or(Vec2::ZERO, |t| t.uv_from_uv.translation)
+/// Absorption coefficient, one over scene units: Beer and Lambert's law solved for `KHR_materials_volume`'s terms. A colour of
+/// 0 is kept just above it, so that the coefficient stays finite.
+fn absorption(volume: scene::Volume) -> Vec3 {
+    let color = volume.attenuation_color.clamp(Vec3::splat(1e-30), Vec3::ONE);
+    -color.map(f32::ln) / volume.attenuation_distance.max(1e-30)
 }
 
 /// A scene's tables on a device; group 0 of the tracing stages, but for the frame's constants at binding 0.
@@ -135,7 +186,7 @@ pub struct SceneBuffers {
     environment: wgpu::TextureView,
 }
 
-/// Bindings 1 to 11.
+/// Bindings 1 to 13.
 pub fn layout_entries() -> Vec<wgpu::BindGroupLayoutEntry> {
     let entry =
         |binding, ty| wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None };
@@ -149,7 +200,7 @@ pub fn layout_entries() -> Vec<wgpu::BindGroupLayoutEntry> {
         view_dimension,
         multisampled: false,
     };
-    let mut entries: Vec<_> = [1, 2, 3, 4, 5, 6, 8, 9, 11].map(|b| entry(b, storage)).into();
+    let mut entries: Vec<_> = [1, 2, 3, 4, 5, 6, 8, 9, 11, 12, 13].map(|b| entry(b, storage)).into();
     entries.push(entry(7, texture(wgpu::TextureViewDimension::D2Array)));
     entries.push(entry(10, texture(wgpu::TextureViewDimension::D2)));
     entries
@@ -169,6 +220,8 @@ impl SceneBuffers {
             (8, "sRGB table", bytes_of(&srgb)),
             (9, "lights", bytes_of(&emitters.lights)),
             (11, "environment grid", bytes_of(&emitters.env_alias)),
+            (12, "second texture coordinates", bytes_of(&tables.accel.second_uvs)),
+            (13, "tangents", bytes_of(&tables.accel.tangents)),
         ];
         let limit = gpu.info.max_storage_bytes;
         let mut buffers = Vec::new();

@@ -104,19 +104,39 @@ fn host_structs_lie_as_shaders_read_them() {
             metallic = "metallic",
             alpha_cutoff = "alpha_cutoff",
             flags = "flags",
+            ior = "ior",
+            specular = "specular",
+            transmission = "transmission",
+            clearcoat = "clearcoat",
+            specular_color = "specular_color",
+            clearcoat_roughness = "clearcoat_roughness",
+            absorption = "absorption",
+            normal_scale = "normal_scale",
             base_color_texture = "base_color_texture",
+            metallic_roughness_texture = "metallic_roughness_texture",
+            normal_texture = "normal_texture",
             emissive_texture = "emissive_texture",
-            emissive_uv_offset = "emissive_uv_offset",
-            uv_matrix = "uv_matrix",
-            emissive_uv_matrix = "emissive_uv_matrix",
-            uv_offset = "uv_offset"
+            specular_texture = "specular_texture",
+            specular_color_texture = "specular_color_texture",
+            transmission_texture = "transmission_texture",
+            clearcoat_texture = "clearcoat_texture",
+            clearcoat_roughness_texture = "clearcoat_roughness_texture",
+            clearcoat_normal_texture = "clearcoat_normal_texture",
+            clearcoat_normal_scale = "clearcoat_normal_scale"
         ]
     );
     same_layout!(
         m,
         "TextureInfo",
         layout::TextureInfo,
-        [first = "first", width = "width", height = "height", flags = "flags"]
+        [
+            first = "first",
+            width = "width",
+            height = "height",
+            flags = "flags",
+            uv_matrix = "uv_matrix",
+            uv_offset = "uv_offset"
+        ]
     );
     same_layout!(
         m,

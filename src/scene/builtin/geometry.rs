@@ -117,6 +117,7 @@ impl Surface {
             normals: self.vertices.iter().map(|v| v.normal).collect(),
             uvs: [self.vertices.iter().map(|v| v.uv).collect(), Vec::new()],
             colors: Vec::new(),
+            tangents: Vec::new(),
             triangles: self.triangles,
             material,
         }

@@ -91,6 +91,7 @@ impl<'a> Geometry<'a> {
             positions,
             uvs: [vertices.uvs(0, place, warnings)?, vertices.uvs(1, place, warnings)?],
             colors: vertices.colors(place, warnings)?,
+            tangents: Vec::new(),
             triangles,
             material: self.material(primitive)?,
         }))

@@ -104,6 +104,7 @@ impl Reader<'_, '_> {
             },
             metallic: factors.x,
             roughness: factors.y,
+            specular: 1.0,
             ..Material::default()
         })
     }
