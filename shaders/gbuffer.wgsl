@@ -16,7 +16,11 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let hit = trace_closest(origin, direction, alpha_key(rng));
     let first = first_hit(hit, pass_.view, direction);
     let is_surface = (hit.prim & SPHERE) == 0u;
-    hit_image[at] = vec4<u32>(hit.prim, bitcast<vec2<u32>>(hit.bary), select(MATERIAL_NONE, first.surface.material, is_surface));
+    var tag = MATERIAL_NONE;
+    if is_surface {
+        tag = first.surface.material | select(0u, FLAG_VIEW_DEPENDENT, is_view_dependent(first.surface));
+    }
+    hit_image[at] = vec4<u32>(hit.prim, bitcast<vec2<u32>>(hit.bary), tag);
     guide_image[at] = select(
         vec4<u32>(0u, 0u, 0u, NO_NORMAL),
         vec4<u32>(bitcast<vec3<u32>>(first.surface.position), pack_normal(first.surface.normal)),

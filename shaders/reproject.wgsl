@@ -19,6 +19,7 @@ const NORMAL: u32 = 2u;
 const DISTANCE: u32 = 3u;
 const MATERIAL: u32 = 4u;
 const MIXED: u32 = 5u;
+const VIEW: u32 = 6u;
 
 fn why_not(x: i32, row: u32, position: vec3<f32>, normal: vec3<f32>, material: u32, reach: f32) -> u32 {
     if x < 0 || x >= i32(frame.width) {
@@ -28,6 +29,9 @@ fn why_not(x: i32, row: u32, position: vec3<f32>, normal: vec3<f32>, material: u
     let hit = left_hit[at];
     if (hit.w & FLAG_MIXED) != 0u {
         return MIXED;
+    }
+    if (hit.w & FLAG_VIEW_DEPENDENT) != 0u {
+        return VIEW;
     }
     let guide = left_guide[at];
     if (hit.w & MATERIAL_MASK) != material || guide.w == NO_NORMAL {
@@ -66,6 +70,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     if guide.w == NO_NORMAL {
+        return;
+    }
+    if (hit.w & FLAG_VIEW_DEPENDENT) != 0u {
+        open_hole(at, VIEW);
         return;
     }
     let position = bitcast<vec3<f32>>(guide.xyz);

@@ -3,7 +3,7 @@
 //!include frame
 
 @group(1) @binding(0) var<storage, read> tally: array<u32>;
-// Eight numbers a row: rays, dropped non-finite samples, holes by reason 1 to 5, one spare.
+// Eight numbers a row: rays, dropped non-finite samples, holes by reason 1 to 6.
 @group(1) @binding(1) var<storage, read_write> rows: array<atomic<u32>>;
 
 const SEGMENT: u32 = 64u;
@@ -22,7 +22,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         counts[1] += (t >> 20u) & 0xffu;
         let why = t >> 28u;
         if why != 0u {
-            counts[min(why, 5u) + 1u] += 1u;
+            counts[min(why, 6u) + 1u] += 1u;
         }
     }
     for (var i = 0u; i < 8u; i += 1u) {

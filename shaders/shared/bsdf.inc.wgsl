@@ -1,4 +1,29 @@
-// Scattering at a surface. Every lobe answers the same three questions: value, density, sample.
+// Scattering at a surface: glTF's material model (specification 2.0, appendix B, and the KHR extensions).
+//
+// Lobes: Lambert; GGX reflection of dielectric and metal together, whose microfacets are the same; GGX transmission,
+// through a thin sheet or into a volume (Walter et al. 2007); GGX reflection of a coat. Masking and shadowing are
+// height-correlated (Heitz 2014), Fresnel is Schlick's. `evaluate` gives value and density of all lobes that are not
+// deltas, `sample_bsdf` draws from the same mixture.
+//
+// Departure: the appendix weighs what is beneath the dielectric by 1 - F(V.H), which creates energy at grazing angles, up
+// to half again. The weight here is never above that of Kelemen & Szirmay-Kalos (2001), which conserves it exactly.
+
+struct Scattering {
+    // BSDF times cosine.
+    value: vec3<f32>,
+    // Solid-angle density of `sample_bsdf`; 0: never drawn.
+    pdf: f32,
+}
+
+struct BsdfSample {
+    direction: vec3<f32>,
+    // BSDF times cosine over density.
+    weight: vec3<f32>,
+    // 0: nothing drawn.
+    pdf: f32,
+    // The direction is the only one: no light sampling can find it.
+    is_delta: bool,
+}
 
 // A direction with density cos / pi about `n` (Malley's method on the concentric disc of Shirley & Chiu 1997).
 fn sample_cosine(n: vec3<f32>, u: vec2<f32>) -> vec3<f32> {
@@ -15,9 +40,193 @@ fn sample_cosine(n: vec3<f32>, u: vec2<f32>) -> vec3<f32> {
     return normalize(frame_around(n) * vec3<f32>(d, sqrt(max(1.0 - r * r, 0.0))));
 }
 
-// Lambert with unit albedo: value times cosine, and density, towards `direction`. Directions below the geometric
-// surface carry nothing, whatever the shading normal says.
-fn diffuse_response(s: Surface, direction: vec3<f32>) -> f32 {
-    let above = dot(direction, s.geometric_normal) > 0.0;
-    return select(0.0, max(dot(direction, s.normal), 0.0) / PI, above);
+// Microfacet normal about `n`, as seen from `v`: GGX's visible normals (Dupuy & Benyoub, "Sampling Visible GGX Normals
+// with Spherical Caps", 2023).
+fn sample_visible_normal(n: vec3<f32>, v: vec3<f32>, alpha: f32, u: vec2<f32>) -> vec3<f32> {
+    let frame_n = frame_around(n);
+    let local = v * frame_n;
+    let stretched = normalize(vec3<f32>(local.xy * alpha, local.z));
+    let phi = 2.0 * PI * u.x;
+    let z = (1.0 - u.y) * (1.0 + stretched.z) - stretched.z;
+    let sin_theta = sqrt(max(1.0 - z * z, 0.0));
+    let h = vec3<f32>(sin_theta * cos(phi), sin_theta * sin(phi), z) + stretched;
+    return normalize(frame_n * vec3<f32>(h.xy * alpha, max(h.z, 1e-7)));
+}
+
+// Density of microfacet normals. The sine comes from the cross product: for small alpha it does not survive 1 - cos².
+fn ggx(n: vec3<f32>, h: vec3<f32>, a2: f32) -> f32 {
+    let across = cross(n, h);
+    let along = dot(n, h);
+    let d = along * along * a2 + dot(across, across);
+    return select(0.0, a2 / (PI * d * d), along > 0.0 && d > 0.0);
+}
+
+// Share of facets that `v` and `l` both see, over 4 nv nl.
+fn ggx_visibility(nv: f32, nl: f32, a2: f32) -> f32 {
+    return 0.5 / max(nl * sqrt(a2 + nv * nv * (1.0 - a2)) + nv * sqrt(a2 + nl * nl * (1.0 - a2)), 1e-20);
+}
+
+// Share of facets that `v` sees, over 4 nv: density of a reflected direction per density of its normal.
+fn ggx_reflection_pdf(nv: f32, a2: f32) -> f32 {
+    return 0.5 / max(nv + sqrt(a2 + nv * nv * (1.0 - a2)), 1e-20);
+}
+
+fn fresnel(f0: vec3<f32>, f90: vec3<f32>, cosine: f32) -> vec3<f32> {
+    return select(f0 + (f90 - f0) * schlick_weight(cosine), f90, cosine < 0.0);
+}
+
+// Share of light that passes the layer on its way in and out again.
+fn layer_passage(s: Surface, vh: f32, nl: f32) -> f32 {
+    let l = layer_albedo(nl, s.roughness).towards;
+    let conserving = (1.0 - s.layer_albedo) * (1.0 - (s.layer_f0 * l.x + s.layer_f90 * l.y)) / max(1.0 - s.layer_mean, 1e-3);
+    return max(min(1.0 - layer_fresnel(s, vh), conserving), 0.0);
+}
+
+fn evaluate(s: Surface, v: vec3<f32>, l: vec3<f32>) -> Scattering {
+    let nl = dot(s.normal, l);
+    let is_above = dot(s.geometric_normal, l) > 0.0;
+    if !(HAS_SPECULAR || HAS_TRANSMISSION || HAS_CLEARCOAT) {
+        let cosine = select(0.0, max(nl, 0.0) / PI, is_above);
+        return Scattering(s.diffuse * cosine, cosine);
+    }
+    let nv = max(dot(s.normal, v), 1e-6);
+    let a2 = s.alpha * s.alpha;
+    var out = Scattering(vec3<f32>(0.0), 0.0);
+    if is_above && nl > 0.0 {
+        let h = normalize(v + l);
+        let vh = clamp(dot(v, h), 0.0, 1.0);
+        out.value = s.diffuse * (layer_passage(s, vh, nl) * nl / PI);
+        out.pdf = s.odds.x * nl / PI;
+        if s.alpha >= SMOOTH {
+            let d = ggx(s.normal, h, a2);
+            out.value += fresnel(s.f0, s.f90, fresnel_cosine(vh, s.eta)) * (d * ggx_visibility(nv, nl, a2) * nl);
+            out.pdf += s.odds.y * d * ggx_reflection_pdf(nv, a2);
+        }
+    }
+    if HAS_TRANSMISSION {
+        if !is_above && nl < 0.0 && s.alpha >= SMOOTH && s.odds.z > 0.0 {
+            let through = transmit(s, v, l, nv, -nl, a2);
+            out.value += s.transmitted * through.value;
+            out.pdf += s.odds.z * through.pdf;
+        }
+    }
+    if HAS_CLEARCOAT {
+        out.value *= 1.0 - s.coat;
+        let coat_nl = dot(s.coat_normal, l);
+        if is_above && coat_nl > 0.0 && s.coat_alpha >= SMOOTH && s.coat > 0.0 {
+            let coat_a2 = s.coat_alpha * s.coat_alpha;
+            let coat_nv = max(dot(s.coat_normal, v), 1e-6);
+            let d = ggx(s.coat_normal, normalize(v + l), coat_a2);
+            out.value += s.coat * (d * ggx_visibility(coat_nv, coat_nl, coat_a2) * coat_nl);
+            out.pdf += s.odds.w * d * ggx_reflection_pdf(coat_nv, coat_a2);
+        }
+    }
+    return out;
+}
+
+// The transmission lobe of unit colour; cosines are positive.
+fn transmit(s: Surface, v: vec3<f32>, l: vec3<f32>, nv: f32, nl: f32, a2: f32) -> Scattering {
+    if s.is_thin {
+        // A sheet's facets reflect, and the light comes out on the other side.
+        let h = normalize(v + l + 2.0 * nl * s.normal);
+        let d = ggx(s.normal, h, a2);
+        let passed = 1.0 - layer_fresnel(s, clamp(dot(v, h), 0.0, 1.0));
+        return Scattering(vec3<f32>(passed * d * ggx_visibility(nv, nl, a2) * nl), d * ggx_reflection_pdf(nv, a2));
+    }
+    if is_straight(s.eta) {
+        return Scattering(vec3<f32>(0.0), 0.0);
+    }
+    let sum = v + s.eta * l;
+    let h = select(sum, -sum, dot(sum, s.normal) < 0.0) * inverseSqrt(max(dot(sum, sum), 1e-30));
+    let vh = dot(v, h);
+    let lh = dot(l, h);
+    if vh <= 0.0 || lh >= 0.0 {
+        return Scattering(vec3<f32>(0.0), 0.0);
+    }
+    let d = ggx(s.normal, h, a2);
+    let bend = vh + s.eta * lh;
+    let passed = 1.0 - layer_fresnel(s, fresnel_cosine(vh, s.eta));
+    // Both hold |l.h| / bend², Walter et al.'s Jacobian but for the eta² that the radiance is divided by.
+    let shared_ = 4.0 * d * vh * -lh / max(bend * bend, 1e-20);
+    return Scattering(
+        vec3<f32>(passed * shared_ * ggx_visibility(nv, nl, a2) * nl),
+        shared_ * s.eta * s.eta * ggx_reflection_pdf(nv, a2),
+    );
+}
+
+// Light that crosses without being bent has one direction, however rough the surface.
+fn is_straight(eta: f32) -> bool {
+    return abs(eta - 1.0) < 1e-3;
+}
+
+fn sample_bsdf(s: Surface, v: vec3<f32>, pick: f32, u: vec2<f32>) -> BsdfSample {
+    var out: BsdfSample;
+    out.pdf = 0.0;
+    if !(HAS_SPECULAR || HAS_TRANSMISSION || HAS_CLEARCOAT) {
+        out.direction = sample_cosine(s.normal, u);
+        out.pdf = select(0.0, max(dot(out.direction, s.normal), 0.0) / PI, dot(out.direction, s.geometric_normal) > 0.0);
+        out.weight = s.diffuse;
+        return out;
+    }
+    // In the order of `odds`; the last one that is possible takes what rounding leaves.
+    var lobe = 0u;
+    lobe = select(lobe, 1u, s.odds.y > 0.0 && pick >= s.odds.x);
+    lobe = select(lobe, 2u, s.odds.z > 0.0 && pick >= s.odds.x + s.odds.y);
+    lobe = select(lobe, 3u, s.odds.w > 0.0 && pick >= s.odds.x + s.odds.y + s.odds.z);
+    if s.odds[lobe] <= 0.0 {
+        return out;
+    }
+    if lobe == 0u {
+        out.direction = sample_cosine(s.normal, u);
+    } else {
+        sample_facet(s, v, lobe, s.odds[lobe], u, &out);
+        if out.is_delta || out.pdf < 0.0 {
+            return out;
+        }
+    }
+    let all = evaluate(s, v, out.direction);
+    out.pdf = all.pdf;
+    // A Lambertian surface alone is weighed without rounding.
+    let only_diffuse = s.odds.x == 1.0 && max3(s.f0) == 0.0 && s.f90.x == 0.0;
+    out.weight = select(all.value / max(all.pdf, 1e-30), s.diffuse, only_diffuse);
+    return out;
+}
+
+// Reflection (1), transmission (2) or the coat's reflection (3). Leaves a density below 0 where the facet sends nothing.
+fn sample_facet(s: Surface, v: vec3<f32>, lobe: u32, odds: f32, u: vec2<f32>, out: ptr<function, BsdfSample>) {
+    let is_coat = HAS_CLEARCOAT && lobe == 3u;
+    let n = select(s.normal, s.coat_normal, is_coat);
+    let alpha = select(s.alpha, s.coat_alpha, is_coat);
+    let is_straight_on = lobe == 2u && !s.is_thin && is_straight(s.eta);
+    (*out).is_delta = alpha < SMOOTH || is_straight_on;
+    let h = select(sample_visible_normal(n, v, max(alpha, SMOOTH), u), n, (*out).is_delta);
+    let vh = dot(v, h);
+    let cosine = fresnel_cosine(abs(vh), select(s.eta, 1.0, is_coat));
+    var l = 2.0 * vh * h - v;
+    (*out).pdf = 0.0;
+    var weight = select(fresnel(s.f0, s.f90, cosine), vec3<f32>(s.coat), is_coat);
+    if HAS_TRANSMISSION && lobe == 2u {
+        weight = s.transmitted * (1.0 - layer_fresnel(s, cosine));
+        if s.is_thin {
+            // The facet's reflection comes out on the other side; off a smooth sheet that is straight on.
+            l -= 2.0 * dot(s.normal, l) * s.normal;
+        } else if is_straight_on {
+            l = -v;
+        } else {
+            let cos2 = 1.0 - (1.0 - vh * vh) / (s.eta * s.eta);
+            l = (vh * h - v) / s.eta - sqrt(max(cos2, 0.0)) * h;
+            weight /= s.eta * s.eta;
+            (*out).pdf = select(0.0, -1.0, cos2 <= 0.0);
+        }
+    }
+    (*out).direction = normalize(l);
+    if HAS_CLEARCOAT && !is_coat {
+        weight *= 1.0 - s.coat;
+    }
+    if (*out).is_delta {
+        let crosses = lobe == 2u;
+        let goes_up = dot((*out).direction, s.geometric_normal) > 0.0;
+        (*out).weight = weight / odds;
+        (*out).pdf = select(0.0, 1.0, goes_up != crosses && (*out).pdf >= 0.0);
+    }
 }

@@ -2,6 +2,7 @@
 
 // `hit` image: triangle or NO_PRIM or SPHERE | light, barycentrics as bits, material and flags.
 const FLAG_MIXED: u32 = 0x80000000u;
+const FLAG_VIEW_DEPENDENT: u32 = 0x40000000u;
 const MATERIAL_MASK: u32 = 0x00ffffffu;
 const MATERIAL_NONE: u32 = 0x00ffffffu;
 

@@ -3,9 +3,18 @@
 
 override HAS_CONSTANT_ENV: bool = true;
 
+// Dimensions of a path's vertex, so that what a scene skips moves no other number. The pair before them is the pixel's.
+const FIRST_DIMENSION: u32 = 1u;
+const DIMENSIONS_PER_VERTEX: u32 = 5u;
+const LIGHT_CHOICE: u32 = 0u;
+const LIGHT_POINT: u32 = 1u;
+const LOBE_CHOICE: u32 = 2u;
+const LOBE_DIRECTION: u32 = 3u;
+const SURVIVAL: u32 = 4u;
+
 struct PathSample {
-    // Light reflected by the first surface, divided by its albedo.
-    irradiance: vec3<f32>,
+    // Light sent towards the viewer by the first surface; its own emission is not in it.
+    radiance: vec3<f32>,
     rays: u32,
 }
 
@@ -15,12 +24,29 @@ struct FirstHit {
     surface: Surface,
     emission: vec3<f32>,
     albedo: vec3<f32>,
+    // Share of light that a volume lets through on the way to the eye.
+    transmittance: vec3<f32>,
+}
+
+// What fills the space that a ray crosses.
+struct Medium {
+    absorption: vec3<f32>,
+    is_inside: bool,
+}
+
+// Share of light left after `distance` through the medium, up to a surface's hit. A ray that meets a volume's surface from behind was
+// in that volume, even if nobody saw it go in: that is where the camera is.
+fn transmittance(medium: Medium, distance: f32, s: Surface) -> vec3<f32> {
+    let absorption = select(materials[s.material].absorption, medium.absorption, medium.is_inside);
+    let is_inside = medium.is_inside || !(s.is_front || s.is_thin);
+    return select(vec3<f32>(1.0), exp(-absorption * distance), is_inside);
 }
 
 fn first_hit(hit: Hit, view: u32, direction: vec3<f32>) -> FirstHit {
     var f: FirstHit;
     f.hit = hit;
     f.albedo = vec3<f32>(0.0);
+    f.transmittance = vec3<f32>(1.0);
     if hit.prim == NO_PRIM {
         f.emission = environment(direction);
     } else if (hit.prim & SPHERE) != 0u {
@@ -30,123 +56,153 @@ fn first_hit(hit: Hit, view: u32, direction: vec3<f32>) -> FirstHit {
         }
     } else {
         f.surface = surface_at(hit.prim, hit.bary, direction);
-        f.emission = f.surface.emission;
-        f.albedo = f.surface.albedo;
+        if HAS_TRANSMISSION {
+            let distance = dot(f.surface.position - frame.views[view].origin, direction);
+            f.transmittance = transmittance(Medium(vec3<f32>(0.0), false), distance, f.surface);
+        }
+        f.emission = f.surface.emission * f.transmittance;
+        f.albedo = f.surface.albedo * f.transmittance;
     }
     return f;
 }
 
-// Light that reaches the surface straight from a sampled light, through its Lambertian response.
-fn direct_light(s: Surface, rng: ptr<function, Rng>, is_last: bool, rays: ptr<function, u32>) -> vec3<f32> {
-    let choice = random2(rng);
-    let u = random2(rng);
+fn random_at(rng: ptr<function, Rng>, depth: u32, dimension: u32) -> vec2<f32> {
+    (*rng).dimension = FIRST_DIMENSION + (depth - 1u) * DIMENSIONS_PER_VERTEX + dimension;
+    return random2(rng);
+}
+
+// The medium behind or before the surface, for light that leaves it towards `direction`.
+fn medium_towards(s: Surface, direction: vec3<f32>, before: Medium) -> Medium {
+    if !HAS_TRANSMISSION || s.is_thin || dot(s.geometric_normal, direction) > 0.0 {
+        return before;
+    }
+    return Medium(materials[s.material].absorption, s.is_front);
+}
+
+// Light that reaches the surface straight from a sampled light and is scattered towards the viewer.
+fn direct_light(s: Surface, v: vec3<f32>, medium: Medium, depth: u32, rng: ptr<function, Rng>, rays: ptr<function, u32>) -> vec3<f32> {
+    let choice = random_at(rng, depth, LIGHT_CHOICE);
+    let u = random_at(rng, depth, LIGHT_POINT);
     let light = sample_light(s.position, choice, u);
     if !(light.pdf > 0.0) {
         return vec3<f32>(0.0);
     }
-    let response = diffuse_response(s, light.direction);
-    if response <= 0.0 {
+    let scattered = evaluate(s, v, light.direction);
+    if max3(scattered.value) <= 0.0 {
         return vec3<f32>(0.0);
     }
     *rays += 1u;
     if is_occluded(leave(s, light.direction), light.direction, light.distance, light.sphere, alpha_key(*rng)) {
         return vec3<f32>(0.0);
     }
-    // The last surface's bounce is not followed, so light sampling stands alone there. An environment image is: its
-    // bounce ray is cheap.
-    var weight = 1.0;
-    if !light.is_delta && !(is_last && light.distance < 1.0e38) {
-        weight = light.pdf / (light.pdf + response);
+    let weight = select(light.pdf / (light.pdf + scattered.pdf), 1.0, light.is_delta);
+    var radiance = light.radiance * scattered.value * (weight / light.pdf);
+    if HAS_TRANSMISSION {
+        let between = medium_towards(s, light.direction, medium);
+        radiance *= select(vec3<f32>(1.0), exp(-between.absorption * light.distance), between.is_inside);
     }
-    return light.radiance * (response * weight / light.pdf);
+    return radiance;
 }
 
 fn clamp_indirect(c: vec3<f32>) -> vec3<f32> {
-    let peak = max(max(c.r, c.g), c.b);
+    let peak = max3(c);
     return select(c, c * (frame.indirect_clamp / peak), frame.indirect_clamp > 0.0 && peak > frame.indirect_clamp);
 }
 
-// Light found by a bounce that left the surface at `from` with density `pdf`.
-fn found_light(from_: vec3<f32>, direction: vec3<f32>, hit: Hit, emission: vec3<f32>, pdf: f32) -> vec3<f32> {
-    var light_pdf = 0.0;
+// Density with which light sampling at `from_` takes the direction to what a scattered ray has hit.
+fn found_light_pdf(from_: vec3<f32>, direction: vec3<f32>, hit: Hit) -> f32 {
     if (hit.prim & SPHERE) != 0u {
-        light_pdf = sphere_pdf(from_, hit.prim & ~SPHERE);
-    } else {
-        let tri = triangles[hit.prim];
-        let normal = cross(tri.v1 - tri.v0, tri.v2 - tri.v0);
-        let cosine = abs(dot(normal, direction)) / max(length(normal), 1e-37);
-        light_pdf = materials[tri.material].light_pdf * hit.t * hit.t / max(cosine, 1e-7) / f32(frame.light_groups);
+        return sphere_pdf(from_, hit.prim & ~SPHERE);
     }
-    return emission * (pdf / (pdf + light_pdf));
+    let tri = triangles[hit.prim];
+    let normal = cross(tri.v1 - tri.v0, tri.v2 - tri.v0);
+    let cosine = abs(dot(normal, direction)) / max(length(normal), 1e-37);
+    return materials[tri.material].light_pdf * hit.t * hit.t / max(cosine, 1e-7) / f32(frame.light_groups);
 }
 
-fn escaped_light(direction: vec3<f32>, pdf: f32) -> vec3<f32> {
+fn escaped_light(direction: vec3<f32>, b: BsdfSample) -> vec3<f32> {
     if HAS_ENV_MAP && frame.env_width > 0u {
         let light_pdf = env_pdf(direction) / f32(frame.light_groups);
-        return environment(direction) * (pdf / (pdf + light_pdf));
+        return environment(direction) * select(b.pdf / (b.pdf + light_pdf), 1.0, b.is_delta);
     }
     return frame.env_radiance;
 }
 
-fn trace_path(first: Surface, rng: ptr<function, Rng>) -> PathSample {
+fn trace_path(first: Surface, direction_in: vec3<f32>, rng: ptr<function, Rng>) -> PathSample {
     var result = PathSample(vec3<f32>(0.0), 0u);
     var s = first;
+    var v = -direction_in;
+    var medium = Medium(vec3<f32>(0.0), false);
+    if HAS_TRANSMISSION {
+        medium = Medium(materials[s.material].absorption, !(s.is_front || s.is_thin));
+    }
     var throughput = vec3<f32>(1.0);
     var rays = 0u;
     for (var depth = 1u; depth <= frame.reflections; depth += 1u) {
         let is_last = depth == frame.reflections;
         if has_lights() {
-            let direct = throughput * direct_light(s, rng, is_last, &rays);
-            result.irradiance += select(clamp_indirect(direct), direct, depth == 1u);
+            let direct = throughput * direct_light(s, v, medium, depth, rng, &rays);
+            result.radiance += select(clamp_indirect(direct), direct, depth == 1u);
         }
-        let direction = sample_cosine(s.normal, random2(rng));
-        let pdf = max(dot(direction, s.normal), 0.0) / PI;
-        if dot(direction, s.geometric_normal) <= 0.0 || pdf <= 0.0 {
+        let b = sample_bsdf(s, v, random_at(rng, depth, LOBE_CHOICE).x, random_at(rng, depth, LOBE_DIRECTION));
+        if !(b.pdf > 0.0) {
             break;
         }
+        let direction = b.direction;
+        throughput *= b.weight;
+        if max3(throughput) <= 0.0 {
+            break;
+        }
+        medium = medium_towards(s, direction, medium);
+        let from_ = s.position;
         let origin = leave(s, direction);
         let key = alpha_key(*rng);
-        if is_last {
+        if is_last && !(HAS_EMISSIVE || HAS_SPHERES || HAS_UNLIT) {
             // Only light from infinity is still to be found: whether the way is free says it all.
-            if HAS_CONSTANT_ENV || HAS_ENV_MAP {
+            if (HAS_CONSTANT_ENV || HAS_ENV_MAP) && !medium.is_inside {
                 rays += 1u;
                 if !is_occluded(origin, direction, 3.0e38, NO_LIGHT, key) {
-                    let found = throughput * escaped_light(direction, pdf);
-                    result.irradiance += select(clamp_indirect(found), found, depth == 1u);
+                    let found = throughput * escaped_light(direction, b);
+                    result.radiance += select(clamp_indirect(found), found, depth == 1u);
                 }
             }
             break;
         }
         rays += 1u;
         let hit = trace_closest(origin, direction, key);
-        if hit.prim == NO_PRIM {
+        var found = vec3<f32>(0.0);
+        let is_surface = (hit.prim & SPHERE) == 0u;
+        if is_surface {
+            s = surface_at(hit.prim, hit.bary, direction);
+            if HAS_TRANSMISSION {
+                throughput *= transmittance(medium, hit.t, s);
+                medium = Medium(select(materials[s.material].absorption, medium.absorption, medium.is_inside), medium.is_inside || !(s.is_front || s.is_thin));
+            }
+            if HAS_EMISSIVE || HAS_UNLIT {
+                found = s.emission;
+            }
+        } else if hit.prim == NO_PRIM {
             if HAS_CONSTANT_ENV || HAS_ENV_MAP {
-                let found = throughput * escaped_light(direction, pdf);
-                result.irradiance += select(clamp_indirect(found), found, depth == 1u);
+                found = escaped_light(direction, b);
             }
-            break;
+        } else if HAS_SPHERES {
+            found = sphere_radiance(hit.prim & ~SPHERE, from_);
         }
-        if HAS_SPHERES && (hit.prim & SPHERE) != 0u {
-            let found = throughput * found_light(s.position, direction, hit, sphere_radiance(hit.prim & ~SPHERE, s.position), pdf);
-            result.irradiance += select(clamp_indirect(found), found, depth == 1u);
-            break;
-        }
-        let next = surface_at(hit.prim, hit.bary, direction);
-        if HAS_EMISSIVE {
-            if any(next.emission > vec3<f32>(0.0)) {
-                let found = throughput * found_light(s.position, direction, hit, next.emission, pdf);
-                result.irradiance += select(clamp_indirect(found), found, depth == 1u);
+        if hit.prim != NO_PRIM && !b.is_delta {
+            if any(found > vec3<f32>(0.0)) {
+                found *= b.pdf / (b.pdf + found_light_pdf(from_, direction, hit));
             }
         }
-        s = next;
-        throughput *= s.albedo;
-        // Russian roulette after the third bounce.
-        let survive = min(max(max(throughput.r, throughput.g), throughput.b), 0.95);
-        if survive <= 0.0 {
+        found *= throughput;
+        result.radiance += select(clamp_indirect(found), found, depth == 1u);
+        if !is_surface || is_last {
             break;
         }
+        v = -direction;
+        // Russian roulette after the third bounce, by what the path carries over the first surface's albedo: filters see that.
         if depth >= 3u {
-            if random2(rng).x >= survive {
+            let survive = min(max3(throughput / max(first.albedo, vec3<f32>(1e-3))), 0.95);
+            if random_at(rng, depth, SURVIVAL).x >= survive {
                 break;
             }
             throughput /= survive;

@@ -39,6 +39,12 @@ fn is_elsewhere(at: u32, f: FirstHit) -> bool {
     return dot(n, f.surface.normal) < 0.95 || apart > 0.005 * f.hit.t;
 }
 
+// Demodulated radiance. What is black reflects nothing.
+fn over_albedo(radiance: vec3<f32>, albedo: vec3<f32>) -> vec3<f32> {
+    const BLACK: vec3<f32> = vec3<f32>(1e-6);
+    return select(vec3<f32>(0.0), radiance / max(albedo, BLACK), albedo > BLACK);
+}
+
 // Samples [pass_.arg0, pass_.arg1) of `pixel` of view `view`. Albedo, emission and radiance hold running means until
 // the pass that ends at the last sample, which leaves radiance divided by albedo.
 fn sample_pixel(pixel: vec2<u32>, view: u32) {
@@ -51,7 +57,6 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
     var albedo = vec3<f32>(0.0);
     var emission = vec3<f32>(0.0);
     var reflected = vec3<f32>(0.0);
-    var irradiance = vec3<f32>(0.0);
     for (var i = begin; i < end; i += 1u) {
         var rng = rng_for(pixel, view, i);
         let direction = ray_direction(view, vec2<f32>(pixel) + sample_offset(&rng));
@@ -69,20 +74,20 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
         }
         var path = PathSample(vec3<f32>(0.0), 0u);
         if (hit.prim & SPHERE) == 0u {
-            path = trace_path(first.surface, &rng);
+            path = trace_path(first.surface, direction, &rng);
         }
-        let ok = is_finite(path.irradiance) && is_finite(first.emission) && is_finite(first.albedo);
+        let radiance = path.radiance * first.transmittance;
+        let ok = is_finite(radiance) && is_finite(first.emission) && is_finite(first.albedo);
         tally = add_tally(tally, rays + path.rays, select(1u, 0u, ok));
         if ok {
             albedo += first.albedo;
             emission += first.emission;
-            irradiance += path.irradiance;
-            reflected += first.albedo * path.irradiance;
+            reflected += radiance;
         }
     }
     tally_image[at] = tally;
     if !JITTER {
-        radiance_image[at] = vec4<f32>(irradiance, 1.0);
+        radiance_image[at] = vec4<f32>(over_albedo(reflected, albedo), 1.0);
         return;
     }
     if mixed {
@@ -100,6 +105,5 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
         radiance_image[at] = vec4<f32>(mean_reflected, 1.0);
         return;
     }
-    let bright = mean_albedo > vec3<f32>(1e-6);
-    radiance_image[at] = vec4<f32>(select(vec3<f32>(0.0), mean_reflected / max(mean_albedo, vec3<f32>(1e-6)), bright), 1.0);
+    radiance_image[at] = vec4<f32>(over_albedo(mean_reflected, mean_albedo), 1.0);
 }

@@ -1,4 +1,13 @@
-// What a ray finds where it hits a triangle.
+// What a ray finds where it hits a triangle: place, normals, and what scatters there.
+
+override HAS_NORMAL_MAPS: bool = true;
+override HAS_SPECULAR: bool = true;
+override HAS_TRANSMISSION: bool = true;
+override HAS_CLEARCOAT: bool = true;
+override HAS_UNLIT: bool = true;
+
+// Microfacets smoother than this are a mirror.
+const SMOOTH: f32 = 1e-4;
 
 struct Surface {
     position: vec3<f32>,
@@ -7,10 +16,92 @@ struct Surface {
     // Both face the side the ray came from.
     geometric_normal: vec3<f32>,
     normal: vec3<f32>,
-    albedo: vec3<f32>,
-    roughness: f32,
+    // Whether the ray came from the triangle's front.
+    is_front: bool,
     emission: vec3<f32>,
     material: u32,
+
+    // Share of even light from all around that is sent towards the viewer; what radiance is divided by for filtering.
+    albedo: vec3<f32>,
+    // Perceptual; 1 where there is no lobe that could be smooth.
+    roughness: f32,
+    // GGX width of reflection and transmission.
+    alpha: f32,
+    // Of the Lambertian lobe and of transmission, before the layers above take their share.
+    diffuse: vec3<f32>,
+    transmitted: vec3<f32>,
+    // Schlick's reflectance of metal and dielectric, mixed: at normal and at grazing incidence.
+    f0: vec3<f32>,
+    f90: vec3<f32>,
+    // The dielectric's alone, largest channel: what the lobes beneath it lose.
+    layer_f0: f32,
+    layer_f90: f32,
+    // Directional albedo of the dielectric layer towards the viewer, and its mean over directions.
+    layer_albedo: f32,
+    layer_mean: f32,
+    // Index of refraction on the light's side over that on the viewer's, for light that crosses; 1: it goes straight on.
+    eta: f32,
+    is_thin: bool,
+    // Fresnel reflectance of the coat, towards the viewer, times its strength.
+    coat: f32,
+    coat_alpha: f32,
+    coat_normal: vec3<f32>,
+    // Probabilities with which `sample_bsdf` takes each lobe: diffuse, reflection, transmission, coat.
+    odds: vec4<f32>,
+}
+
+// Directional albedo of GGX reflection over cosine and perceptual roughness, as (scale of f0, scale of f90): a grid of
+// ALBEDO_GRID x ALBEDO_GRID nodes, and behind it the means over directions per roughness. `stages::albedo_table`.
+@group(0) @binding(14) var<storage, read> albedo_table: array<vec2<f32>>;
+const ALBEDO_GRID: u32 = 32u;
+
+struct LayerAlbedo {
+    towards: vec2<f32>,
+    mean: vec2<f32>,
+}
+
+fn layer_albedo(cosine: f32, roughness: f32) -> LayerAlbedo {
+    let last = f32(ALBEDO_GRID - 1u);
+    let x = clamp(cosine, 0.0, 1.0) * last;
+    let y = clamp(roughness, 0.0, 1.0) * last;
+    let column = min(u32(x), ALBEDO_GRID - 2u);
+    let row = min(u32(y), ALBEDO_GRID - 2u);
+    let fx = x - f32(column);
+    let fy = y - f32(row);
+    let at = row * ALBEDO_GRID + column;
+    let low = mix(albedo_table[at], albedo_table[at + 1u], fx);
+    let high = mix(albedo_table[at + ALBEDO_GRID], albedo_table[at + ALBEDO_GRID + 1u], fx);
+    let means = ALBEDO_GRID * ALBEDO_GRID + row;
+    return LayerAlbedo(mix(low, high, fy), mix(albedo_table[means], albedo_table[means + 1u], fy));
+}
+
+fn max3(c: vec3<f32>) -> f32 {
+    return max(max(c.r, c.g), c.b);
+}
+
+fn schlick_weight(cosine: f32) -> f32 {
+    let m = clamp(1.0 - cosine, 0.0, 1.0);
+    let m2 = m * m;
+    return m2 * m2 * m;
+}
+
+// A normal-mapped normal on the front side. The frame's tangent is made perpendicular; where the file's is no use, any
+// frame will do. What it says of the side that the viewer is on is not believed: the normal is bent until it can be seen.
+fn mapped_normal(prim: u32, bary: vec2<f32>, texture: u32, scale: f32, normal: vec3<f32>, to_viewer: vec3<f32>) -> vec3<f32> {
+    let info = textures[texture];
+    let code = sample_texture(info, interpolate_uv(prim, bary, info), false).rgb;
+    let local = (2.0 * code - 1.0) * vec3<f32>(scale, scale, 1.0);
+    let given = (1.0 - bary.x - bary.y) * tangents[3u * prim] + bary.x * tangents[3u * prim + 1u] + bary.y * tangents[3u * prim + 2u];
+    let along = given.xyz - normal * dot(normal, given.xyz);
+    let size2 = dot(along, along);
+    let t = select(frame_around(normal)[0], along * inverseSqrt(max(size2, 1e-30)), size2 > 1e-12);
+    let b = select(1.0, -1.0, given.w < 0.0) * cross(normal, t);
+    let mapped = local.x * t + local.y * b + local.z * normal;
+    let mapped2 = dot(mapped, mapped);
+    let n = select(normal, mapped * inverseSqrt(max(mapped2, 1e-30)), mapped2 > 1e-12);
+    const LEAST: f32 = 1e-3;
+    let cosine = dot(n, to_viewer);
+    return select(n, normalize(n + (LEAST - cosine) * to_viewer), cosine < LEAST);
 }
 
 fn surface_at(prim: u32, bary: vec2<f32>, direction: vec3<f32>) -> Surface {
@@ -26,24 +117,138 @@ fn surface_at(prim: u32, bary: vec2<f32>, direction: vec3<f32>) -> Surface {
     var ns = b0 * shade.n0 + bary.x * shade.n1 + bary.y * shade.n2;
     let ns_size = length(ns);
     ns = select(ng, ns / ns_size, ns_size > 1e-12);
-    let front = dot(ng, direction) <= 0.0;
-    s.geometric_normal = select(-ng, ng, front);
-    ns = select(-ns, ns, front);
-    s.normal = select(s.geometric_normal, ns, dot(ns, direction) < 0.0);
+    s.is_front = dot(ng, direction) <= 0.0;
+    let side = select(-1.0, 1.0, s.is_front);
+    s.geometric_normal = side * ng;
+    s.normal = select(s.geometric_normal, side * ns, dot(side * ns, direction) < 0.0);
+    s.coat_normal = s.normal;
+    if HAS_NORMAL_MAPS {
+        // The frame belongs to the front; seen from behind, all of it is turned over.
+        let viewer = -side * direction;
+        if m.normal_texture != NO_TEXTURE {
+            s.normal = side * mapped_normal(prim, bary, m.normal_texture, m.normal_scale, side * s.normal, viewer);
+        }
+        if HAS_CLEARCOAT && m.clearcoat_normal_texture != NO_TEXTURE {
+            s.coat_normal = side * mapped_normal(prim, bary, m.clearcoat_normal_texture, m.clearcoat_normal_scale, side * s.coat_normal, viewer);
+        }
+    }
     // Interpolation costs 7 roundings of the terms' magnitudes (Pharr et al., PBRT 4e, 6.8.5); doubled, since the
     // triangle that a ray must not meet again is intersected in f32 too.
     let magnitude = abs(b0 * tri.v0) + abs(bary.x * tri.v1) + abs(bary.y * tri.v2);
     s.error = 2.0 * 7.0 * 5.9604645e-8 * dot(abs(ng), magnitude);
-    s.albedo = base_color_at(prim, bary, m).rgb;
-    s.roughness = m.roughness;
     s.material = tri.material;
+    let base = base_color_at(prim, bary, m).rgb;
     s.emission = vec3<f32>(0.0);
     if HAS_EMISSIVE {
-        if front || (m.flags & DOUBLE_SIDED) != 0u {
+        if s.is_front || (m.flags & DOUBLE_SIDED) != 0u {
             s.emission = emissive_at(prim, bary, m);
         }
     }
+    describe_lobes(&s, prim, bary, m, base, -direction);
+    if HAS_UNLIT && (m.flags & UNLIT) != 0u {
+        s.emission = base;
+        s.albedo = vec3<f32>(0.0);
+        s.diffuse = vec3<f32>(0.0);
+        s.transmitted = vec3<f32>(0.0);
+        s.f0 = vec3<f32>(0.0);
+        s.f90 = vec3<f32>(0.0);
+        s.coat = 0.0;
+        s.odds = vec4<f32>(0.0);
+    }
     return s;
+}
+
+// The lobes of glTF's material model (specification 2.0, appendix B; KHR_materials_ior, _specular, _transmission,
+// _volume, _clearcoat) with this hit's textures.
+fn describe_lobes(s: ptr<function, Surface>, prim: u32, bary: vec2<f32>, m: Material, base: vec3<f32>, to_viewer: vec3<f32>) {
+    (*s).albedo = base;
+    (*s).diffuse = base;
+    (*s).roughness = 1.0;
+    (*s).eta = 1.0;
+    (*s).is_thin = true;
+    (*s).odds = vec4<f32>(1.0, 0.0, 0.0, 0.0);
+    if !(HAS_SPECULAR || HAS_TRANSMISSION || HAS_CLEARCOAT) {
+        return;
+    }
+    let rough_metal = texture_at(prim, bary, m.metallic_roughness_texture, false);
+    let roughness = clamp(m.roughness * rough_metal.g, 0.0, 1.0);
+    let metallic = clamp(m.metallic * rough_metal.b, 0.0, 1.0);
+    (*s).alpha = roughness * roughness;
+    let specular = m.specular * texture_at(prim, bary, m.specular_texture, false).a;
+    let tint = m.specular_color * texture_at(prim, bary, m.specular_color_texture, true).rgb;
+    let bend = (m.ior - 1.0) / (m.ior + 1.0);
+    let layer_f0 = min(bend * bend * tint, vec3<f32>(1.0)) * specular;
+    (*s).f0 = mix(layer_f0, base, metallic);
+    (*s).f90 = vec3<f32>(mix(specular, 1.0, metallic));
+    (*s).layer_f0 = max3(layer_f0);
+    (*s).layer_f90 = specular;
+    let table = layer_albedo(dot((*s).normal, to_viewer), roughness);
+    (*s).layer_albedo = (*s).layer_f0 * table.towards.x + (*s).layer_f90 * table.towards.y;
+    (*s).layer_mean = (*s).layer_f0 * table.mean.x + (*s).layer_f90 * table.mean.y;
+    var transmission = 0.0;
+    if HAS_TRANSMISSION {
+        transmission = m.transmission * texture_at(prim, bary, m.transmission_texture, false).r;
+        (*s).transmitted = (1.0 - metallic) * transmission * base;
+        (*s).is_thin = (m.flags & THICK) == 0u;
+        if !(*s).is_thin && m.ior >= 1.0 {
+            (*s).eta = select(1.0 / m.ior, m.ior, (*s).is_front);
+        }
+    }
+    (*s).diffuse = (1.0 - metallic) * (1.0 - transmission) * base;
+    (*s).roughness = select(roughness, 1.0, (*s).f90.x == 0.0 && transmission == 0.0);
+    (*s).albedo = ((*s).diffuse + (*s).transmitted) * (1.0 - (*s).layer_albedo) + (*s).f0 * table.towards.x + (*s).f90 * table.towards.y;
+    if HAS_CLEARCOAT {
+        let strength = m.clearcoat * texture_at(prim, bary, m.clearcoat_texture, false).r;
+        let coat_roughness = clamp(m.clearcoat_roughness * texture_at(prim, bary, m.clearcoat_roughness_texture, false).g, 0.0, 1.0);
+        (*s).coat_alpha = coat_roughness * coat_roughness;
+        (*s).coat = strength * mix(schlick_weight(abs(dot((*s).coat_normal, to_viewer))), 1.0, 0.04);
+        (*s).emission *= 1.0 - (*s).coat;
+        (*s).albedo = mix((*s).albedo, vec3<f32>(1.0), (*s).coat);
+    }
+    (*s).odds = lobe_odds(*s, to_viewer, table.towards);
+}
+
+// Cosine that Schlick's term takes: the one on the thinner side. Below 0: total reflection.
+fn fresnel_cosine(cosine: f32, eta: f32) -> f32 {
+    if !HAS_TRANSMISSION {
+        return cosine;
+    }
+    let cos2 = 1.0 - (1.0 - cosine * cosine) / (eta * eta);
+    return select(cosine, select(-1.0, sqrt(max(cos2, 0.0)), cos2 > 0.0), eta < 1.0);
+}
+
+// What the dielectric's layer takes from the lobes beneath it.
+fn layer_fresnel(s: Surface, cosine: f32) -> f32 {
+    return select(mix(s.layer_f0, s.layer_f90, schlick_weight(cosine)), s.layer_f90, cosine < 0.0);
+}
+
+// In proportion to what each lobe sends to the viewer.
+fn lobe_odds(s: Surface, v: vec3<f32>, towards: vec2<f32>) -> vec4<f32> {
+    let nv = max(dot(s.normal, v), 0.0);
+    var odds = vec4<f32>(luminance(s.diffuse), 0.0, luminance(s.transmitted), 0.0) * max(1.0 - s.layer_albedo, 0.05);
+    odds.y = luminance(s.f0) * towards.x + s.f90.x * towards.y;
+    if HAS_TRANSMISSION && s.transmitted.x + s.transmitted.y + s.transmitted.z > 0.0 {
+        // As Fresnel has it about the surface's own normal; rough facets are tilted, so that neither is ruled out there.
+        let reflected = layer_fresnel(s, fresnel_cosine(nv, s.eta));
+        let least = select(0.1, 0.0, s.alpha < SMOOTH);
+        odds.y = max(odds.y, luminance(s.transmitted) * clamp(reflected, least, 1.0));
+        odds.z = luminance(s.transmitted) * clamp(1.0 - reflected, least, 1.0);
+    }
+    odds *= 1.0 - s.coat;
+    odds.w = s.coat;
+    let sum = odds.x + odds.y + odds.z + odds.w;
+    return select(vec4<f32>(0.0), odds / sum, sum > 0.0);
+}
+
+// Whether the other eye sees another radiance there: a share that counts comes by lobes too narrow for both eyes.
+fn is_view_dependent(s: Surface) -> bool {
+    const NARROW: f32 = 0.25;
+    const SHARE: f32 = 0.1;
+    if !(HAS_SPECULAR || HAS_TRANSMISSION || HAS_CLEARCOAT) {
+        return false;
+    }
+    let narrow = select(0.0, s.odds.y + s.odds.z, s.roughness < NARROW) + select(0.0, s.odds.w, s.coat_alpha < NARROW * NARROW);
+    return narrow > SHARE;
 }
 
 // Where a ray that leaves the surface towards `direction` starts: off the surface by the error bound, then rounded away.

@@ -105,7 +105,7 @@ pub struct Tally {
     pub rays: u64,
     pub nonfinite: u64,
     /// By [`crate::stages::HoleReason`].
-    pub holes: [u64; 5],
+    pub holes: [u64; 6],
 }
 
 /// Both eyes.

@@ -3,6 +3,7 @@
 //! A room is a `Room`: a sentence of bindings, and a function that says which dispatches a task becomes.
 //! [`DeviceStages`] turns rooms into pipelines on a device and records tasks with them.
 
+mod albedo_table;
 mod alias;
 mod aov;
 mod atrous;

@@ -5,6 +5,7 @@ use std::borrow::Cow;
 use glam::{Vec3, Vec4};
 use wgpu::util::DeviceExt;
 
+use super::albedo_table;
 use super::emitters::Emitters;
 use super::layout::{self, ALPHA_BLEND, ALPHA_MASK, DOUBLE_SIDED, NO_TEXTURE, THICK, TextureInfo, UNLIT};
 use crate::accel::Accel;
@@ -186,7 +187,7 @@ pub struct SceneBuffers {
     environment: wgpu::TextureView,
 }
 
-/// Bindings 1 to 13.
+/// Bindings 1 to 14.
 pub fn layout_entries() -> Vec<wgpu::BindGroupLayoutEntry> {
     let entry =
         |binding, ty| wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None };
@@ -200,7 +201,7 @@ pub fn layout_entries() -> Vec<wgpu::BindGroupLayoutEntry> {
         view_dimension,
         multisampled: false,
     };
-    let mut entries: Vec<_> = [1, 2, 3, 4, 5, 6, 8, 9, 11, 12, 13].map(|b| entry(b, storage)).into();
+    let mut entries: Vec<_> = [1, 2, 3, 4, 5, 6, 8, 9, 11, 12, 13, 14].map(|b| entry(b, storage)).into();
     entries.push(entry(7, texture(wgpu::TextureViewDimension::D2Array)));
     entries.push(entry(10, texture(wgpu::TextureViewDimension::D2)));
     entries
@@ -209,6 +210,7 @@ pub fn layout_entries() -> Vec<wgpu::BindGroupLayoutEntry> {
 impl SceneBuffers {
     pub fn new(gpu: &GpuDevice, tables: &SceneTables) -> Result<Self, TableError> {
         let srgb: Vec<f32> = (0..=255).map(linear_from_srgb).collect();
+        let albedo = albedo_table::table();
         let emitters = &tables.emitters;
         let contents = [
             (1, "tree", bytes_of(&tables.accel.nodes)),
@@ -222,6 +224,7 @@ impl SceneBuffers {
             (11, "environment grid", bytes_of(&emitters.env_alias)),
             (12, "second texture coordinates", bytes_of(&tables.accel.second_uvs)),
             (13, "tangents", bytes_of(&tables.accel.tangents)),
+            (14, "albedo table", bytes_of(&albedo)),
         ];
         let limit = gpu.info.max_storage_bytes;
         let mut buffers = Vec::new();

@@ -28,8 +28,7 @@ pub struct RowTally {
     pub rays: u32,
     pub nonfinite: u32,
     /// Holes by [`HoleReason`].
-    pub holes: [u32; 5],
-    pub pad: u32,
+    pub holes: [u32; 6],
 }
 
 /// Why a pixel of the right eye could not be reprojected, in the order of [`RowTally::holes`].
@@ -45,10 +44,13 @@ pub enum HoleReason {
     Material,
     /// Several surfaces share the pixel.
     Mixed,
+    /// What is seen depends on where from: polished metal, glass, a gloss at grazing angles.
+    View,
 }
 
 impl HoleReason {
-    pub const ALL: [Self; 5] = [Self::Outside, Self::Normal, Self::Distance, Self::Material, Self::Mixed];
+    pub const ALL: [Self; 6] =
+        [Self::Outside, Self::Normal, Self::Distance, Self::Material, Self::Mixed, Self::View];
 
     pub fn name(self) -> &'static str {
         match self {
@@ -57,6 +59,7 @@ impl HoleReason {
             Self::Distance => "distance",
             Self::Material => "material",
             Self::Mixed => "mixed",
+            Self::View => "view",
         }
     }
 }

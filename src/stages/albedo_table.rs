@@ -1,0 +1,104 @@
+//! Directional albedo of GGX reflection, tabulated for `surface.inc.wgsl`.
+//!
+//! With Schlick's Fresnel term, the share of light from all around that a microfacet surface reflects towards a viewer is
+//! f0 · a + f90 · b, where a and b depend on the viewer's cosine and on roughness alone.
+
+use std::f64::consts::PI;
+
+/// Nodes along the cosine and along perceptual roughness, both from 0 to 1; `ALBEDO_GRID` in the shader.
+const GRID: usize = 32;
+/// Samples a node, squared.
+const STRATA: usize = 16;
+/// Facets as smooth as this are a mirror.
+const SMOOTH: f64 = 1e-4;
+
+/// (a, b) per node, cosines of one roughness side by side, then the means over directions per roughness.
+pub fn table() -> Vec<[f32; 2]> {
+    let node = |i: usize| i as f64 / (GRID - 1) as f64;
+    let rows: Vec<Vec<[f64; 2]>> =
+        (0..GRID).map(|row| (0..GRID).map(|column| albedo(node(column), node(row).powi(2))).collect()).collect();
+    let means = rows.iter().map(|row| mean(row));
+    rows.iter().flatten().copied().chain(means).map(|ab| ab.map(|x| x as f32)).collect()
+}
+
+/// 2 ∫ e(μ) μ dμ of the function that is linear between the nodes, as the shader has it.
+fn mean(row: &[[f64; 2]]) -> [f64; 2] {
+    let h = 1.0 / (GRID - 1) as f64;
+    let mut sum = [0.0; 2];
+    for (i, pair) in row.windows(2).enumerate() {
+        let (x0, x1) = (i as f64 * h, (i + 1) as f64 * h);
+        for (k, sum) in sum.iter_mut().enumerate() {
+            *sum += h * (pair[0][k] * (2.0 * x0 + x1) + pair[1][k] * (x0 + 2.0 * x1)) / 3.0;
+        }
+    }
+    sum
+}
+
+/// Integrates over visible normals (Heitz 2018), each of which weighs G2 / G1.
+fn albedo(cosine: f64, alpha: f64) -> [f64; 2] {
+    if alpha < SMOOTH {
+        let weight = (1.0 - cosine).powi(5);
+        return [1.0 - weight, weight];
+    }
+    let nv = cosine.max(1e-4);
+    let v = [(1.0 - nv * nv).sqrt(), nv];
+    let a2 = alpha * alpha;
+    let mut sum = [0.0; 2];
+    for i in 0..STRATA * STRATA {
+        let u = [(i % STRATA) as f64 + 0.5, (i / STRATA) as f64 + 0.5].map(|x| x / STRATA as f64);
+        let [hx, hz] = visible_normal(v, alpha, u);
+        let vh = (v[0] * hx + v[1] * hz).clamp(0.0, 1.0);
+        let nl = 2.0 * vh * hz - nv;
+        if nl > 0.0 {
+            let lambda = |n: f64| (a2 + n * n * (1.0 - a2)).sqrt();
+            let shadowing = nl * (nv + lambda(nv)) / (nl * lambda(nv) + nv * lambda(nl));
+            let weight = (1.0 - vh).powi(5);
+            sum[0] += shadowing * (1.0 - weight);
+            sum[1] += shadowing * weight;
+        }
+    }
+    sum.map(|s| s / (STRATA * STRATA) as f64)
+}
+
+/// A normal's components in the viewer's plane and along the surface's normal (Dupuy & Benyoub 2023).
+fn visible_normal(v: [f64; 2], alpha: f64, u: [f64; 2]) -> [f64; 2] {
+    let (x, z) = (v[0] * alpha, v[1]);
+    let length = x.hypot(z);
+    let (x, z) = (x / length, z / length);
+    let phi = 2.0 * PI * u[0];
+    let lift = (1.0 - u[1]) * (1.0 + z) - z;
+    let sin = (1.0 - lift * lift).max(0.0).sqrt();
+    let h = [(sin * phi.cos() + x) * alpha, sin * phi.sin() * alpha, lift + z];
+    let length = (h[0] * h[0] + h[1] * h[1] + h[2] * h[2]).sqrt();
+    [h[0] / length, h[2] / length]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_reflects_more_than_it_gets() {
+        for [a, b] in table() {
+            assert!(a >= 0.0 && b >= 0.0 && a + b <= 1.0 + 1e-6, "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn a_mirror_has_schlicks_albedo_and_its_mean_is_a_twenty_first() {
+        let table = table();
+        assert_eq!(table[GRID - 1], [1.0, 0.0]);
+        assert_eq!(table[0], [0.0, 1.0]);
+        // ∫ 2 μ (1 − μ)^5 dμ = 1 / 21, and a little more for being cut to straight lines.
+        let excess = table[GRID * GRID][1] - 1.0 / 21.0;
+        assert!((0.0..2e-3).contains(&excess), "{excess}");
+    }
+
+    #[test]
+    fn white_metal_of_full_roughness_loses_what_single_scattering_loses() {
+        // Height-correlated GGX at alpha 1 reflects 0.40916 ± 0.00006 of even light, by plain Monte Carlo over eight million
+        // pairs of cosine-distributed directions, without a table or visible normals.
+        let mean = table()[GRID * GRID + GRID - 1];
+        assert!((mean[0] + mean[1] - 0.40916).abs() < 5e-4, "{mean:?}");
+    }
+}
