@@ -81,7 +81,8 @@ pub fn read_rgb(path: &Path) -> Result<RgbImage, ImageError> {
 /// subsampled channels and the compressions DWA, HTJ2K and ZSTD, [`ImageError::NoColour`].
 pub fn read_colour(path: &Path) -> Result<(RgbImage, ColourSource), ImageError> {
     let bytes = fs::read(path).map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
-    // The crate's B44 decoder overflows on damaged blocks, which panics where overflow is checked.
+    // The crate's B44 decoder overflows on damaged blocks, which panics where overflow is checked; Cargo.toml has it
+    // unchecked in our own builds.
     let decoded = catch_unwind(|| decode_rgb(&bytes))
         .unwrap_or_else(|_| Err(Refusal::Unreadable("its compressed data makes no sense".into())));
     decoded.map_err(|e| match e {
@@ -143,10 +144,6 @@ fn decode_rgb(bytes: &[u8]) -> Result<(RgbImage, ColourSource), Refusal> {
     check_headers(reader.headers(), bytes.len())?;
     let colour = Colour::find(reader.headers()).ok_or_else(|| Refusal::NoColour(channel_names(reader.headers())))?;
     let source = colour.source(reader.headers());
-    // The crate takes every channel for as large as the part.
-    if reader.headers()[colour.part].channels.list.iter().any(|c| c.sampling != Vec2(1, 1)) {
-        return Err(Refusal::Unsupported("subsampled channels".into()));
-    }
 
     let size = reader.headers()[colour.part].layer_size;
     let mut image = Image::filled(Extent::new(size.0 as u32, size.1 as u32), [0.0; 3]);
