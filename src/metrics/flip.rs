@@ -1,6 +1,6 @@
 //! FLIP (Andersson, Nilsson, Akenine-Möller, Oskarsson, Åström, Fairchild 2020, "FLIP: A Difference Evaluator for
 //! Alternating Images", Proc. ACM Comput. Graph. Interact. Tech. 3(2), 15): what a viewer notices who flips between two
-//! images on a screen, 0 (nothing) … 1 per pixel. Numbers of equations and sections are that paper's.
+//! images on a screen, 0 (nothing) … 1 per pixel. All constants are that paper's.
 //!
 //! Values are sRGB-encoded display values, 0 … 1. Beyond the border the outermost pixels go on.
 
@@ -10,19 +10,19 @@ use super::convolve::{across, down};
 use crate::image::Extent;
 use crate::image::display::linear_from_srgb;
 
-/// The paper's viewer (section 3): 0.7 m away from a screen that is 0.7 m and 3840 pixels wide.
+/// The paper's viewer: 0.7 m away from a screen that is 0.7 m and 3840 pixels wide.
 pub const PIXELS_PER_DEGREE: f64 = 3840.0 * PI / 180.0;
 
-/// Section 4.1.3 and 4.3: exponents of the colour and of the feature difference.
+/// Exponents of the colour and of the feature difference.
 const COLOUR_EXPONENT: f64 = 0.7;
 const FEATURE_EXPONENT: f64 = 0.5;
-/// Section 4.1.3: differences up to this share of the largest one take up this share of the range.
+/// Colour differences up to this share of the largest one take up this share of the range.
 const KNEE: f64 = 0.4;
 const SHARE_BELOW_KNEE: f64 = 0.95;
-/// Section 4.2: width of the features looked for, degrees.
+/// Width of the edges and points looked for, degrees.
 const FEATURE_WIDTH_DEG: f64 = 0.082;
 
-/// Amplitude and width of the Gaussians of the contrast sensitivity, table 1, as (a, b) with b in degrees².
+/// Amplitude and width of the Gaussians of the contrast sensitivity as (a, b) with b in degrees².
 const ACHROMATIC: &[(f64, f64)] = &[(1.0, 0.0047)];
 const RED_GREEN: &[(f64, f64)] = &[(1.0, 0.0053)];
 const BLUE_YELLOW: &[(f64, f64)] = &[(34.1, 0.04), (13.5, 0.025)];
@@ -63,8 +63,8 @@ impl Seen {
     }
 }
 
-/// Linear sRGB to XYZ over the white point. Rows sum to 1; their values are the paper's conversion (sRGB primaries,
-/// D65), divided by its white.
+/// Linear sRGB to XYZ relative to white, so that rows sum to 1: exact for the primaries of sRGB (IEC 61966-2-1) and D65
+/// at (0.31271, 0.32902).
 const XYZ_FROM_LINEAR: [[f64; 3]; 3] = {
     let x = [10_135_552.0, 8_788_810.0, 4_435_075.0];
     let y = [2_613_072.0, 8_788_810.0, 887_015.0];
@@ -116,7 +116,7 @@ const fn inverse(m: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
     cofactors
 }
 
-/// CIELAB (CIE 15:2004), with a* and b* times L*/100: bright colours differ more than dark ones (Hunt; section 4.1.2).
+/// CIELAB (CIE 15:2004), with a* and b* times L*/100: bright colours differ more than dark ones (Hunt).
 fn hunt_lab(linear: [f64; 3]) -> [f64; 3] {
     const DELTA: f64 = 6.0 / 29.0;
     let curve = |t: f64| if t > DELTA.powi(3) { t.cbrt() } else { t / (3.0 * DELTA * DELTA) + 4.0 / 29.0 };
@@ -125,12 +125,12 @@ fn hunt_lab(linear: [f64; 3]) -> [f64; 3] {
     [lightness, 0.01 * lightness * 500.0 * (x - y), 0.01 * lightness * 200.0 * (y - z)]
 }
 
-/// HyAB (Abasi, Tehran, Fairchild 2020): city block between lightness and chroma, Euclid within chroma.
+/// HyAB (Abasi, Amani Tehran, Fairchild 2020): city block between lightness and chroma, Euclid within chroma.
 fn hyab(p: &[f64; 3], q: &[f64; 3]) -> f64 {
     (p[0] - q[0]).abs() + (p[1] - q[1]).hypot(p[2] - q[2])
 }
 
-/// HyAB distances to 0 … 1 (section 4.1.3).
+/// HyAB distances to 0 … 1: most of the range for differences that occur.
 struct Redistribution {
     /// Of green and blue, the colours furthest apart.
     largest: f64,
@@ -152,7 +152,7 @@ impl Redistribution {
     }
 }
 
-/// The contrast sensitivity of one channel as a blur (eq. 6): a sum of Gaussians, together of weight 1.
+/// The contrast sensitivity of one channel as a blur: a sum of Gaussians, together of weight 1.
 fn blur(width: usize, plane: &[f64], gaussians: &[(f64, f64)]) -> Plane {
     let radius = (3.0 * (WIDEST / (2.0 * PI * PI)).sqrt() * PIXELS_PER_DEGREE).ceil() as i32;
     let bell = |b: f64| -> Vec<f64> {
@@ -171,7 +171,7 @@ fn blur(width: usize, plane: &[f64], gaussians: &[(f64, f64)]) -> Plane {
     blurred
 }
 
-/// Magnitudes of the first (edges) and second (points) derivatives of luminance (section 4.2).
+/// Magnitudes of the first (edges) and second (points) derivatives of luminance.
 fn features(width: usize, luminance: &[f64]) -> Vec<[f64; 2]> {
     let sigma = 0.5 * FEATURE_WIDTH_DEG * PIXELS_PER_DEGREE;
     let radius = (3.0 * sigma).ceil() as i32;
@@ -196,7 +196,7 @@ fn sides_sum_to_one(mut kernel: Vec<f64>) -> Vec<f64> {
     kernel
 }
 
-/// Section 4.2 and 4.3: the larger of the two differences.
+/// The larger of the differences in edges and in points, 0 … 1.
 fn feature_difference(r: &[f64; 2], a: &[f64; 2]) -> f64 {
     let larger = (r[0] - a[0]).abs().max((r[1] - a[1]).abs());
     (FRAC_1_SQRT_2 * larger).powf(FEATURE_EXPONENT)

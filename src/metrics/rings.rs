@@ -54,19 +54,18 @@ impl Pair {
     }
 
     fn ring(&self, inner_deg: f64, outer_deg: f64, pixels: &[usize]) -> Ring {
-        let pick = |values: &[[f64; 3]]| pixels.iter().map(|&i| values[i]).collect::<Vec<_>>();
-        let of = |metric: fn(&[[f64; 3]], &[[f64; 3]]) -> f64, r: &[[f64; 3]], a: &[[f64; 3]]| {
-            (!pixels.is_empty()).then(|| metric(&pick(r), &pick(a)))
-        };
         let (r, a) = (&self.reference, &self.image);
+        let [r, a, shown_r, shown_a] = [&r.radiance, &a.radiance, &r.shown, &a.shown]
+            .map(|values| pixels.iter().map(|&i| values[i]).collect::<Vec<_>>());
+        let if_any = |error: f64| (!pixels.is_empty()).then_some(error);
         Ring {
             inner_deg,
             outer_deg,
             pixels: pixels.len(),
-            rmse: of(error::rmse, &r.radiance, &a.radiance),
-            relmse: of(error::relmse, &r.radiance, &a.radiance),
-            psnr: of(error::psnr, &r.shown, &a.shown),
-            flip: (!pixels.is_empty()).then(|| error::mean(pixels.iter().map(|&i| self.flip[i]))),
+            rmse: if_any(error::rmse(&r, &a)),
+            relmse: if_any(error::relmse(&r, &a)),
+            psnr: if_any(error::psnr(&shown_r, &shown_a)),
+            flip: if_any(error::mean(pixels.iter().map(|&i| self.flip[i]))),
         }
     }
 }
