@@ -26,11 +26,12 @@ const FEATURE_WIDTH_DEG: f64 = 0.082;
 const ACHROMATIC: &[(f64, f64)] = &[(1.0, 0.0047)];
 const RED_GREEN: &[(f64, f64)] = &[(1.0, 0.0053)];
 const BLUE_YELLOW: &[(f64, f64)] = &[(34.1, 0.04), (13.5, 0.025)];
+/// The largest b; all filters reach three of its standard deviations.
 const WIDEST: f64 = 0.04;
 
 type Plane = Vec<f64>;
 
-/// FLIP of each pixel, row-major.
+/// FLIP of each pixel, row-major. There is at least one.
 pub fn flip_map(extent: Extent, r: &[[f64; 3]], a: &[[f64; 3]]) -> Vec<f64> {
     let [r, a] = [r, a].map(|shown| Seen::new(extent, shown));
     let scale = Redistribution::new();
@@ -130,7 +131,7 @@ fn hyab(p: &[f64; 3], q: &[f64; 3]) -> f64 {
     (p[0] - q[0]).abs() + (p[1] - q[1]).hypot(p[2] - q[2])
 }
 
-/// HyAB distances to 0 … 1: most of the range for differences that occur.
+/// HyAB distances to 0 … 1.
 struct Redistribution {
     /// Of green and blue, the colours furthest apart.
     largest: f64,
@@ -199,5 +200,5 @@ fn sides_sum_to_one(mut kernel: Vec<f64>) -> Vec<f64> {
 /// The larger of the differences in edges and in points, 0 … 1.
 fn feature_difference(r: &[f64; 2], a: &[f64; 2]) -> f64 {
     let larger = (r[0] - a[0]).abs().max((r[1] - a[1]).abs());
-    (FRAC_1_SQRT_2 * larger).powf(FEATURE_EXPONENT)
+    (FRAC_1_SQRT_2 * larger).powf(FEATURE_EXPONENT).min(1.0)
 }
