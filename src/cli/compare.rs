@@ -1,10 +1,17 @@
 //! `diptych compare`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use anyhow::Context;
 use diptych::image::display::write_png;
-use diptych::image::exr::read_rgb;
-use diptych::metrics;
+use diptych::image::exr::{ColourSource, read_colour};
+use diptych::image::{Extent, RgbImage};
+use diptych::metrics::heatmap::{flip_heatmap, heatmap};
+use diptych::metrics::rings::{Ring, Viewing};
+use diptych::metrics::seams::SeamError;
+use diptych::metrics::{Errors, Pair};
+use diptych::report::text_table;
+use serde::Serialize;
 
 use super::failure::Failure;
 
@@ -14,25 +21,126 @@ pub struct Args {
     reference: PathBuf,
     /// What is judged
     image: PathBuf,
-    /// Writes the error as a colour-coded PNG
+    /// Writes the error of display values as a colour-coded PNG
     #[arg(long, value_name = "FILE")]
     heatmap: Option<PathBuf>,
+    /// Writes the FLIP of each pixel as a PNG in the colours of magma
+    #[arg(long, value_name = "FILE")]
+    flip_map: Option<PathBuf>,
+    /// Also the errors in N rings of equal viewing angle around the gaze, out to the farthest corner
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
+    rings: Option<u16>,
+    /// Where the viewer looks, 0 to 1 from the left and from the top
+    #[arg(long, value_name = "X,Y", default_value = "0.5,0.5", value_parser = gaze, requires = "rings")]
+    gaze: [f64; 2],
+    /// Vertical field of view of the images, degrees, for the rings
+    #[arg(long, value_name = "DEG", default_value = "70", value_parser = yfov, requires = "rings")]
+    yfov: f64,
+    /// Also the RMSE within 4 rows of where stripes meet over the RMSE elsewhere; R are rows with which stripes begin
+    #[arg(long, value_name = "R,R,…", value_delimiter = ',')]
+    seams: Vec<u32>,
     /// As JSON
     #[arg(long)]
     json: bool,
 }
 
+fn gaze(text: &str) -> Result<[f64; 2], String> {
+    let parsed = text.split_once(',').and_then(|(x, y)| Some([x.trim().parse().ok()?, y.trim().parse().ok()?]));
+    let inside = |gaze: &[f64; 2]| gaze.iter().all(|c| (0.0..=1.0).contains(c));
+    parsed.filter(inside).ok_or_else(|| "give X,Y, each 0 to 1, e.g. 0.5,0.5".to_owned())
+}
+
+fn yfov(text: &str) -> Result<f64, String> {
+    let parsed = text.parse().ok().filter(|&deg: &f64| deg > 0.0 && deg < 180.0);
+    parsed.ok_or_else(|| "give degrees above 0 and below 180".to_owned())
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Findings {
+    #[serde(flatten)]
+    errors: Errors,
+    reference_source: ColourSource,
+    image_source: ColourSource,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    rings: Option<Rings>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    seams: Option<SeamError>,
+}
+
+#[derive(Serialize)]
+struct Rings {
+    #[serde(flatten)]
+    viewing: Viewing,
+    rings: Vec<Ring>,
+}
+
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let read = |path: &PathBuf| read_rgb(path).map_err(|e| Failure::Input(e.into()));
-    let (reference, image) = (read(&args.reference)?, read(&args.image)?);
-    let result = metrics::compare(&reference, &image).map_err(|e| Failure::Input(e.into()))?;
+    let (reference, reference_source) = read(&args.reference)?;
+    let (image, image_source) = read(&args.image)?;
+    let pair = Pair::new(&reference, &image)
+        .with_context(|| format!("cannot compare {} with {}", args.image.display(), args.reference.display()))
+        .map_err(Failure::Input)?;
+    check_seams(&args.seams, image.extent).map_err(Failure::Input)?;
+    let viewing = Viewing { gaze: args.gaze, yfov_deg: args.yfov };
+    let findings = Findings {
+        errors: pair.errors(),
+        reference_source,
+        image_source,
+        rings: args.rings.map(|count| Rings { viewing, rings: pair.rings(&viewing, count.into()) }),
+        seams: (!args.seams.is_empty()).then(|| pair.seam_error(&args.seams)),
+    };
     if let Some(path) = &args.heatmap {
-        write_png(path, &metrics::heatmap::heatmap(&reference, &image)?)?;
+        write_png(path, &heatmap(&reference, &image)?)?;
+    }
+    if let Some(path) = &args.flip_map {
+        write_png(path, &flip_heatmap(&pair))?;
     }
     if args.json {
-        say!("{}", serde_json::to_string(&result).map_err(anyhow::Error::from)?);
+        say!("{}", serde_json::to_string(&findings).map_err(anyhow::Error::from)?);
     } else {
-        say!("{result}");
+        print(&findings);
     }
     Ok(())
+}
+
+fn read(path: &Path) -> Result<(RgbImage, ColourSource), Failure> {
+    read_colour(path).map_err(|e| Failure::Input(e.into()))
+}
+
+fn check_seams(rows: &[u32], extent: Extent) -> Result<(), anyhow::Error> {
+    match rows.iter().find(|&&row| row == 0 || row >= extent.height) {
+        Some(row) => anyhow::bail!("--seams {row}: no stripe of {extent} meets another there, give rows from 1 on"),
+        None => Ok(()),
+    }
+}
+
+fn print(findings: &Findings) {
+    for (name, source) in [("reference", &findings.reference_source), ("image", &findings.image_source)] {
+        if !source.is_plain() {
+            say!("{name}: {source}");
+        }
+    }
+    say!("{}", findings.errors);
+    if let Some(seams) = &findings.seams {
+        for (name, value) in
+            [("seam_rmse", seams.near_rmse), ("elsewhere_rmse", seams.elsewhere_rmse), ("seam_ratio", seams.ratio)]
+        {
+            say!("{name:<22} {:>12}", value.map_or("undefined".to_owned(), |v| format!("{v:.6}")));
+        }
+    }
+    if let Some(rings) = &findings.rings {
+        say!("\n{}", ring_table(&rings.rings).trim_end());
+    }
+}
+
+fn ring_table(rings: &[Ring]) -> String {
+    let row = |ring: &Ring| {
+        let bounds = [ring.inner_deg, ring.outer_deg].map(|deg| format!("{deg:.2}"));
+        let errors = [ring.rmse, ring.relmse, ring.psnr, ring.flip]
+            .map(|error| error.map_or("-".to_owned(), |error| format!("{error:.6}")));
+        bounds.into_iter().chain([ring.pixels.to_string()]).chain(errors).collect()
+    };
+    let rows: Vec<Vec<String>> = rings.iter().map(row).collect();
+    text_table(&["from_deg", "to_deg", "pixels", "rmse", "relmse", "psnr", "flip"], &rows)
 }

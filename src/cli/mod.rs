@@ -38,7 +38,7 @@ enum Command {
     Render(render::Args),
     /// Render the same frames at several device counts: table, CSV, plot
     Scale(scale::Args),
-    /// Compare an image with a reference: RMSE, relMSE, PSNR, SSIM, mean ratio
+    /// Compare an image with a reference: RMSE, relMSE, PSNR, SSIM, FLIP, mean ratio; by ring and by seam
     Compare(compare::Args),
     /// Check a trace-file and sum it up: busy, transfer, idle per device, overlap, imbalance
     Trace(trace::Args),

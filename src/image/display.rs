@@ -23,6 +23,11 @@ pub fn srgb_from_linear(linear: f64) -> f64 {
     if linear <= 0.0031308 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
 }
 
+/// The inverse of the sRGB curve over 0 … 1.
+pub fn linear_from_srgb(display: f64) -> f64 {
+    if display <= 0.04045 { display / 12.92 } else { ((display + 0.055) / 1.055).powf(2.4) }
+}
+
 /// The 8-bit level nearest to a display value; what lies outside 0 … 1 is clamped.
 pub fn level(display: f64) -> u8 {
     (display.clamp(0.0, 1.0) * 255.0).round() as u8
@@ -73,6 +78,9 @@ mod tests {
         let knee = 0.0031308;
         assert!((srgb_from_linear(knee) - srgb_from_linear(knee * (1.0 + 1e-9))).abs() < 1e-7);
         assert!((srgb_from_linear(1.0) - 1.0).abs() < 1e-15);
+        for linear in [0.0, 0.001, 0.003, 0.0032, 0.2, 1.0] {
+            assert!((linear_from_srgb(srgb_from_linear(linear)) - linear).abs() < 1e-15, "{linear}");
+        }
     }
 
     #[test]

@@ -16,11 +16,19 @@ pub enum ImageError {
     #[error("{path} is not an OpenEXR image this program can read ({reason}): check that the file is whole")]
     Decode { path: PathBuf, reason: String },
 
+    #[error(
+        "{path} is an OpenEXR image of a kind this program does not read ({what}): save it as flat pixels with ZIP"
+    )]
+    Unsupported { path: PathBuf, what: String },
+
     #[error("{path} has no colour: check that it has channels R, G and B, Y, or a single channel; it has {channels}")]
     NoColour { path: PathBuf, channels: String },
 
     #[error("the images differ in size, {first} and {second}: check that both come from the same --size")]
     SizeMismatch { first: Extent, second: Extent },
+
+    #[error("images of {0} have no pixels to compare")]
+    NoPixels(Extent),
 }
 
 /// Errs unless both images have the same extent.

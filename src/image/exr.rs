@@ -1,10 +1,10 @@
 //! OpenEXR files: what we write is one scanline part of f32 channels; what we read may come from other programs.
 
 use std::collections::HashSet;
-use std::fs;
 use std::io::{self, Cursor};
 use std::panic::catch_unwind;
 use std::path::Path;
+use std::{fmt, fs};
 
 use ::exr::block::reader::ChunksReader;
 use ::exr::block::{UncompressedBlock, lines::LineRef};
@@ -63,41 +63,87 @@ fn io_error(error: ExrError) -> io::Error {
     }
 }
 
-/// Reads the colour of an OpenEXR file, scanlines or tiles, half, float or uint.
+/// [`read_colour`] without where it came from.
+///
+/// # Errors
+/// As [`read_colour`].
+pub fn read_rgb(path: &Path) -> Result<RgbImage, ImageError> {
+    read_colour(path).map(|(image, _)| image)
+}
+
+/// Reads the colour of an OpenEXR file, scanlines or tiles, half, float or uint; of several levels the largest.
 ///
 /// Takes the first part that has R, G and B; without one, the first layer that has them (`diffuse.R` …); without one,
 /// Y or an only channel as grey. The image is the data window, wherever it lies; alpha is ignored.
 ///
 /// # Errors
-/// [`ImageError::Read`], [`ImageError::Decode`] for a file that is damaged or of a kind we don't read (deep data,
-/// subsampled channels, DWA compression), [`ImageError::NoColour`].
-pub fn read_rgb(path: &Path) -> Result<RgbImage, ImageError> {
+/// [`ImageError::Read`], [`ImageError::Decode`] for a file that is damaged, [`ImageError::Unsupported`] for deep data,
+/// subsampled channels and the compressions DWA, HTJ2K and ZSTD, [`ImageError::NoColour`].
+pub fn read_colour(path: &Path) -> Result<(RgbImage, ColourSource), ImageError> {
     let bytes = fs::read(path).map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
-    // The crate's B44 decoder overflows on damaged blocks, which panics where overflow is checked.
+    // The crate's B44 decoder overflows on damaged blocks, which panics where overflow is checked; Cargo.toml has it
+    // unchecked in our own builds.
     let decoded = catch_unwind(|| decode_rgb(&bytes))
         .unwrap_or_else(|_| Err(Refusal::Unreadable("its compressed data makes no sense".into())));
     decoded.map_err(|e| match e {
         Refusal::Unreadable(reason) => ImageError::Decode { path: path.to_owned(), reason },
+        Refusal::Unsupported(what) => ImageError::Unsupported { path: path.to_owned(), what },
         Refusal::NoColour(channels) => ImageError::NoColour { path: path.to_owned(), channels },
     })
+}
+
+/// Which of a file's channels were read.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize)]
+pub struct ColourSource {
+    /// From 0.
+    pub part: usize,
+    pub part_count: usize,
+    pub part_name: Option<String>,
+    /// Read as red, green and blue.
+    pub channels: [String; 3],
+}
+
+impl ColourSource {
+    /// The only part's R, G and B: there was nothing to choose.
+    pub fn is_plain(&self) -> bool {
+        self.part_count == 1 && self.channels.iter().zip(["R", "G", "B"]).all(|(name, plain)| name == plain)
+    }
+}
+
+impl fmt::Display for ColourSource {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "channels {}", self.channels.join(", "))?;
+        if self.part_count > 1 {
+            write!(f, " of part {} of {}", self.part + 1, self.part_count)?;
+            if let Some(name) = &self.part_name {
+                write!(f, ", \"{name}\"")?;
+            }
+        }
+        Ok(())
+    }
 }
 
 /// [`ImageError`] before the path is known.
 enum Refusal {
     Unreadable(String),
+    Unsupported(String),
     NoColour(String),
 }
 
 impl From<ExrError> for Refusal {
     fn from(error: ExrError) -> Self {
-        Self::Unreadable(error.to_string())
+        match error {
+            ExrError::NotSupported(what) => Self::Unsupported(what.into_owned()),
+            other => Self::Unreadable(other.to_string()),
+        }
     }
 }
 
-fn decode_rgb(bytes: &[u8]) -> Result<RgbImage, Refusal> {
+fn decode_rgb(bytes: &[u8]) -> Result<(RgbImage, ColourSource), Refusal> {
     let reader = ::exr::block::read(Cursor::new(bytes), false)?;
     check_headers(reader.headers(), bytes.len())?;
     let colour = Colour::find(reader.headers()).ok_or_else(|| Refusal::NoColour(channel_names(reader.headers())))?;
+    let source = colour.source(reader.headers());
 
     let size = reader.headers()[colour.part].layer_size;
     let mut image = Image::filled(Extent::new(size.0 as u32, size.1 as u32), [0.0; 3]);
@@ -112,7 +158,7 @@ fn decode_rgb(bytes: &[u8]) -> Result<RgbImage, Refusal> {
             }
             colour.copy_block(&meta.headers[colour.part], &block, &mut image)
         })?;
-    Ok(image)
+    Ok((image, source))
 }
 
 /// Refuses headers that would have us allocate far more than the file can fill: deflate, the strongest of the
@@ -123,7 +169,7 @@ fn check_headers(headers: &[Header], file_bytes: usize) -> Result<(), Refusal> {
     let allowed = 2048 * file_bytes as u128;
     for header in headers {
         if matches!(header.compression, Compression::DWAA(_) | Compression::DWAB(_)) {
-            return Err(Refusal::Unreadable("DWA compression is not supported, save it with ZIP".into()));
+            return Err(Refusal::Unsupported("DWA compression".into()));
         }
         let (width, height) = (header.layer_size.0, header.layer_size.1);
         let claimed = width as u128 * height as u128 * header.channels.bytes_per_pixel as u128;
@@ -157,6 +203,16 @@ impl Colour {
         first(|list| rgb_of_layer(list, ""))
             .or_else(|| first(|list| list.iter().find_map(|c| rgb_of_layer(list, layer_of(&c.name.to_string())))))
             .or_else(|| first(luminance))
+    }
+
+    fn source(&self, headers: &[Header]) -> ColourSource {
+        let header = &headers[self.part];
+        ColourSource {
+            part: self.part,
+            part_count: headers.len(),
+            part_name: header.own_attributes.layer_name.as_ref().map(Text::to_string),
+            channels: self.channels.map(|c| header.channels.list[c].name.to_string()),
+        }
     }
 
     fn copy_block(&self, header: &Header, block: &UncompressedBlock, image: &mut RgbImage) -> Result<(), ExrError> {

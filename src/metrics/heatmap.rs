@@ -1,9 +1,11 @@
-//! Where the error is: a picture of per-pixel error.
+//! Where the error is: pictures of per-pixel error.
 
 use std::f64::consts::TAU;
 
 use crate::image::display::{DisplayImage, display_value, level};
 use crate::image::{Image, ImageError, RgbImage, check_same_size};
+
+use super::Pair;
 
 /// Colours each pixel by the root mean square, over its channels, of the difference of display values.
 ///
@@ -34,6 +36,41 @@ fn cubehelix(position: f64) -> [f64; 3] {
         .map(|(along_cos, along_sin)| position + amplitude * (along_cos * cos + along_sin * sin))
 }
 
+/// Colours the FLIP of each pixel by the magma map, as FLIP is shown elsewhere: black is 0, pale yellow is 1.
+pub fn flip_heatmap(pair: &Pair) -> DisplayImage {
+    let pixels = pair.flip().iter().map(|&flip| magma(flip).map(|c| c.round() as u8)).collect();
+    Image { extent: pair.extent, pixels }
+}
+
+/// The colour map magma (van der Walt & Smith 2015, CC0) at 0 … 1, levels 0 … 255: straight lines between every
+/// sixteenth of it, at most 3 levels off.
+fn magma(position: f64) -> [f64; 3] {
+    const STEPS: usize = 16;
+    const STOPS: [[u8; 3]; STEPS + 1] = [
+        [0, 0, 4],
+        [10, 8, 34],
+        [29, 17, 71],
+        [54, 16, 107],
+        [81, 18, 124],
+        [106, 28, 129],
+        [131, 38, 129],
+        [156, 46, 127],
+        [183, 55, 121],
+        [207, 64, 112],
+        [229, 80, 100],
+        [244, 105, 92],
+        [251, 135, 97],
+        [254, 165, 113],
+        [254, 194, 135],
+        [253, 224, 161],
+        [252, 253, 191],
+    ];
+    let at = position.clamp(0.0, 1.0) * STEPS as f64;
+    let below = (at as usize).min(STEPS - 1);
+    let t = at - below as f64;
+    std::array::from_fn(|c| f64::from(STOPS[below][c]) * (1.0 - t) + f64::from(STOPS[below + 1][c]) * t)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -56,6 +93,16 @@ mod tests {
         for i in 0..100 {
             assert!((intensity(i) - f64::from(i) / 100.0).abs() < 1e-3, "{i}");
         }
+    }
+
+    /// Levels 40, 100 and 200 of 255 as `flip_evaluator` 1.7 colours them.
+    #[test]
+    fn magma_is_the_map_flip_is_shown_in() {
+        for (level, colour) in [(40, [41, 17, 90]), (100, [137, 40, 129]), (200, [253, 152, 105])] {
+            let found = magma(f64::from(level) / 255.0);
+            assert!((0..3).all(|c| (found[c] - f64::from(colour[c])).abs() <= 3.0), "{level}: {found:?}");
+        }
+        assert_eq!([-1.0, 0.0, 1.0, 2.0].map(magma).map(|c| c[2]), [4.0, 4.0, 191.0, 191.0]);
     }
 
     #[test]

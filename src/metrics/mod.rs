@@ -1,10 +1,14 @@
 //! How good: an image against its reference.
 //!
-//! Sums are f64. RMSE, relMSE, the mean ratio and the block error are over linear radiance; PSNR and SSIM are over
+//! Sums are f64. RMSE, relMSE, the mean ratio and the block error are over linear radiance; PSNR, SSIM and FLIP are over
 //! [display values](crate::image::display::display_value), 0 … 1, because bright noise weighs there as it is seen.
 
+mod convolve;
 pub mod error;
+pub mod flip;
 pub mod heatmap;
+pub mod rings;
+pub mod seams;
 pub mod ssim;
 
 use std::fmt;
@@ -12,19 +16,21 @@ use std::fmt;
 use serde::Serialize;
 
 use crate::image::display::display_value;
-use crate::image::{ImageError, RgbImage, check_same_size};
+use crate::image::{Extent, ImageError, RgbImage, check_same_size};
 
 /// How an image differs from its reference.
 ///
 /// In JSON, what is undefined and the infinite PSNR of equal images are `null`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Comparison {
+pub struct Errors {
     pub rmse: f64,
     pub relmse: f64,
     /// dB; infinite for equal images.
     pub psnr: f64,
     /// `None` for an image with a side shorter than the window, 11 pixels.
     pub ssim: Option<f64>,
+    /// Mean of [`flip::flip_map`].
+    pub flip: f64,
     /// mean(image) / mean(reference); `None` where the reference is black.
     pub mean_ratio: Option<f64>,
     /// RMSE of 16x16 block means over the mean of the reference; `None` for a black reference or without a whole block.
@@ -34,43 +40,84 @@ pub struct Comparison {
     pub nonfinite_reference_px: usize,
 }
 
-/// Compares `image` with `reference`.
+/// All errors of `image` against `reference`.
 ///
 /// # Errors
-/// [`ImageError::SizeMismatch`].
-pub fn compare(reference: &RgbImage, image: &RgbImage) -> Result<Comparison, ImageError> {
-    check_same_size(reference.extent, image.extent)?;
-    let extent = reference.extent;
-    let [r, a] = [reference, image].map(finite_radiance);
-    let [shown_r, shown_a] = [&r, &a].map(|v| v.iter().map(|p| p.map(display_value)).collect::<Vec<_>>());
-    Ok(Comparison {
-        rmse: error::rmse(&r, &a),
-        relmse: error::relmse(&r, &a),
-        psnr: error::psnr(&shown_r, &shown_a),
-        ssim: ssim::ssim(extent, &shown_r, &shown_a),
-        mean_ratio: error::mean_ratio(&r, &a),
-        block16: error::block_error(extent, 16, &r, &a),
-        nonfinite_px: nonfinite_pixels(image),
-        nonfinite_reference_px: nonfinite_pixels(reference),
-    })
+/// [`ImageError::SizeMismatch`], [`ImageError::NoPixels`].
+pub fn compare(reference: &RgbImage, image: &RgbImage) -> Result<Errors, ImageError> {
+    Ok(Pair::new(reference, image)?.errors())
 }
 
-fn finite_radiance(image: &RgbImage) -> Vec<[f64; 3]> {
-    image.pixels.iter().map(|p| p.map(|c| if c.is_finite() { f64::from(c) } else { 0.0 })).collect()
+/// An image and its reference, made ready for all that can be asked of them.
+pub struct Pair {
+    extent: Extent,
+    reference: Side,
+    image: Side,
+    /// FLIP of each pixel.
+    flip: Vec<f64>,
 }
 
-fn nonfinite_pixels(image: &RgbImage) -> usize {
-    image.pixels.iter().filter(|p| p.iter().any(|c| !c.is_finite())).count()
+struct Side {
+    /// Linear, with 0 for what is not finite.
+    radiance: Vec<[f64; 3]>,
+    shown: Vec<[f64; 3]>,
+    nonfinite_px: usize,
+}
+
+impl Side {
+    fn new(image: &RgbImage) -> Self {
+        let finite = |c: f32| if c.is_finite() { f64::from(c) } else { 0.0 };
+        let radiance: Vec<_> = image.pixels.iter().map(|p| p.map(finite)).collect();
+        let shown = radiance.iter().map(|p| p.map(display_value)).collect();
+        let nonfinite_px = image.pixels.iter().filter(|p| p.iter().any(|c| !c.is_finite())).count();
+        Self { radiance, shown, nonfinite_px }
+    }
+}
+
+impl Pair {
+    /// # Errors
+    /// [`ImageError::SizeMismatch`], [`ImageError::NoPixels`].
+    pub fn new(reference: &RgbImage, image: &RgbImage) -> Result<Self, ImageError> {
+        check_same_size(reference.extent, image.extent)?;
+        let extent = reference.extent;
+        if extent.area() == 0 {
+            return Err(ImageError::NoPixels(extent));
+        }
+        let [reference, image] = [reference, image].map(Side::new);
+        let flip = flip::flip_map(extent, &reference.shown, &image.shown);
+        Ok(Self { extent, reference, image, flip })
+    }
+
+    pub fn errors(&self) -> Errors {
+        let (r, a) = (&self.reference, &self.image);
+        Errors {
+            rmse: error::rmse(&r.radiance, &a.radiance),
+            relmse: error::relmse(&r.radiance, &a.radiance),
+            psnr: error::psnr(&r.shown, &a.shown),
+            ssim: ssim::ssim(self.extent, &r.shown, &a.shown),
+            flip: error::mean(self.flip.iter().copied()),
+            mean_ratio: error::mean_ratio(&r.radiance, &a.radiance),
+            block16: error::block_error(self.extent, 16, &r.radiance, &a.radiance),
+            nonfinite_px: a.nonfinite_px,
+            nonfinite_reference_px: r.nonfinite_px,
+        }
+    }
+
+    /// FLIP of each pixel, row-major, 0 … 1.
+    pub fn flip(&self) -> &[f64] {
+        &self.flip
+    }
 }
 
 /// One `name value` line per metric.
-impl fmt::Display for Comparison {
+impl fmt::Display for Errors {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let metrics = [
             ("rmse", Some(self.rmse)),
             ("relmse", Some(self.relmse)),
             ("psnr", Some(self.psnr)),
             ("ssim", self.ssim),
+            ("flip", Some(self.flip)),
             ("mean_ratio", self.mean_ratio),
             ("block16", self.block16),
         ];
@@ -86,7 +133,7 @@ impl fmt::Display for Comparison {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::{Extent, Image};
+    use crate::image::Image;
 
     fn noise_image(extent: Extent, mut state: u32, scale: f32) -> RgbImage {
         let mut next = || {
@@ -131,7 +178,7 @@ mod tests {
         let found = compare(&image, &image).unwrap();
         assert_eq!((found.rmse, found.relmse, found.psnr), (0.0, 0.0, f64::INFINITY));
         assert!((found.ssim.unwrap() - 1.0).abs() < 1e-12);
-        assert_eq!((found.mean_ratio, found.block16), (Some(1.0), Some(0.0)));
+        assert_eq!((found.mean_ratio, found.block16, found.flip), (Some(1.0), Some(0.0), 0.0));
         assert!(found.to_string().contains("inf"), "{found}");
         assert!(serde_json::to_value(found).unwrap()["psnr"].is_null());
     }
@@ -163,5 +210,13 @@ mod tests {
         let b = RgbImage::filled(Extent::new(3, 2), [0.0; 3]);
         let message = compare(&a, &b).unwrap_err().to_string();
         assert!(message.contains("2x3") && message.contains("3x2"), "{message}");
+    }
+
+    #[test]
+    fn images_without_pixels_are_an_error() {
+        for extent in [Extent::new(0, 3), Extent::new(3, 0)] {
+            let empty = RgbImage::filled(extent, [0.0; 3]);
+            assert!(matches!(compare(&empty, &empty), Err(ImageError::NoPixels(_))));
+        }
     }
 }

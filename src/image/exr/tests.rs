@@ -1,4 +1,5 @@
-use ::exr::image::{Layer, Layers};
+use ::exr::image::{Layer, Layers, Levels};
+use ::exr::math::RoundingMode;
 use ::exr::meta::header::{ImageAttributes, LayerAttributes};
 
 use super::*;
@@ -43,9 +44,22 @@ fn f32s(values: &[f32]) -> FlatSamples {
 }
 
 fn decoded(bytes: &[u8]) -> RgbImage {
+    decoded_colour(bytes).0
+}
+
+fn decoded_colour(bytes: &[u8]) -> (RgbImage, ColourSource) {
     decode_rgb(bytes).unwrap_or_else(|e| match e {
-        Refusal::Unreadable(why) | Refusal::NoColour(why) => panic!("{why}"),
+        Refusal::Unreadable(why) | Refusal::Unsupported(why) | Refusal::NoColour(why) => panic!("{why}"),
     })
+}
+
+#[track_caller]
+fn assert_unsupported(bytes: &[u8], named: &str) {
+    match decode_rgb(bytes) {
+        Err(Refusal::Unsupported(what)) => assert!(what.contains(named), "{what}"),
+        Err(Refusal::Unreadable(why) | Refusal::NoColour(why)) => panic!("{why}"),
+        Ok(_) => panic!("it was read"),
+    }
 }
 
 const PLAIN: Encoding =
@@ -145,9 +159,54 @@ fn the_first_part_with_plain_rgb_is_taken_then_a_layer_then_luminance() {
     let plain = || part("plain", extent, &[one("R", 1.0), one("G", 2.0), one("B", 3.0)], PLAIN);
     let grey = || part("grey", extent, &[one("Y", 7.0), one("A", 1.0)], PLAIN);
 
-    assert_eq!(decoded(&encoded(vec![depth(), layered(), plain()])).pixels, [[1.0, 2.0, 3.0]]);
-    assert_eq!(decoded(&encoded(vec![grey(), layered()])).pixels, [[4.0, 5.0, 6.0]]);
-    assert_eq!(decoded(&encoded(vec![grey()])).pixels, [[7.0; 3]]);
+    for (parts, colour, source, is_plain) in [
+        (vec![plain()], [1.0, 2.0, 3.0], "channels R, G, B", true),
+        (vec![depth(), layered(), plain()], [1.0, 2.0, 3.0], "channels R, G, B of part 3 of 3, \"plain\"", false),
+        (
+            vec![grey(), layered()],
+            [4.0, 5.0, 6.0],
+            "channels diffuse.R, diffuse.G, diffuse.B of part 2 of 2, \"layered\"",
+            false,
+        ),
+        (vec![grey()], [7.0; 3], "channels Y, Y, Y", false),
+    ] {
+        let (image, found) = decoded_colour(&encoded(parts));
+        assert_eq!(image.pixels, [colour]);
+        assert_eq!((found.to_string().as_str(), found.is_plain()), (source, is_plain));
+    }
+}
+
+#[test]
+fn the_largest_level_of_a_mip_map_is_read() {
+    let level = |count: usize, value: f32| FlatSamples::F32(vec![value; count]);
+    let levels = |value: f32| Levels::Mip {
+        rounding_mode: RoundingMode::Down,
+        level_data: vec![level(15, value), level(2, 100.0), level(1, 200.0)],
+    };
+    let list = [("R", 1.0), ("G", 2.0), ("B", 3.0)].map(|(name, v)| AnyChannel::new(Text::from(name), levels(v)));
+    let encoding = Encoding { blocks: Blocks::Tiles(Vec2(2, 2)), ..PLAIN };
+    let channels = AnyChannels::sort(list.into_iter().collect());
+    let image = ::exr::image::Image::from_layer(Layer::new((5, 3), LayerAttributes::named(""), encoding, channels));
+    let mut bytes = Vec::new();
+    image.write().to_buffered(Cursor::new(&mut bytes)).unwrap();
+    let image = decoded(&bytes);
+    assert_eq!((image.extent, image.pixels), (Extent::new(5, 3), vec![[1.0, 2.0, 3.0]; 15]));
+}
+
+/// B44 keeps differences within 4x4 blocks that fit in six bits of a half, PXR24 keeps 24 bits of a float.
+#[test]
+fn what_lossy_compressions_keep_is_read() {
+    let extent = Extent::new(9, 6);
+    let steps: Vec<f32> = (0..extent.area()).map(|n| 1.0 + (n % 9 + 2 * (n / 9)) as f32 / 1024.0).collect();
+    let halves = FlatSamples::F16(steps.iter().map(|&v| f16::from_f32(v)).collect());
+    for compression in [Compression::B44, Compression::B44A, Compression::PXR24] {
+        for blocks in [Blocks::ScanLines, Blocks::Tiles(Vec2(8, 8))] {
+            let channels = [("R", halves.clone()), ("G", f32s(&steps)), ("B", halves.clone())];
+            let image = decoded(&encoded(vec![part("", extent, &channels, Encoding { compression, blocks, ..PLAIN })]));
+            let expected: Vec<_> = steps.iter().map(|&v| [v; 3]).collect();
+            assert_eq!(image.pixels, expected, "{compression} {blocks:?}");
+        }
+    }
 }
 
 #[test]
@@ -187,7 +246,26 @@ fn dwa_is_refused_by_name() {
     let plane = f32s(&[1.0; 64]);
     let encoding = Encoding { compression: Compression::DWAA(None), ..PLAIN };
     let bytes = encoded(vec![part("", Extent::new(8, 8), &[("Y", plane)], encoding)]);
-    assert!(matches!(decode_rgb(&bytes), Err(Refusal::Unreadable(why)) if why.contains("DWA")));
+    assert_unsupported(&bytes, "DWA");
+}
+
+#[test]
+fn subsampled_channels_are_refused_by_name() {
+    let plane = f32s(&[1.0; 64]);
+    let mut bytes = encoded(vec![part("", Extent::new(8, 8), &[("BY", plane.clone()), ("Y", plane)], PLAIN)]);
+    // The crate writes none. In the header a name and a zero are followed by type, flags, and the sampling in x and y.
+    let sampling = bytes.windows(3).position(|w| w == b"BY\0").unwrap() + 3 + 8;
+    assert_eq!(bytes[sampling..sampling + 8], [1, 0, 0, 0, 1, 0, 0, 0]);
+    bytes[sampling] = 2;
+    bytes[sampling + 4] = 2;
+    assert_unsupported(&bytes, "subsampl");
+}
+
+/// Both by OpenEXR 3.5.3 through its Python binding.
+#[test]
+fn deep_data_and_newer_compressions_are_refused_by_name() {
+    assert_unsupported(include_bytes!("openexr_deep.exr"), "deep data");
+    assert_unsupported(include_bytes!("openexr_htj2k.exr"), "ht j2k");
 }
 
 /// Each truncation must err; a mutation may hit a sample and go unnoticed, but it must not panic.
@@ -198,9 +276,15 @@ fn damaged_files_give_errors_and_no_panics() {
     let half = FlatSamples::F16(noise(extent.area(), 9).map(f16::from_f32).collect());
     let [r, g, b] = planes;
     let channels = [("R", r), ("G", g), ("B", b), ("A", half)];
-    for compression in
-        [Compression::Uncompressed, Compression::RLE, Compression::ZIP16, Compression::PIZ, Compression::PXR24]
-    {
+    for compression in [
+        Compression::Uncompressed,
+        Compression::RLE,
+        Compression::ZIP16,
+        Compression::PIZ,
+        Compression::PXR24,
+        Compression::B44,
+        Compression::B44A,
+    ] {
         for blocks in [Blocks::ScanLines, Blocks::Tiles(Vec2(16, 16))] {
             let good = encoded(vec![part("a", extent, &channels, Encoding { compression, blocks, ..PLAIN })]);
             for i in 0..40 {

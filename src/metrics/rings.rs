@@ -1,0 +1,141 @@
+//! Error by distance from where the viewer looks: rings of equal viewing angle around the gaze (Andersson & Hansson
+//! 2020, "Performance Optimizations for Foveated Real-Time Raytracing", section 3.6).
+//!
+//! They split the angle from the gaze to a chosen `max_view_angle`, and choose it so that the screen is covered; here
+//! it is the angle to the farthest corner, so that every pixel is in a ring.
+
+use serde::Serialize;
+
+use super::{Pair, error};
+
+/// How the image is looked at: a pinhole with square pixels and the optical axis at the image's centre.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Viewing {
+    /// x from the left and y from the top, as shares of width and height, 0 … 1.
+    pub gaze: [f64; 2],
+    /// Vertical field of view, above 0 and below 180 degrees.
+    pub yfov_deg: f64,
+}
+
+/// The error of the pixels whose centres are seen at `inner_deg` up to `outer_deg` from the gaze; `None` without pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Ring {
+    pub inner_deg: f64,
+    pub outer_deg: f64,
+    pub pixels: usize,
+    pub rmse: Option<f64>,
+    pub relmse: Option<f64>,
+    /// dB; infinite where the images are equal.
+    pub psnr: Option<f64>,
+    /// Mean over the ring of the FLIP of the whole image.
+    pub flip: Option<f64>,
+}
+
+impl Pair {
+    /// `count` rings, at least 1, from the gaze outwards.
+    pub fn rings(&self, viewing: &Viewing, count: usize) -> Vec<Ring> {
+        let count = count.max(1);
+        let (width, height) = (f64::from(self.extent.width), f64::from(self.extent.height));
+        let tan_half_yfov = (viewing.yfov_deg.to_radians() / 2.0).tan();
+        // x to the right, y down, in units of the distance to the image plane.
+        let ray = |x: f64, y: f64| [x - width / 2.0, y - height / 2.0].map(|c| c * 2.0 * tan_half_yfov / height);
+        let gaze = ray(viewing.gaze[0] * width, viewing.gaze[1] * height);
+        let corners = [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)];
+        let farthest = corners.map(|(x, y)| angle(gaze, ray(x, y))).into_iter().fold(0.0, f64::max);
+
+        let mut members = vec![Vec::new(); count];
+        for i in 0..self.extent.area() {
+            let (x, y) = (i % self.extent.width as usize, i / self.extent.width as usize);
+            let share = angle(gaze, ray(x as f64 + 0.5, y as f64 + 0.5)) / farthest;
+            members[((share * count as f64) as usize).min(count - 1)].push(i);
+        }
+        let bound_deg = |k: usize| (farthest * k as f64 / count as f64).to_degrees();
+        members.iter().enumerate().map(|(k, pixels)| self.ring(bound_deg(k), bound_deg(k + 1), pixels)).collect()
+    }
+
+    fn ring(&self, inner_deg: f64, outer_deg: f64, pixels: &[usize]) -> Ring {
+        let (r, a) = (&self.reference, &self.image);
+        let [r, a, shown_r, shown_a] = [&r.radiance, &a.radiance, &r.shown, &a.shown]
+            .map(|values| pixels.iter().map(|&i| values[i]).collect::<Vec<_>>());
+        let if_any = |error: f64| (!pixels.is_empty()).then_some(error);
+        Ring {
+            inner_deg,
+            outer_deg,
+            pixels: pixels.len(),
+            rmse: if_any(error::rmse(&r, &a)),
+            relmse: if_any(error::relmse(&r, &a)),
+            psnr: if_any(error::psnr(&shown_r, &shown_a)),
+            flip: if_any(error::mean(pixels.iter().map(|&i| self.flip[i]))),
+        }
+    }
+}
+
+/// Between rays through two points of the image plane at distance 1, radians. By the cross product, which is exact for
+/// small angles too.
+fn angle([px, py]: [f64; 2], [qx, qy]: [f64; 2]) -> f64 {
+    let cross = [py - qy, qx - px, px * qy - py * qx];
+    let sine = cross.iter().map(|c| c * c).sum::<f64>().sqrt();
+    sine.atan2(px * qx + py * qy + 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::{Extent, RgbImage};
+
+    fn pair_of(extent: Extent, image: impl Fn(u32, u32) -> f32) -> Pair {
+        let reference = RgbImage::filled(extent, [1.0; 3]);
+        let mut changed = reference.clone();
+        for (i, pixel) in changed.pixels.iter_mut().enumerate() {
+            *pixel = [image(i as u32 % extent.width, i as u32 / extent.width); 3];
+        }
+        Pair::new(&reference, &changed).unwrap()
+    }
+
+    /// Closed form: seen at 90 degrees from its centre, a square's edges are 45 degrees away and its corners atan √2;
+    /// from a corner, the opposite one is acos(-1/3) away.
+    #[test]
+    fn rings_reach_the_farthest_corner_in_equal_steps() {
+        let pair = pair_of(Extent::new(40, 40), |_, _| 1.5);
+        for (gaze, farthest) in [([0.5; 2], 2f64.sqrt().atan()), ([0.0; 2], (-1f64 / 3.0).acos())] {
+            let rings = pair.rings(&Viewing { gaze, yfov_deg: 90.0 }, 20);
+            assert_eq!(rings.len(), 20);
+            assert_eq!(rings.iter().map(|r| r.pixels).sum::<usize>(), 1600);
+            for (k, ring) in rings.iter().enumerate() {
+                assert!((ring.inner_deg - farthest.to_degrees() * k as f64 / 20.0).abs() < 1e-9);
+                assert!((ring.outer_deg - ring.inner_deg - farthest.to_degrees() / 20.0).abs() < 1e-9);
+                assert!(ring.pixels == 0 || (ring.rmse.unwrap() - 0.5).abs() < 1e-12);
+            }
+        }
+    }
+
+    /// Closed form: a ring from angle α to β around the axis covers π (tan²β − tan²α) of the image plane.
+    #[test]
+    fn a_ring_holds_as_many_pixels_as_its_area() {
+        let extent = Extent::new(600, 600);
+        let rings = pair_of(extent, |_, _| 1.0).rings(&Viewing { gaze: [0.5; 2], yfov_deg: 60.0 }, 20);
+        let plane_per_pixel = (2.0 * 30f64.to_radians().tan() / 600.0).powi(2);
+        for ring in rings.iter().take_while(|r| r.outer_deg < 30.0) {
+            let [inner, outer] = [ring.inner_deg, ring.outer_deg].map(|d| d.to_radians().tan());
+            let area = std::f64::consts::PI * (outer * outer - inner * inner) / plane_per_pixel;
+            assert!((ring.pixels as f64 / area - 1.0).abs() < 0.02, "{ring:?}, {area} expected");
+        }
+        assert!(rings.iter().all(|r| r.psnr.is_none_or(f64::is_infinite) && r.flip.is_none_or(|f| f == 0.0)));
+    }
+
+    #[test]
+    fn an_error_lies_in_the_ring_where_it_was_made() {
+        let pair = pair_of(Extent::new(64, 36), |x, y| if (x, y) == (16, 9) { 3.0 } else { 1.0 });
+        let rings = pair.rings(&Viewing { gaze: [16.5 / 64.0, 9.5 / 36.0], yfov_deg: 70.0 }, 20);
+        assert!(rings[0].rmse.unwrap() > 0.0 && rings[0].flip > rings[10].flip);
+        assert!(rings[1..].iter().all(|r| r.rmse.is_none_or(|e| e == 0.0)));
+    }
+
+    #[test]
+    fn rings_without_pixels_have_no_errors() {
+        let rings = pair_of(Extent::new(1, 1), |_, _| 2.0).rings(&Viewing { gaze: [0.5; 2], yfov_deg: 70.0 }, 3);
+        assert_eq!(rings.iter().map(|r| r.pixels).collect::<Vec<_>>(), [1, 0, 0]);
+        assert!((rings[0].relmse.unwrap() - 1.0 / 1.01).abs() < 1e-12);
+        assert_eq!((rings[1].rmse, rings[1].relmse, rings[1].psnr, rings[1].flip), (None, None, None, None));
+    }
+}
