@@ -40,7 +40,7 @@ fn first_hit(hit: Hit, view: u32, direction: vec3<f32>) -> FirstHit {
 fn direct_light(s: Surface, rng: ptr<function, Rng>, is_last: bool, rays: ptr<function, u32>) -> vec3<f32> {
     let choice = random2(rng);
     let u = random2(rng);
-    let light = sample_light(s.position, choice, u);
+    let light = sample_light(s.position, s.normal, choice, u);
     if !(light.pdf > 0.0) {
         return vec3<f32>(0.0);
     }
@@ -49,7 +49,7 @@ fn direct_light(s: Surface, rng: ptr<function, Rng>, is_last: bool, rays: ptr<fu
         return vec3<f32>(0.0);
     }
     *rays += 1u;
-    if is_occluded(leave(s, light.direction), light.direction, light.distance, light.sphere, alpha_key(*rng)) {
+    if is_light_hidden(leave(s, light.direction), s.position, light, alpha_key(*rng)) {
         return vec3<f32>(0.0);
     }
     // The last surface's bounce is not followed, so light sampling stands alone there. An environment image is: its
@@ -66,24 +66,20 @@ fn clamp_indirect(c: vec3<f32>) -> vec3<f32> {
     return select(c, c * (frame.indirect_clamp / peak), frame.indirect_clamp > 0.0 && peak > frame.indirect_clamp);
 }
 
-// Light found by a bounce that left the surface at `from` with density `pdf`.
-fn found_light(from_: vec3<f32>, direction: vec3<f32>, hit: Hit, emission: vec3<f32>, pdf: f32) -> vec3<f32> {
+// Light found by a bounce that left the surface `s` with density `pdf`.
+fn found_light(s: Surface, direction: vec3<f32>, hit: Hit, emission: vec3<f32>, pdf: f32) -> vec3<f32> {
     var light_pdf = 0.0;
     if (hit.prim & SPHERE) != 0u {
-        light_pdf = sphere_pdf(from_, hit.prim & ~SPHERE);
+        light_pdf = sphere_pdf(s.position, s.normal, hit.prim & ~SPHERE);
     } else {
-        let tri = triangles[hit.prim];
-        let normal = cross(tri.v1 - tri.v0, tri.v2 - tri.v0);
-        let cosine = abs(dot(normal, direction)) / max(length(normal), 1e-37);
-        light_pdf = materials[tri.material].light_pdf * hit.t * hit.t / max(cosine, 1e-7) / f32(frame.light_groups);
+        light_pdf = triangle_light_pdf(s.position, s.normal, hit.prim, hit.t, direction);
     }
     return emission * (pdf / (pdf + light_pdf));
 }
 
 fn escaped_light(direction: vec3<f32>, pdf: f32) -> vec3<f32> {
     if HAS_ENV_MAP && frame.env_width > 0u {
-        let light_pdf = env_pdf(direction) / f32(frame.light_groups);
-        return environment(direction) * (pdf / (pdf + light_pdf));
+        return environment(direction) * (pdf / (pdf + env_light_pdf(direction)));
     }
     return frame.env_radiance;
 }
@@ -127,14 +123,14 @@ fn trace_path(first: Surface, rng: ptr<function, Rng>) -> PathSample {
             break;
         }
         if HAS_SPHERES && (hit.prim & SPHERE) != 0u {
-            let found = throughput * found_light(s.position, direction, hit, sphere_radiance(hit.prim & ~SPHERE, s.position), pdf);
+            let found = throughput * found_light(s, direction, hit, sphere_radiance(hit.prim & ~SPHERE, s.position), pdf);
             result.irradiance += select(clamp_indirect(found), found, depth == 1u);
             break;
         }
         let next = surface_at(hit.prim, hit.bary, direction);
         if HAS_EMISSIVE {
             if any(next.emission > vec3<f32>(0.0)) {
-                let found = throughput * found_light(s.position, direction, hit, next.emission, pdf);
+                let found = throughput * found_light(s, direction, hit, next.emission, pdf);
                 result.irradiance += select(clamp_indirect(found), found, depth == 1u);
             }
         }

@@ -30,6 +30,7 @@ pub enum TableError {
 /// Tables of one scene, the same for every device.
 pub struct SceneTables {
     accel: Accel,
+    has_surfaces: bool,
     materials: Vec<layout::Material>,
     textures: Vec<TextureInfo>,
     texels: Vec<[u8; 4]>,
@@ -44,8 +45,9 @@ pub(super) fn linear_from_srgb(code: u8) -> f32 {
 }
 
 impl SceneTables {
-    pub fn new(scene: &Scene, accel: Accel) -> Result<Self, TableError> {
-        let emitters = Emitters::new(scene, &accel);
+    pub fn new(scene: &Scene, mut accel: Accel) -> Result<Self, TableError> {
+        let has_surfaces = accel.nodes.len() > 1 || accel.nodes[0] != [0; 20];
+        let emitters = Emitters::new(scene, &mut accel);
         let mut firsts = Vec::with_capacity(scene.images.len());
         let mut texels: Vec<[u8; 4]> = Vec::new();
         for image in &scene.images {
@@ -56,16 +58,13 @@ impl SceneTables {
             return Err(TableError::Texels(texels.len() as u64));
         }
         let textures = scene.textures.iter().map(|t| texture_info(t, scene, firsts[t.image] as u32)).collect();
-        let materials = scene.materials.iter().zip(&emitters.light_pdf).map(|(m, &pdf)| gpu_material(m, pdf)).collect();
-        Ok(Self { accel, materials, textures, texels, emitters, environment: scene.environment.clone() })
+        let materials = scene.materials.iter().map(gpu_material).collect();
+        Ok(Self { accel, has_surfaces, materials, textures, texels, emitters, environment: scene.environment.clone() })
     }
 
     /// Fills in what the scene says about a frame.
     pub fn describe(&self, frame: &mut layout::Frame) {
-        frame.sphere_count = self.emitters.sphere_count;
-        frame.light_groups = self.emitters.groups;
-        frame.group_begin = self.emitters.group_begin;
-        frame.group_count = self.emitters.group_count;
+        self.emitters.describe(frame);
         match &self.environment {
             Environment::Black => {}
             Environment::Constant(radiance) => frame.env_radiance = *radiance,
@@ -79,7 +78,7 @@ impl SceneTables {
 
     /// Whether there is anything that could reflect light.
     pub fn has_surfaces(&self) -> bool {
-        self.accel.nodes.len() > 1 || self.accel.nodes[0] != [0; 20]
+        self.has_surfaces
     }
 }
 
@@ -94,7 +93,7 @@ fn texture_info(texture: &scene::Texture, scene: &Scene, first: u32) -> TextureI
     TextureInfo { first, width, height, flags }
 }
 
-fn gpu_material(m: &scene::Material, light_pdf: f32) -> layout::Material {
+fn gpu_material(m: &scene::Material) -> layout::Material {
     let (alpha, alpha_cutoff) = match m.alpha_mode {
         AlphaMode::Opaque => (0, 0.0),
         AlphaMode::Mask { cutoff } => (ALPHA_MASK, cutoff),
@@ -104,7 +103,6 @@ fn gpu_material(m: &scene::Material, light_pdf: f32) -> layout::Material {
     layout::Material {
         base_color: m.base_color,
         emissive: m.emissive,
-        light_pdf,
         roughness: m.roughness,
         metallic: m.metallic,
         alpha_cutoff,
@@ -168,7 +166,7 @@ impl SceneBuffers {
             (6, "texture table", bytes_of(&tables.textures)),
             (8, "sRGB table", bytes_of(&srgb)),
             (9, "lights", bytes_of(&emitters.lights)),
-            (11, "environment grid", bytes_of(&emitters.env_alias)),
+            (11, "environment grid", bytes_of(&emitters.env_cells)),
         ];
         let limit = gpu.info.max_storage_bytes;
         let mut buffers = Vec::new();
