@@ -78,7 +78,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
                 }
             } else if hit.x != NO_PRIM {
                 let p = origin + direction * emission_image[at].a;
-                let light = lights[frame.group_begin.y + (hit.x & ~SPHERE)];
+                let light = lights[hit.x & ~SPHERE];
                 if pass_.arg0 == NORMAL {
                     value = normalize(p - light.position);
                 } else if pass_.arg0 == POSITION {

@@ -21,15 +21,23 @@ struct Frame {
     reflections: u32,
     indirect_clamp: f32,
     exposure: f32,
-    sphere_count: u32,
+    // First row in `nodes` of the tree of spheres.
+    sphere_tree: u32,
     light_groups: u32,
     env_width: u32,
     env_height: u32,
     env_radiance: vec3<f32>,
     env_rotation: f32,
-    // Begin and count of each group in `lights`: emissive triangles, local, directional.
-    group_begin: vec4<u32>,
-    group_count: vec4<u32>,
+    // In `nodes`: the row after the last of the tree of spheres, and the light tree's root.
+    sphere_tree_end: u32,
+    light_tree: u32,
+    // In `lights`: those that the light tree picks from; directional ones stand behind them.
+    local_lights: u32,
+    directional_lights: u32,
+    env_grid_width: u32,
+    env_grid_height: u32,
+    pad2: u32,
+    pad3: u32,
 }
 
 struct Pass {

@@ -79,11 +79,16 @@ fn medium_towards(s: Surface, direction: vec3<f32>, before: Medium) -> Medium {
     return Medium(materials[s.material].absorption, s.is_front);
 }
 
+// The side of the surface from which light can be scattered to the viewer: 0 for both.
+fn lit_normal(s: Surface) -> vec3<f32> {
+    return select(s.normal, vec3<f32>(0.0), HAS_TRANSMISSION && max3(s.transmitted) > 0.0);
+}
+
 // Light that reaches the surface straight from a sampled light and is scattered towards the viewer.
 fn direct_light(s: Surface, v: vec3<f32>, medium: Medium, depth: u32, rng: ptr<function, Rng>, rays: ptr<function, u32>) -> vec3<f32> {
     let choice = random_at(rng, depth, LIGHT_CHOICE);
     let u = random_at(rng, depth, LIGHT_POINT);
-    let light = sample_light(s.position, choice, u);
+    let light = sample_light(s.position, lit_normal(s), choice, u);
     if !(light.pdf > 0.0) {
         return vec3<f32>(0.0);
     }
@@ -92,7 +97,7 @@ fn direct_light(s: Surface, v: vec3<f32>, medium: Medium, depth: u32, rng: ptr<f
         return vec3<f32>(0.0);
     }
     *rays += 1u;
-    if is_occluded(leave(s, light.direction), light.direction, light.distance, light.sphere, alpha_key(*rng)) {
+    if is_light_hidden(leave(s, light.direction), s.position, light, alpha_key(*rng)) {
         return vec3<f32>(0.0);
     }
     let weight = select(light.pdf / (light.pdf + scattered.pdf), 1.0, light.is_delta);
@@ -109,21 +114,20 @@ fn clamp_indirect(c: vec3<f32>) -> vec3<f32> {
     return select(c, c * (frame.indirect_clamp / peak), frame.indirect_clamp > 0.0 && peak > frame.indirect_clamp);
 }
 
-// Density with which light sampling at `from_` takes the direction to what a scattered ray has hit.
-fn found_light_pdf(from_: vec3<f32>, direction: vec3<f32>, hit: Hit) -> f32 {
+// Density with which light sampling at `p` takes the direction to what a scattered ray has hit.
+fn found_light_pdf(p: vec3<f32>, n: vec3<f32>, direction: vec3<f32>, hit: Hit) -> f32 {
     if (hit.prim & SPHERE) != 0u {
-        return sphere_pdf(from_, hit.prim & ~SPHERE);
+        return sphere_pdf(p, n, hit.prim & ~SPHERE);
     }
-    let tri = triangles[hit.prim];
-    let normal = cross(tri.v1 - tri.v0, tri.v2 - tri.v0);
-    let cosine = abs(dot(normal, direction)) / max(length(normal), 1e-37);
-    return materials[tri.material].light_pdf * hit.t * hit.t / max(cosine, 1e-7) / f32(frame.light_groups);
+    if HAS_UNLIT && (materials[triangles[hit.prim].material].flags & UNLIT) != 0u {
+        return 0.0;
+    }
+    return triangle_light_pdf(p, n, hit.prim, hit.t, direction);
 }
 
 fn escaped_light(direction: vec3<f32>, b: BsdfSample) -> vec3<f32> {
     if HAS_ENV_MAP && frame.env_width > 0u {
-        let light_pdf = env_pdf(direction) / f32(frame.light_groups);
-        return environment(direction) * select(b.pdf / (b.pdf + light_pdf), 1.0, b.is_delta);
+        return environment(direction) * select(b.pdf / (b.pdf + env_light_pdf(direction)), 1.0, b.is_delta);
     }
     return frame.env_radiance;
 }
@@ -155,6 +159,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, rng: ptr<function, Rng>) 
         }
         medium = medium_towards(s, direction, medium);
         let from_ = s.position;
+        let from_normal = lit_normal(s);
         let origin = leave(s, direction);
         let key = alpha_key(*rng);
         if is_last && !(HAS_EMISSIVE || HAS_SPHERES || HAS_UNLIT) {
@@ -190,7 +195,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, rng: ptr<function, Rng>) 
         }
         if hit.prim != NO_PRIM && !b.is_delta {
             if any(found > vec3<f32>(0.0)) {
-                found *= b.pdf / (b.pdf + found_light_pdf(from_, direction, hit));
+                found *= b.pdf / (b.pdf + found_light_pdf(from_, from_normal, direction, hit));
             }
         }
         found *= throughput;

@@ -9,8 +9,7 @@ override HAS_ALPHA: bool = true;
 struct Material {
     base_color: vec4<f32>,
     emissive: vec3<f32>,
-    // Density per area with which light sampling picks a point on a triangle of this material.
-    light_pdf: f32,
+    pad0: u32,
     roughness: f32,
     metallic: f32,
     alpha_cutoff: f32,
@@ -51,7 +50,8 @@ struct Triangle {
     v1: vec3<f32>,
     flags: u32,
     v2: vec3<f32>,
-    pad: u32,
+    // Which of `lights` it is, if any.
+    light: u32,
 }
 const TRIANGLE_ALPHA: u32 = 1u;
 

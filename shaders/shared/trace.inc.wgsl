@@ -174,6 +174,37 @@ fn hit_barycentrics(origin: vec3<f32>, direction: vec3<f32>, hit: Hit) -> vec2<f
     return bary / max(bary.x + bary.y, 1.0);
 }
 
+// The first entry into a spherical light other than `except` within (0, t_max), or any if `any`. Nodes are in
+// depth-first order and say where to go on a miss, see `emitters/sphere_tree.rs`.
+fn traverse_spheres(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, except: u32, any: bool) -> Hit {
+    var hit = Hit(t_max, NO_PRIM, vec2<f32>(0.0));
+    let inverse = traversal_for(origin, direction).inverse;
+    var row = frame.sphere_tree;
+    while row < frame.sphere_tree_end {
+        let low = nodes[row];
+        let high = nodes[row + 1u];
+        let a = (bitcast<vec3<f32>>(low.xyz) - origin) * inverse;
+        let b = (bitcast<vec3<f32>>(high.xyz) - origin) * inverse;
+        let enter = min(a, b);
+        let leave_ = max(a, b);
+        let near = max(max(enter.x, enter.y), max(enter.z, 0.0));
+        let far = min(min(leave_.x, leave_.y), leave_.z) * (1.0 + 4.0 * 1.1920929e-7);
+        let meets = near <= min(far, hit.t);
+        row = select(low.w, row + 2u, meets);
+        if !meets || high.w == NO_LIGHT {
+            continue;
+        }
+        let t = intersect_sphere(origin, direction, high.w);
+        if t > 0.0 && t < hit.t && high.w != except {
+            hit = Hit(t, SPHERE | high.w, vec2<f32>(0.0));
+            if any {
+                return hit;
+            }
+        }
+    }
+    return hit;
+}
+
 fn trace_closest(origin: vec3<f32>, direction: vec3<f32>, key: u32) -> Hit {
     var hit = BEFORE_ALL;
     for (var layer = 0u; layer < MAX_LAYERS; layer += 1u) {
@@ -186,11 +217,9 @@ fn trace_closest(origin: vec3<f32>, direction: vec3<f32>, key: u32) -> Hit {
         hit.bary = hit_barycentrics(origin, direction, hit);
     }
     if HAS_SPHERES {
-        for (var i = 0u; i < frame.sphere_count; i += 1u) {
-            let t = intersect_sphere(origin, direction, i);
-            if t > 0.0 && t < hit.t {
-                hit = Hit(t, SPHERE | i, vec2<f32>(0.0));
-            }
+        let sphere = traverse_spheres(origin, direction, hit.t, NO_LIGHT, false);
+        if sphere.prim != NO_PRIM {
+            return sphere;
         }
     }
     return hit;
@@ -199,11 +228,8 @@ fn trace_closest(origin: vec3<f32>, direction: vec3<f32>, key: u32) -> Hit {
 // Whether anything lies within (0, t_max), spherical light `except` left out.
 fn is_occluded(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, except: u32, key: u32) -> bool {
     if HAS_SPHERES {
-        for (var i = 0u; i < frame.sphere_count; i += 1u) {
-            let t = intersect_sphere(origin, direction, i);
-            if i != except && t > 0.0 && t < t_max {
-                return true;
-            }
+        if traverse_spheres(origin, direction, t_max, except, true).prim != NO_PRIM {
+            return true;
         }
     }
     var hit = BEFORE_ALL;
@@ -214,4 +240,18 @@ fn is_occluded(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, except: u32,
         }
     }
     return hit.prim != NO_PRIM;
+}
+
+// Whether anything stands between a ray's start near `p` and what `sample_light` has sampled at `p`.
+fn is_light_hidden(origin: vec3<f32>, p: vec3<f32>, light: LightSample, key: u32) -> bool {
+    var direction = light.direction;
+    var t_max = light.distance;
+    if t_max < 1e38 {
+        // To the very point, though the ray starts beside `p`.
+        let way = (p - origin) + light.direction * light.distance;
+        let distance = length(way);
+        direction = way / max(distance, 1e-37);
+        t_max = distance * light.reach;
+    }
+    return is_occluded(origin, direction, t_max, light.sphere, key);
 }

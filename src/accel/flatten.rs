@@ -77,7 +77,7 @@ fn push_instance(flat: &mut Flat, instance: &Instance, mesh: &Mesh, material: &M
         });
         let uvs = |set: usize| corner.map(|i| mesh.uvs[set].get(i).copied().unwrap_or(Vec2::ZERO));
         let [t0, t1, t2] = uvs(0);
-        flat.triangles.push(Triangle { v0, material: mesh.material as u32, v1, flags, v2, pad: 0 });
+        flat.triangles.push(Triangle { v0, material: mesh.material as u32, v1, flags, v2, light: 0 });
         flat.shadings.push(Shading {
             n0,
             u0: t0.x,

@@ -31,7 +31,8 @@ pub struct Triangle {
     pub v1: Vec3,
     pub flags: u32,
     pub v2: Vec3,
-    pub pad: u32,
+    /// Which light it is; set where the lights are known.
+    pub light: u32,
 }
 
 impl Triangle {

@@ -47,14 +47,19 @@ pub struct Frame {
     pub reflections: u32,
     pub indirect_clamp: f32,
     pub exposure: f32,
-    pub sphere_count: u32,
+    pub sphere_tree: u32,
     pub light_groups: u32,
     pub env_width: u32,
     pub env_height: u32,
     pub env_radiance: Vec3,
     pub env_rotation: f32,
-    pub group_begin: [u32; 4],
-    pub group_count: [u32; 4],
+    pub sphere_tree_end: u32,
+    pub light_tree: u32,
+    pub local_lights: u32,
+    pub directional_lights: u32,
+    pub env_grid_width: u32,
+    pub env_grid_height: u32,
+    pub pad: [u32; 2],
 }
 
 /// Constants of a dispatch; `Pass` in `frame.inc.wgsl`.
@@ -75,7 +80,7 @@ pub struct Pass {
 pub struct Material {
     pub base_color: Vec4,
     pub emissive: Vec3,
-    pub light_pdf: f32,
+    pub pad0: u32,
     pub roughness: f32,
     pub metallic: f32,
     pub alpha_cutoff: f32,
@@ -138,7 +143,18 @@ pub struct Light {
     pub keep: f32,
     pub alias: u32,
     pub prim: u32,
-    pub pad: [u32; 3],
+    pub trail: u32,
+    pub pad: [u32; 2],
 }
 
 pub const LIGHT_SPOT: u32 = 1;
+pub const LIGHT_TRIANGLE: u32 = 2;
+
+/// `EnvCell` in `lights.inc.wgsl`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+#[repr(C)]
+pub struct EnvCell {
+    pub keep: f32,
+    pub alias: u32,
+    pub density: f32,
+}

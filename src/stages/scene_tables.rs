@@ -31,6 +31,7 @@ pub enum TableError {
 /// Tables of one scene, the same for every device.
 pub struct SceneTables {
     accel: Accel,
+    has_surfaces: bool,
     materials: Vec<layout::Material>,
     textures: Vec<TextureInfo>,
     texels: Vec<[u8; 4]>,
@@ -45,8 +46,9 @@ pub(super) fn linear_from_srgb(code: u8) -> f32 {
 }
 
 impl SceneTables {
-    pub fn new(scene: &Scene, accel: Accel) -> Result<Self, TableError> {
-        let emitters = Emitters::new(scene, &accel);
+    pub fn new(scene: &Scene, mut accel: Accel) -> Result<Self, TableError> {
+        let has_surfaces = accel.nodes.len() > 1 || accel.nodes[0] != [0; 20];
+        let emitters = Emitters::new(scene, &mut accel);
         let mut firsts = Vec::with_capacity(scene.images.len());
         let mut texels: Vec<[u8; 4]> = Vec::new();
         for image in &scene.images {
@@ -58,18 +60,14 @@ impl SceneTables {
         }
         let firsts = firsts.into_iter().map(|first| first as u32).collect();
         let mut table = TextureTable { scene, firsts, refs: Vec::new() };
-        let materials: Vec<_> =
-            scene.materials.iter().zip(&emitters.light_pdf).map(|(m, &pdf)| table.material(m, pdf)).collect();
+        let materials = scene.materials.iter().map(|m| table.material(m)).collect();
         let textures = table.infos();
-        Ok(Self { accel, materials, textures, texels, emitters, environment: scene.environment.clone() })
+        Ok(Self { accel, has_surfaces, materials, textures, texels, emitters, environment: scene.environment.clone() })
     }
 
     /// Fills in what the scene says about a frame.
     pub fn describe(&self, frame: &mut layout::Frame) {
-        frame.sphere_count = self.emitters.sphere_count;
-        frame.light_groups = self.emitters.groups;
-        frame.group_begin = self.emitters.group_begin;
-        frame.group_count = self.emitters.group_count;
+        self.emitters.describe(frame);
         match &self.environment {
             Environment::Black => {}
             Environment::Constant(radiance) => frame.env_radiance = *radiance,
@@ -83,7 +81,7 @@ impl SceneTables {
 
     /// Whether there is anything that could reflect light.
     pub fn has_surfaces(&self) -> bool {
-        self.accel.nodes.len() > 1 || self.accel.nodes[0] != [0; 20]
+        self.has_surfaces
     }
 }
 
@@ -131,7 +129,7 @@ impl TextureTable<'_> {
         }
     }
 
-    fn material(&mut self, m: &scene::Material, light_pdf: f32) -> layout::Material {
+    fn material(&mut self, m: &scene::Material) -> layout::Material {
         let (alpha, alpha_cutoff) = match m.alpha_mode {
             AlphaMode::Opaque => (0, 0.0),
             AlphaMode::Mask { cutoff } => (ALPHA_MASK, cutoff),
@@ -144,7 +142,7 @@ impl TextureTable<'_> {
         layout::Material {
             base_color: m.base_color,
             emissive: m.emissive,
-            light_pdf,
+            pad0: 0,
             roughness: m.roughness,
             metallic: m.metallic,
             alpha_cutoff,

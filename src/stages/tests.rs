@@ -69,14 +69,18 @@ fn host_structs_lie_as_shaders_read_them() {
             reflections = "reflections",
             indirect_clamp = "indirect_clamp",
             exposure = "exposure",
-            sphere_count = "sphere_count",
             light_groups = "light_groups",
             env_width = "env_width",
             env_height = "env_height",
             env_radiance = "env_radiance",
             env_rotation = "env_rotation",
-            group_begin = "group_begin",
-            group_count = "group_count"
+            sphere_tree = "sphere_tree",
+            sphere_tree_end = "sphere_tree_end",
+            light_tree = "light_tree",
+            local_lights = "local_lights",
+            directional_lights = "directional_lights",
+            env_grid_width = "env_grid_width",
+            env_grid_height = "env_grid_height"
         ]
     );
     same_layout!(
@@ -99,7 +103,6 @@ fn host_structs_lie_as_shaders_read_them() {
         [
             base_color = "base_color",
             emissive = "emissive",
-            light_pdf = "light_pdf",
             roughness = "roughness",
             metallic = "metallic",
             alpha_cutoff = "alpha_cutoff",
@@ -153,14 +156,16 @@ fn host_structs_lie_as_shaders_read_them() {
             pick = "pick",
             keep = "keep",
             alias = "alias_",
-            prim = "prim"
+            prim = "prim",
+            trail = "trail"
         ]
     );
+    same_layout!(m, "EnvCell", layout::EnvCell, [keep = "keep", alias = "alias_", density = "density"]);
     same_layout!(
         m,
         "Triangle",
         crate::accel::Triangle,
-        [v0 = "v0", material = "material", v1 = "v1", flags = "flags", v2 = "v2"]
+        [v0 = "v0", material = "material", v1 = "v1", flags = "flags", v2 = "v2", light = "light"]
     );
     same_layout!(
         m,

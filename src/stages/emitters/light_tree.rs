@@ -1,0 +1,292 @@
+//! A bounding hierarchy of lights, to pick one by what it may bring to a point: Conty Estevez & Kulla, "Importance
+//! Sampling of Many Lights with Adaptive Tree Splitting", HPG 2018, with the cone arithmetic of Pharr, Jakob &
+//! Humphreys, PBRT 4e, 12.6.3.
+//!
+//! Departures: clusters are bounded by spheres about their box's centre instead of boxes, since importance only ever
+//! asks for the sphere; and children are stored side by side with the axis quantised, so that a node takes 32 bytes.
+
+use std::f64::consts::{FRAC_PI_2, PI};
+
+use glam::{DVec3, Vec2, Vec3};
+
+/// `LIGHT_LEAF` and `LIGHT_TWO_SIDED` in `lights.inc.wgsl`.
+const LEAF: u32 = 1 << 31;
+const TWO_SIDED: u32 = 1 << 30;
+
+/// A trail has a bit per level.
+const MAX_DEPTH: u32 = 32;
+
+const BINS: usize = 12;
+
+/// Powers below this share of the total are raised to it: products with them must not vanish in f32.
+const LEAST_POWER: f64 = 1e-25;
+
+/// Added to every bound, in cosines: more than what rounding in f32 can take away from what the shader compares.
+const SLACK: f64 = 4e-5;
+
+/// Two [`Node`]s a light, less one.
+pub(super) type Node = [u32; 8];
+
+/// The normals of a light, and how far off them it emits.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Cone {
+    pub axis: DVec3,
+    /// Largest angle between axis and a normal, and between a normal and an emitted direction, in radians.
+    pub normals: f64,
+    pub emission: f64,
+    /// Whether the opposite cone emits too.
+    pub two_sided: bool,
+}
+
+impl Cone {
+    /// Emits everywhere.
+    pub const ALL: Self = Self { axis: DVec3::Z, normals: PI, emission: FRAC_PI_2, two_sided: false };
+
+    /// A cone that holds both (PBRT 4e, 3.8.4).
+    fn union(self, other: Self) -> Self {
+        let (a, b) = if self.normals >= other.normals { (self, other) } else { (other, self) };
+        let two_sided = a.two_sided || b.two_sided;
+        let emission = a.emission.max(b.emission);
+        // Of a two-sided cone, the side that is nearer will do.
+        let towards = if two_sided && a.axis.dot(b.axis) < 0.0 { -b.axis } else { b.axis };
+        let between = angle(a.axis, towards);
+        if (between + b.normals).min(PI) <= a.normals {
+            return Self { emission, two_sided, ..a };
+        }
+        let normals = 0.5 * (a.normals + between + b.normals);
+        let pivot = a.axis.cross(towards);
+        if normals >= PI || pivot.length_squared() == 0.0 {
+            return Self { axis: a.axis, normals: PI, emission, two_sided };
+        }
+        let axis = glam::DQuat::from_axis_angle(pivot.normalize(), normals - a.normals) * a.axis;
+        Self { axis: axis.normalize(), normals, emission, two_sided }
+    }
+
+    /// Solid angle that is lit, weighted by the cosine off the normals: M_Ω of Conty Estevez & Kulla, equation 1.
+    fn measure(&self) -> f64 {
+        let (o, w) = (self.normals, (self.normals + self.emission).min(PI));
+        2.0 * PI * (1.0 - o.cos()) + FRAC_PI_2 * (2.0 * w * o.sin() - (o - 2.0 * w).cos() - 2.0 * o * o.sin() + o.cos())
+    }
+
+    /// Largest angle between `axis` and this cone's normals.
+    fn widest_off(&self, axis: DVec3, two_sided: bool) -> f64 {
+        let off = angle(axis, self.axis);
+        (if two_sided { off.min(PI - off) } else { off }) + self.normals
+    }
+}
+
+fn angle(a: DVec3, b: DVec3) -> f64 {
+    a.cross(b).length().atan2(a.dot(b))
+}
+
+/// What the tree knows of a light.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Bounds {
+    /// The light lies within `radius` about the triangle of these points.
+    pub corners: [DVec3; 3],
+    pub radius: f64,
+    pub cone: Cone,
+    /// Radiant intensity at most, as luminance. More than 0.
+    pub power: f64,
+}
+
+impl Bounds {
+    fn low(&self) -> DVec3 {
+        self.corners.iter().fold(DVec3::INFINITY, |low, &c| low.min(c)) - self.radius
+    }
+
+    fn high(&self) -> DVec3 {
+        self.corners.iter().fold(DVec3::NEG_INFINITY, |high, &c| high.max(c)) + self.radius
+    }
+
+    fn centre(&self) -> DVec3 {
+        0.5 * (self.low() + self.high())
+    }
+}
+
+/// Several lights together.
+#[derive(Clone, Copy)]
+struct Cluster {
+    low: DVec3,
+    high: DVec3,
+    cone: Option<Cone>,
+    power: f64,
+}
+
+impl Cluster {
+    const NONE: Self = Self { low: DVec3::INFINITY, high: DVec3::NEG_INFINITY, cone: None, power: 0.0 };
+
+    fn of<'a>(lights: impl IntoIterator<Item = &'a Bounds>) -> Self {
+        lights.into_iter().fold(Self::NONE, |all, l| {
+            let one = Self { low: l.low(), high: l.high(), cone: Some(l.cone), power: l.power };
+            all.with(&one)
+        })
+    }
+
+    fn with(&self, other: &Self) -> Self {
+        Self {
+            low: self.low.min(other.low),
+            high: self.high.max(other.high),
+            cone: match (self.cone, other.cone) {
+                (Some(a), Some(b)) => Some(a.union(b)),
+                (a, b) => a.or(b),
+            },
+            power: self.power + other.power,
+        }
+    }
+
+    /// The cost that splits are compared by: power, spread of directions and surface of the bounding sphere. `None`
+    /// for no lights.
+    fn cost(&self) -> Option<f64> {
+        Some(self.power * self.cone?.measure() * (self.high - self.low).length_squared())
+    }
+}
+
+/// The tree, root first, and for each light the way there: bit k is set where the path takes the second child at
+/// level k.
+#[derive(Debug, Default)]
+pub(super) struct LightTree {
+    pub nodes: Vec<Node>,
+    pub trails: Vec<u32>,
+}
+
+/// A node whose children are still to be made.
+struct Open {
+    node: usize,
+    first: usize,
+    last: usize,
+    depth: u32,
+    trail: u32,
+}
+
+/// Deterministic: the same lights give the same tree.
+pub(super) fn build(lights: &[Bounds]) -> LightTree {
+    if lights.is_empty() {
+        return LightTree::default();
+    }
+    let total: f64 = lights.iter().map(|l| l.power).sum();
+    let mut order: Vec<usize> = (0..lights.len()).collect();
+    let mut tree = LightTree { nodes: vec![[0; 8]], trails: vec![0; lights.len()] };
+    let mut open = vec![Open { node: 0, first: 0, last: lights.len(), depth: 0, trail: 0 }];
+    while let Some(o) = open.pop() {
+        let members = &mut order[o.first..o.last];
+        if let [light] = *members {
+            tree.nodes[o.node] = pack(lights, members, total, LEAF | light as u32);
+            tree.trails[light] = o.trail;
+            continue;
+        }
+        let child = tree.nodes.len();
+        tree.nodes[o.node] = pack(lights, members, total, child as u32);
+        tree.nodes.extend([[0; 8]; 2]);
+        let middle = o.first + split(lights, members, MAX_DEPTH - 1 - o.depth);
+        let depth = o.depth + 1;
+        open.push(Open { node: child + 1, first: middle, last: o.last, depth, trail: o.trail | 1 << o.depth });
+        open.push(Open { node: child, first: o.first, last: middle, depth, trail: o.trail });
+    }
+    tree
+}
+
+/// Orders `members` so that the first ones, whose number is returned, make one child, and the others the other.
+/// Neither is empty nor has more than 2^`levels` lights.
+fn split(lights: &[Bounds], members: &mut [usize], levels: u32) -> usize {
+    let centres = members.iter().map(|&i| lights[i].centre());
+    let (low, high) = centres.fold((DVec3::INFINITY, DVec3::NEG_INFINITY), |(low, high), c| (low.min(c), high.max(c)));
+    let extent = high - low;
+    if let Some((axis, bin)) = cheapest(lights, members, low, extent) {
+        let (mut left, right): (Vec<_>, Vec<_>) =
+            members.iter().partition(|&&i| bin_of(lights[i].centre()[axis], low[axis], extent[axis]) <= bin);
+        let middle = left.len();
+        if (middle.max(right.len()) as u64) <= 1u64 << levels.min(63) {
+            left.extend(right);
+            members.copy_from_slice(&left);
+            return middle;
+        }
+    }
+    let axis = (0..3).max_by(|&a, &b| extent[a].total_cmp(&extent[b])).unwrap_or(0);
+    let key = |i: &usize| lights[*i].centre()[axis];
+    let middle = members.len() / 2;
+    members.select_nth_unstable_by(middle, |a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
+    middle
+}
+
+fn bin_of(at: f64, low: f64, extent: f64) -> usize {
+    ((BINS as f64 * (at - low) / extent) as usize).min(BINS - 1)
+}
+
+/// Axis and last bin of the first child of the split with the least cost (the surface-area orientation heuristic),
+/// where thin cuts are made dearer by the box's longest side over the one that is cut.
+fn cheapest(lights: &[Bounds], members: &[usize], low: DVec3, extent: DVec3) -> Option<(usize, usize)> {
+    let mut best: Option<(f64, usize, usize)> = None;
+    for axis in (0..3).filter(|&axis| extent[axis] > 0.0) {
+        let mut bins = [Cluster::NONE; BINS];
+        for &i in members {
+            let bin = &mut bins[bin_of(lights[i].centre()[axis], low[axis], extent[axis])];
+            *bin = bin.with(&Cluster::of([&lights[i]]));
+        }
+        let mut above = [Cluster::NONE; BINS];
+        for i in (0..BINS - 1).rev() {
+            above[i] = above[i + 1].with(&bins[i + 1]);
+        }
+        let mut below = Cluster::NONE;
+        for i in 0..BINS - 1 {
+            below = below.with(&bins[i]);
+            let (Some(a), Some(b)) = (below.cost(), above[i].cost()) else { continue };
+            let cost = (a + b) * extent.max_element() / extent[axis];
+            if best.is_none_or(|(least, ..)| cost < least) {
+                best = Some((cost, axis, i));
+            }
+        }
+    }
+    best.map(|(_, axis, bin)| (axis, bin))
+}
+
+/// A node as the shader reads it: centre and radius; power, axis, cosines, and what comes next.
+fn pack(lights: &[Bounds], members: &[usize], total: f64, next: u32) -> Node {
+    let cluster = Cluster::of(members.iter().map(|&i| &lights[i]));
+    let cone = cluster.cone.unwrap_or(Cone::ALL);
+    let centre = (0.5 * (cluster.low + cluster.high)).as_vec3();
+    let axis = pack_axis(cone.axis.as_vec3());
+    let (mut radius, mut normals) = (0.0f64, 0.0f64);
+    for light in members.iter().map(|&i| &lights[i]) {
+        for corner in light.corners {
+            radius = radius.max(centre.as_dvec3().distance(corner) + light.radius);
+        }
+        normals = normals.max(light.cone.widest_off(unpack_axis(axis), cone.two_sided));
+    }
+    let cosine = |angle: f64| (angle.min(PI).cos() - SLACK).max(-1.0);
+    let two_sided = if cone.two_sided { TWO_SIDED } else { 0 };
+    [
+        centre.x.to_bits(),
+        centre.y.to_bits(),
+        centre.z.to_bits(),
+        ((radius * (1.0 + 1e-6)) as f32).to_bits(),
+        ((cluster.power / total).max(LEAST_POWER) as f32).to_bits(),
+        axis,
+        floor_snorm(cosine(normals)) | floor_snorm(cosine(cone.emission)) << 16,
+        next | two_sided,
+    ]
+}
+
+/// A 16-bit signed normalised number that is not above `value`.
+fn floor_snorm(value: f64) -> u32 {
+    u32::from((value * 32767.0).floor().clamp(-32767.0, 32767.0) as i16 as u16)
+}
+
+/// Octahedral, in two 16-bit signed normalised numbers (Cigolle et al., JCGT 3(2), 2014).
+fn pack_axis(axis: Vec3) -> u32 {
+    let on_face = axis.truncate() / (axis.x.abs() + axis.y.abs() + axis.z.abs());
+    let folded = if axis.z >= 0.0 { on_face } else { (1.0 - Vec2::new(on_face.y, on_face.x).abs()) * signs(on_face) };
+    let [x, y] = (folded * 32767.0).round().to_array().map(|v| u32::from(v.clamp(-32767.0, 32767.0) as i16 as u16));
+    x | y << 16
+}
+
+fn unpack_axis(packed: u32) -> DVec3 {
+    let [x, y] = [packed, packed >> 16].map(|v| f64::from(v as u16 as i16) / 32767.0);
+    let z = 1.0 - x.abs() - y.abs();
+    let fold = (-z).max(0.0);
+    DVec3::new(x - fold.copysign(x), y - fold.copysign(y), z).normalize()
+}
+
+fn signs(v: Vec2) -> Vec2 {
+    Vec2::new(1f32.copysign(v.x), 1f32.copysign(v.y))
+}

@@ -1,0 +1,203 @@
+//! What light comes from, as paths choose from it: the table of lights and the tree over those that are somewhere, the
+//! tree of spherical lights that rays meet, and the grid over an environment image.
+
+mod env_grid;
+mod light_tree;
+mod sphere_tree;
+
+use std::f64::consts::FRAC_PI_2;
+
+use glam::{DVec3, Vec3};
+
+use self::env_grid::EnvGrid;
+use self::light_tree::{Bounds, Cone, LightTree};
+use super::alias;
+use super::layout::{EnvCell, Frame, LIGHT_SPOT, LIGHT_TRIANGLE, Light};
+use crate::accel::{Accel, Node, Triangle};
+use crate::scene::{self, LightKind, Material, Scene};
+
+/// Lights in the order spheres, points, emissive triangles (which the tree picks from), directional.
+#[derive(Default)]
+pub struct Emitters {
+    pub lights: Vec<Light>,
+    /// Cells of the environment's grid, or none.
+    pub env_cells: Vec<EnvCell>,
+    env_size: [u32; 2],
+    /// Lights that the tree picks from.
+    local_count: u32,
+    /// First row in the table of nodes, and the one after the last, of the tree of spheres.
+    sphere_rows: [u32; 2],
+    light_tree: u32,
+}
+
+/// Rec. 709 luminance.
+fn luminance(c: Vec3) -> f64 {
+    f64::from(c.x) * 0.2126 + f64::from(c.y) * 0.7152 + f64::from(c.z) * 0.0722
+}
+
+/// Mean radiance that a material emits, as luminance.
+fn emitted(scene: &Scene, material: &Material) -> f64 {
+    let tint =
+        material.emissive_texture.map_or(Vec3::ONE, |t| mean_color(&scene.images[scene.textures[t.texture].image]));
+    if material.unlit { 0.0 } else { luminance(material.emissive * tint) }
+}
+
+fn mean_color(image: &scene::TexelImage) -> Vec3 {
+    let mut sum = [0.0f64; 3];
+    for texel in &image.pixels {
+        for (s, &code) in sum.iter_mut().zip(texel) {
+            *s += f64::from(super::scene_tables::linear_from_srgb(code));
+        }
+    }
+    Vec3::from_array(sum.map(|s| (s / image.pixels.len().max(1) as f64) as f32))
+}
+
+impl Emitters {
+    /// Adds the trees to the nodes of `accel`, and tells its triangles which light they are.
+    pub fn new(scene: &Scene, accel: &mut Accel) -> Self {
+        let mut out = Self::default();
+        let (mut spheres, mut local, mut directional) = (Vec::new(), Vec::new(), Vec::new());
+        for light in scene.lights.iter().filter(|l| luminance(l.strength) > 0.0) {
+            match light.kind {
+                LightKind::Directional { .. } => directional.push(gpu_light(light)),
+                _ if radius(light) > 0.0 => spheres.push((gpu_light(light), local_bounds(light))),
+                _ => local.push((gpu_light(light), local_bounds(light))),
+            }
+        }
+        let balls: Vec<_> = spheres.iter().map(|(l, _)| (l.position, l.radius)).collect();
+        spheres.extend(local);
+        let per_area: Vec<f64> = scene.materials.iter().map(|m| emitted(scene, m)).collect();
+        for (prim, t) in accel.triangles.iter_mut().enumerate() {
+            let material = t.material as usize;
+            if per_area[material] > 0.0 {
+                t.light = spheres.len() as u32;
+                let two_sided = scene.materials[material].double_sided;
+                spheres.push(triangle_light(prim as u32, t, per_area[material], two_sided));
+            }
+        }
+        let (mut lights, bounds): (Vec<_>, Vec<_>) = spheres.into_iter().unzip();
+        out.local_count = lights.len() as u32;
+        let first_row = rows(&accel.nodes);
+        let nodes = sphere_tree::build(&balls, first_row);
+        out.sphere_rows = [first_row, first_row + sphere_tree::ROWS * nodes.len() as u32];
+        append(&mut accel.nodes, &nodes);
+        let LightTree { nodes, trails } = light_tree::build(&bounds);
+        out.light_tree = rows(&accel.nodes);
+        append(&mut accel.nodes, &nodes);
+        lights.iter_mut().zip(trails).for_each(|(light, trail)| light.trail = trail);
+        set_picks(&mut directional, out.local_count);
+        lights.extend(directional);
+        out.lights = lights;
+        if let scene::Environment::Map { image, .. } = &scene.environment
+            && let Some(EnvGrid { width, height, cells }) = env_grid::build(image)
+        {
+            out.env_size = [width, height];
+            out.env_cells = cells;
+        }
+        out
+    }
+
+    /// Fills in where shaders find the lights.
+    pub fn describe(&self, frame: &mut Frame) {
+        frame.sphere_tree = self.sphere_rows[0];
+        frame.sphere_tree_end = self.sphere_rows[1];
+        frame.light_tree = self.light_tree;
+        frame.local_lights = self.local_count;
+        frame.directional_lights = self.lights.len() as u32 - self.local_count;
+        frame.env_grid_width = self.env_size[0];
+        frame.env_grid_height = self.env_size[1];
+        let groups = [self.local_count, frame.directional_lights, self.env_size[0]];
+        frame.light_groups = groups.iter().map(|&n| u32::from(n > 0)).sum();
+    }
+}
+
+fn radius(light: &scene::Light) -> f32 {
+    match light.kind {
+        LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } => radius,
+        LightKind::Directional { .. } => 0.0,
+    }
+}
+
+fn gpu_light(light: &scene::Light) -> Light {
+    let base = Light { strength: light.strength, radius: radius(light), ..Light::default() };
+    let strength = match radius(light) {
+        r if r > 0.0 => light.strength / (std::f32::consts::PI * r * r),
+        _ => light.strength,
+    };
+    match light.kind {
+        LightKind::Point { position, .. } => Light { position, strength, ..base },
+        LightKind::Spot { position, direction, cos_inner, cos_outer, .. } => Light {
+            position,
+            strength,
+            kind: LIGHT_SPOT,
+            axis: direction,
+            cos_outer,
+            cone_scale: 1.0 / (cos_inner - cos_outer).max(0.001),
+            ..base
+        },
+        LightKind::Directional { direction, angle_rad } => {
+            // 1 - cos, without cancellation.
+            let half = (0.5 * f64::from(angle_rad)).sin();
+            let lift = 2.0 * half * half;
+            // Directions are drawn evenly over the disc, which a surface that faces its middle sees at a mean cosine of
+            // 1 - lift / 2: that surface is to have the given irradiance.
+            let strength = light.strength * (1.0 / (1.0 - 0.5 * lift)) as f32;
+            Light { position: -direction, radius: lift as f32, strength, ..base }
+        }
+    }
+}
+
+/// Where a point, spot or sphere lies and where it sends light.
+fn local_bounds(light: &scene::Light) -> Bounds {
+    let (position, cone) = match light.kind {
+        LightKind::Spot { position, direction, cos_inner, cos_outer, .. } => {
+            let [inner, outer] = [cos_inner, cos_outer].map(|c| f64::from(c).clamp(-1.0, 1.0).acos());
+            let emission = (outer - inner).clamp(0.0, FRAC_PI_2);
+            // What the emission cannot hold, as it ends at a right angle, the normals do.
+            let normals = (outer - emission).max(0.0);
+            (position, Cone { axis: direction.as_dvec3().normalize(), normals, emission, two_sided: false })
+        }
+        LightKind::Point { position, .. } | LightKind::Directional { direction: position, .. } => (position, Cone::ALL),
+    };
+    let radius = f64::from(radius(light));
+    Bounds { corners: [position.as_dvec3(); 3], radius, cone, power: luminance(light.strength) }
+}
+
+/// An emissive triangle. Normal and area come from f64: those of needles are lost in f32.
+fn triangle_light(prim: u32, t: &Triangle, radiance: f64, two_sided: bool) -> (Light, Bounds) {
+    let corners = [t.v0, t.v1, t.v2].map(|v| v.as_dvec3());
+    let cross = (corners[1] - corners[0]).cross(corners[2] - corners[0]);
+    let area = 0.5 * cross.length();
+    let axis = cross.try_normalize().unwrap_or(DVec3::Z);
+    let cone = Cone { axis, normals: 0.0, emission: FRAC_PI_2, two_sided };
+    let light = Light { kind: LIGHT_TRIANGLE, prim, axis: axis.as_vec3(), radius: area as f32, ..Light::default() };
+    (light, Bounds { corners, radius: 0.0, cone, power: (area * radiance).max(f64::MIN_POSITIVE) })
+}
+
+/// An alias table over directional lights by their irradiance; they follow `first` others.
+fn set_picks(lights: &mut [Light], first: u32) {
+    let power: Vec<f64> = lights.iter().map(|l| luminance(l.strength)).collect();
+    let total: f64 = power.iter().sum();
+    if !(total > 0.0) {
+        return;
+    }
+    for ((light, entry), p) in lights.iter_mut().zip(alias::table(&power)).zip(&power) {
+        light.keep = entry.keep;
+        light.alias = first + entry.alias;
+        light.pick = (p / total) as f32;
+    }
+}
+
+/// Shaders read the table of nodes in rows of 16 bytes.
+fn rows(nodes: &[Node]) -> u32 {
+    (size_of_val(nodes) / 16) as u32
+}
+
+/// Puts nodes of another size behind those of the triangles' tree.
+fn append(table: &mut Vec<Node>, nodes: &[[u32; 8]]) {
+    for words in nodes.as_flattened().chunks(size_of::<Node>() / 4) {
+        let mut whole = Node::default();
+        whole[..words.len()].copy_from_slice(words);
+        table.push(whole);
+    }
+}
