@@ -4,6 +4,8 @@
 mod common;
 mod reference;
 
+use std::collections::HashMap;
+
 use diptych::accel::{Accel, Node, Triangle};
 use diptych::device::{self, GpuDevice, Selection};
 use diptych::scene::Mesh;
@@ -117,10 +119,14 @@ struct Case {
 
 /// The icosphere with each vertex moved in or out by up to `roughness` of the radius.
 fn boulder(levels: u32, roughness: f32, scale: f32, centre: Vec3) -> Mesh {
-    let mut mesh = icosphere(levels, false, 0);
+    let mut mesh = Mesh { normals: Vec::new(), ..icosphere(levels, true, 0) };
     let mut rng = Rng::new(7, 0);
+    // Vertices that triangles share may stand in the list several times.
+    let mut moved = HashMap::new();
     for p in &mut mesh.positions {
-        *p = centre + scale * (*p * (1.0 + roughness * (2.0 * rng.uniform() as f32 - 1.0)));
+        let at = p.to_array().map(f32::to_bits);
+        let radius = *moved.entry(at).or_insert_with(|| 1.0 + roughness * (2.0 * rng.uniform() as f32 - 1.0));
+        *p = centre + scale * radius * *p;
     }
     mesh
 }
@@ -129,7 +135,7 @@ fn boulder(levels: u32, roughness: f32, scale: f32, centre: Vec3) -> Mesh {
 /// of two.
 fn lattice(cells: u32, size: f32, corner: Vec3) -> Mesh {
     let mut mesh = Mesh::default();
-    let mut index = std::collections::HashMap::new();
+    let mut index = HashMap::new();
     let step = size / cells as f32;
     for axis in 0..3 {
         for side in [0, cells] {
