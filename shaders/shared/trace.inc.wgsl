@@ -28,13 +28,15 @@ struct Traversal {
     direction: vec3<f32>,
     inverse: vec3<f32>,
     octant: u32,
+    // Orthonormal; the third column is the direction.
+    frame: mat3x3<f32>,
 }
 
 fn traversal_for(origin: vec3<f32>, direction: vec3<f32>) -> Traversal {
     let tiny = abs(direction) < vec3<f32>(1e-18);
     let safe = select(direction, select(vec3<f32>(1e-18), vec3<f32>(-1e-18), direction < vec3<f32>(0.0)), tiny);
     let flip = select(vec3<u32>(4u, 2u, 1u), vec3<u32>(0u), direction < vec3<f32>(0.0));
-    return Traversal(origin, direction, 1.0 / safe, (flip.x | flip.y | flip.z) * 0x01010101u);
+    return Traversal(origin, direction, 1.0 / safe, (flip.x | flip.y | flip.z) * 0x01010101u, frame_around(direction));
 }
 
 fn hit_children4(child_meta: u32, octant: u32, near: vec4<f32>, far: vec4<f32>) -> u32 {
@@ -52,47 +54,52 @@ fn planes(word: u32, scale: f32, offset: f32) -> vec4<f32> {
 // Which children of a node the ray meets before `t_max`, as a group mask without the imask.
 fn hit_children(ray: Traversal, n0: vec4<u32>, child_meta: vec2<u32>, first: u32, t_max: f32) -> u32 {
     let exponents = vec3<u32>(n0.w & 0xffu, (n0.w >> 8u) & 0xffu, (n0.w >> 16u) & 0xffu);
-    let scale = bitcast<vec3<f32>>(exponents << vec3<u32>(23u)) * ray.inverse;
-    let offset = (bitcast<vec3<f32>>(n0.xyz) - ray.origin) * ray.inverse;
+    let unit = bitcast<vec3<f32>>(exponents << vec3<u32>(23u));
+    let corner = bitcast<vec3<f32>>(n0.xyz) - ray.origin;
+    let scale = unit * ray.inverse;
+    // Boxes grow by the rounding errors of their planes and of `intersect_triangle`, at most 16 x 2^-24 of the farthest
+    // coordinate: what the triangle's test lets in must not be kept out by its box.
+    let reach = abs(corner) + 256.0 * unit;
+    let slack = max(max(reach.x, reach.y), reach.z) * 0x1p-20 * abs(ray.inverse);
+    let low = corner * ray.inverse - slack;
+    let high = corner * ray.inverse + slack;
     let x = nodes[first + 2u];
     let y = nodes[first + 3u];
     let z = nodes[first + 4u];
     let nx = select(x, x.zwxy, ray.direction.x < 0.0);
     let ny = select(y, y.zwxy, ray.direction.y < 0.0);
     let nz = select(z, z.zwxy, ray.direction.z < 0.0);
-    // The far side is moved out by a few ulp, so that flat boxes are never missed by rounding.
-    const SLACK: f32 = 1.0 + 4.0 * 1.1920929e-7;
-    let near0 = max(max(planes(nx.x, scale.x, offset.x), planes(ny.x, scale.y, offset.y)), max(planes(nz.x, scale.z, offset.z), vec4<f32>(0.0)));
-    let far0 = min(min(planes(nx.z, scale.x, offset.x), planes(ny.z, scale.y, offset.y)), planes(nz.z, scale.z, offset.z)) * SLACK;
-    let near1 = max(max(planes(nx.y, scale.x, offset.x), planes(ny.y, scale.y, offset.y)), max(planes(nz.y, scale.z, offset.z), vec4<f32>(0.0)));
-    let far1 = min(min(planes(nx.w, scale.x, offset.x), planes(ny.w, scale.y, offset.y)), planes(nz.w, scale.z, offset.z)) * SLACK;
+    let near0 = max(max(planes(nx.x, scale.x, low.x), planes(ny.x, scale.y, low.y)), max(planes(nz.x, scale.z, low.z), vec4<f32>(0.0)));
+    let far0 = min(min(planes(nx.z, scale.x, high.x), planes(ny.z, scale.y, high.y)), planes(nz.z, scale.z, high.z));
+    let near1 = max(max(planes(nx.y, scale.x, low.x), planes(ny.y, scale.y, low.y)), max(planes(nz.y, scale.z, low.z), vec4<f32>(0.0)));
+    let far1 = min(min(planes(nx.w, scale.x, high.x), planes(ny.w, scale.y, high.y)), planes(nz.w, scale.z, high.z));
     return hit_children4(child_meta.x, ray.octant, near0, min(far0, vec4<f32>(t_max)))
         | hit_children4(child_meta.y, ray.octant, near1, min(far1, vec4<f32>(t_max)));
 }
 
-// Edge functions on vertices relative to the ray's origin: the value of a shared edge is the same number with the
-// other sign in the neighbouring triangle, so no ray slips between the two. Returns (t, b1, b2); t < 0: missed.
-fn intersect_triangle(origin: vec3<f32>, direction: vec3<f32>, prim: u32, t_max: f32) -> vec3<f32> {
+// Edge functions of the triangle as the ray sees it, projected along itself (after Woop, Benthin & Wald, "Watertight
+// Ray/Triangle Intersection", JCGT 2(1), 2013, with an orthonormal frame for their shear). A vertex has one projection
+// in all its triangles, and the sign of an edge function is a comparison of two products, which is right or equal
+// whatever is rounded or fused: no ray slips through a shared edge or vertex. Equal is inside, so no second test in
+// doubles is needed. Returns (t, b1, b2); t < 0: missed.
+fn intersect_triangle(ray: Traversal, prim: u32, t_max: f32) -> vec3<f32> {
     let tri = triangles[prim];
-    let a = tri.v0 - origin;
-    let b = tri.v1 - origin;
-    let c = tri.v2 - origin;
-    let u = dot(cross(c, b), direction);
-    let v = dot(cross(a, c), direction);
-    let w = dot(cross(b, a), direction);
-    let det = u + v + w;
-    let inside = (min(min(u, v), w) >= 0.0) || (max(max(u, v), w) <= 0.0);
-    if !inside || det == 0.0 {
+    let a = (tri.v0 - ray.origin) * ray.frame;
+    let b = (tri.v1 - ray.origin) * ray.frame;
+    let c = (tri.v2 - ray.origin) * ray.frame;
+    let left = vec3<f32>(c.x * b.y, a.x * c.y, b.x * a.y);
+    let right = vec3<f32>(c.y * b.x, a.y * c.x, b.y * a.x);
+    let weights = left - right;
+    let sum = weights.x + weights.y + weights.z;
+    if !(all(left >= right) || all(left <= right)) || sum == 0.0 {
         return vec3<f32>(-1.0);
     }
-    let normal = cross(b - a, c - a);
-    let facing = dot(normal, direction);
-    let t = dot(normal, a) / facing;
+    let bary = weights / sum;
+    let t = dot(bary, vec3<f32>(a.z, b.z, c.z));
     if !(t > 0.0 && t <= t_max) {
         return vec3<f32>(-1.0);
     }
-    let inv = 1.0 / det;
-    return vec3<f32>(t, v * inv, w * inv);
+    return vec3<f32>(t, bary.yz);
 }
 
 // Whether a triangle stops every ray, without a look at its alpha.
@@ -134,7 +141,7 @@ fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, after: Hit, any
         while leaf.y != 0u {
             let prim = leaf.x + firstTrailingBit(leaf.y);
             leaf.y &= leaf.y - 1u;
-            let found = intersect_triangle(origin, direction, prim, hit.t);
+            let found = intersect_triangle(ray, prim, hit.t);
             let is_first = found.x > 0.0 && (found.x < hit.t || prim < hit.prim);
             let is_after = !HAS_ALPHA || found.x > after.t || (found.x == after.t && prim > after.prim);
             if is_first && is_after {

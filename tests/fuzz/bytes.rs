@@ -1,0 +1,78 @@
+//! Damage that knows nothing of a format.
+
+use proptest::prelude::*;
+use proptest::sample::Index;
+
+#[derive(Clone, Debug)]
+pub enum Damage {
+    Flip(Index, u8),
+    /// Overwrites four bytes, at a multiple of four if the flag says so.
+    Word(Index, bool, u32),
+    Cut(Index),
+    Remove(Index, u8),
+    Repeat(Index, u8),
+}
+
+/// Words that are often wrong: lengths, counts, and floats that are no numbers.
+const WORDS: [u32; 14] = [
+    0,
+    1,
+    3,
+    0x7f,
+    0xff,
+    0xffff,
+    0x1_0000,
+    0x7fff_ffff,
+    0x8000_0000,
+    0xffff_fffe,
+    0xffff_ffff,
+    0x7f80_0000,
+    0x7fc0_0000,
+    0x7f7f_ffff,
+];
+
+fn word() -> impl Strategy<Value = u32> {
+    prop_oneof![proptest::sample::select(&WORDS[..]), any::<u32>()]
+}
+
+pub fn damage() -> impl Strategy<Value = Damage> {
+    prop_oneof![
+        4 => (any::<Index>(), any::<u8>()).prop_map(|(at, bits)| Damage::Flip(at, bits)),
+        4 => (any::<Index>(), any::<bool>(), word()).prop_map(|(at, aligned, w)| Damage::Word(at, aligned, w)),
+        1 => any::<Index>().prop_map(Damage::Cut),
+        1 => (any::<Index>(), any::<u8>()).prop_map(|(at, n)| Damage::Remove(at, n)),
+        1 => (any::<Index>(), any::<u8>()).prop_map(|(at, n)| Damage::Repeat(at, n)),
+    ]
+}
+
+pub fn several() -> impl Strategy<Value = Vec<Damage>> {
+    prop::collection::vec(damage(), 1..6)
+}
+
+pub fn apply(bytes: &mut Vec<u8>, damages: &[Damage]) {
+    for damage in damages {
+        if bytes.is_empty() {
+            return;
+        }
+        let length = bytes.len();
+        match *damage {
+            Damage::Flip(at, bits) => bytes[at.index(length)] ^= bits,
+            Damage::Word(at, aligned, word) => {
+                let at = if aligned { at.index(length) & !3 } else { at.index(length) };
+                for (byte, new) in bytes[at..].iter_mut().zip(word.to_le_bytes()) {
+                    *byte = new;
+                }
+            }
+            Damage::Cut(at) => bytes.truncate(at.index(length)),
+            Damage::Remove(at, n) => {
+                let at = at.index(length);
+                bytes.drain(at..(at + usize::from(n)).min(length));
+            }
+            Damage::Repeat(at, n) => {
+                let at = at.index(length);
+                let part = bytes[at..(at + usize::from(n)).min(length)].to_vec();
+                bytes.splice(at..at, part);
+            }
+        }
+    }
+}

@@ -1,0 +1,442 @@
+//! Binary glTF, damaged by JSON value and key, by byte, and in its container.
+
+use std::path::Path;
+
+use diptych::accel::Accel;
+use diptych::scene::Scene;
+use diptych::scene::load::load_shot;
+use diptych::scene::rig::Eye;
+use diptych::stages::SceneTables;
+use proptest::prelude::*;
+use proptest::sample::{Index, select};
+use serde_json::{Value, json};
+
+use crate::bytes::{self, Damage};
+use crate::hold;
+
+/// Reads a file and lays its scene out as for rendering; whether that could be done.
+pub fn load(path: &Path, bytes: &[u8]) -> bool {
+    std::fs::write(path, bytes).unwrap();
+    let name = path.to_str().unwrap();
+    let (shot, scene) = match load_shot(name) {
+        Ok(read) => read,
+        Err(error) => {
+            assert!(error.to_string().contains(name), "the error does not name the file: {error}");
+            return false;
+        }
+    };
+    check(&scene);
+    let view = shot.rig.view(0.0, Eye::Left);
+    assert!([view.origin, view.right, view.up, view.forward].iter().all(|v| v.is_finite()), "{view:?}");
+    Accel::build(&scene).is_ok_and(|accel| SceneTables::new(&scene, accel).is_ok())
+}
+
+/// What the rest of the program takes for granted.
+fn check(scene: &Scene) {
+    for mesh in &scene.meshes {
+        let n = mesh.positions.len();
+        assert!(mesh.positions.iter().all(|p| p.is_finite()));
+        assert!(mesh.normals.iter().all(|n| (n.length() - 1.0).abs() < 1e-3), "{:?}", mesh.normals);
+        assert!(mesh.triangles.as_flattened().iter().all(|&v| (v as usize) < n));
+        let lengths = [mesh.normals.len(), mesh.uvs[0].len(), mesh.uvs[1].len(), mesh.colors.len()];
+        assert!(lengths.iter().all(|&l| l == 0 || l == n), "{lengths:?} for {n}");
+        assert!(mesh.uvs.iter().flatten().all(|uv| uv.is_finite()) && mesh.material < scene.materials.len());
+    }
+    for instance in &scene.instances {
+        assert!(instance.mesh < scene.meshes.len() && instance.world_from_local.is_finite());
+    }
+    for m in &scene.materials {
+        assert!(m.base_color.is_finite() && m.emissive.is_finite() && m.emissive.min_element() >= 0.0, "{m:?}");
+        assert!((0.0..=1.0).contains(&m.roughness) && (0.0..=1.0).contains(&m.metallic), "{m:?}");
+        let textures = [m.base_color_texture, m.emissive_texture];
+        assert!(textures.iter().flatten().all(|t| t.texture < scene.textures.len() && t.uv_set < 2));
+    }
+    assert!(scene.textures.iter().all(|t| t.image < scene.images.len()));
+    assert!(scene.images.iter().all(|i| i.pixels.len() == i.extent.area() && i.extent.area() > 0));
+    assert!(scene.lights.iter().all(|l| l.strength.is_finite() && l.strength.min_element() >= 0.0));
+}
+
+/// A file in the making.
+#[derive(Clone, Debug)]
+struct Draft {
+    json: Value,
+    bin: Vec<u8>,
+}
+
+impl Draft {
+    /// Appends bytes to the binary chunk, and a view of them; returns the view's number.
+    fn view(&mut self, bytes: &[u8], more: Value) -> usize {
+        let offset = self.bin.len();
+        self.bin.extend(bytes);
+        self.bin.resize(self.bin.len().next_multiple_of(4), 0);
+        let mut view = json!({"buffer": 0, "byteOffset": offset, "byteLength": bytes.len()});
+        merge(&mut view, more);
+        self.push("bufferViews", view)
+    }
+
+    fn floats(&mut self, kind: &str, values: &[f32]) -> usize {
+        let width = if kind == "SCALAR" { 1 } else { kind[3..].parse().unwrap() };
+        let view = self.view(bytemuck::cast_slice(values), json!({}));
+        let count = values.len() / width;
+        self.push("accessors", json!({"bufferView": view, "componentType": 5126, "count": count, "type": kind}))
+    }
+
+    fn push(&mut self, list: &str, value: Value) -> usize {
+        let list = self.json.as_object_mut().unwrap().entry(list).or_insert_with(|| json!([]));
+        let list = list.as_array_mut().unwrap();
+        list.push(value);
+        list.len() - 1
+    }
+
+    /// The whole file. `lengths`: what the header and the chunks claim beyond the truth.
+    fn pack(&self, json: String, lengths: [i32; 3]) -> Vec<u8> {
+        let mut json = json.into_bytes();
+        json.resize(json.len().next_multiple_of(4), b' ');
+        let claim = |length: usize, off: i32| (length as u32).wrapping_add_signed(off).to_le_bytes();
+        let mut out = b"glTF\x02\0\0\0".to_vec();
+        out.extend(claim(28 + json.len() + self.bin.len(), lengths[0]));
+        out.extend(claim(json.len(), lengths[1]));
+        out.extend(b"JSON");
+        out.extend(&json);
+        out.extend(claim(self.bin.len(), lengths[2]));
+        out.extend(b"BIN\0");
+        out.extend(&self.bin);
+        out
+    }
+
+    fn whole(&mut self) -> Vec<u8> {
+        self.json["buffers"] = json!([{"byteLength": self.bin.len()}]);
+        self.pack(self.json.to_string(), [0; 3])
+    }
+}
+
+fn merge(into: &mut Value, more: Value) {
+    if let (Value::Object(into), Value::Object(more)) = (into, more) {
+        into.extend(more);
+    }
+}
+
+fn start() -> Draft {
+    let json = json!({"asset": {"version": "2.0"}, "scene": 0, "scenes": [{"nodes": [0]}]});
+    Draft { json, bin: Vec::new() }
+}
+
+const CORNERS: [f32; 12] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 1.0, 0.1, 0.0, 1.0, 0.0];
+
+/// A quad with a picture on it.
+pub fn textured(picture: &[u8]) -> Vec<u8> {
+    let mut draft = start();
+    let positions = draft.floats("VEC3", &CORNERS);
+    let uvs = draft.floats("VEC2", &[0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0]);
+    let view = draft.view(picture, json!({}));
+    let attributes = json!({"POSITION": positions, "TEXCOORD_0": uvs});
+    draft.push("nodes", json!({"mesh": 0}));
+    draft.push("meshes", json!({"primitives": [{"attributes": attributes, "material": 0, "mode": 6}]}));
+    draft.push("images", json!({"bufferView": view, "mimeType": "image/png"}));
+    draft.push("textures", json!({"source": 0}));
+    draft.push("materials", json!({"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}));
+    draft.whole()
+}
+
+/// A file with something of everything that is read.
+fn everything() -> Draft {
+    let mut draft = start();
+    let positions = draft.floats("VEC3", &CORNERS);
+    let normals = draft.floats("VEC3", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.6, 0.8, 0.0, 0.0, 1.0]);
+    let uvs = draft.floats("VEC2", &[0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0]);
+    let more_uvs = draft.view(&[0, 0, 255, 255, 0, 128, 9, 9, 0, 0, 1, 1, 2, 2, 3, 3], json!({"byteStride": 4}));
+    let more_uvs = draft.push(
+        "accessors",
+        json!({"bufferView": more_uvs, "componentType": 5123, "count": 4, "type": "VEC2", "normalized": true}),
+    );
+    let colors = draft.view(&[255; 16], json!({}));
+    let colors = draft.push(
+        "accessors",
+        json!({"bufferView": colors, "componentType": 5121, "count": 4, "type": "VEC4", "normalized": true}),
+    );
+    let indices = draft.view(&[0, 0, 1, 0, 2, 0, 0, 0, 2, 0, 3, 0], json!({"target": 34963}));
+    let indices =
+        draft.push("accessors", json!({"bufferView": indices, "componentType": 5123, "count": 6, "type": "SCALAR"}));
+    let at = draft.view(&[1, 3], json!({}));
+    let moved = draft.view(bytemuck::cast_slice(&[1.5f32, 0.0, 0.0, 0.0, 1.5, 0.0]), json!({}));
+    let sparse = draft.push(
+        "accessors",
+        json!({"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "sparse": {"count": 2,
+            "indices": {"bufferView": at, "componentType": 5121}, "values": {"bufferView": moved, "byteOffset": 0}}}),
+    );
+    let vertices: Vec<[f32; 3]> = CORNERS.as_chunks::<3>().0.to_vec();
+    let packed = meshopt::encode_vertex_buffer(&vertices).unwrap();
+    let length = packed.len();
+    let packed = draft.view(&packed, json!({}));
+    let offset = draft.json["bufferViews"][packed]["byteOffset"].clone();
+    draft.json["bufferViews"][packed] = json!({"buffer": 1, "byteLength": 48, "byteStride": 12, "extensions": {
+        "EXT_meshopt_compression": {"buffer": 0, "byteOffset": offset, "byteLength": length, "byteStride": 12,
+            "count": 4, "mode": "ATTRIBUTES", "filter": "NONE"}}});
+    let packed =
+        draft.push("accessors", json!({"bufferView": packed, "componentType": 5126, "count": 4, "type": "VEC3"}));
+    let attributes = json!({"POSITION": positions, "NORMAL": normals, "TEXCOORD_0": uvs, "TEXCOORD_1": more_uvs,
+        "COLOR_0": colors});
+    draft.push(
+        "meshes",
+        json!({"name": "Quad", "primitives": [
+        {"attributes": attributes, "indices": indices, "material": 0},
+        {"attributes": {"POSITION": sparse}, "mode": 5, "material": 1}]}),
+    );
+    draft.push("meshes", json!({"primitives": [{"attributes": {"POSITION": packed}, "mode": 6}]}));
+    furnish(&mut draft);
+    draft.json["buffers"] = json!([{"byteLength": draft.bin.len()},
+        {"byteLength": 48, "extensions": {"EXT_meshopt_compression": {"fallback": true}}}]);
+    draft
+}
+
+/// Nodes, materials, textures, lights and cameras.
+fn furnish(draft: &mut Draft) {
+    let mut png = std::io::Cursor::new(Vec::new());
+    ::image::RgbaImage::from_pixel(2, 2, ::image::Rgba([9, 99, 199, 128]))
+        .write_to(&mut png, ::image::ImageFormat::Png)
+        .unwrap();
+    let picture = draft.view(png.get_ref(), json!({}));
+    let more = json!({
+        "extensionsUsed": ["KHR_lights_punctual", "KHR_texture_transform", "EXT_meshopt_compression",
+            "KHR_materials_emissive_strength", "KHR_materials_transmission", "KHR_materials_ior"],
+        "nodes": [
+            {"children": [1, 2, 3], "scale": [1.0, 2.0, 1.0], "rotation": [0.0, 0.6, 0.0, 0.8]},
+            {"mesh": 0, "translation": [0.5, -1.0, 0.25]},
+            {"mesh": 1, "matrix": [1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 3.0, 2.0, 1.0, 1.0]},
+            {"camera": 0, "children": [4, 5, 6], "translation": [0.0, 1.0, 5.0]},
+            {"extensions": {"KHR_lights_punctual": {"light": 0}}},
+            {"extensions": {"KHR_lights_punctual": {"light": 1}}},
+            {"extensions": {"KHR_lights_punctual": {"light": 2}}}],
+        "cameras": [{"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.1, "aspectRatio": 1.5}}],
+        "extensions": {"KHR_lights_punctual": {"lights": [
+            {"type": "point", "color": [1.0, 0.5, 0.25], "intensity": 3.0, "range": 9.0},
+            {"type": "directional", "intensity": 2.0},
+            {"type": "spot", "spot": {"innerConeAngle": 0.2, "outerConeAngle": 0.6}}]}},
+        "images": [{"bufferView": picture, "mimeType": "image/png"}],
+        "samplers": [{"magFilter": 9728, "minFilter": 9987, "wrapS": 33071, "wrapT": 33648}],
+        "textures": [{"source": 0, "sampler": 0}, {"source": 0}],
+        "materials": [
+            {"name": "Paint", "alphaMode": "MASK", "alphaCutoff": 0.3, "doubleSided": true,
+             "pbrMetallicRoughness": {"baseColorFactor": [0.5, 0.6, 0.7, 0.8], "metallicFactor": 0.1,
+                "roughnessFactor": 0.4, "baseColorTexture": {"index": 0, "texCoord": 1, "extensions": {
+                    "KHR_texture_transform": {"offset": [0.1, 0.2], "rotation": 0.3, "scale": [2.0, 3.0]}}},
+                "metallicRoughnessTexture": {"index": 1}},
+             "normalTexture": {"index": 1, "scale": 0.5}},
+            {"alphaMode": "BLEND", "emissiveFactor": [1.0, 0.5, 0.0], "emissiveTexture": {"index": 1}, "extensions": {
+                "KHR_materials_emissive_strength": {"emissiveStrength": 7.0},
+                "KHR_materials_transmission": {"transmissionFactor": 0.9}, "KHR_materials_ior": {"ior": 1.4}}}],
+    });
+    merge(&mut draft.json, more);
+}
+
+/// Values as text, so that numbers that JSON has and `serde_json` would change come through.
+const VALUES: [&str; 46] = [
+    "0",
+    "-1",
+    "1",
+    "2",
+    "3",
+    "4",
+    "5",
+    "7",
+    "12",
+    "48",
+    "255",
+    "65535",
+    "65536",
+    "5120",
+    "5121",
+    "5123",
+    "5125",
+    "5126",
+    "16777216",
+    "100000000",
+    "2147483647",
+    "4294967295",
+    "4294967296",
+    "9007199254740993",
+    "18446744073709551615",
+    "1e300",
+    "-1e300",
+    "3.5e38",
+    "1e38",
+    "-1e38",
+    "1e-45",
+    "1e-30",
+    "0.5",
+    "1.5707964",
+    "3.2",
+    "true",
+    "null",
+    "\"\"",
+    "\"VEC2\"",
+    "\"SCALAR\"",
+    "\"MAT4\"",
+    "\"BLEND\"",
+    "\"data:application/octet-stream;base64,AAAAAAAAAAA=\"",
+    "\"/dev/zero\"",
+    "[]",
+    "{}",
+];
+
+#[derive(Clone, Debug)]
+enum Edit {
+    /// One leaf of the JSON gets another value.
+    Leaf(Index, &'static str),
+    /// One leaf gets the value of another.
+    Swap(Index, Index),
+    /// A member is dropped, or gets another's name.
+    Drop(Index),
+    Rename(Index, Index),
+    /// An element of an array, again.
+    Again(Index),
+    Binary(Damage),
+    Text(Damage),
+    Lengths([i32; 3]),
+    Whole(Damage),
+}
+
+fn edit() -> impl Strategy<Value = Edit> {
+    let index = any::<Index>;
+    let off = || prop_oneof![3 => Just(0), 1 => -8..8i32, 1 => any::<i32>()];
+    prop_oneof![
+        8 => (index(), select(&VALUES[..])).prop_map(|(at, v)| Edit::Leaf(at, v)),
+        2 => (index(), index()).prop_map(|(at, from)| Edit::Swap(at, from)),
+        2 => index().prop_map(Edit::Drop),
+        1 => (index(), index()).prop_map(|(at, to)| Edit::Rename(at, to)),
+        1 => index().prop_map(Edit::Again),
+        5 => bytes::damage().prop_map(Edit::Binary),
+        1 => bytes::damage().prop_map(Edit::Text),
+        1 => [off(), off(), off()].prop_map(Edit::Lengths),
+        2 => bytes::damage().prop_map(Edit::Whole),
+    ]
+}
+
+/// JSON pointers to every value below the root, leaves or all.
+fn pointers(value: &Value, leaves_only: bool) -> Vec<String> {
+    let mut out = Vec::new();
+    let mut open = vec![(String::new(), value)];
+    while let Some((at, value)) = open.pop() {
+        let is_leaf = !(value.is_object() || value.is_array());
+        if !at.is_empty() && (is_leaf || !leaves_only) {
+            out.push(at.clone());
+        }
+        match value {
+            Value::Object(members) => open.extend(members.iter().map(|(k, v)| (format!("{at}/{k}"), v))),
+            Value::Array(elements) => open.extend(elements.iter().enumerate().map(|(i, v)| (format!("{at}/{i}"), v))),
+            _ => {}
+        }
+    }
+    out
+}
+
+fn chosen(json: &Value, at: Index, leaves_only: bool) -> Option<String> {
+    let all = pointers(json, leaves_only);
+    (!all.is_empty()).then(|| at.get(&all).clone())
+}
+
+/// The parent of what a pointer points to, and the last step.
+fn parent<'a>(json: &'a mut Value, pointer: &str) -> Option<(&'a mut Value, String)> {
+    let (above, last) = pointer.rsplit_once('/')?;
+    Some((json.pointer_mut(above)?, last.to_owned()))
+}
+
+/// Stands for a value that is put in as text.
+fn mark(i: usize) -> String {
+    format!("@{i}@")
+}
+
+fn edit_json(json: &mut Value, edit: &Edit, texts: &mut Vec<&'static str>) -> Option<()> {
+    match *edit {
+        Edit::Leaf(at, value) => {
+            let pointer = chosen(json, at, true)?;
+            *json.pointer_mut(&pointer)? = Value::String(mark(texts.len()));
+            texts.push(value);
+        }
+        Edit::Swap(at, from) => {
+            let value = json.pointer(&chosen(json, from, false)?)?.clone();
+            let pointer = chosen(json, at, false)?;
+            *json.pointer_mut(&pointer)? = value;
+        }
+        Edit::Drop(at) | Edit::Rename(at, _) | Edit::Again(at) => {
+            let name = if let Edit::Rename(_, to) = *edit { chosen(json, to, false) } else { None };
+            let pointer = chosen(json, at, false)?;
+            let (above, last) = parent(json, &pointer)?;
+            match above {
+                Value::Object(members) => {
+                    let value = members.remove(&last)?;
+                    if let Some(name) = name {
+                        members.insert(name.rsplit('/').next()?.to_owned(), value);
+                    }
+                }
+                Value::Array(elements) => {
+                    let at: usize = last.parse().ok()?;
+                    match edit {
+                        Edit::Again(_) => elements.push(elements.get(at)?.clone()),
+                        _ => drop(elements.remove(at)),
+                    }
+                }
+                _ => {}
+            }
+        }
+        _ => {}
+    }
+    Some(())
+}
+
+fn apply(seed: &Draft, edits: &[Edit]) -> Vec<u8> {
+    let mut draft = seed.clone();
+    let mut texts = Vec::new();
+    let mut lengths = [0; 3];
+    for edit in edits {
+        match edit {
+            Edit::Binary(damage) => bytes::apply(&mut draft.bin, std::slice::from_ref(damage)),
+            Edit::Lengths(off) => lengths = *off,
+            Edit::Text(_) | Edit::Whole(_) => {}
+            _ => {
+                let _ = edit_json(&mut draft.json, edit, &mut texts);
+            }
+        }
+    }
+    let mut json = draft.json.to_string();
+    for (i, text) in texts.iter().enumerate() {
+        json = json.replacen(&format!("\"{}\"", mark(i)), text, 1);
+    }
+    let mut json = json.into_bytes();
+    for edit in edits {
+        if let Edit::Text(damage) = edit {
+            bytes::apply(&mut json, std::slice::from_ref(damage));
+        }
+    }
+    let mut whole = draft.pack(String::from_utf8_lossy(&json).into_owned(), lengths);
+    for edit in edits {
+        if let Edit::Whole(damage) = edit {
+            bytes::apply(&mut whole, std::slice::from_ref(damage));
+        }
+    }
+    whole
+}
+
+#[test]
+fn glb_files_are_read_or_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("fuzz.glb");
+    let seed = everything();
+    let whole = seed.pack(seed.json.to_string(), [0; 3]);
+    assert!(load(&path, &whole), "{:?}", load_shot(path.to_str().unwrap()).map(drop));
+    hold(2000, 1 << 30, prop::collection::vec(edit(), 1..6), |edits| {
+        load(&path, &apply(&seed, &edits));
+    });
+}
+
+/// Wherever a file is cut, it is refused.
+#[test]
+fn glb_files_cut_anywhere_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cut.glb");
+    let seed = everything();
+    let whole = seed.pack(seed.json.to_string(), [0; 3]);
+    for length in 0..whole.len() {
+        assert!(!load(&path, &whole[..length]), "{length} of {} bytes are enough", whole.len());
+    }
+}

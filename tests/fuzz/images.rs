@@ -1,0 +1,151 @@
+//! Environment images and textures, damaged by byte.
+
+use std::path::Path;
+
+use ::exr::prelude::{Blocks, Compression, Encoding, LineOrder, SpecificChannels, Vec2, WritableImage};
+use diptych::image::{Extent, Image, RgbImage, exr};
+use diptych::scene::environment::read_latlong;
+use proptest::prelude::*;
+use proptest::sample::select;
+
+use crate::glb;
+use crate::{bytes, hold};
+
+/// Pixels of a 16384x16384 texture, or of an environment at its limit, with what decoding takes.
+const ALLOWED_BYTES: usize = 5 << 30;
+
+fn picture() -> RgbImage {
+    let pixels = (0..24 * 12).map(|i| [i as f32 * 0.1, 1.0, (i % 7) as f32]).collect();
+    Image { extent: Extent::new(24, 12), pixels }
+}
+
+fn exr_bytes(compression: Compression, blocks: Blocks) -> Vec<u8> {
+    let image = picture();
+    let channels = SpecificChannels::rgb(|at: Vec2<usize>| {
+        let [r, g, b] = *image.get(at.x() as u32, at.y() as u32);
+        (r, g, ::exr::prelude::f16::from_f32(b))
+    });
+    let encoding = Encoding { compression, blocks, line_order: LineOrder::Unspecified };
+    let mut bytes = std::io::Cursor::new(Vec::new());
+    let whole = ::exr::image::Image::from_encoded_channels((24, 12), encoding, channels);
+    whole.write().non_parallel().to_buffered(&mut bytes).unwrap();
+    bytes.into_inner()
+}
+
+fn exr_seeds() -> Vec<Vec<u8>> {
+    let lines = Blocks::ScanLines;
+    let tiles = Blocks::Tiles(Vec2(8, 8));
+    let compressions = [
+        Compression::Uncompressed,
+        Compression::RLE,
+        Compression::ZIP1,
+        Compression::ZIP16,
+        Compression::PIZ,
+        Compression::PXR24,
+        Compression::B44,
+    ];
+    compressions.iter().flat_map(|&c| [exr_bytes(c, lines), exr_bytes(c, tiles)]).collect()
+}
+
+/// Radiance, flat and run-length encoded.
+fn hdr_seeds() -> Vec<Vec<u8>> {
+    let header =
+        |w: u32, h: u32| format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=1.0\n\n-Y {h} +X {w}\n").into_bytes();
+    let mut flat = header(4, 3);
+    flat.extend((0..48).map(|i| (i * 37 % 251) as u8));
+    let mut runs = header(16, 2);
+    for _ in 0..2 {
+        runs.extend([2, 2, 0, 16]);
+        for channel in 0..4u8 {
+            runs.extend([128 + 10, 100 + channel, 6, 1, 2, 3, 4, 5, 6]);
+        }
+    }
+    vec![flat, runs]
+}
+
+fn texture_seeds() -> Vec<Vec<u8>> {
+    use ::image::{DynamicImage, ImageFormat, RgbaImage};
+    let rgba = RgbaImage::from_fn(19, 7, |x, y| ::image::Rgba([(x * 13) as u8, (y * 31) as u8, 7, (x * y) as u8]));
+    let encode = |image: DynamicImage, format| {
+        let mut bytes = std::io::Cursor::new(Vec::new());
+        image.write_to(&mut bytes, format).unwrap();
+        bytes.into_inner()
+    };
+    let whole = DynamicImage::ImageRgba8(rgba);
+    vec![
+        encode(whole.clone(), ImageFormat::Png),
+        encode(whole.to_luma16().into(), ImageFormat::Png),
+        encode(whole.to_rgb8().into(), ImageFormat::Jpeg),
+        encode(whole, ImageFormat::WebP),
+    ]
+}
+
+fn damaged(seeds: Vec<Vec<u8>>) -> impl Strategy<Value = Vec<u8>> {
+    (select(seeds), bytes::several()).prop_map(|(mut bytes, damages)| {
+        bytes::apply(&mut bytes, &damages);
+        bytes
+    })
+}
+
+fn read(path: &Path, bytes: &[u8]) -> Option<RgbImage> {
+    std::fs::write(path, bytes).unwrap();
+    let (image, _) = read_latlong(path, 1.5).ok()?;
+    assert_eq!(image.pixels.len(), image.extent.area());
+    assert!(image.pixels.as_flattened().iter().all(|v| v.is_finite() && *v >= 0.0));
+    Some(image)
+}
+
+#[test]
+fn openexr_files_are_read_or_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("sky.exr");
+    for seed in exr_seeds() {
+        assert!(read(&path, &seed).is_some());
+    }
+    exr::write_rgb(&path, &picture()).unwrap();
+    let seeds = exr_seeds().into_iter().chain([std::fs::read(&path).unwrap()]).collect();
+    hold(1000, ALLOWED_BYTES, damaged(seeds), |bytes| drop(read(&path, &bytes)));
+}
+
+#[test]
+fn radiance_files_are_read_or_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("sky.hdr");
+    for seed in hdr_seeds() {
+        assert!(read(&path, &seed).is_some());
+    }
+    hold(1000, ALLOWED_BYTES, damaged(hdr_seeds()), |bytes| drop(read(&path, &bytes)));
+}
+
+/// PNG's chunks carry checksums that nearly all damage breaks: they are made good again.
+fn mend_checksums(png: &mut [u8]) {
+    let mut at = 8;
+    while let Some(length) = png.get(at..at + 4).map(|b| u32::from_be_bytes([b[0], b[1], b[2], b[3]]) as usize) {
+        let Some(end) = at.checked_add(8 + length).filter(|end| end + 4 <= png.len()) else { return };
+        let crc = crc32(&png[at + 4..end]);
+        png[end..end + 4].copy_from_slice(&crc.to_be_bytes());
+        at = end + 4;
+    }
+}
+
+/// The checksum of PNG (ISO/IEC 15948, annex D).
+fn crc32(bytes: &[u8]) -> u32 {
+    let step = |crc: u32, _| if crc & 1 == 1 { 0xedb8_8320 ^ (crc >> 1) } else { crc >> 1 };
+    !bytes.iter().fold(!0, |crc, &byte| (0..8).fold(crc ^ u32::from(byte), step))
+}
+
+#[test]
+fn textures_are_read_or_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("textured.glb");
+    for seed in texture_seeds() {
+        assert!(glb::load(&path, &glb::textured(&seed)));
+    }
+    let strategy = (damaged(texture_seeds()), any::<bool>());
+    hold(1000, ALLOWED_BYTES, strategy, |(mut bytes, mend)| {
+        if mend && bytes.starts_with(b"\x89PNG") {
+            mend_checksums(&mut bytes);
+        }
+        glb::load(&path, &glb::textured(&bytes));
+    });
+}

@@ -1,0 +1,43 @@
+//! Damaged and hostile input: whatever the bytes, reading them ends, in little memory, with a scene or an error, and a
+//! scene that was read can be laid out for tracing.
+//!
+//! `DIPTYCH_FUZZ_CASES` sets the number of cases of each test.
+
+mod allocations;
+mod bytes;
+mod glb;
+mod images;
+mod shots;
+
+use std::fmt::Debug;
+use std::sync::{Mutex, PoisonError};
+use std::time::{Duration, Instant};
+
+use proptest::strategy::Strategy;
+use proptest::test_runner::{Config, TestRunner};
+
+/// A case that takes longer than this hangs.
+const PATIENCE: Duration = Duration::from_secs(20);
+
+/// One test at a time, since allocations are counted for the whole program.
+static TURN: Mutex<()> = Mutex::new(());
+
+/// Runs `case` on `cases` values, or as many as the environment asks for. `allowed_bytes` is what a case may have
+/// allocated at once.
+fn hold<S: Strategy>(cases: u32, allowed_bytes: usize, strategy: S, case: impl Fn(S::Value))
+where
+    S::Value: Debug,
+{
+    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+    let cases = std::env::var("DIPTYCH_FUZZ_CASES").ok().map_or(cases, |n| n.parse().expect("a number of cases"));
+    let config = Config { cases, failure_persistence: None, max_shrink_iters: 2000, ..Config::default() };
+    let result = TestRunner::new(config).run(&strategy, |value| {
+        let (begin, before) = (Instant::now(), allocations::start());
+        case(value);
+        let peak = allocations::peak() - before;
+        assert!(begin.elapsed() < PATIENCE, "took {:?}", begin.elapsed());
+        assert!(peak <= allowed_bytes, "allocated {peak} bytes, more than {allowed_bytes}");
+        Ok(())
+    });
+    result.unwrap_or_else(|failure| panic!("{failure}"));
+}

@@ -1,0 +1,182 @@
+//! Shot files, damaged by line, by value and by byte.
+
+use diptych::scene::rig::Eye;
+use diptych::scene::shot::Shot;
+use proptest::prelude::*;
+use proptest::sample::{Index, select};
+
+use crate::bytes::{self, Damage};
+use crate::hold;
+
+const SEED: &str = r#"name = "everything"
+scene = "builtin:cornell"
+
+[rig]
+yfov_deg = 70.0
+baseline_m = 0.064
+metres_per_unit = 0.5
+
+[[rig.key]]
+time_s = 0.0
+position = [0.0, 1.6, 2.5]
+target = [0.0, 1.2, -3.0]
+up = [0.0, 1.0, 0.0]
+
+[[rig.key]]
+time_s = 2.0
+position = [1.0, 1.6, 2.5]
+target = [1.0, 1.2, -3.0]
+
+[environment]
+radiance = [1.0, 1.0, 1.0]
+scale = 1.0
+rotation_deg = 30.0
+
+[[light]]
+kind = "point"
+position = [0.0, 2.3, 0.0]
+color = [1.0, 0.95, 0.9]
+intensity = 4.0
+radius_m = 0.1
+
+[[light]]
+kind = "spot"
+position = [0.0, 2.3, 0.0]
+direction = [0.0, -1.0, 0.0]
+inner_cone_deg = 20.0
+outer_cone_deg = 30.0
+
+[[light]]
+kind = "directional"
+direction = [0.0, -1.0, 0.1]
+angle_deg = 0.5
+
+[gaze]
+path = [[0.0, 0.5, 0.5], [1.0, 0.2, 0.9]]
+
+[exposure]
+ev = -1.0
+"#;
+
+const VALUES: [&str; 34] = [
+    "0",
+    "-0.0",
+    "-1",
+    "1e-300",
+    "1e38",
+    "4e38",
+    "1e300",
+    "1e400",
+    "nan",
+    "-nan",
+    "inf",
+    "-inf",
+    "90",
+    "179.9999999",
+    "180",
+    "9223372036854775807",
+    "-9223372036854775808",
+    "0x7f",
+    "true",
+    "\"\"",
+    "\"spot\"",
+    "\"builtin:\"",
+    "\"sky.exr\"",
+    "'\\u0000'",
+    "[]",
+    "[0, 0, 0]",
+    "[1e-30, 0, 0]",
+    "[1e38, -1e38, 1e38]",
+    "[nan, 0, 0]",
+    "[[]]",
+    "[[0, 0, 0], [0, 1, 1]]",
+    "{}",
+    "{ a = 1 }",
+    "1979-05-27",
+];
+
+#[derive(Clone, Debug)]
+enum Edit {
+    /// Line, new value.
+    Value(Index, &'static str),
+    /// One number within a line.
+    Number(Index, Index, &'static str),
+    Drop(Index),
+    Copy(Index, Index),
+    Bytes(Damage),
+    Nest(Index, u16),
+}
+
+fn edit() -> impl Strategy<Value = Edit> {
+    prop_oneof![
+        4 => (any::<Index>(), select(&VALUES[..])).prop_map(|(line, v)| Edit::Value(line, v)),
+        4 => (any::<Index>(), any::<Index>(), select(&VALUES[..17])).prop_map(|(l, n, v)| Edit::Number(l, n, v)),
+        1 => any::<Index>().prop_map(Edit::Drop),
+        1 => (any::<Index>(), any::<Index>()).prop_map(|(from, to)| Edit::Copy(from, to)),
+        2 => bytes::damage().prop_map(Edit::Bytes),
+        1 => (any::<Index>(), any::<u16>()).prop_map(|(line, depth)| Edit::Nest(line, depth)),
+    ]
+}
+
+fn set_value(line: &mut String, value: &str) {
+    if let Some(at) = line.find('=') {
+        line.truncate(at + 1);
+        line.push_str(value);
+    }
+}
+
+fn set_number(line: &mut String, which: Index, value: &str) {
+    let starts: Vec<usize> = line.match_indices(['[', ',', '=']).map(|(at, _)| at + 1).collect();
+    if let Some(&at) = (!starts.is_empty()).then(|| which.get(&starts)) {
+        let end = line[at..].find([',', ']']).map_or(line.len(), |n| at + n);
+        line.replace_range(at..end, value);
+    }
+}
+
+fn apply(edits: &[Edit]) -> String {
+    let mut text = SEED.to_owned();
+    for edit in edits {
+        if let Edit::Bytes(damage) = edit {
+            let mut bytes = text.into_bytes();
+            bytes::apply(&mut bytes, std::slice::from_ref(damage));
+            text = String::from_utf8_lossy(&bytes).into_owned();
+            continue;
+        }
+        let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+        if lines.is_empty() {
+            break;
+        }
+        let n = lines.len();
+        match edit {
+            Edit::Value(line, value) => set_value(&mut lines[line.index(n)], value),
+            Edit::Number(line, which, value) => set_number(&mut lines[line.index(n)], *which, value),
+            Edit::Drop(line) => drop(lines.remove(line.index(n))),
+            Edit::Copy(from, to) => lines.insert(to.index(n), lines[from.index(n)].clone()),
+            Edit::Nest(line, depth) => set_value(&mut lines[line.index(n)], &"[".repeat(usize::from(*depth))),
+            Edit::Bytes(_) => {}
+        }
+        text = lines.join("\n");
+    }
+    text
+}
+
+fn check(text: &str) {
+    let Ok(shot) = Shot::parse(text, "fuzz.toml").map_err(|error| assert!(!error.to_string().is_empty())) else {
+        return;
+    };
+    for time_s in [-1.0, 0.0, 0.7, 1e9] {
+        for eye in Eye::ALL {
+            let view = shot.rig.view(time_s, eye);
+            let vectors = [view.origin, view.right, view.up, view.forward];
+            assert!(vectors.iter().all(|v| v.is_finite()) && view.tan_half_yfov > 0.0, "{view:?}");
+        }
+        assert!(shot.gaze.at(time_s).iter().all(|x| (0.0..=1.0).contains(x)));
+    }
+    assert!(shot.lights().iter().all(|light| light.strength.is_finite() && light.strength.min_element() >= 0.0));
+}
+
+#[test]
+fn shots_are_read_or_refused() {
+    assert!(Shot::parse(SEED, "seed.toml").is_ok(), "{:?}", Shot::parse(SEED, "seed.toml"));
+    hold(2000, 64 << 20, prop::collection::vec(edit(), 1..5), |edits| check(&apply(&edits)));
+}
