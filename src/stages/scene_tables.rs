@@ -219,7 +219,7 @@ impl SceneBuffers {
             (6, "texture table", bytes_of(&tables.textures)),
             (8, "sRGB table", bytes_of(&srgb)),
             (9, "lights", bytes_of(&emitters.lights)),
-            (11, "environment grid", bytes_of(&emitters.env_alias)),
+            (11, "environment grid", bytes_of(&emitters.env_cells)),
             (12, "second texture coordinates", bytes_of(&tables.accel.second_uvs)),
             (13, "tangents", bytes_of(&tables.accel.tangents)),
             (14, "albedo table", bytes_of(&albedo)),
