@@ -5,6 +5,7 @@ use std::f32::consts::FRAC_PI_2;
 use glam::{Vec2, Vec3, Vec4};
 use serde_json::json;
 
+use super::damaged::Random;
 use super::materials::with_texture;
 use super::{Draft, U8, assert_mentions};
 use crate::scene::Mesh;
@@ -191,4 +192,30 @@ fn vast_fans_end_and_are_warned_of() {
     assert_eq!(scene.warnings.len(), 1);
     assert_mentions(&scene.warnings[0], &["normal maps", "mesh 0"]);
     assert_all(&scene.meshes[0], Vec4::ZERO);
+}
+
+#[test]
+fn tangled_meshes_have_sane_tangents() {
+    const VERTICES: usize = 8;
+    let mut random = Random(0x2545_F491);
+    for case in 0..2000 {
+        let mut draft = with_texture(json!({"normalTexture": {"index": 0}}));
+        // Few values, so that vertices and edges coincide.
+        let mut few = |count: usize| (0..count).map(|_| random.below(3) as f32 - 1.0).collect::<Vec<_>>();
+        let (positions, uvs) = (draft.floats("VEC3", &few(3 * VERTICES)), draft.floats("VEC2", &few(2 * VERTICES)));
+        let corners: Vec<u8> = (0..36).map(|_| random.below(VERTICES) as u8).collect();
+        let indices = draft.packed(U8, "SCALAR", corners.len(), &corners);
+        let attributes = json!({"POSITION": positions, "TEXCOORD_0": uvs});
+        draft.json["meshes"][0]["primitives"] = json!([{"attributes": attributes, "indices": indices, "material": 0}]);
+        let mesh = &draft.scene().meshes[0];
+        let count = mesh.positions.len();
+        assert_eq!((mesh.tangents.len(), mesh.uvs[0].len()), (count, count), "case {case}");
+        let sane = |t: &Vec4| *t == Vec4::ZERO || (t.truncate().length() - 1.0).abs() < 1e-5 && t.w.abs() == 1.0;
+        assert!(mesh.tangents.iter().all(sane), "case {case}");
+        // Splitting moves no corner.
+        draft.json["materials"][0] = json!({});
+        let whole = &draft.scene().meshes[0];
+        let corners = |m: &Mesh| m.triangles.iter().map(|t| t.map(|v| m.positions[v as usize])).collect::<Vec<_>>();
+        assert_eq!(corners(mesh), corners(whole), "case {case}");
+    }
 }
