@@ -107,3 +107,88 @@ fn push_instance(flat: &mut Flat, instance: &Instance, mesh: &Mesh, material: &M
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use glam::{Affine2, Affine3A, Quat, Vec4};
+
+    use super::*;
+    use crate::scene::{Environment, NormalMap, TextureRef};
+
+    /// A triangle with a frame of its own at each corner, and a bare one beside it.
+    fn scene(world_from_local: Affine3A, uv_set: usize) -> Scene {
+        let texture = TextureRef { texture: 0, uv_set, uv_from_uv: Affine2::IDENTITY };
+        let mapped = Material { normal_map: Some(NormalMap { texture, scale: 1.0 }), ..Material::default() };
+        let bare =
+            Mesh { positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y], triangles: vec![[0, 1, 2]], ..Mesh::default() };
+        let framed = Mesh {
+            normals: vec![Vec3::Z, Vec3::Z, Vec3::new(0.6, 0.0, 0.8)],
+            tangents: vec![
+                Vec4::new(1.0, 0.0, 0.0, 1.0),
+                Vec4::new(0.0, 1.0, 0.0, -1.0),
+                Vec4::new(0.8, 0.0, -0.6, 1.0),
+            ],
+            uvs: [vec![], vec![Vec2::X, Vec2::Y, Vec2::ONE]],
+            ..bare.clone()
+        };
+        let instance = |mesh| Instance { mesh, world_from_local };
+        Scene {
+            name: String::new(),
+            meshes: vec![framed, Mesh { material: 1, ..bare }],
+            instances: vec![instance(0), instance(1)],
+            materials: vec![mapped, Material::default()],
+            textures: vec![],
+            images: vec![],
+            lights: vec![],
+            environment: Environment::Black,
+            cameras: vec![],
+            warnings: vec![],
+        }
+    }
+
+    fn bitangent(normal: Vec3, tangent: [f32; 4]) -> Vec3 {
+        let tangent = Vec4::from_array(tangent);
+        normal.cross(tangent.truncate()) * tangent.w
+    }
+
+    #[test]
+    fn frames_turn_stretch_and_mirror_with_their_instance() {
+        let still = flatten(&scene(Affine3A::IDENTITY, 1));
+        for scale in [Vec3::ONE, Vec3::new(-1.0, 1.0, 1.0), Vec3::new(2.0, 2.0, -2.0), Vec3::splat(-3.0)] {
+            let turn = Quat::from_rotation_y(0.7) * Quat::from_rotation_z(-0.4);
+            let world = Affine3A::from_scale_rotation_translation(scale, turn, Vec3::ONE);
+            let flat = flatten(&scene(world, 1));
+            let corners = if scale.element_product() < 0.0 { [0, 2, 1] } else { [0, 1, 2] };
+            let normals = |f: &Flat| [f.shadings[0].n0, f.shadings[0].n1, f.shadings[0].n2];
+            for (now, before) in corners.into_iter().enumerate() {
+                let (n, t) = (normals(&flat)[now], flat.tangents[0][now]);
+                let (n0, t0) = (normals(&still)[before], still.tangents[0][before]);
+                let moved = |v: Vec3| world.transform_vector3(v).normalize();
+                assert!(Vec4::from_array(t).truncate().distance(moved(Vec4::from_array(t0).truncate())) < 1e-6);
+                assert!(n.distance(moved(n0)) < 1e-6);
+                assert!(bitangent(n, t).distance(moved(bitangent(n0, t0))) < 1e-6, "{scale} {now}");
+                assert_eq!(flat.second_uvs[0][now], still.second_uvs[0][before]);
+            }
+        }
+    }
+
+    #[test]
+    fn tangents_stay_perpendicular_under_uneven_scale() {
+        let flat = flatten(&scene(Affine3A::from_scale(Vec3::new(5.0, 1.0, 0.5)), 1));
+        let (n, t) = (flat.shadings[0].n2, Vec4::from_array(flat.tangents[0][2]).truncate());
+        assert!(n.dot(t).abs() < 1e-6 && (t.length() - 1.0).abs() < 1e-6, "{n} {t}");
+    }
+
+    #[test]
+    fn attributes_are_full_or_empty() {
+        let flat = flatten(&scene(Affine3A::IDENTITY, 1));
+        assert_eq!((flat.tangents.len(), flat.second_uvs.len(), flat.colors.len()), (2, 2, 0));
+        assert_eq!((flat.tangents[1], flat.second_uvs[1]), ([[0.0; 4]; 3], [[0.0; 2]; 3]));
+        // Coordinates that no material of an instance is on are not kept.
+        assert!(flatten(&scene(Affine3A::IDENTITY, 0)).second_uvs.is_empty());
+        let mut unmapped = scene(Affine3A::IDENTITY, 1);
+        unmapped.instances.remove(0);
+        let flat = flatten(&unmapped);
+        assert!(flat.tangents.is_empty() && flat.second_uvs.is_empty());
+    }
+}

@@ -20,7 +20,7 @@ pub struct Mesh {
     /// One per position, unit length; empty: flat shading from the triangle.
     pub normals: Vec<Vec3>,
     /// Unit tangents with the bitangent's sign in w (glTF's TANGENT), one per position or empty. Present wherever the
-    /// material has a normal map.
+    /// material has a normal map; zero where it cannot be applied.
     pub tangents: Vec<Vec4>,
     /// Texture coordinate sets 0 and 1; each has one entry per position or is empty.
     pub uvs: [Vec<Vec2>; 2],

@@ -9,20 +9,26 @@ const READ: &[&str] = &[
     "EXT_meshopt_compression",
     "EXT_texture_webp",
     "KHR_lights_punctual",
+    "KHR_materials_clearcoat",
     "KHR_materials_emissive_strength",
+    "KHR_materials_ior",
+    "KHR_materials_pbrSpecularGlossiness",
+    "KHR_materials_specular",
+    "KHR_materials_transmission",
+    "KHR_materials_unlit",
+    "KHR_materials_volume",
     "KHR_mesh_quantization",
     "KHR_meshopt_compression",
     "KHR_texture_transform",
 ];
 
-/// Extensions that do not change the picture, or that are spoken of where they are met.
-const UNREMARKABLE: &[&str] = &["KHR_materials_pbrSpecularGlossiness", "KHR_xmp", "KHR_xmp_json_ld"];
+/// Extensions that do not change the picture.
+const UNREMARKABLE: &[&str] = &["KHR_xmp", "KHR_xmp_json_ld"];
 
 /// The way to a file without the extension.
 const CONVERTERS: &[(&str, &str)] = &[
     ("KHR_draco_mesh_compression", "`gltf-transform copy in.glb out.glb` decodes Draco meshes"),
     ("KHR_texture_basisu", "`gltf-transform ktxdecompress in.glb out.glb` turns KTX2 textures into PNG"),
-    ("KHR_materials_pbrSpecularGlossiness", "`gltf-transform metalrough in.glb out.glb` converts the materials"),
     ("MSFT_texture_dds", "export again with PNG or JPEG textures instead of DDS"),
 ];
 

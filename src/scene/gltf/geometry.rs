@@ -10,7 +10,8 @@ use glam::{DVec3, Vec2, Vec3, Vec4};
 use super::accessor::Elements;
 use super::buffers::Buffers;
 use super::fault::{Fault, Outcome, Warnings, Within, label, lookup};
-use crate::scene::Mesh;
+use super::tangents;
+use crate::scene::{Material, Mesh};
 
 /// More triangles than this, before instancing, are taken for a damaged or hostile file.
 const MAX_TRIANGLES: usize = 1 << 27;
@@ -22,6 +23,8 @@ const INDEX: &[ComponentType] = &[U8, U16, U32];
 /// The meshes read so far.
 pub struct Geometry<'a> {
     buffers: &'a Buffers<'a>,
+    /// Those of the file; they say which meshes need tangents.
+    materials: &'a [Material],
     meshes: Vec<Mesh>,
     /// Per glTF mesh, once read, where its primitives are in `meshes`.
     ranges: Vec<Option<Range<usize>>>,
@@ -29,9 +32,9 @@ pub struct Geometry<'a> {
 }
 
 impl<'a> Geometry<'a> {
-    pub fn new(buffers: &'a Buffers<'a>) -> Self {
+    pub fn new(buffers: &'a Buffers<'a>, materials: &'a [Material]) -> Self {
         let ranges = vec![None; buffers.root.meshes.len()];
-        Self { buffers, meshes: Vec::new(), ranges, triangles_left: MAX_TRIANGLES }
+        Self { buffers, materials, meshes: Vec::new(), ranges, triangles_left: MAX_TRIANGLES }
     }
 
     /// The places in the scene's meshes of the primitives of glTF mesh `index`, read on first use.
@@ -53,7 +56,7 @@ impl<'a> Geometry<'a> {
 
     /// Whether a mesh refers to the material after the file's last.
     pub fn uses_default_material(&self) -> bool {
-        self.meshes.iter().any(|m| m.material == self.buffers.root.materials.len())
+        self.meshes.iter().any(|m| m.material == self.materials.len())
     }
 
     pub fn into_meshes(self) -> Vec<Mesh> {
@@ -86,7 +89,7 @@ impl<'a> Geometry<'a> {
         let vertices = Vertices { buffers: self.buffers, primitive, used: &used, count: positions.count };
         let positions = vertices.positions(&positions)?;
         let normals = vertices.normals(&positions, &triangles, place, warnings)?;
-        Ok(Some(Mesh {
+        let mut mesh = Mesh {
             normals,
             positions,
             uvs: [vertices.uvs(0, place, warnings)?, vertices.uvs(1, place, warnings)?],
@@ -94,14 +97,19 @@ impl<'a> Geometry<'a> {
             tangents: Vec::new(),
             triangles,
             material: self.material(primitive)?,
-        }))
+        };
+        if let Some(map) = self.materials.get(mesh.material).and_then(tangents::wanted_by) {
+            // The format has tangents ignored where there are no normals.
+            let given = if mesh.normals.is_empty() { None } else { vertices.tangents(place, warnings)? };
+            tangents::give(&mut mesh, map, given, place, warnings);
+        }
+        Ok(Some(mesh))
     }
 
     fn material(&self, primitive: &Primitive) -> Outcome<usize> {
-        let materials = &self.buffers.root.materials;
         match primitive.material {
-            Some(index) => lookup(materials, "material", index.value()).map(|_| index.value()),
-            None => Ok(materials.len()),
+            Some(index) => lookup(self.materials, "material", index.value()).map(|_| index.value()),
+            None => Ok(self.materials.len()),
         }
     }
 
@@ -196,6 +204,22 @@ impl Vertices<'_> {
             warnings.note("texture coordinates that are not finite are set to 0", place);
         }
         Ok(uvs)
+    }
+
+    fn tangents(&self, place: &str, warnings: &mut Warnings) -> Outcome<Option<Vec<Vec4>>> {
+        let Some(elements) = self.open(Semantic::Tangents, 4..=4, &[F32, I8, I16])? else { return Ok(None) };
+        let mut broken = false;
+        let tangents = self.used.iter().map(|&i| {
+            let [x, y, z, w] = elements.unit_floats(i as usize);
+            let direction = unit(DVec3::new(x.into(), y.into(), z.into())).filter(|_| (w.abs() - 1.0).abs() < 0.01);
+            broken |= direction.is_none();
+            direction.map_or(Vec4::ZERO, |d| d.extend(w.signum()))
+        });
+        let tangents = tangents.collect();
+        if broken {
+            warnings.note("normal maps are left out at tangents without direction or sign", place);
+        }
+        Ok(Some(tangents))
     }
 
     fn colors(&self, place: &str, warnings: &mut Warnings) -> Outcome<Vec<Vec4>> {

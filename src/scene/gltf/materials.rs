@@ -1,24 +1,28 @@
-//! Materials, with the textures they refer to.
+//! Materials: glTF's metallic-roughness model, with the textures it refers to.
 
 use std::path::Path;
 
-use ::gltf::json::material::{AlphaMode as JsonAlphaMode, Material as JsonMaterial, PbrMetallicRoughness};
+use ::gltf::json::extensions::material::Material as JsonExtensions;
+use ::gltf::json::material::{AlphaMode as JsonAlphaMode, Material as JsonMaterial, NormalTexture};
+use ::gltf::json::texture::Info;
 use ::gltf::json::validation::Checked;
 use glam::{Vec3, Vec4};
+use serde_json::Value;
 
 use super::buffers::Buffers;
 use super::fault::{Fault, Outcome, Warnings, Within, label};
 use super::textures::TextureTable;
-use crate::scene::{AlphaMode, Material, TexelImage, Texture};
+use crate::scene::{AlphaMode, Material, NormalMap, TexelImage, Texture, TextureRef};
 
-/// What surfaces look like. The materials stand in the file's order, the default material last where it is used.
+/// What surfaces look like, in the file's order.
 pub struct Surfaces {
     pub materials: Vec<Material>,
     pub textures: Vec<Texture>,
     pub images: Vec<TexelImage>,
 }
 
-pub fn read(buffers: &Buffers, base: &Path, with_default: bool, warnings: &mut Warnings) -> Outcome<Surfaces> {
+/// Relative URIs of images start from `base`.
+pub fn read(buffers: &Buffers, base: &Path, warnings: &mut Warnings) -> Outcome<Surfaces> {
     let mut table = TextureTable::new(buffers, base);
     let mut materials = Vec::with_capacity(buffers.root.materials.len() + 1);
     for (index, json) in buffers.root.materials.iter().enumerate() {
@@ -26,90 +30,109 @@ pub fn read(buffers: &Buffers, base: &Path, with_default: bool, warnings: &mut W
         let material = Reader { table: &mut table, warnings, place: &place }.read(json);
         materials.push(material.within(|| place.clone())?);
     }
-    if with_default || materials.is_empty() {
-        materials.push(Material::default());
-    }
     let TextureTable { textures, images, .. } = table;
     Ok(Surfaces { materials, textures, images })
 }
 
-struct Reader<'r, 'a> {
-    table: &'r mut TextureTable<'a>,
-    warnings: &'r mut Warnings,
-    place: &'r str,
+/// Reads one material.
+pub(super) struct Reader<'r, 'a> {
+    pub table: &'r mut TextureTable<'a>,
+    pub warnings: &'r mut Warnings,
+    pub place: &'r str,
 }
 
 impl Reader<'_, '_> {
     fn read(&mut self, json: &JsonMaterial) -> Outcome<Material> {
-        let mut material = self.base(json)?;
-        material.name = json.name.clone().unwrap_or_default();
-        material.alpha_mode = alpha_mode(json)?;
-        material.double_sided = json.double_sided;
-        let strength = json.extensions.as_ref().and_then(|e| e.emissive_strength.as_ref());
-        let emissive = Vec3::from_array(json.emissive_factor.0) * strength.map_or(1.0, |s| s.emissive_strength.0);
-        material.emissive = self.clamp(emissive.extend(0.0), f32::MAX, "emission")?.truncate();
-        if let Some(info) = &json.emissive_texture {
-            material.emissive_texture = self.table.refer(info, self.place, self.warnings)?;
-            // Without its texture, everything that the texture keeps dark would shine.
-            if material.emissive_texture.is_none() {
-                material.emissive = Vec3::ZERO;
-            }
+        let none = JsonExtensions::default();
+        let extensions = json.extensions.as_ref().unwrap_or(&none);
+        let mut material = self.coverage(json)?;
+        if extensions.unlit.is_some() {
+            // The extension has all else ignored.
+            material.unlit = true;
+            return Ok(material);
         }
-        if json.normal_texture.is_some() {
-            self.warnings.note("normal maps are left out", self.place);
+        material.specular = 1.0;
+        if extensions.pbr_specular_glossiness.is_none() {
+            self.metallic_roughness(json, &mut material)?;
         }
-        if json.occlusion_texture.is_some() {
-            self.warnings.note("occlusion maps are left out", self.place);
-        }
+        self.normal_and_emission(json, extensions, &mut material)?;
+        self.extensions(extensions, &mut material)?;
         Ok(material)
     }
 
-    /// Base colour, metalness and roughness.
-    fn base(&mut self, json: &JsonMaterial) -> Outcome<Material> {
+    /// What lit and unlit materials share: base colour and alpha.
+    fn coverage(&mut self, json: &JsonMaterial) -> Outcome<Material> {
         let pbr = &json.pbr_metallic_roughness;
-        let extensions = json.extensions.as_ref();
-        if let Some(specular) = extensions.and_then(|e| e.pbr_specular_glossiness.as_ref()) {
-            self.warnings.note("KHR_materials_pbrSpecularGlossiness is only approximated", self.place);
-            if is_unset(pbr) {
-                let base_color = Vec4::from_array(specular.diffuse_factor.0);
-                let gloss = specular.glossiness_factor.0;
-                return self.surface(base_color, specular.diffuse_texture.as_ref(), 0.0, 1.0 - gloss);
-            }
-        }
-        let (mut metallic, mut roughness) = (pbr.metallic_factor.0, pbr.roughness_factor.0);
-        if let Some(info) = &pbr.metallic_roughness_texture {
-            self.warnings.note("textures of metalness and roughness are averaged", self.place);
-            if let Some(mean) = self.table.mean(info, self.place, self.warnings)? {
-                metallic *= mean.z;
-                roughness *= mean.y;
-            }
-        }
-        let base_color = Vec4::from_array(pbr.base_color_factor.0);
-        self.surface(base_color, pbr.base_color_texture.as_ref(), metallic, roughness)
-    }
-
-    fn surface(
-        &mut self,
-        base_color: Vec4,
-        texture: Option<&::gltf::json::texture::Info>,
-        metallic: f32,
-        roughness: f32,
-    ) -> Outcome<Material> {
-        let factors = self.clamp(Vec4::new(metallic, roughness, 0.0, 0.0), 1.0, "metalness or roughness")?;
         Ok(Material {
-            base_color: self.clamp(base_color, 1.0, "base colour")?,
-            base_color_texture: match texture {
-                Some(info) => self.table.refer(info, self.place, self.warnings)?,
-                None => None,
-            },
-            metallic: factors.x,
-            roughness: factors.y,
-            specular: 1.0,
+            name: json.name.clone().unwrap_or_default(),
+            base_color: self.clamp(Vec4::from_array(pbr.base_color_factor.0), 1.0, "base colour")?,
+            base_color_texture: self.texture(pbr.base_color_texture.as_ref())?,
+            alpha_mode: alpha_mode(json)?,
+            double_sided: json.double_sided,
             ..Material::default()
         })
     }
 
-    fn clamp(&mut self, value: Vec4, max: f32, what: &str) -> Outcome<Vec4> {
+    fn metallic_roughness(&mut self, json: &JsonMaterial, material: &mut Material) -> Outcome<()> {
+        let pbr = &json.pbr_metallic_roughness;
+        material.metallic = self.unit(pbr.metallic_factor.0, "metalness")?;
+        material.roughness = self.unit(pbr.roughness_factor.0, "roughness")?;
+        let info = pbr.metallic_roughness_texture.as_ref();
+        material.metallic_roughness_texture = self.texture(info)?;
+        if info.is_some() && material.metallic_roughness_texture.is_none() {
+            // A texture says that not all is metal.
+            material.metallic = 0.0;
+        }
+        Ok(())
+    }
+
+    fn normal_and_emission(
+        &mut self,
+        json: &JsonMaterial,
+        extensions: &JsonExtensions,
+        material: &mut Material,
+    ) -> Outcome<()> {
+        material.normal_map = self.normal_map(json.normal_texture.as_ref())?;
+        if json.occlusion_texture.is_some() {
+            self.warnings.note("occlusion maps are left out: path tracing finds occlusion itself", self.place);
+        }
+        let strength = extensions.emissive_strength.as_ref().map_or(1.0, |s| s.emissive_strength.0);
+        let emissive = json.emissive_factor.0.map(|c| c * strength);
+        material.emissive = self.color(emissive, f32::MAX, "emission")?;
+        material.emissive_texture = self.texture(json.emissive_texture.as_ref())?;
+        if json.emissive_texture.is_some() && material.emissive_texture.is_none() {
+            // Without its texture, everything that the texture keeps dark would shine.
+            material.emissive = Vec3::ZERO;
+        }
+        Ok(())
+    }
+
+    /// None where there is none, or, with a warning, where it cannot be used.
+    pub fn texture(&mut self, info: Option<&Info>) -> Outcome<Option<TextureRef>> {
+        info.map_or(Ok(None), |info| self.table.refer(info, self.place, self.warnings))
+    }
+
+    pub fn normal_map(&mut self, json: Option<&NormalTexture>) -> Outcome<Option<NormalMap>> {
+        let Some(json) = json else { return Ok(None) };
+        if !json.scale.is_finite() {
+            return Err(Fault::Invalid("the scale of its normal map is not finite".into()));
+        }
+        let info = info_of(json)?;
+        Ok(self.texture(Some(&info))?.map(|texture| NormalMap { texture, scale: json.scale }))
+    }
+
+    /// A factor from 0 to 1.
+    pub fn unit(&mut self, value: f32, what: &str) -> Outcome<f32> {
+        Ok(self.clamp(Vec4::splat(value), 1.0, what)?.x)
+    }
+
+    /// A colour whose channels are from 0 to `max`.
+    pub fn color(&mut self, value: [f32; 3], max: f32, what: &str) -> Outcome<Vec3> {
+        Ok(self.clamp(Vec3::from_array(value).extend(0.0), max, what)?.truncate())
+    }
+
+    /// A factor whose components are from 0 to `max`; those beyond are clamped with a warning.
+    pub fn clamp(&mut self, value: Vec4, max: f32, what: &str) -> Outcome<Vec4> {
         if !value.is_finite() {
             return Err(Fault::Invalid(format!("its {what} is not finite")));
         }
@@ -119,6 +142,14 @@ impl Reader<'_, '_> {
         }
         Ok(clamped)
     }
+}
+
+/// The reference in a normal map's own kind of it, whose extensions the parser leaves unread.
+fn info_of(json: &NormalTexture) -> Outcome<Info> {
+    let parse = |others: &serde_json::Map<String, Value>| serde_json::from_value(Value::Object(others.clone()));
+    let extensions = json.extensions.as_ref().map(|e| parse(&e.others)).transpose();
+    let extensions = extensions.map_err(|e| Fault::Invalid(format!("the extensions of its normal map: {e}")))?;
+    Ok(Info { index: json.index, tex_coord: json.tex_coord, extensions, extras: Default::default() })
 }
 
 fn alpha_mode(json: &JsonMaterial) -> Outcome<AlphaMode> {
@@ -135,13 +166,4 @@ fn alpha_mode(json: &JsonMaterial) -> Outcome<AlphaMode> {
         }
         Checked::Invalid => Err(Fault::Invalid("its alphaMode is none of OPAQUE, MASK and BLEND".into())),
     }
-}
-
-/// Whether the file leaves all of it out, or might as well.
-fn is_unset(pbr: &PbrMetallicRoughness) -> bool {
-    pbr.base_color_texture.is_none()
-        && pbr.metallic_roughness_texture.is_none()
-        && pbr.base_color_factor.0 == [1.0; 4]
-        && pbr.metallic_factor.0 == 1.0
-        && pbr.roughness_factor.0 == 1.0
 }

@@ -8,8 +8,11 @@
 //!   the vertices that its triangles use.
 //! - A mirroring transform (negative determinant) is left in [`Instance::world_from_local`]; glTF then means the
 //!   winding of the instance's triangles to be reversed, which is up to whoever flattens the instances.
-//! - Textures of metalness and roughness are averaged into the two factors; normal and occlusion textures,
-//!   animations, skins and morph targets are left out (the rest pose is shown).
+//! - A mesh whose material has a normal map has tangents: the file's, else those of MikkTSpace, for which vertices are
+//!   split where needed.
+//! - A material of the file starts from glTF's defaults. A mesh without one has [`Material::default`], white and
+//!   Lambertian, where glTF would have a white metal.
+//! - Occlusion textures, animations, skins and morph targets are left out (the rest pose is shown).
 //! - Photometric units are taken as radiometric ones: candela as W/sr, lux as W/m².
 
 mod accessor;
@@ -20,9 +23,11 @@ mod fault;
 mod geometry;
 mod hierarchy;
 mod images;
+mod layers;
 mod materials;
 mod meshopt;
 mod placed;
+mod tangents;
 mod textures;
 mod uri;
 
@@ -38,7 +43,7 @@ use self::fault::{Fault, Outcome, Warnings, Within, label};
 use self::geometry::Geometry;
 use self::hierarchy::PlacedNode;
 use self::materials::Surfaces;
-use super::{Environment, Instance, Scene, SceneError};
+use super::{Environment, Instance, Material, Scene, SceneError};
 
 /// More instances than this are taken for a damaged or hostile file.
 const MAX_INSTANCES: usize = 1 << 22;
@@ -63,15 +68,19 @@ fn parse(bytes: &[u8], path: &Path) -> Outcome<Scene> {
     let nodes = hierarchy::walk(root)?;
     warn_of_motion(root, &nodes, &mut warnings);
 
-    let mut geometry = Geometry::new(&buffers);
+    let Surfaces { mut materials, textures, images } = materials::read(&buffers, base, &mut warnings)?;
+    let mut geometry = Geometry::new(&buffers, &materials);
     let instances = place_meshes(root, &nodes, &mut geometry, &mut warnings)?;
     let lights = placed::lights(root, &nodes, &mut warnings)?;
     let cameras = placed::cameras(root, &nodes, &mut warnings)?;
-    let Surfaces { materials, textures, images } =
-        materials::read(&buffers, base, geometry.uses_default_material(), &mut warnings)?;
+    let needs_default = materials.is_empty() || geometry.uses_default_material();
+    let meshes = geometry.into_meshes();
+    if needs_default {
+        materials.push(Material::default());
+    }
     Ok(Scene {
         name: path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default(),
-        meshes: geometry.into_meshes(),
+        meshes,
         instances,
         materials,
         textures,

@@ -6,12 +6,13 @@ use std::path::Path;
 use ::gltf::json::extensions::texture::TextureTransform;
 use ::gltf::json::texture::{Info, MagFilter, Sampler, Texture as JsonTexture, WrappingMode};
 use ::gltf::json::validation::Checked;
-use glam::{Affine2, Mat2, Vec2, Vec4};
+use glam::{Affine2, Mat2, Vec2};
 
 use super::buffers::Buffers;
 use super::fault::{Fault, Outcome, Warnings, Within, label, lookup};
 use super::images;
 use super::uri;
+use crate::image::Image;
 use crate::scene::{TexelImage, Texture, TextureRef, Wrap};
 
 /// All images of a file decode to at most this, bytes.
@@ -25,7 +26,8 @@ pub struct TextureTable<'a> {
     /// From the file's numbers to those in `textures` and `images`.
     texture_of: HashMap<usize, usize>,
     image_of: HashMap<usize, usize>,
-    means: HashMap<usize, Vec4>,
+    /// Images made by [`roughness_of`](Self::roughness_of), by their source and the factor's bits.
+    roughness_of: HashMap<(usize, u32), usize>,
     texels_left: usize,
 }
 
@@ -39,7 +41,7 @@ impl<'a> TextureTable<'a> {
             images: Vec::new(),
             texture_of: HashMap::new(),
             image_of: HashMap::new(),
-            means: HashMap::new(),
+            roughness_of: HashMap::new(),
             texels_left: MAX_TEXELS,
         }
     }
@@ -57,22 +59,22 @@ impl<'a> TextureTable<'a> {
         Ok(texture.map(|texture| TextureRef { texture, uv_set, uv_from_uv }))
     }
 
-    /// Mean texel, 0 to 1, as stored; the image is not kept.
-    pub fn mean(&mut self, info: &Info, place: &str, warnings: &mut Warnings) -> Outcome<Option<Vec4>> {
-        let texture = lookup(&self.buffers.root.textures, "texture", info.index.value())?;
-        let Some(source) = source_of(texture) else {
-            warnings.note("textures without a readable image are left out", place);
-            return Ok(None);
+    /// The roughness that a texture's glossiness stands for, 1 - `glossiness` times alpha, in an image of its own.
+    pub fn roughness_of(&mut self, glossy: TextureRef, glossiness: f32) -> Outcome<TextureRef> {
+        let source = self.textures[glossy.texture].image;
+        let image = match self.roughness_of.get(&(source, glossiness.to_bits())) {
+            Some(&known) => known,
+            None => {
+                let Image { extent, pixels } = &self.images[source];
+                let rough = |p: &[u8; 4]| (255.0 - glossiness * f32::from(p[3])).round() as u8;
+                let pixels = pixels.iter().map(|p| [0, rough(p), 0, 255]).collect();
+                let image = self.keep(Image { extent: *extent, pixels })?;
+                self.roughness_of.insert((source, glossiness.to_bits()), image);
+                image
+            }
         };
-        if let Some(mean) = self.means.get(&source) {
-            return Ok(Some(*mean));
-        }
-        let mean = match self.image_of.get(&source) {
-            Some(&image) => mean_texel(&self.images[image]),
-            None => mean_texel(&self.decode(source)?),
-        };
-        self.means.insert(source, mean);
-        Ok(Some(mean))
+        self.textures.push(Texture { image, ..self.textures[glossy.texture] });
+        Ok(TextureRef { texture: self.textures.len() - 1, ..glossy })
     }
 
     fn texture(&mut self, index: usize, place: &str, warnings: &mut Warnings) -> Outcome<Option<usize>> {
@@ -101,13 +103,23 @@ impl<'a> TextureTable<'a> {
         if let Some(&known) = self.image_of.get(&index) {
             return Ok(known);
         }
-        let image = self.decode(index)?;
+        let decoded = self.decode(index)?;
+        let image = self.keep(decoded)?;
+        self.image_of.insert(index, image);
+        Ok(image)
+    }
+
+    fn keep(&mut self, image: TexelImage) -> Outcome<usize> {
+        let size = image.pixels.len() * size_of::<[u8; 4]>();
+        self.texels_left = self
+            .texels_left
+            .checked_sub(size)
+            .ok_or_else(|| Fault::Invalid(format!("the file's images decode to more than {MAX_TEXELS} bytes")))?;
         self.images.push(image);
-        self.image_of.insert(index, self.images.len() - 1);
         Ok(self.images.len() - 1)
     }
 
-    fn decode(&mut self, index: usize) -> Outcome<TexelImage> {
+    fn decode(&self, index: usize) -> Outcome<TexelImage> {
         let image = lookup(&self.buffers.root.images, "image", index)?;
         let place = || match &image.uri {
             Some(uri) if image.name.is_none() => format!("image {index} '{}'", uri::shorten(uri)),
@@ -118,13 +130,7 @@ impl<'a> TextureTable<'a> {
             (None, Some(view)) => images::decode(self.buffers.view(view.value())?.bytes),
             (None, None) => Err(Fault::Invalid("it has neither a URI nor a buffer view".into())),
         };
-        let decoded = attempt().within(place)?;
-        let size = decoded.pixels.len() * size_of::<[u8; 4]>();
-        self.texels_left = self
-            .texels_left
-            .checked_sub(size)
-            .ok_or_else(|| Fault::Invalid(format!("the file's images decode to more than {MAX_TEXELS} bytes")))?;
-        Ok(decoded)
+        attempt().within(place)
     }
 }
 
@@ -164,15 +170,4 @@ fn affine_from(transform: &TextureTransform) -> Outcome<Affine2> {
     let scale = Mat2::from_diagonal(Vec2::from_array(transform.scale.0));
     let affine = Affine2::from_mat2_translation(rotation * scale, Vec2::from_array(transform.offset.0));
     if affine.is_finite() { Ok(affine) } else { Err(Fault::Invalid("its KHR_texture_transform is not finite".into())) }
-}
-
-fn mean_texel(image: &TexelImage) -> Vec4 {
-    let mut sums = [0u64; 4];
-    for texel in &image.pixels {
-        for (sum, &value) in sums.iter_mut().zip(texel) {
-            *sum += u64::from(value);
-        }
-    }
-    let count = image.pixels.len().max(1) as f64 * 255.0;
-    Vec4::from_array(sums.map(|sum| (sum as f64 / count) as f32))
 }

@@ -15,6 +15,11 @@ fn sample() -> Vec<u8> {
     let mut draft = Draft::triangle();
     let normals = draft.floats("VEC3", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
     draft.attribute("NORMAL", normals);
+    let tangents = draft.floats("VEC4", &[1.0, 0.0, 0.0, 1.0].repeat(3));
+    draft.attribute("TANGENT", tangents);
+    let uvs = draft.floats("VEC2", &[0.0, 1.0, 1.0, 1.0, 0.0, 0.0]);
+    draft.attribute("TEXCOORD_0", uvs);
+    draft.json["meshes"][0]["primitives"][0]["material"] = json!(0);
     let sparse_indices = draft.view(&[1]);
     let sparse_values = draft.view(bytemuck::cast_slice(&[2.0f32, 0.0, 0.0]));
     draft.json["accessors"][0]["sparse"] = json!({
@@ -28,7 +33,8 @@ fn sample() -> Vec<u8> {
     let positions = draft.compressed(view, F32, "VEC3", 3);
     let view = draft.compressed_view(&encode_index_buffer(&[0, 1, 2], 3).unwrap(), 2, 3, "TRIANGLES", "NONE");
     let indices = draft.compressed(view, U16, "SCALAR", 3);
-    draft.primitive(json!({"attributes": {"POSITION": positions}, "indices": indices, "material": 0, "mode": 5}));
+    let attributes = json!({"POSITION": positions, "TEXCOORD_0": uvs});
+    draft.primitive(json!({"attributes": attributes, "indices": indices, "material": 0, "mode": 5}));
 
     let mut png = Cursor::new(Vec::new());
     image::RgbaImage::from_pixel(3, 2, image::Rgba([9, 8, 7, 6])).write_to(&mut png, image::ImageFormat::Png).unwrap();
@@ -41,7 +47,12 @@ fn sample() -> Vec<u8> {
         "materials",
         json!({
             "pbrMetallicRoughness": {"baseColorTexture": texture, "metallicRoughnessTexture": {"index": 0}},
-            "emissiveFactor": [1, 1, 1], "alphaMode": "MASK", "alphaCutoff": 0.25,
+            "emissiveFactor": [1, 1, 1], "alphaMode": "MASK", "alphaCutoff": 0.25, "normalTexture": texture,
+            "extensions": {
+                "KHR_materials_clearcoat": {"clearcoatFactor": 1, "clearcoatNormalTexture": {"index": 0}},
+                "KHR_materials_pbrSpecularGlossiness": {"specularGlossinessTexture": {"index": 0}},
+                "KHR_materials_volume": {"thicknessFactor": 1, "attenuationDistance": 2},
+            },
         }),
     );
     draft.push("cameras", json!({"type": "perspective", "perspective": {"yfov": 0.8, "znear": 0.1}}));
@@ -56,10 +67,10 @@ fn sample() -> Vec<u8> {
 }
 
 /// xorshift32
-struct Random(u32);
+pub(super) struct Random(pub u32);
 
 impl Random {
-    fn below(&mut self, end: usize) -> usize {
+    pub fn below(&mut self, end: usize) -> usize {
         self.0 ^= self.0 << 13;
         self.0 ^= self.0 >> 17;
         self.0 ^= self.0 << 5;

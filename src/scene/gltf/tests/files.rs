@@ -112,10 +112,10 @@ fn required_extensions_are_all_named_with_a_way_out() {
 fn optional_extensions_are_warned_of_once() {
     let mut draft = Draft::triangle();
     draft.json["extensionsUsed"] =
-        json!(["KHR_materials_clearcoat", "KHR_lights_punctual", "KHR_materials_clearcoat", "KHR_xmp"]);
+        json!(["KHR_materials_sheen", "KHR_lights_punctual", "KHR_materials_sheen", "KHR_xmp"]);
     let warnings = draft.scene().warnings;
     assert_eq!(warnings.len(), 1);
-    assert_mentions(&warnings[0], &["KHR_materials_clearcoat"]);
+    assert_mentions(&warnings[0], &["KHR_materials_sheen"]);
 }
 
 #[test]

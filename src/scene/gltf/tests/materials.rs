@@ -10,11 +10,11 @@ use serde_json::{Value, json};
 
 use super::{Draft, assert_mentions};
 use crate::scene::gltf::load;
-use crate::scene::{AlphaMode, Material, Wrap};
+use crate::scene::{AlphaMode, Material, NormalMap, TextureRef, Wrap};
 
 /// Two texels in a row.
-const LEFT: [u8; 4] = [10, 20, 30, 40];
-const RIGHT: [u8; 4] = [110, 120, 130, 140];
+pub(super) const LEFT: [u8; 4] = [10, 20, 30, 40];
+pub(super) const RIGHT: [u8; 4] = [110, 120, 130, 140];
 
 fn encoded(format: ImageFormat) -> Vec<u8> {
     let image = RgbaImage::from_fn(2, 1, |x, _| Rgba(if x == 0 { LEFT } else { RIGHT }));
@@ -25,7 +25,7 @@ fn encoded(format: ImageFormat) -> Vec<u8> {
     bytes.into_inner()
 }
 
-fn with_material(material: Value) -> Draft {
+pub(super) fn with_material(material: Value) -> Draft {
     let mut draft = Draft::triangle();
     draft.push("materials", material);
     draft.json["meshes"][0]["primitives"][0]["material"] = json!(0);
@@ -33,7 +33,7 @@ fn with_material(material: Value) -> Draft {
 }
 
 /// Texture 0 shows image 0, a PNG in the buffer.
-fn with_texture(material: Value) -> Draft {
+pub(super) fn with_texture(material: Value) -> Draft {
     let mut draft = with_material(material);
     let view = draft.view(&encoded(ImageFormat::Png));
     draft.push("images", json!({"bufferView": view, "mimeType": "image/png", "name": "Bricks"}));
@@ -59,10 +59,12 @@ fn factors_are_read_and_defaults_are_gltfs() {
         emissive: Vec3::new(10.0, 5.0, 0.0),
         alpha_mode: AlphaMode::Mask { cutoff: 0.5 },
         double_sided: true,
+        specular: 1.0,
         ..Material::default()
     };
     assert_eq!(draft.scene().materials, [expected]);
-    assert_eq!(with_material(json!({})).scene().materials, [Material { metallic: 1.0, ..Material::default() }]);
+    let bare = Material { metallic: 1.0, specular: 1.0, ..Material::default() };
+    assert_eq!(with_material(json!({})).scene().materials, [bare]);
 }
 
 #[test]
@@ -78,10 +80,16 @@ fn primitives_without_material_get_the_default_after_the_others() {
 fn factors_out_of_range_are_clamped_or_named() {
     let scene = with_material(json!({"pbrMetallicRoughness": {"roughnessFactor": 7, "metallicFactor": -1}})).scene();
     assert_eq!((scene.materials[0].roughness, scene.materials[0].metallic), (1.0, 0.0));
-    assert_eq!(scene.warnings.len(), 1);
+    assert_eq!(scene.warnings.len(), 2);
     let cases = [
         json!({"emissiveFactor": [1e39, 0, 0]}),
         json!({"pbrMetallicRoughness": {"roughnessFactor": 1e39}}),
+        json!({"pbrMetallicRoughness": {"metallicFactor": -1e39}}),
+        json!({"pbrMetallicRoughness": {"baseColorFactor": [0, 0, 1e39, 0]}}),
+        json!({
+            "emissiveFactor": [1, 1, 1],
+            "extensions": {"KHR_materials_emissive_strength": {"emissiveStrength": 1e39}},
+        }),
         json!({"alphaMode": "MASK", "alphaCutoff": -1}),
         json!({"alphaMode": "GLASS"}),
     ];
@@ -181,44 +189,65 @@ fn crc32(bytes: &[u8]) -> u32 {
 }
 
 #[test]
-fn a_texture_transform_is_kept_in_the_reference() {
+fn every_texture_has_its_transform_and_coordinates() {
     let transform = json!({"offset": [0, 1], "rotation": FRAC_PI_2, "scale": [0.5, 0.5], "texCoord": 1});
-    let draft = with_texture(json!({"pbrMetallicRoughness": {
-        "baseColorTexture": {"index": 0, "extensions": {"KHR_texture_transform": transform}},
-    }}));
-    let texture = draft.scene().materials[0].base_color_texture.unwrap();
-    assert_eq!(texture.uv_set, 1);
+    let info = json!({"index": 0, "extensions": {"KHR_texture_transform": transform}});
+    let draft = with_texture(json!({
+        "pbrMetallicRoughness": {"baseColorTexture": info, "metallicRoughnessTexture": info},
+        "normalTexture": info,
+        "emissiveTexture": info,
+        "extensions": {
+            "KHR_materials_specular": {"specularTexture": info, "specularColorTexture": info},
+            "KHR_materials_transmission": {"transmissionTexture": info, "transmissionFactor": 1},
+            "KHR_materials_clearcoat": {
+                "clearcoatFactor": 1,
+                "clearcoatTexture": info,
+                "clearcoatRoughnessTexture": info,
+                "clearcoatNormalTexture": info,
+            },
+        },
+    }));
+    let scene = draft.scene();
+    let textures: Vec<_> = scene.materials[0].textures().collect();
+    assert_eq!((textures.len(), scene.textures.len(), scene.images.len()), (10, 1, 1));
+    assert!(textures.iter().all(|t| t.uv_set == 1 && *t == textures[0]));
     // The extension's example: the lower left quadrant of the image.
     for (uv, expected) in [(Vec2::ZERO, Vec2::Y), (Vec2::X, Vec2::new(0.0, 0.5)), (Vec2::ONE, Vec2::splat(0.5))] {
-        assert!(texture.uv_from_uv.transform_point2(uv).distance(expected) < 1e-6, "{uv}");
+        assert!(textures[0].uv_from_uv.transform_point2(uv).distance(expected) < 1e-6, "{uv}");
     }
 }
 
 #[test]
-fn textures_of_metalness_and_roughness_are_averaged() {
-    let draft = with_texture(json!({"pbrMetallicRoughness": {
-        "metallicRoughnessTexture": {"index": 0}, "roughnessFactor": 0.5,
-    }}));
-    let scene = draft.scene();
-    let material = &scene.materials[0];
-    assert!((material.metallic - 80.0 / 255.0).abs() < 1e-6);
-    assert!((material.roughness - 0.5 * 70.0 / 255.0).abs() < 1e-6);
-    assert_eq!((scene.images.len(), scene.warnings.len()), (0, 1));
+fn broken_extensions_of_textures_are_named() {
+    for (transform, words) in [
+        (json!({"scale": [1e39, 1]}), &["material 0", "KHR_texture_transform"][..]),
+        (json!({"scale": "large"}), &["material 0", "normal map"]),
+    ] {
+        let info = json!({"index": 0, "extensions": {"KHR_texture_transform": transform}});
+        assert_mentions(&with_texture(json!({"normalTexture": info})).complaint(), words);
+    }
+    let info = json!({"index": 0, "scale": 1e39});
+    assert_mentions(&with_texture(json!({"normalTexture": info})).complaint(), &["material 0", "scale", "normal map"]);
 }
 
 #[test]
-fn specular_glossiness_falls_back_to_diffuse() {
-    let specular =
-        json!({"diffuseFactor": [0.2, 0.3, 0.4, 1], "glossinessFactor": 0.25, "diffuseTexture": {"index": 0}});
-    let mut json = json!({"extensions": {"KHR_materials_pbrSpecularGlossiness": specular}});
-    let scene = with_texture(json.clone()).scene();
+fn maps_of_metalness_roughness_and_normals_are_kept() {
+    let draft = with_texture(json!({
+        "pbrMetallicRoughness": {"metallicRoughnessTexture": {"index": 0}, "roughnessFactor": 0.5},
+        "normalTexture": {"index": 0, "scale": -0.5, "texCoord": 1},
+        "occlusionTexture": {"index": 7},
+    }));
+    let scene = draft.scene();
     let material = &scene.materials[0];
-    assert_eq!(material.base_color, Vec4::new(0.2, 0.3, 0.4, 1.0));
-    assert_eq!((material.metallic, material.roughness), (0.0, 0.75));
-    assert!(material.base_color_texture.is_some());
-    assert_eq!(scene.warnings.len(), 1);
-    json["pbrMetallicRoughness"] = json!({"metallicFactor": 0.5});
-    assert_eq!(with_texture(json).scene().materials[0].metallic, 0.5);
+    assert_eq!((material.metallic, material.roughness), (1.0, 0.5));
+    let texture = TextureRef { texture: 0, uv_set: 0, uv_from_uv: Affine2::IDENTITY };
+    assert_eq!(material.metallic_roughness_texture, Some(texture));
+    let texture = TextureRef { uv_set: 1, ..texture };
+    assert_eq!(material.normal_map, Some(NormalMap { texture, scale: -0.5 }));
+    assert_eq!(scene.images[0].pixels, [LEFT, RIGHT]);
+    assert_eq!(scene.warnings.len(), 2, "{:?}", scene.warnings);
+    assert_mentions(&scene.warnings[0], &["occlusion", "material 0"]);
+    assert_mentions(&scene.warnings[1], &["normal maps", "mesh 0"]);
 }
 
 #[test]
@@ -226,9 +255,15 @@ fn unusable_texture_references_are_warned_of_or_named() {
     let beyond = with_texture(json!({"emissiveFactor": [1, 1, 1], "emissiveTexture": {"index": 0, "texCoord": 2}}));
     let scene = beyond.scene();
     assert_eq!((scene.materials[0].emissive, scene.warnings.len()), (Vec3::ZERO, 1));
-    let mut basis = with_texture(json!({"emissiveTexture": {"index": 0}}));
+    let mut basis = with_texture(json!({
+        "pbrMetallicRoughness": {"metallicRoughnessTexture": {"index": 0}},
+        "extensions": {"KHR_materials_transmission": {"transmissionTexture": {"index": 0}, "transmissionFactor": 1}},
+    }));
     basis.json["textures"][0] = json!({"extensions": {"KHR_texture_basisu": {"source": 0}}});
-    assert_eq!(basis.scene().warnings.len(), 1);
+    let scene = basis.scene();
+    assert_eq!((scene.materials[0].metallic, scene.materials[0].transmission), (0.0, 0.0));
+    assert_eq!(scene.warnings.len(), 1);
+    assert_mentions(&scene.warnings[0], &["material 0", "1 more"]);
     assert_mentions(&with_texture(json!({"emissiveTexture": {"index": 3}})).complaint(), &["material 0", "texture 3"]);
     let mut lost = with_texture(json!({"emissiveTexture": {"index": 0}}));
     lost.json["textures"][0]["sampler"] = json!(2);

@@ -4,10 +4,12 @@ mod damaged;
 mod files;
 mod geometry;
 mod hierarchy;
+mod layers;
 mod materials;
 mod meshopt;
 mod placed;
 mod real_scenes;
+mod tangents;
 
 use std::path::Path;
 

@@ -1,0 +1,213 @@
+//! What extensions add to materials.
+
+use glam::{Affine2, Vec3, Vec4};
+use serde_json::{Value, json};
+
+use super::materials::{LEFT, RIGHT, with_material, with_texture};
+use super::{Draft, assert_mentions};
+use crate::scene::{AlphaMode, Clearcoat, Material, NormalMap, Scene, TextureRef, Volume};
+
+const TEXTURE: TextureRef = TextureRef { texture: 0, uv_set: 0, uv_from_uv: Affine2::IDENTITY };
+
+fn with_extension(name: &str, extension: Value) -> Draft {
+    let mut draft = with_texture(json!({"extensions": {name: extension}}));
+    draft.json["extensionsUsed"] = json!([name]);
+    draft.json["extensionsRequired"] = json!([name]);
+    draft
+}
+
+/// The first material; there must be no warnings.
+#[track_caller]
+fn quietly(scene: &Scene) -> &Material {
+    assert!(scene.warnings.is_empty(), "{:?}", scene.warnings);
+    &scene.materials[0]
+}
+
+fn bare() -> Material {
+    Material { metallic: 1.0, specular: 1.0, ..Material::default() }
+}
+
+#[test]
+fn indices_of_refraction_are_0_or_at_least_1() {
+    for (written, read, warnings) in [(1.33, 1.33, 0), (0.0, 0.0, 0), (1.0, 1.0, 0), (0.5, 1.0, 1), (-1.0, 1.0, 1)] {
+        let scene = with_extension("KHR_materials_ior", json!({"ior": written})).scene();
+        assert_eq!((scene.materials[0].ior, scene.warnings.len()), (read, warnings));
+    }
+    assert_eq!(*quietly(&with_extension("KHR_materials_ior", json!({})).scene()), bare());
+    assert_mentions(&with_extension("KHR_materials_ior", json!({"ior": 1e39})).complaint(), &["material 0", "index"]);
+}
+
+#[test]
+fn specular_reflection_is_read() {
+    let name = "KHR_materials_specular";
+    let scene = with_extension(
+        name,
+        json!({
+            "specularFactor": 0.25,
+            "specularTexture": {"index": 0},
+            "specularColorFactor": [0, 0.5, 3],
+            "specularColorTexture": {"index": 0, "texCoord": 1},
+        }),
+    )
+    .scene();
+    let expected = Material {
+        specular: 0.25,
+        specular_texture: Some(TEXTURE),
+        specular_color: Vec3::new(0.0, 0.5, 3.0),
+        specular_color_texture: Some(TextureRef { uv_set: 1, ..TEXTURE }),
+        ..bare()
+    };
+    assert_eq!(*quietly(&scene), expected);
+    assert_eq!(*quietly(&with_extension(name, json!({})).scene()), bare());
+    let clamped = with_extension(name, json!({"specularFactor": 2, "specularColorFactor": [-1, 0, 0]})).scene();
+    assert_eq!((clamped.materials[0].specular, clamped.materials[0].specular_color), (1.0, Vec3::ZERO));
+    assert_eq!(clamped.warnings.len(), 2);
+    for broken in [json!({"specularFactor": 1e39}), json!({"specularColorFactor": [1e39, 0, 0]})] {
+        assert_mentions(&with_extension(name, broken).complaint(), &["material 0", "specular", "finite"]);
+    }
+}
+
+#[test]
+fn transmission_is_read_and_clamped() {
+    let name = "KHR_materials_transmission";
+    let scene = with_extension(name, json!({"transmissionFactor": 0.5, "transmissionTexture": {"index": 0}})).scene();
+    let expected = Material { transmission: 0.5, transmission_texture: Some(TEXTURE), ..bare() };
+    assert_eq!(*quietly(&scene), expected);
+    let none = with_extension(name, json!({"transmissionTexture": {"index": 0}})).scene();
+    assert_eq!((quietly(&none), none.images.len()), (&bare(), 0));
+    let scene = with_extension(name, json!({"transmissionFactor": 2})).scene();
+    assert_eq!((scene.materials[0].transmission, scene.warnings.len()), (1.0, 1));
+    assert_mentions(&with_extension(name, json!({"transmissionFactor": 1e39})).complaint(), &["transmission"]);
+}
+
+#[test]
+fn volumes_have_a_thickness() {
+    let name = "KHR_materials_volume";
+    let read = |extension| with_extension(name, extension).scene();
+    let filled = |attenuation_color, attenuation_distance| Some(Volume { attenuation_color, attenuation_distance });
+    let jade = json!({"thicknessFactor": 2, "attenuationDistance": 0.5, "attenuationColor": [0, 0.5, 1]});
+    assert_eq!(quietly(&read(jade)).volume, filled(Vec3::new(0.0, 0.5, 1.0), 0.5));
+    assert_eq!(quietly(&read(json!({"thicknessFactor": 1}))).volume, filled(Vec3::ONE, f32::INFINITY));
+    assert_eq!(quietly(&read(json!({"attenuationDistance": 3}))).volume, None);
+
+    let textured = read(json!({"thicknessFactor": 1, "thicknessTexture": {"index": 0}}));
+    assert!(textured.materials[0].volume.is_some() && textured.images.is_empty());
+    assert_mentions(&textured.warnings[0], &["thickness textures"]);
+    for distance in [0.0, -1.0] {
+        let scene = read(json!({"thicknessFactor": 1, "attenuationDistance": distance}));
+        assert_eq!(scene.materials[0].volume, filled(Vec3::ONE, f32::INFINITY));
+        assert_mentions(&scene.warnings[0], &["attenuation distances", "material 0"]);
+    }
+    let clamped = read(json!({"thicknessFactor": -1, "attenuationColor": [2, 0, 0]}));
+    assert_eq!((clamped.materials[0].volume, clamped.warnings.len()), (None, 2));
+    for broken in [json!({"thicknessFactor": 1e39}), json!({"attenuationColor": [1e39, 0, 0]})] {
+        assert_mentions(&with_extension(name, broken).complaint(), &["material 0", "finite"]);
+    }
+}
+
+#[test]
+fn clearcoats_are_read() {
+    let name = "KHR_materials_clearcoat";
+    let coat = json!({
+        "clearcoatFactor": 0.5,
+        "clearcoatTexture": {"index": 0},
+        "clearcoatRoughnessFactor": 0.25,
+        "clearcoatRoughnessTexture": {"index": 0, "texCoord": 1},
+        "clearcoatNormalTexture": {"index": 0, "scale": 2},
+    });
+    let mut draft = with_extension(name, coat);
+    let uvs = draft.floats("VEC2", &[0.0, 0.0, 1.0, 0.0, 0.0, 1.0]);
+    draft.attribute("TEXCOORD_0", uvs);
+    let expected = Clearcoat {
+        factor: 0.5,
+        factor_texture: Some(TEXTURE),
+        roughness: 0.25,
+        roughness_texture: Some(TextureRef { uv_set: 1, ..TEXTURE }),
+        normal_map: Some(NormalMap { texture: TEXTURE, scale: 2.0 }),
+    };
+    let scene = draft.scene();
+    assert_eq!(*quietly(&scene), Material { clearcoat: expected, ..bare() });
+    assert_eq!(scene.meshes[0].tangents.len(), 3);
+
+    draft.json["materials"][0]["extensions"][name]["clearcoatFactor"] = json!(0);
+    let scene = draft.scene();
+    assert_eq!((quietly(&scene), scene.images.len()), (&bare(), 0));
+    assert!(scene.meshes[0].tangents.is_empty());
+    let clamped = with_extension(name, json!({"clearcoatFactor": 2, "clearcoatRoughnessFactor": 3})).scene();
+    let expected = Clearcoat { factor: 1.0, roughness: 1.0, ..Clearcoat::default() };
+    assert_eq!((clamped.materials[0].clearcoat, clamped.warnings.len()), (expected, 2));
+    for broken in [json!({"clearcoatFactor": 1e39}), json!({"clearcoatTexture": 3}), json!("thick")] {
+        assert_mentions(&with_extension(name, broken).complaint(), &["material 0", "clearcoat"]);
+    }
+}
+
+#[test]
+fn unlit_materials_keep_colour_and_alpha_only() {
+    let mut draft = with_texture(json!({
+        "pbrMetallicRoughness": {
+            "baseColorFactor": [0.5, 0.25, 1, 0.5],
+            "baseColorTexture": {"index": 0},
+            "metallicRoughnessTexture": {"index": 1},
+        },
+        "normalTexture": {"index": 1},
+        "emissiveFactor": [1, 1, 1],
+        "alphaMode": "BLEND",
+        "doubleSided": true,
+        "extensions": {"KHR_materials_unlit": {}},
+    }));
+    draft.json["extensionsRequired"] = json!(["KHR_materials_unlit"]);
+    let expected = Material {
+        base_color: Vec4::new(0.5, 0.25, 1.0, 0.5),
+        base_color_texture: Some(TEXTURE),
+        alpha_mode: AlphaMode::Blend,
+        double_sided: true,
+        unlit: true,
+        ..Material::default()
+    };
+    assert_eq!(*quietly(&draft.scene()), expected);
+}
+
+#[test]
+fn specular_glossiness_is_a_dielectric_of_any_reflectance() {
+    let name = "KHR_materials_pbrSpecularGlossiness";
+    let plain = json!({"diffuseFactor": [0.2, 0.3, 0.4, 1], "specularFactor": [0.9, 0.5, 0], "glossinessFactor": 0.25});
+    let expected = Material {
+        base_color: Vec4::new(0.2, 0.3, 0.4, 1.0),
+        roughness: 0.75,
+        ior: 0.0,
+        specular: 1.0,
+        specular_color: Vec3::new(0.9, 0.5, 0.0),
+        ..Material::default()
+    };
+    let mut draft = with_extension(name, plain);
+    assert_eq!(*quietly(&draft.scene()), expected);
+    draft.json["materials"][0]["pbrMetallicRoughness"] = json!({"metallicFactor": 0.5});
+    assert_eq!(*quietly(&draft.scene()), expected);
+
+    let mut draft = with_extension(
+        name,
+        json!({"diffuseTexture": {"index": 0}, "specularGlossinessTexture": {"index": 0}, "glossinessFactor": 0.5}),
+    );
+    draft.push("materials", draft.json["materials"][0].clone());
+    let scene = draft.scene();
+    let material = quietly(&scene);
+    assert_eq!((material.base_color_texture, material.specular_color_texture), (Some(TEXTURE), Some(TEXTURE)));
+    let rough = &scene.textures[material.metallic_roughness_texture.unwrap().texture];
+    assert_eq!((material.roughness, material.specular_color, scene.images.len()), (1.0, Vec3::ONE, 2));
+    // Green is 1 - glossiness / 2.
+    let greens: Vec<_> = scene.images[rough.image].pixels.iter().map(|p| p[1]).collect();
+    assert_eq!(greens, [LEFT, RIGHT].map(|p| (255.0 - 0.5 * f32::from(p[3])).round() as u8));
+}
+
+#[test]
+fn other_extensions_of_materials_are_warned_of_once_or_refused() {
+    let name = "KHR_materials_sheen";
+    let mut draft = with_material(json!({"extensions": {name: {"sheenRoughnessFactor": 1}}}));
+    draft.push("materials", draft.json["materials"][0].clone());
+    draft.json["extensionsUsed"] = json!([name]);
+    let scene = draft.scene();
+    assert_eq!((&scene.materials[0], scene.warnings.len()), (&bare(), 1));
+    assert_mentions(&scene.warnings[0], &[name]);
+    draft.json["extensionsRequired"] = json!([name]);
+    assert_mentions(&draft.complaint(), &[name]);
+}
