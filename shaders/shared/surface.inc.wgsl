@@ -85,8 +85,8 @@ fn schlick_weight(cosine: f32) -> f32 {
     return m2 * m2 * m;
 }
 
-// A normal-mapped normal on the front side. The frame's tangent is made perpendicular; where the file's is no use, any
-// frame will do. What it says of the side that the viewer is on is not believed: the normal is bent until it can be seen.
+// A normal-mapped normal on the front side. The tangent is made perpendicular; where texture coordinates give none, the
+// map has no direction to tilt to and leaves the normal as it is. What it says of the side that the viewer is on is not believed: the normal is bent until it can be seen.
 fn mapped_normal(prim: u32, bary: vec2<f32>, texture: u32, scale: f32, normal: vec3<f32>, to_viewer: vec3<f32>) -> vec3<f32> {
     let info = textures[texture];
     let code = sample_texture(info, interpolate_uv(prim, bary, info), false).rgb;
@@ -94,7 +94,7 @@ fn mapped_normal(prim: u32, bary: vec2<f32>, texture: u32, scale: f32, normal: v
     let given = (1.0 - bary.x - bary.y) * tangents[3u * prim] + bary.x * tangents[3u * prim + 1u] + bary.y * tangents[3u * prim + 2u];
     let along = given.xyz - normal * dot(normal, given.xyz);
     let size2 = dot(along, along);
-    let t = select(frame_around(normal)[0], along * inverseSqrt(max(size2, 1e-30)), size2 > 1e-12);
+    let t = select(vec3<f32>(0.0), along * inverseSqrt(max(size2, 1e-30)), size2 > 1e-12);
     let b = select(1.0, -1.0, given.w < 0.0) * cross(normal, t);
     let mapped = local.x * t + local.y * b + local.z * normal;
     let mapped2 = dot(mapped, mapped);
