@@ -82,6 +82,16 @@ fn layer_passage(s: Surface, vh: f32, nl: f32) -> f32 {
     return max(min(1.0 - layer_fresnel(s, vh), conserving), 0.0);
 }
 
+// Probability that a facet which `v` sees under this cosine reflects instead of letting light through.
+fn reflection_odds(s: Surface, cosine: f32) -> f32 {
+    if !HAS_TRANSMISSION {
+        return 1.0;
+    }
+    let through = luminance(s.transmitted) * (1.0 - layer_fresnel(s, cosine));
+    let back = luminance(fresnel(s.f0, s.f90, cosine));
+    return select(1.0, back / (back + through), through > 0.0);
+}
+
 fn evaluate(s: Surface, v: vec3<f32>, l: vec3<f32>) -> Scattering {
     let nl = dot(s.normal, l);
     let is_above = dot(s.geometric_normal, l) > 0.0;
@@ -99,15 +109,16 @@ fn evaluate(s: Surface, v: vec3<f32>, l: vec3<f32>) -> Scattering {
         out.pdf = s.odds.x * nl / PI;
         if s.alpha >= SMOOTH {
             let d = ggx(s.normal, h, a2);
-            out.value += fresnel(s.f0, s.f90, fresnel_cosine(vh, s.eta)) * (d * ggx_visibility(nv, nl, a2) * nl);
-            out.pdf += s.odds.y * d * ggx_reflection_pdf(nv, a2);
+            let cosine = fresnel_cosine(vh, s.eta);
+            out.value += fresnel(s.f0, s.f90, cosine) * (d * ggx_visibility(nv, nl, a2) * nl);
+            out.pdf += s.odds.y * reflection_odds(s, cosine) * d * ggx_reflection_pdf(nv, a2);
         }
     }
     if HAS_TRANSMISSION {
-        if !is_above && nl < 0.0 && s.alpha >= SMOOTH && s.odds.z > 0.0 {
+        if !is_above && nl < 0.0 && s.alpha >= SMOOTH {
             let through = transmit(s, v, l, nv, -nl, a2);
             out.value += s.transmitted * through.value;
-            out.pdf += s.odds.z * through.pdf;
+            out.pdf += s.odds.y * through.pdf;
         }
     }
     if HAS_CLEARCOAT {
@@ -118,20 +129,22 @@ fn evaluate(s: Surface, v: vec3<f32>, l: vec3<f32>) -> Scattering {
             let coat_nv = max(dot(s.coat_normal, v), 1e-6);
             let d = ggx(s.coat_normal, normalize(v + l), coat_a2);
             out.value += s.coat * (d * ggx_visibility(coat_nv, coat_nl, coat_a2) * coat_nl);
-            out.pdf += s.odds.w * d * ggx_reflection_pdf(coat_nv, coat_a2);
+            out.pdf += s.odds.z * d * ggx_reflection_pdf(coat_nv, coat_a2);
         }
     }
     return out;
 }
 
-// The transmission lobe of unit colour; cosines are positive.
+// The transmission lobe of unit colour, and its density once facets are chosen; cosines are positive.
 fn transmit(s: Surface, v: vec3<f32>, l: vec3<f32>, nv: f32, nl: f32, a2: f32) -> Scattering {
     if s.is_thin {
         // A sheet's facets reflect, and the light comes out on the other side.
         let h = normalize(v + l + 2.0 * nl * s.normal);
         let d = ggx(s.normal, h, a2);
-        let passed = 1.0 - layer_fresnel(s, clamp(dot(v, h), 0.0, 1.0));
-        return Scattering(vec3<f32>(passed * d * ggx_visibility(nv, nl, a2) * nl), d * ggx_reflection_pdf(nv, a2));
+        let vh = clamp(dot(v, h), 0.0, 1.0);
+        let passed = 1.0 - layer_fresnel(s, vh);
+        let pdf = (1.0 - reflection_odds(s, vh)) * d * ggx_reflection_pdf(nv, a2);
+        return Scattering(vec3<f32>(passed * d * ggx_visibility(nv, nl, a2) * nl), pdf);
     }
     if is_straight(s.eta) {
         return Scattering(vec3<f32>(0.0), 0.0);
@@ -145,12 +158,13 @@ fn transmit(s: Surface, v: vec3<f32>, l: vec3<f32>, nv: f32, nl: f32, a2: f32) -
     }
     let d = ggx(s.normal, h, a2);
     let bend = vh + s.eta * lh;
-    let passed = 1.0 - layer_fresnel(s, fresnel_cosine(vh, s.eta));
+    let cosine = fresnel_cosine(vh, s.eta);
+    let passed = 1.0 - layer_fresnel(s, cosine);
     // Both hold |l.h| / bend², Walter et al.'s Jacobian but for the eta² that the radiance is divided by.
     let shared_ = 4.0 * d * vh * -lh / max(bend * bend, 1e-20);
     return Scattering(
         vec3<f32>(passed * shared_ * ggx_visibility(nv, nl, a2) * nl),
-        shared_ * s.eta * s.eta * ggx_reflection_pdf(nv, a2),
+        (1.0 - reflection_odds(s, cosine)) * shared_ * s.eta * s.eta * ggx_reflection_pdf(nv, a2),
     );
 }
 
@@ -172,14 +186,15 @@ fn sample_bsdf(s: Surface, v: vec3<f32>, pick: f32, u: vec2<f32>) -> BsdfSample 
     var lobe = 0u;
     lobe = select(lobe, 1u, s.odds.y > 0.0 && pick >= s.odds.x);
     lobe = select(lobe, 2u, s.odds.z > 0.0 && pick >= s.odds.x + s.odds.y);
-    lobe = select(lobe, 3u, s.odds.w > 0.0 && pick >= s.odds.x + s.odds.y + s.odds.z);
     if s.odds[lobe] <= 0.0 {
         return out;
     }
     if lobe == 0u {
         out.direction = sample_cosine(s.normal, u);
     } else {
-        sample_facet(s, v, lobe, s.odds[lobe], u, &out);
+        // What the choice of the lobe leaves of the number chooses between reflection and transmission.
+        let rest = select((pick - s.odds.x) / s.odds.y, 0.0, lobe == 2u);
+        sample_facet(s, v, lobe == 2u, rest, u, &out);
         if out.is_delta || out.pdf < 0.0 {
             return out;
         }
@@ -192,25 +207,27 @@ fn sample_bsdf(s: Surface, v: vec3<f32>, pick: f32, u: vec2<f32>) -> BsdfSample 
     return out;
 }
 
-// Reflection (1), transmission (2) or the coat's reflection (3). Leaves a density below 0 where the facet sends nothing.
-fn sample_facet(s: Surface, v: vec3<f32>, lobe: u32, odds: f32, u: vec2<f32>, out: ptr<function, BsdfSample>) {
-    let is_coat = HAS_CLEARCOAT && lobe == 3u;
+// A direction by the facets' lobe or the coat's. Leaves a density below 0 where the facet sends nothing.
+fn sample_facet(s: Surface, v: vec3<f32>, coat: bool, pick: f32, u: vec2<f32>, out: ptr<function, BsdfSample>) {
+    let is_coat = HAS_CLEARCOAT && coat;
     let n = select(s.normal, s.coat_normal, is_coat);
     let alpha = select(s.alpha, s.coat_alpha, is_coat);
-    let is_straight_on = lobe == 2u && !s.is_thin && is_straight(s.eta);
-    (*out).is_delta = alpha < SMOOTH || is_straight_on;
-    let h = select(sample_visible_normal(n, v, max(alpha, SMOOTH), u), n, (*out).is_delta);
+    let is_smooth = alpha < SMOOTH;
+    let h = select(sample_visible_normal(n, v, max(alpha, SMOOTH), u), n, is_smooth);
+    let cosine = fresnel_cosine(abs(dot(v, h)), select(s.eta, 1.0, is_coat));
+    let reflects = select(reflection_odds(s, cosine), 1.0, is_coat);
+    let crosses = HAS_TRANSMISSION && pick >= reflects && reflects < 1.0;
+    (*out).is_delta = is_smooth || (crosses && !s.is_thin && is_straight(s.eta));
     let vh = dot(v, h);
-    let cosine = fresnel_cosine(abs(vh), select(s.eta, 1.0, is_coat));
     var l = 2.0 * vh * h - v;
     (*out).pdf = 0.0;
-    var weight = select(fresnel(s.f0, s.f90, cosine), vec3<f32>(s.coat), is_coat);
-    if HAS_TRANSMISSION && lobe == 2u {
-        weight = s.transmitted * (1.0 - layer_fresnel(s, cosine));
+    var weight = select(fresnel(s.f0, s.f90, cosine) / reflects, vec3<f32>(s.coat), is_coat);
+    if crosses {
+        weight = s.transmitted * ((1.0 - layer_fresnel(s, cosine)) / (1.0 - reflects));
         if s.is_thin {
             // The facet's reflection comes out on the other side; off a smooth sheet that is straight on.
             l -= 2.0 * dot(s.normal, l) * s.normal;
-        } else if is_straight_on {
+        } else if is_straight(s.eta) {
             l = -v;
         } else {
             let cos2 = 1.0 - (1.0 - vh * vh) / (s.eta * s.eta);
@@ -220,13 +237,10 @@ fn sample_facet(s: Surface, v: vec3<f32>, lobe: u32, odds: f32, u: vec2<f32>, ou
         }
     }
     (*out).direction = normalize(l);
-    if HAS_CLEARCOAT && !is_coat {
-        weight *= 1.0 - s.coat;
-    }
     if (*out).is_delta {
-        let crosses = lobe == 2u;
         let goes_up = dot((*out).direction, s.geometric_normal) > 0.0;
-        (*out).weight = weight / odds;
+        let shown = select(1.0 - s.coat, 1.0, is_coat);
+        (*out).weight = weight * (shown / select(s.odds.y, s.odds.z, is_coat));
         (*out).pdf = select(0.0, 1.0, goes_up != crosses && (*out).pdf >= 0.0);
     }
 }

@@ -46,8 +46,8 @@ struct Surface {
     coat: f32,
     coat_alpha: f32,
     coat_normal: vec3<f32>,
-    // Probabilities with which `sample_bsdf` takes each lobe: diffuse, reflection, transmission, coat.
-    odds: vec4<f32>,
+    // Probabilities with which `sample_bsdf` takes a lobe: diffuse, facets (reflection and transmission), coat.
+    odds: vec3<f32>,
 }
 
 // Directional albedo of GGX reflection over cosine and perceptual roughness, as (scale of f0, scale of f90): a grid of
@@ -153,7 +153,7 @@ fn surface_at(prim: u32, bary: vec2<f32>, direction: vec3<f32>) -> Surface {
         s.f0 = vec3<f32>(0.0);
         s.f90 = vec3<f32>(0.0);
         s.coat = 0.0;
-        s.odds = vec4<f32>(0.0);
+        s.odds = vec3<f32>(0.0);
     }
     return s;
 }
@@ -166,7 +166,7 @@ fn describe_lobes(s: ptr<function, Surface>, prim: u32, bary: vec2<f32>, m: Mate
     (*s).roughness = 1.0;
     (*s).eta = 1.0;
     (*s).is_thin = true;
-    (*s).odds = vec4<f32>(1.0, 0.0, 0.0, 0.0);
+    (*s).odds = vec3<f32>(1.0, 0.0, 0.0);
     if !(HAS_SPECULAR || HAS_TRANSMISSION || HAS_CLEARCOAT) {
         return;
     }
@@ -205,7 +205,7 @@ fn describe_lobes(s: ptr<function, Surface>, prim: u32, bary: vec2<f32>, m: Mate
         (*s).emission *= 1.0 - (*s).coat;
         (*s).albedo = mix((*s).albedo, vec3<f32>(1.0), (*s).coat);
     }
-    (*s).odds = lobe_odds(*s, to_viewer, table.towards);
+    (*s).odds = lobe_odds(*s, table.towards);
 }
 
 // Cosine that Schlick's term takes: the one on the thinner side. Below 0: total reflection.
@@ -223,21 +223,12 @@ fn layer_fresnel(s: Surface, cosine: f32) -> f32 {
 }
 
 // In proportion to what each lobe sends to the viewer.
-fn lobe_odds(s: Surface, v: vec3<f32>, towards: vec2<f32>) -> vec4<f32> {
-    let nv = max(dot(s.normal, v), 0.0);
-    var odds = vec4<f32>(luminance(s.diffuse), 0.0, luminance(s.transmitted), 0.0) * max(1.0 - s.layer_albedo, 0.05);
-    odds.y = luminance(s.f0) * towards.x + s.f90.x * towards.y;
-    if HAS_TRANSMISSION && s.transmitted.x + s.transmitted.y + s.transmitted.z > 0.0 {
-        // As Fresnel has it about the surface's own normal; rough facets are tilted, so that neither is ruled out there.
-        let reflected = layer_fresnel(s, fresnel_cosine(nv, s.eta));
-        let least = select(0.1, 0.0, s.alpha < SMOOTH);
-        odds.y = max(odds.y, luminance(s.transmitted) * clamp(reflected, least, 1.0));
-        odds.z = luminance(s.transmitted) * clamp(1.0 - reflected, least, 1.0);
-    }
-    odds *= 1.0 - s.coat;
-    odds.w = s.coat;
-    let sum = odds.x + odds.y + odds.z + odds.w;
-    return select(vec4<f32>(0.0), odds / sum, sum > 0.0);
+fn lobe_odds(s: Surface, towards: vec2<f32>) -> vec3<f32> {
+    let facets = luminance(s.f0) * towards.x + s.f90.x * towards.y;
+    let beneath = vec2<f32>(luminance(s.diffuse), luminance(s.transmitted)) * max(1.0 - s.layer_albedo, 0.05);
+    let odds = vec3<f32>(vec2<f32>(beneath.x, facets + beneath.y) * (1.0 - s.coat), s.coat);
+    let sum = odds.x + odds.y + odds.z;
+    return select(vec3<f32>(0.0), odds / sum, sum > 0.0);
 }
 
 // Whether the other eye sees another radiance there: a share that counts comes by lobes too narrow for both eyes.
@@ -247,7 +238,7 @@ fn is_view_dependent(s: Surface) -> bool {
     if !(HAS_SPECULAR || HAS_TRANSMISSION || HAS_CLEARCOAT) {
         return false;
     }
-    let narrow = select(0.0, s.odds.y + s.odds.z, s.roughness < NARROW) + select(0.0, s.odds.w, s.coat_alpha < NARROW * NARROW);
+    let narrow = select(0.0, s.odds.y, s.roughness < NARROW) + select(0.0, s.odds.z, s.coat_alpha < NARROW * NARROW);
     return narrow > SHARE;
 }
 
