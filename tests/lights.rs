@@ -35,8 +35,8 @@ fn rendered(subject: &Subject, bounces: u32, spp: u32) -> Estimate {
 fn many_lamps(scale: f32) -> (Scene, Pinhole) {
     let mut scene = scenes::empty(&format!("many lamps, scale {scale}"));
     let grey = scenes::add_matte(&mut scene, Vec3::splat(0.6));
-    let lamp = scenes::add_material(&mut scene, Material { emissive: vec3(5.0, 4.0, 3.0), ..scenes::matte() });
-    let both = Material { emissive: vec3(2.0, 3.0, 5.0), double_sided: true, ..scenes::matte() };
+    let lamp = scenes::add_material(&mut scene, Material { emissive: vec3(1.5, 1.2, 0.9), ..scenes::matte() });
+    let both = Material { emissive: vec3(0.6, 0.9, 1.5), double_sided: true, ..scenes::matte() };
     let both = scenes::add_material(&mut scene, both);
     let at = |x: f32, y: f32, z: f32| vec3(x, y, z) * scale;
     scenes::place(&mut scene, scenes::quad(at(-3.0, 0.0, -3.0), at(0.0, 0.0, 6.0), at(6.0, 0.0, 0.0), grey));
@@ -48,7 +48,7 @@ fn many_lamps(scale: f32) -> (Scene, Pinhole) {
         let position = at(column * 1.2 - 2.4, 1.9 - 0.3 * row, row * 1.5 - 1.8);
         let direction = vec3(0.3 - 0.2 * column, -1.0, 0.4 - 0.3 * row).normalize();
         let (cos_inner, cos_outer) = (0.95, 0.6);
-        let radius = if k % 4 < 2 { 0.0 } else { 0.06 * scale };
+        let radius = if k % 4 < 2 { 0.0 } else { 0.15 * scale };
         let kind = match k % 2 {
             0 => LightKind::Point { position, radius },
             _ => LightKind::Spot { position, radius, direction, cos_inner, cos_outer },
@@ -71,8 +71,8 @@ fn many_lamps_of_every_kind_are_unbiased() {
     let seen = Pinhole { forward: view.forward, right: view.right, up: view.up, ..camera };
     let reference = Reference::new(&subject.scene).with_emitters(Emitters::Area);
     for bounces in [1, 3] {
-        let expected = reference.render(&seen, Extent::new(WIDTH, HEIGHT), 256, bounces - 1, 1);
-        let found = rendered(&subject, bounces, 256);
+        let expected = reference.render(&seen, Extent::new(WIDTH, HEIGHT), 512, bounces - 1, 1);
+        let found = rendered(&subject, bounces, 512);
         let what = format!("{bounces} reflections");
         println!("{what}\n{}", assert_agrees(&what, &expected, &found, 0.03));
     }
