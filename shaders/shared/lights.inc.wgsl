@@ -323,7 +323,7 @@ fn sample_directional_light(choice: vec2<f32>, u: vec2<f32>) -> LightSample {
     index = select(lights[index].alias_, index, choice.x < lights[index].keep);
     let light = lights[index];
     var s = no_light();
-    // A disc has the given irradiance, whatever its size.
+    // A disc has the given irradiance, whatever its size. It is no part of the sky: neither camera nor bounces see it.
     s.direction = light.position;
     if light.radius > 0.0 {
         s.direction = sample_cap(light.position, light.radius, u);

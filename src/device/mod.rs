@@ -9,6 +9,8 @@ mod shader;
 
 pub use adapters::{AdapterReport, DeviceInfo, Selection, adapters, open};
 pub use clock::GpuClock;
+#[cfg(test)]
+pub(crate) use shader::expand;
 pub use shader::{ShaderChecks, override_names, wgsl};
 
 use std::sync::{Arc, Mutex, PoisonError};

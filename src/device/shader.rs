@@ -61,7 +61,11 @@ fn file(name: &str) -> Option<&'static str> {
 /// # Panics
 /// On a name or an include that is not in the table above; a test goes through them all.
 pub fn wgsl(name: &str) -> String {
-    let text = file(name).unwrap_or_else(|| panic!("no shader '{name}'"));
+    expand(name, file(name).unwrap_or_else(|| panic!("no shader '{name}'")))
+}
+
+/// `text` with its includes put in; `name` is for the panic.
+pub(crate) fn expand(name: &str, text: &str) -> String {
     let mut out = String::with_capacity(text.len() * 8);
     for line in text.lines() {
         match line.strip_prefix("//!include ") {

@@ -133,4 +133,6 @@ const ROOMS: [Room; 9] = [
 ];
 
 #[cfg(test)]
+mod light_density_tests;
+#[cfg(test)]
 mod tests;

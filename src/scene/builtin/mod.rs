@@ -13,6 +13,7 @@ mod geometry;
 mod maths;
 mod shapes;
 mod texels;
+mod towers;
 
 #[cfg(test)]
 mod tests;
@@ -61,6 +62,12 @@ pub const BUILTINS: &[Builtin] = &[
         about: "spheres of known albedo in an environment of radiance 1",
         shot: include_str!("../../../scenes/furnace.toml"),
         build: furnace::build,
+    },
+    Builtin {
+        name: "towers",
+        about: "streets at night between 100 towers with 10,000 lit windows, each a light",
+        shot: include_str!("../../../scenes/towers.toml"),
+        build: towers::build,
     },
 ];
 

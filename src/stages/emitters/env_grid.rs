@@ -78,3 +78,41 @@ fn overlaps(fine: usize, coarse: usize) -> Vec<Vec<(usize, f64)>> {
     };
     (0..fine).map(cells).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Extent;
+
+    #[test]
+    fn texels_fill_cells_evenly_and_all_that_they_touch() {
+        for (fine, coarse) in [(7, 7), (8, 4), (7, 3), (10, 9), (5, 1)] {
+            let mut filled = vec![0.0; coarse];
+            for (i, cells) in overlaps(fine, coarse).iter().enumerate() {
+                let sum: f64 = cells.iter().map(|c| c.1).sum();
+                // In texels' own widths: the whole texel, scaled to cells.
+                assert!((sum - coarse as f64 / fine as f64).abs() < 1e-12, "{fine} on {coarse}, texel {i}: {cells:?}");
+                cells.iter().for_each(|&(c, part)| filled[c] += part);
+            }
+            assert!(filled.iter().all(|f| (f - 1.0f64).abs() < 1e-12), "{fine} on {coarse}: {filled:?}");
+        }
+    }
+
+    #[test]
+    fn a_texel_in_a_shared_cell_keeps_its_light() {
+        let mut image = RgbImage::filled(Extent::new(64, 32), [0.0; 3]);
+        image.pixels[10 * 64 + 20] = [5.0; 3];
+        let grid = build_within(&image, 500).unwrap();
+        assert!(grid.width * grid.height <= 500);
+        let [x, y] = [20 * grid.width / 64, 10 * grid.height / 32];
+        assert!(grid.cells[(y * grid.width + x) as usize].density > 0.0);
+        let mean = grid.cells[..(grid.width * grid.height) as usize].iter().map(|c| f64::from(c.density)).sum::<f64>()
+            / f64::from(grid.width * grid.height);
+        assert!((mean - 1.0).abs() < 1e-5, "{mean}");
+    }
+
+    #[test]
+    fn an_image_without_light_has_no_grid() {
+        assert!(build(&RgbImage::filled(Extent::new(4, 2), [0.0; 3])).is_none());
+    }
+}

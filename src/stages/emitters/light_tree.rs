@@ -290,3 +290,97 @@ fn unpack_axis(packed: u32) -> DVec3 {
 fn signs(v: Vec2) -> Vec2 {
     Vec2::new(1f32.copysign(v.x), 1f32.copysign(v.y))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `n` one-sided, two-sided and round lights, strewn but repeatable.
+    fn lights(n: usize, spread: f64) -> Vec<Bounds> {
+        let strewn = |i: usize, k: u64| ((i as u64 * 2654435761 + k * 40503) % 1009) as f64 / 1009.0 - 0.5;
+        let light = |i| {
+            let at = DVec3::new(strewn(i, 1), strewn(i, 7), strewn(i, 13)) * spread;
+            let axis = DVec3::new(strewn(i, 3), strewn(i, 4), strewn(i, 5) + 0.01).normalize();
+            let cone = Cone { axis, normals: 0.0, emission: FRAC_PI_2, two_sided: i % 5 == 0 };
+            let cone = if i % 3 == 0 { Cone::ALL } else { cone };
+            let corners = [at, at + DVec3::X * 0.1, at + DVec3::Y * 0.1];
+            Bounds { corners, radius: 0.01 * (i % 2) as f64, cone, power: 0.1 + (i % 7) as f64 }
+        };
+        (0..n).map(light).collect()
+    }
+
+    fn float(word: u32) -> f64 {
+        f64::from(f32::from_bits(word))
+    }
+
+    /// Follows each light's trail, through nodes that hold it.
+    fn check(lights: &[Bounds]) {
+        let tree = build(lights);
+        assert_eq!(tree.nodes.len(), 2 * lights.len() - 1);
+        for (i, light) in lights.iter().enumerate() {
+            let (mut at, mut level) = (0usize, 0);
+            loop {
+                let node = tree.nodes[at];
+                let centre = DVec3::from_array([0, 1, 2].map(|k| float(node[k])));
+                let reach = light.corners.map(|c| centre.distance(c) + light.radius).into_iter().fold(0.0, f64::max);
+                assert!(reach <= float(node[3]), "light {i}, level {level}: {reach} > {}", float(node[3]));
+                let cosine = |word: u32| f64::from(word as u16 as i16) / 32767.0;
+                let two_sided = node[7] & TWO_SIDED != 0;
+                let widest = light.cone.widest_off(unpack_axis(node[5]), two_sided).min(PI);
+                assert!(two_sided || !light.cone.two_sided);
+                assert!(cosine(node[6]) <= widest.cos() && cosine(node[6] >> 16) <= light.cone.emission.cos());
+                if node[7] & LEAF != 0 {
+                    assert_eq!((node[7] & !(LEAF | TWO_SIDED)) as usize, i);
+                    break;
+                }
+                at = (node[7] & !TWO_SIDED) as usize + (tree.trails[i] >> level & 1) as usize;
+                level += 1;
+                assert!(level <= MAX_DEPTH);
+            }
+        }
+    }
+
+    #[test]
+    fn trails_lead_to_their_light_through_bounds_that_hold_it() {
+        for n in [1, 2, 3, 50, 3000] {
+            check(&lights(n, 10.0));
+        }
+        check(&lights(300, 1e9));
+    }
+
+    #[test]
+    fn lights_in_one_place_and_in_ever_shorter_steps_make_no_deep_tree() {
+        check(&lights(3000, 0.0));
+        let steps: Vec<_> = lights(200, 0.0)
+            .into_iter()
+            .enumerate()
+            .map(|(i, l)| Bounds { corners: [DVec3::X * 0.5f64.powi(i as i32); 3], radius: 0.0, ..l })
+            .collect();
+        check(&steps);
+    }
+
+    #[test]
+    fn axes_survive_packing() {
+        for i in 0..500 {
+            let axis = lights(500, 1.0)[i].cone.axis;
+            assert!(angle(axis, unpack_axis(pack_axis(axis.as_vec3()))) < 1e-4);
+        }
+        for axis in [Vec3::X, Vec3::NEG_Z, Vec3::NEG_Y] {
+            assert!(angle(axis.as_dvec3(), unpack_axis(pack_axis(axis))) < 1e-6);
+        }
+    }
+
+    #[test]
+    fn unions_hold_both_cones() {
+        let some = lights(60, 1.0);
+        for a in &some {
+            for b in &some {
+                let both = a.cone.union(b.cone);
+                for part in [a.cone, b.cone] {
+                    assert!(part.widest_off(both.axis, both.two_sided).min(PI) <= both.normals + 1e-9);
+                    assert!(part.emission <= both.emission);
+                }
+            }
+        }
+    }
+}

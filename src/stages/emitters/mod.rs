@@ -70,9 +70,13 @@ impl Emitters {
         for (prim, t) in accel.triangles.iter_mut().enumerate() {
             let material = t.material as usize;
             if per_area[material] > 0.0 {
-                t.light = spheres.len() as u32;
                 let two_sided = scene.materials[material].double_sided;
-                spheres.push(triangle_light(prim as u32, t, per_area[material], two_sided));
+                let (light, bounds) = triangle_light(prim as u32, t, per_area[material], two_sided);
+                // A scene without surfaces still has a triangle, without area.
+                if bounds.power > 0.0 {
+                    t.light = spheres.len() as u32;
+                    spheres.push((light, bounds));
+                }
             }
         }
         let (mut lights, bounds): (Vec<_>, Vec<_>) = spheres.into_iter().unzip();
@@ -171,7 +175,7 @@ fn triangle_light(prim: u32, t: &Triangle, radiance: f64, two_sided: bool) -> (L
     let axis = cross.try_normalize().unwrap_or(DVec3::Z);
     let cone = Cone { axis, normals: 0.0, emission: FRAC_PI_2, two_sided };
     let light = Light { kind: LIGHT_TRIANGLE, prim, axis: axis.as_vec3(), radius: area as f32, ..Light::default() };
-    (light, Bounds { corners, radius: 0.0, cone, power: (area * radiance).max(f64::MIN_POSITIVE) })
+    (light, Bounds { corners, radius: 0.0, cone, power: area * radiance })
 }
 
 /// An alias table over directional lights by their irradiance; they follow `first` others.
