@@ -30,6 +30,8 @@ struct Frame {
     // Begin and count of each group in `lights`: emissive triangles, local, directional.
     group_begin: vec4<u32>,
     group_count: vec4<u32>,
+    // Number of the frame's first sample: passes of one accumulation continue one another's sequences.
+    sample_base: u32,
 }
 
 struct Pass {

@@ -55,6 +55,8 @@ pub struct Frame {
     pub env_rotation: f32,
     pub group_begin: [u32; 4],
     pub group_count: [u32; 4],
+    pub sample_base: u32,
+    pub pad: [u32; 3],
 }
 
 /// Constants of a dispatch; `Pass` in `frame.inc.wgsl`.
