@@ -13,6 +13,8 @@ pub use checkpoint::{Checkpoint, CheckpointError};
 pub use fingerprint::{Fingerprint, Subject};
 pub use passes::{AccumulateError, Done, Job, Pass, accumulate};
 
+use std::fmt;
+
 use serde::Serialize;
 
 use crate::exec::Stereo;
@@ -42,6 +44,12 @@ pub struct Accumulation {
 pub struct Noise {
     pub rmse: f64,
     pub relmse: f64,
+}
+
+impl fmt::Display for Stereo<Noise> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "RMSE left {:.3e}, right {:.3e}", self.left.rmse, self.right.rmse)
+    }
 }
 
 impl Accumulation {

@@ -88,12 +88,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         say!("{say_origin}");
     } else if !options.quiet {
         say!("reference: {}", reference.origin);
-        if let Some(Stereo { left, right }) = &reference.noise {
-            say!(
-                "its own noise (RMSE): left {:.3e}, right {:.3e}; errors below it are not real",
-                left.rmse,
-                right.rmse
-            );
+        if let Some(noise) = &reference.noise {
+            say!("its own noise, below which no error is real: {noise}");
         }
     }
     let denoisers = if args.denoiser.is_empty() { Denoiser::value_variants() } else { &args.denoiser };

@@ -157,6 +157,9 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
     } else if !options.quiet {
         for reference in &report.references {
             say!("{reference}");
+            if let Some(noise) = &reference.noise {
+                say!("standard error of the mean: {noise}");
+            }
         }
         if total_s > 0.0 {
             say!(

@@ -92,9 +92,6 @@ impl fmt::Display for ReferenceRow {
         if self.out_of_time {
             write!(f, ", ended by the time limit")?;
         }
-        if let Some(noise) = &self.noise {
-            write!(f, "; noise (RMSE) left {:.3e}, right {:.3e}", noise.left.rmse, noise.right.rmse)?;
-        }
         match self.nonfinite_samples {
             0 => Ok(()),
             n => write!(f, "; {n} samples were not finite and count as black"),
