@@ -11,7 +11,6 @@ use common::diptych;
 use diptych::image::RgbImage;
 use diptych::image::exr::read_rgb;
 
-/// Below a pass's two halves of Sobol' samples, and above: small enough to be quick.
 const SIZE: &str = "24x14";
 
 struct Case {
@@ -27,8 +26,7 @@ impl Case {
         self.folder.path().join(name)
     }
 
-    /// `render` of the box into `out`; the last of an option that is given twice is no concern of clap's, so `options`
-    /// name the size if they want another.
+    /// `render` of the box into `out`, small unless `options` say otherwise.
     fn try_render(&self, out: &str, options: &[&str]) -> Output {
         let out = self.path(out);
         let mut args = vec!["render", "builtin:cornell", "--json", "--out", out.to_str().unwrap()];
@@ -197,7 +195,7 @@ fn the_time_limit_ends_with_what_was_reached() {
     case.assert_same_bytes("limited", "whole");
 }
 
-/// The furnace's sky and its white sphere's front show radiance 1 in every sample.
+/// Half of the picture is sky or the white sphere's front, which show radiance 1 in every sample.
 #[test]
 fn constant_radiance_does_not_drift_in_65536_samples() {
     let case = Case::new();
@@ -224,7 +222,7 @@ fn constant_radiance_does_not_drift_in_65536_samples() {
     let constant = image.pixels.iter().filter(|p| off(p) < 1e-4).count();
     let brightest = image.pixels.as_flattened().iter().copied().fold(0.0, f32::max);
     assert!(brightest < 1.0 + 1e-4, "light is made: {brightest}");
-    assert!(constant >= 4 && off(image.get(0, 0)) < 1e-4, "{constant} pixels show 1: {:?}", image.pixels);
+    assert!(constant >= 8, "{constant} pixels show 1: {:?}", image.pixels);
 }
 
 /// Passes continue one another's sequences: together they take the samples of one long frame.

@@ -48,7 +48,8 @@ pub struct Noise {
 
 impl fmt::Display for Stereo<Noise> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "RMSE left {:.3e}, right {:.3e}", self.left.rmse, self.right.rmse)
+        let [l, r] = [self.left, self.right];
+        write!(f, "RMSE {:.3e} left, {:.3e} right; relMSE {:.3e} and {:.3e}", l.rmse, r.rmse, l.relmse, r.relmse)
     }
 }
 

@@ -224,5 +224,5 @@ fn write_results(args: &Args, rows: &[Row], noise: Option<&Stereo<Noise>>) -> Re
 fn print_slope(slope: &Slope) {
     let Slope { denoiser, eye, slope, standard_error, points } = slope;
     let error = standard_error.map_or(String::new(), |e| format!(" ± {e:.3}"));
-    say!("{denoiser}, {eye} eye: error ∝ spp^{slope:.3}{error} over {points} settings (independent samples: -0.5)");
+    say!("{denoiser}, {eye} eye: √relMSE ∝ spp^{slope:.3}{error} over {points} settings (independent samples: -0.5)");
 }

@@ -12,8 +12,8 @@ use crate::metrics::Comparison;
 /// The metrics that tables show, in their order; others follow in files.
 const SHOWN: [&str; 6] = ["rmse", "relmse", "psnr", "ssim", "flip", "mean_ratio"];
 
-/// Errors below this many times the reference's own noise are not told apart from it.
-const NOISE_MARGIN: f64 = 2.0;
+/// A relMSE below this many times the reference's own is not told apart from it.
+const NOISE_MARGIN: f64 = 4.0;
 
 /// An eye's errors by name, as many as [`Comparison`] has.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -55,8 +55,8 @@ pub struct Row {
     pub time_ms_min: f64,
     pub time_ms_max: f64,
     pub errors: Stereo<Errors>,
-    /// RMSE of each repeat.
-    pub rmse_repeats: Stereo<Vec<f64>>,
+    /// relMSE of each repeat.
+    pub relmse_repeats: Stereo<Vec<f64>>,
     /// No other setting is both faster and better by both eyes' relMSE.
     pub on_front: bool,
 }
@@ -70,7 +70,7 @@ impl Row {
         times_ms: Vec<f64>,
         found: &Stereo<Vec<Comparison>>,
     ) -> Self {
-        let rmse = |c: &[Comparison]| c.iter().map(|c| c.rmse).collect();
+        let relmse = |c: &[Comparison]| c.iter().map(|c| c.relmse).collect();
         Self {
             denoiser,
             iterations,
@@ -79,7 +79,7 @@ impl Row {
             time_ms_max: times_ms.iter().copied().fold(0.0, f64::max),
             time_ms: median_of(times_ms),
             errors: Stereo { left: Errors::mean_of(&found.left), right: Errors::mean_of(&found.right) },
-            rmse_repeats: Stereo { left: rmse(&found.left), right: rmse(&found.right) },
+            relmse_repeats: Stereo { left: relmse(&found.left), right: relmse(&found.right) },
             on_front: false,
         }
     }
@@ -100,7 +100,7 @@ pub fn mark_front(rows: &mut [Row]) {
     }
 }
 
-/// Exponent of the error over samples per pixel: −0.5 for independent samples.
+/// Exponent of the error, √relMSE, over samples per pixel: −0.5 for independent samples.
 #[derive(Clone, Debug, Serialize)]
 pub struct Slope {
     pub denoiser: String,
@@ -122,41 +122,43 @@ pub fn log_slope(points: &[(f64, f64)]) -> Option<f64> {
     (spread > 0.0).then(|| logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum::<f64>() / spread)
 }
 
-/// Slopes per denoiser and eye. The reference's noise, which adds to every squared error, is taken off; settings whose
-/// error is lost in it are left out, as is 1 spp, whose sample goes through the pixel's centre and estimates another
-/// image.
+/// Slopes per denoiser and eye. The reference's noise, which adds to every relMSE, is taken off; settings whose error is
+/// lost in it are left out, as is 1 spp, whose sample goes through the pixel's centre and estimates another image.
 pub fn slopes(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Vec<Slope> {
-    let mut out = Vec::new();
     let mut denoisers: Vec<&str> = rows.iter().map(|r| r.denoiser.as_str()).collect();
     denoisers.dedup();
-    for denoiser in denoisers {
-        let own: Vec<&Row> = rows.iter().filter(|r| r.denoiser == denoiser && r.spp > 1).collect();
-        for (eye, repeats, noise) in [
-            ("left", (|r| &r.rmse_repeats.left) as fn(&Row) -> &Vec<f64>, noise.map_or(0.0, |n| n.left.rmse)),
-            ("right", |r| &r.rmse_repeats.right, noise.map_or(0.0, |n| n.right.rmse)),
-        ] {
-            let seen = own.iter().filter(|r| repeats(r).iter().all(|&e| e > NOISE_MARGIN * noise));
-            let lines: Vec<(f64, &Vec<f64>)> = seen.map(|r| (f64::from(r.spp), repeats(r))).collect();
-            let fit = |i: usize| {
-                let point =
-                    |(spp, rmse): &(f64, &Vec<f64>)| Some((*spp, (rmse.get(i)?.powi(2) - noise * noise).sqrt()));
-                log_slope(&lines.iter().map(point).collect::<Option<Vec<_>>>()?)
-            };
-            let fits: Vec<f64> = (0..lines.first().map_or(0, |l| l.1.len())).map_while(fit).collect();
-            if !fits.is_empty() {
-                let (slope, standard_error) = mean_and_error(&fits);
-                out.push(Slope { denoiser: denoiser.to_owned(), eye, slope, standard_error, points: lines.len() });
-            }
-        }
-    }
-    out
+    let of = |denoiser: &&str| {
+        let own = rows.iter().filter(|r| r.denoiser == *denoiser && r.spp > 1);
+        let eyes = own.map(|r| (r.spp, &r.relmse_repeats));
+        let left = eyes.clone().map(|(spp, e)| (spp, e.left.as_slice())).collect();
+        let right = eyes.map(|(spp, e)| (spp, e.right.as_slice())).collect();
+        [
+            slope(denoiser, "left", left, noise.map_or(0.0, |n| n.left.relmse)),
+            slope(denoiser, "right", right, noise.map_or(0.0, |n| n.right.relmse)),
+        ]
+    };
+    denoisers.iter().flat_map(of).flatten().collect()
 }
 
-fn mean_and_error(values: &[f64]) -> (f64, Option<f64>) {
+/// Through the relMSE of each repeat, by samples per pixel.
+fn slope(denoiser: &str, eye: &'static str, mut settings: Vec<(u32, &[f64])>, noise: f64) -> Option<Slope> {
+    settings.retain(|(_, repeats)| repeats.iter().all(|&e| e > NOISE_MARGIN * noise));
+    let fit = |i: usize| {
+        let point = |(spp, repeats): &(u32, &[f64])| Some((f64::from(*spp), (repeats.get(i)? - noise).sqrt()));
+        log_slope(&settings.iter().map(point).collect::<Option<Vec<_>>>()?)
+    };
+    let fits: Vec<f64> = (0..settings.first()?.1.len()).map_while(fit).collect();
+    let (slope, standard_error) = mean_and_error(&fits)?;
+    Some(Slope { denoiser: denoiser.to_owned(), eye, slope, standard_error, points: settings.len() })
+}
+
+/// Mean and its standard error, which takes two values; none of no values.
+fn mean_and_error(values: &[f64]) -> Option<(f64, Option<f64>)> {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
     let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
-    (mean, (values.len() > 1).then(|| (squares / (n - 1.0) / n).sqrt()))
+    let error = (values.len() > 1).then(|| (squares / (n - 1.0) / n).sqrt());
+    (!values.is_empty()).then_some((mean, error))
 }
 
 /// What all rows of a table share: names and values of columns.
@@ -228,12 +230,12 @@ pub fn table(rows: &[Row], noise: Option<&Stereo<Noise>>) -> String {
     for row in rows {
         let of = |n: fn(&Stereo<Noise>) -> f64| noise.map_or(0.0, n);
         for (eye, errors, noise) in
-            [("left", &row.errors.left, of(|n| n.left.rmse)), ("right", &row.errors.right, of(|n| n.right.rmse))]
+            [("left", &row.errors.left, of(|n| n.left.relmse)), ("right", &row.errors.right, of(|n| n.right.rmse))]
         {
             let mut line =
                 vec![row.denoiser.clone(), row.spp.to_string(), format!("{:.1}", row.time_ms), eye.to_owned()];
             line.extend(metrics.iter().map(|m| errors.get(m).map_or("-".into(), |v| format!("{v:.4}"))));
-            let is_lost = errors.get("rmse").is_some_and(|e| e < NOISE_MARGIN * noise);
+            let is_lost = errors.get("relmse").is_some_and(|e| e < NOISE_MARGIN * noise);
             let front = if row.on_front { "front" } else { "" };
             line.push(if is_lost { "within the reference's noise".into() } else { front.to_owned() });
             lines.push(line);
@@ -265,8 +267,8 @@ mod tests {
 
     #[test]
     fn the_references_noise_is_taken_off_and_one_sample_left_out() {
-        let floor = Noise { rmse: 0.01, relmse: 0.0 };
-        let noise = Stereo { left: floor, right: Noise { rmse: 0.02, ..floor } };
+        // The relMSE of a flat image to a black one is 100 times its square.
+        let noise = Stereo { left: Noise { rmse: 0.01, relmse: 0.01 }, right: Noise { rmse: 0.02, relmse: 0.04 } };
         let seen = |n: f64| (0.16 / n + 1e-4).sqrt();
         // At 4096 samples the error is below the noise, at 1 it is that of another estimator.
         let spps = [1u32, 2, 8, 64, 4096];
@@ -306,7 +308,8 @@ mod tests {
 
     #[test]
     fn errors_within_the_noise_are_said_to_be() {
-        let noise = Stereo { left: Noise { rmse: 0.3, relmse: 0.0 }, right: Noise { rmse: 0.3, relmse: 0.0 } };
+        let floor = Noise { rmse: 0.3, relmse: 10.0 };
+        let noise = Stereo { left: floor, right: floor };
         let text = table(&[row("none", 4, 12.5, &[0.5])], Some(&noise));
         let noted: Vec<bool> = text.lines().skip(2).map(|l| l.contains("noise")).collect();
         assert_eq!(noted, [true, false], "{text}");
