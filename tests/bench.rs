@@ -54,7 +54,7 @@ fn errors_fall_as_the_square_root_of_samples() {
         for found in slopes {
             println!("{sampler}: {found}");
             let [slope, error] = ["slope", "standard_error"].map(|name| found[name].as_f64().unwrap());
-            assert!(error < 0.02 && found["points"] == 3, "too coarse to tell: {found}");
+            assert!(error < 0.01 && found["points"] == 3, "too coarse to tell: {found}");
             assert!(slope < -0.5 + T * error, "{sampler}: {found}");
             assert!(sampler == "sobol" || slope > -0.5 - T * error, "{sampler}: {found}");
         }
