@@ -230,7 +230,7 @@ pub fn table(rows: &[Row], noise: Option<&Stereo<Noise>>) -> String {
     for row in rows {
         let of = |n: fn(&Stereo<Noise>) -> f64| noise.map_or(0.0, n);
         for (eye, errors, noise) in
-            [("left", &row.errors.left, of(|n| n.left.relmse)), ("right", &row.errors.right, of(|n| n.right.rmse))]
+            [("left", &row.errors.left, of(|n| n.left.relmse)), ("right", &row.errors.right, of(|n| n.right.relmse))]
         {
             let mut line =
                 vec![row.denoiser.clone(), row.spp.to_string(), format!("{:.1}", row.time_ms), eye.to_owned()];
@@ -308,7 +308,7 @@ mod tests {
 
     #[test]
     fn errors_within_the_noise_are_said_to_be() {
-        let floor = Noise { rmse: 0.3, relmse: 10.0 };
+        let floor = Noise { rmse: 100.0, relmse: 10.0 };
         let noise = Stereo { left: floor, right: floor };
         let text = table(&[row("none", 4, 12.5, &[0.5])], Some(&noise));
         let noted: Vec<bool> = text.lines().skip(2).map(|l| l.contains("noise")).collect();
