@@ -11,5 +11,6 @@ pub mod device;
 pub mod stages;
 pub mod exec;
 pub mod metrics;
+pub mod accumulation;
 pub mod trace;
 pub mod report;

@@ -36,8 +36,9 @@ struct Frame {
     directional_lights: u32,
     env_grid_width: u32,
     env_grid_height: u32,
-    pad2: u32,
-    pad3: u32,
+    // Number of the frame's first sample: passes of one accumulation continue one another's sequences.
+    sample_base: u32,
+    pad: u32,
 }
 
 struct Pass {

@@ -24,12 +24,13 @@ fn hash_combine(a: u32, b: u32) -> u32 {
     return pcg_hash(a ^ pcg_hash(b + 0x9e3779b9u));
 }
 
+// `sample` counts from the frame's first.
 fn rng_for(pixel: vec2<u32>, view: u32, sample: u32) -> Rng {
     var key = hash_combine(frame.seed, frame.index);
     key = hash_combine(key, view);
     key = hash_combine(key, pixel.x);
     key = hash_combine(key, pixel.y);
-    return Rng(key, sample, 0u);
+    return Rng(key, frame.sample_base + sample, 0u);
 }
 
 fn unit_float(bits: u32) -> f32 {

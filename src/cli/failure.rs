@@ -3,6 +3,7 @@
 use std::process::ExitCode;
 
 use diptych::accel::AccelError;
+use diptych::accumulation::{AccumulateError, CheckpointError};
 use diptych::device::DeviceError;
 use diptych::graph::StripesError;
 use diptych::image::ImageError;
@@ -70,5 +71,24 @@ impl From<diptych::exec::ExecError> for Failure {
 impl From<ImageError> for Failure {
     fn from(error: ImageError) -> Self {
         Self::Run(error.into())
+    }
+}
+
+/// What is there is the user's to mend.
+impl From<CheckpointError> for Failure {
+    fn from(error: CheckpointError) -> Self {
+        match error {
+            CheckpointError::Write(_) => Self::Run(error.into()),
+            _ => Self::Input(error.into()),
+        }
+    }
+}
+
+impl From<AccumulateError> for Failure {
+    fn from(error: AccumulateError) -> Self {
+        match error {
+            AccumulateError::Exec(error) => error.into(),
+            AccumulateError::Checkpoint(error) => error.into(),
+        }
     }
 }

@@ -8,12 +8,14 @@ macro_rules! say {
     }};
 }
 
+mod bench;
 mod compare;
 mod devices;
 mod failure;
 mod options;
 mod output;
 mod progress;
+mod reference;
 mod render;
 mod scale;
 mod scenes;
@@ -38,6 +40,8 @@ enum Command {
     Render(render::Args),
     /// Render the same frames at several device counts: table, CSV, plot
     Scale(scale::Args),
+    /// Measure run time against error over a grid of settings: table, CSV, plot
+    Bench(bench::Args),
     /// Compare an image with a reference: RMSE, relMSE, PSNR, SSIM, FLIP, mean ratio; by ring and by seam
     Compare(compare::Args),
     /// Check a trace-file and sum it up: busy, transfer, idle per device, overlap, imbalance
@@ -62,6 +66,7 @@ pub fn run() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Render(args) => render::run(&args),
         Command::Scale(args) => scale::run(&args),
+        Command::Bench(args) => bench::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Trace(args) => trace::run(&args),
         Command::Devices(args) => devices::run(&args),

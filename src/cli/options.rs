@@ -1,5 +1,6 @@
 //! Options that the rendering commands share.
 
+use std::ops::Deref;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
@@ -52,8 +53,9 @@ pub enum Switch {
     Off,
 }
 
-#[derive(Args, Debug)]
-pub struct RenderOptions {
+/// Options of every command that renders.
+#[derive(Args, Clone, Debug)]
+pub struct RunOptions {
     /// A shot (.toml), a .gltf/.glb, or builtin:NAME
     #[arg(default_value = "builtin:atrium")]
     pub shot: String,
@@ -75,9 +77,6 @@ pub struct RenderOptions {
     /// Share of rows per device, as 5,1,2; of a stage as atrous=1,1,2; of a stage and view as path_trace.left=5,1,2
     #[arg(long, value_name = "A,B,…")]
     pub ratios: Vec<RatioRule>,
-    /// Samples per pixel
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
-    pub spp: u32,
     /// Reflections that light takes to the eye; direct light is always there, so 0 and 1 are alike
     #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(0..=1024))]
     pub bounces: u32,
@@ -85,8 +84,6 @@ pub struct RenderOptions {
     pub seed: u32,
     #[arg(long, default_value = "sobol")]
     pub sampler: Sampler,
-    #[arg(long, default_value = "atrous")]
-    pub denoiser: Denoiser,
     /// Iterations of the denoiser
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(0..=10))]
     pub iterations: u32,
@@ -102,20 +99,9 @@ pub struct RenderOptions {
     /// Seconds along the camera path
     #[arg(long, default_value_t = 0.0, value_name = "T", allow_negative_numbers = true)]
     pub time: f64,
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
-    pub frames: u32,
-    /// Frames per second of the camera path
-    #[arg(long, default_value_t = 72.0)]
-    pub fps: f64,
     /// Upper bound of indirect radiance; biased
     #[arg(long, value_name = "V")]
     pub clamp: Option<f32>,
-    /// Unbiased: no denoiser, no reprojection
-    #[arg(long)]
-    pub reference: bool,
-    /// Auxiliary images to write
-    #[arg(long, value_delimiter = ',', value_name = "LIST")]
-    pub aov: Vec<Aov>,
     /// Write a trace-file (Chrome trace events; opens in Perfetto)
     #[arg(long, value_name = "FILE")]
     pub trace: Option<PathBuf>,
@@ -133,28 +119,9 @@ pub struct RenderOptions {
     pub json: bool,
 }
 
-impl RenderOptions {
-    pub fn iterations(&self) -> u32 {
-        match self.denoiser {
-            Denoiser::None => 0,
-            Denoiser::Atrous if self.reference => 0,
-            Denoiser::Atrous => self.iterations,
-        }
-    }
-
-    /// The auxiliary images asked for, each once.
-    pub fn aovs(&self) -> Vec<Aov> {
-        let mut once = Vec::new();
-        for &aov in &self.aov {
-            if !once.contains(&aov) {
-                once.push(aov);
-            }
-        }
-        once
-    }
-
+impl RunOptions {
     pub fn reprojects(&self) -> bool {
-        self.reproject == Switch::On && !self.reference
+        self.reproject == Switch::On
     }
 
     pub fn seam(&self) -> Seam {
@@ -174,10 +141,8 @@ impl RenderOptions {
     /// What clap cannot see.
     pub fn check(&self) -> Result<(), anyhow::Error> {
         anyhow::ensure!(self.time.is_finite(), "--time {} is not a number of seconds", self.time);
-        anyhow::ensure!(self.fps.is_finite() && self.fps > 0.0, "--fps {} is not a rate above 0", self.fps);
         if let Some(clamp) = self.clamp {
             anyhow::ensure!(clamp.is_finite() && clamp > 0.0, "--clamp {clamp} is not a radiance above 0");
-            anyhow::ensure!(!self.reference, "--clamp is biased, --reference is not: leave one out");
         }
         anyhow::ensure!(
             self.balance() != Balance::Static || !self.ratios.is_empty(),
@@ -188,5 +153,67 @@ impl RenderOptions {
             "--ratios are for --balance static"
         );
         Ok(())
+    }
+}
+
+/// Options of commands that render every frame alike.
+#[derive(Args, Clone, Debug)]
+pub struct RenderOptions {
+    #[command(flatten)]
+    pub run: RunOptions,
+    /// Samples per pixel
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    pub spp: u32,
+    #[arg(long, default_value = "atrous")]
+    pub denoiser: Denoiser,
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    pub frames: u32,
+    /// Frames per second of the camera path
+    #[arg(long, default_value_t = 72.0)]
+    pub fps: f64,
+    /// Auxiliary images to write
+    #[arg(long, value_delimiter = ',', value_name = "LIST")]
+    pub aov: Vec<Aov>,
+}
+
+impl Deref for RenderOptions {
+    type Target = RunOptions;
+
+    fn deref(&self) -> &RunOptions {
+        &self.run
+    }
+}
+
+/// Most samples of one frame; beyond, they are taken in passes.
+const MAX_FRAME_SPP: u32 = 1 << 20;
+
+impl RenderOptions {
+    pub fn iterations(&self) -> u32 {
+        match self.denoiser {
+            Denoiser::None => 0,
+            Denoiser::Atrous => self.iterations,
+        }
+    }
+
+    /// The auxiliary images asked for, each once.
+    pub fn aovs(&self) -> Vec<Aov> {
+        let mut once = Vec::new();
+        for &aov in &self.aov {
+            if !once.contains(&aov) {
+                once.push(aov);
+            }
+        }
+        once
+    }
+
+    /// What clap cannot see.
+    pub fn check(&self) -> Result<(), anyhow::Error> {
+        anyhow::ensure!(self.fps.is_finite() && self.fps > 0.0, "--fps {} is not a rate above 0", self.fps);
+        anyhow::ensure!(
+            self.spp <= MAX_FRAME_SPP,
+            "--spp {} is more than the {MAX_FRAME_SPP} of one frame: --reference takes them in passes",
+            self.spp
+        );
+        self.run.check()
     }
 }

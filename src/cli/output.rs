@@ -11,11 +11,11 @@ use diptych::stages::Aov;
 
 use super::failure::Failure;
 
-/// Makes the folder and checks that files can be made in it, before anything is rendered for it.
-pub fn prepare(dir: &Path) -> Result<(), Failure> {
+/// Makes the folder that `option` names and checks that files can be made in it, before anything is rendered for it.
+pub fn prepare(dir: &Path, option: &str) -> Result<(), Failure> {
     std::fs::create_dir_all(dir)
         .and_then(|()| tempfile_in(dir))
-        .with_context(|| format!("cannot write into '{}': choose another --out", dir.display()))
+        .with_context(|| format!("cannot write into '{}': choose another {option}", dir.display()))
         .map_err(Failure::Run)
 }
 

@@ -11,10 +11,19 @@ pub struct Progress {
 
 impl Progress {
     pub fn new(steps: u64, quiet: bool, json: bool) -> Self {
+        Self::with_template(steps, "{bar:30} {pos}/{len} {msg} {eta}", quiet, json)
+    }
+
+    /// Counts samples per pixel; the message says how long.
+    pub fn samples(spp: u64, quiet: bool, json: bool) -> Self {
+        Self::with_template(spp, "{bar:30} {pos}/{len} spp {msg}", quiet, json)
+    }
+
+    fn with_template(steps: u64, template: &str, quiet: bool, json: bool) -> Self {
         let shown = !quiet && !json && std::io::stderr().is_terminal();
         let bar = shown.then(|| {
             let bar = ProgressBar::new(steps);
-            let style = ProgressStyle::with_template("{bar:30} {pos}/{len} {msg} {eta}");
+            let style = ProgressStyle::with_template(template);
             bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
             bar
         });
@@ -35,10 +44,24 @@ impl Progress {
     /// A finished step.
     pub fn step(&self, message: String, event: &serde_json::Value) {
         if let Some(bar) = &self.bar {
-            bar.set_message(message);
             bar.inc(1);
         }
-        if self.json {
+        self.say(message, Some(event));
+    }
+
+    /// How many steps are done by now.
+    pub fn at(&self, position: u64, message: String, event: Option<&serde_json::Value>) {
+        if let Some(bar) = &self.bar {
+            bar.set_position(position);
+        }
+        self.say(message, event);
+    }
+
+    fn say(&self, message: String, event: Option<&serde_json::Value>) {
+        if let Some(bar) = &self.bar {
+            bar.set_message(message);
+        }
+        if let Some(event) = event.filter(|_| self.json) {
             say!("{event}");
         }
     }

@@ -1,13 +1,16 @@
 //! `diptych render`.
 
-use diptych::report::run::{FrameRow, RunReport};
+use diptych::exec::Renderer;
+use diptych::report::run::{FrameRow, ReferenceRow, RunReport};
+use diptych::stages::Aov;
 use diptych::trace::frames::record_devices;
 
 use super::failure::Failure;
 use super::options::RenderOptions;
 use super::output::{self, FrameImages};
 use super::progress::Progress;
-use super::setup::{self, Tracing};
+use super::reference::{self, PassOptions, Plan};
+use super::setup::{self, Loaded, Tracing};
 
 #[derive(clap::Args, Debug)]
 pub struct Args {
@@ -16,6 +19,11 @@ pub struct Args {
     /// Virtual devices on each chosen adapter
     #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64))]
     virtual_devices: u16,
+    /// Unbiased: no denoiser, no reprojection; samples are accumulated in passes, any number of them
+    #[arg(long)]
+    reference: bool,
+    #[command(flatten)]
+    passes: PassOptions,
     /// Also write both eyes as a red-cyan anaglyph
     #[arg(long)]
     anaglyph: bool,
@@ -24,9 +32,18 @@ pub struct Args {
     overlay: bool,
 }
 
+/// What a run has come to.
+#[derive(Default)]
+struct Rows {
+    frames: Vec<FrameRow>,
+    references: Vec<ReferenceRow>,
+}
+
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let options = &args.options;
-    output::prepare(&options.out)?;
+    let plan = args.reference.then(|| Plan::new(&args.options, args.passes.clone())).transpose()?;
+    let options = plan.as_ref().map_or(&args.options, |p| &p.options);
+    options.check().map_err(Failure::Input)?;
+    output::prepare(&options.out, "--out")?;
     let tracing = Tracing::start(options)?;
     let progress = Progress::new(u64::from(options.frames), options.quiet, options.json);
     progress.phase("loading");
@@ -34,31 +51,94 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     for warning in &loaded.scene.warnings {
         eprintln!("warning: {warning}");
     }
+    if let Some(plan) = &plan {
+        plan.prepare(&loaded, "--passes-out")?;
+    }
     let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
     progress.phase("warming up");
     let mut renderer = setup::renderer(options, &loaded, gpus, tracing.recorder.origin())?;
     record_devices(&tracing.recorder, renderer.devices());
-    let mut rows = Vec::new();
+    let mut rows = Rows::default();
     for i in 0..options.frames {
-        let time_s = options.time + f64::from(i) / options.fps;
-        let frame = renderer.render(&loaded.shot.rig, time_s, i)?;
-        tracing.record(options, &frame);
-        let mut images = FrameImages::read(&renderer, &options.aovs())?;
-        if args.overlay {
-            images.overlay(frame.stripe_edges());
+        match &plan {
+            None => plain_frame(args, &loaded, &mut renderer, i, &tracing, &progress, &mut rows)?,
+            Some(plan) => {
+                progress.finish();
+                reference_frame(args, plan, &loaded, &mut renderer, i, &tracing, &mut rows)?;
+            }
         }
-        images.write(&options.out, (options.frames > 1).then_some(i), args.anaglyph)?;
-        let row = FrameRow::new(&frame, &setup::frame_settings(options), options.size);
-        let event = serde_json::json!({ "event": "frame", "index": i, "makespan_ms": row.makespan_ms });
-        progress.step(format!("{:.1} ms", row.makespan_ms), &event);
-        rows.push(row);
     }
     progress.finish();
-    let settings = setup::run_settings(options, renderer.policy_name());
-    let report = RunReport::new(settings, renderer.devices(), &loaded.scene, loaded.needs, !options.no_skip, rows);
+    let mut settings = setup::run_settings(options, renderer.policy_name());
+    settings.reference = args.reference;
+    let devices = renderer.devices();
+    let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, rows.frames);
+    report.references = rows.references;
     report.write(&options.out.join("run.json"))?;
     tracing.finish()?;
     conclude(options, &report);
+    Ok(())
+}
+
+fn plain_frame(
+    args: &Args,
+    loaded: &Loaded,
+    renderer: &mut Renderer,
+    index: u32,
+    tracing: &Tracing,
+    progress: &Progress,
+    rows: &mut Rows,
+) -> Result<(), Failure> {
+    let options = &args.options;
+    let time_s = options.time + f64::from(index) / options.fps;
+    let frame = renderer.render(&loaded.shot.rig, time_s, index)?;
+    tracing.record(options, &frame);
+    let mut images = FrameImages::read(renderer, &options.aovs())?;
+    if args.overlay {
+        images.overlay(frame.stripe_edges());
+    }
+    images.write(&options.out, (options.frames > 1).then_some(index), args.anaglyph)?;
+    let row = FrameRow::new(&frame, &setup::frame_settings(options), options.size);
+    let event = serde_json::json!({ "event": "frame", "index": index, "makespan_ms": row.makespan_ms });
+    progress.step(format!("{:.1} ms", row.makespan_ms), &event);
+    rows.frames.push(row);
+    Ok(())
+}
+
+/// Auxiliary images are those of the first pass, whatever was there before.
+fn reference_frame(
+    args: &Args,
+    plan: &Plan,
+    loaded: &Loaded,
+    renderer: &mut Renderer,
+    index: u32,
+    tracing: &Tracing,
+    rows: &mut Rows,
+) -> Result<(), Failure> {
+    let options = &plan.options;
+    let begun = plan.begun(loaded, index)?;
+    let done = plan.accumulate(renderer, loaded, index, begun, tracing)?;
+    let mut images = FrameImages {
+        linear: done.accumulation.mean(),
+        display: reference::display(&done.accumulation, loaded.shot.exposure_ev),
+        aovs: Vec::new(),
+    };
+    if !options.aov.is_empty() {
+        renderer.render(&loaded.shot.rig, plan.time_s(index), index)?;
+        images.aovs = FrameImages::read(renderer, &options.aovs())?.aovs;
+        for (_, spp) in images.aovs.iter_mut().filter(|(aov, _)| *aov == Aov::Spp) {
+            spp.left.iter_mut().chain(&mut spp.right).for_each(|plane| plane.fill(done.row.spp as f32));
+        }
+    }
+    if let Some(report) = done.report {
+        if args.overlay {
+            images.overlay(report.stripe_edges());
+        }
+        let quality = diptych::report::run::Quality { spp: done.row.spp, ..setup::frame_settings(options) };
+        rows.frames.push(FrameRow::new(&report, &quality, options.size));
+    }
+    images.write(&options.out, (options.frames > 1).then_some(index), args.anaglyph)?;
+    rows.references.push(done.row);
     Ok(())
 }
 
@@ -69,16 +149,28 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
     let total_s: f64 = report.frames.iter().map(|f| f.makespan_ms).sum::<f64>() * 1e-3;
     if options.json {
         let out = options.out.display().to_string();
-        say!("{}", serde_json::json!({ "event": "result", "out": out, "median_makespan_ms": median }));
+        let mut result = serde_json::json!({ "event": "result", "out": out, "median_makespan_ms": median });
+        if !report.references.is_empty() {
+            result["references"] = serde_json::json!(report.references);
+        }
+        say!("{result}");
     } else if !options.quiet {
-        say!(
-            "{} frame(s) of {} on {} device(s): median makespan {median:.1} ms, {:.2} Mrays/s, holes {:.1} %",
-            report.frames.len(),
-            report.scene.name,
-            report.devices.len(),
-            rays as f64 / total_s * 1e-6,
-            100.0 * report.frames.last().map_or(0.0, |f| f.hole_fraction),
-        );
+        for reference in &report.references {
+            say!("{reference}");
+            if let Some(noise) = &reference.noise {
+                say!("standard error of the mean: {noise}");
+            }
+        }
+        if total_s > 0.0 {
+            say!(
+                "{} frame(s) of {} on {} device(s): median makespan {median:.1} ms, {:.2} Mrays/s, holes {:.1} %",
+                report.frames.len(),
+                report.scene.name,
+                report.devices.len(),
+                rays as f64 / total_s * 1e-6,
+                100.0 * report.frames.last().map_or(0.0, |f| f.hole_fraction),
+            );
+        }
         say!("pictures and run.json: {}", options.out.display());
         if let Some(trace) = &options.trace {
             say!("trace: {} (open it in https://ui.perfetto.dev)", trace.display());

@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use diptych::exec::{FrameReport, TimedTask};
 use diptych::image::file::atomic_write;
-use diptych::report::{Axis, Chart, Series, line_chart_svg, text_table};
+use diptych::report::{Axis, Chart, Series, line_chart_svg, median_of, text_table};
 use diptych::trace::frames::record_devices;
 
 use super::failure::Failure;
@@ -52,7 +52,8 @@ struct Row {
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let options = &args.options;
-    output::prepare(&options.out)?;
+    options.check().map_err(Failure::Input)?;
+    output::prepare(&options.out, "--out")?;
     let tracing = Tracing::start(options)?;
     let loaded = setup::load(options)?;
     let timed = options.frames.max(REPEATS);
@@ -104,7 +105,7 @@ fn measure(
             frames.push(frame);
         }
     }
-    let median = |f: &dyn Fn(&FrameReport) -> f64| middle(frames.iter().map(f).collect());
+    let median = |f: &dyn Fn(&FrameReport) -> f64| median_of(frames.iter().map(f).collect());
     let makespan_ms = median(&|f| f.makespan_ms);
     let (base_devices, base_ms) = base.unwrap_or((devices, makespan_ms));
     let speedup = base_ms / makespan_ms;
@@ -136,11 +137,6 @@ fn busy_ms(frame: &FrameReport, devices: usize) -> Vec<f64> {
 fn transfer_ms(frame: &FrameReport) -> f64 {
     let transfers = frame.tasks.iter().filter(|t| !matches!(t.kind, TimedTask::Gpu(_)));
     transfers.map(|t| t.end_ms - t.begin_ms).fold(0.0, |sum, ms| sum + ms)
-}
-
-fn middle(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
 }
 
 fn write_results(args: &Args, rows: &[Row]) -> Result<(), Failure> {

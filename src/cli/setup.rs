@@ -17,7 +17,7 @@ use diptych::trace::frames::{FrameKnobs, record_frame};
 use diptych::trace::{Recorder, TraceFile};
 
 use super::failure::Failure;
-use super::options::{Balance, RenderOptions};
+use super::options::{Balance, RenderOptions, RunOptions};
 
 /// A scene ready to be put on devices.
 pub struct Loaded {
@@ -27,8 +27,7 @@ pub struct Loaded {
     pub tables: Arc<SceneTables>,
 }
 
-pub fn load(options: &RenderOptions) -> Result<Loaded, Failure> {
-    options.check().map_err(Failure::Input)?;
+pub fn load(options: &RunOptions) -> Result<Loaded, Failure> {
     let _span = tracing::info_span!("load scene").entered();
     let (shot, scene) = load_shot(&options.shot)?;
     let needs = SceneNeeds::of(&scene);
@@ -40,7 +39,7 @@ pub fn load(options: &RenderOptions) -> Result<Loaded, Failure> {
     Ok(Loaded { shot, scene, needs, tables: Arc::new(tables) })
 }
 
-pub fn open_devices(options: &RenderOptions, virtual_devices: usize) -> Result<Vec<GpuDevice>, Failure> {
+pub fn open_devices(options: &RunOptions, virtual_devices: usize) -> Result<Vec<GpuDevice>, Failure> {
     let selection = Selection {
         adapters: options.devices.clone(),
         virtual_devices,
@@ -50,7 +49,7 @@ pub fn open_devices(options: &RenderOptions, virtual_devices: usize) -> Result<V
     Ok(device::open(&selection)?)
 }
 
-fn policy(options: &RenderOptions, devices: usize) -> Result<Box<dyn Policy>, Failure> {
+fn policy(options: &RunOptions, devices: usize) -> Result<Box<dyn Policy>, Failure> {
     let height = options.size.height;
     Ok(match options.balance() {
         Balance::Even => Box::new(Even::new(height, devices)),
@@ -95,7 +94,7 @@ pub struct Tracing {
 }
 
 impl Tracing {
-    pub fn start(options: &RenderOptions) -> Result<Self, Failure> {
+    pub fn start(options: &RunOptions) -> Result<Self, Failure> {
         let file = options.trace.as_deref().map(TraceFile::start).transpose().map_err(anyhow::Error::from)?;
         let recorder = file.as_ref().map_or_else(Recorder::off, TraceFile::recorder);
         Ok(Self { file, recorder })
@@ -130,7 +129,7 @@ pub fn run_settings(options: &RenderOptions, policy: &'static str) -> RunSetting
         denoiser: if options.iterations() == 0 { "none".into() } else { name(&options.denoiser) },
         seam: name(&options.seam),
         reproject: options.reprojects(),
-        reference: options.reference,
+        reference: false,
         time_s: options.time,
         fps: options.fps,
         indirect_clamp: options.clamp,
@@ -139,6 +138,6 @@ pub fn run_settings(options: &RenderOptions, policy: &'static str) -> RunSetting
 }
 
 /// An option's value as it is typed.
-fn name(value: &impl clap::ValueEnum) -> String {
+pub fn name(value: &impl clap::ValueEnum) -> String {
     value.to_possible_value().map_or_else(String::new, |v| v.get_name().to_owned())
 }

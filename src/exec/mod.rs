@@ -109,7 +109,7 @@ pub struct Tally {
 }
 
 /// Both eyes.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
 pub struct Stereo<T> {
     pub left: T,
     pub right: T,
@@ -180,11 +180,23 @@ impl Renderer {
 
     /// Renders the frame that the rig sees at `time_s`. `index` keys its random numbers.
     pub fn render(&mut self, rig: &Rig, time_s: f64, index: u32) -> Result<FrameReport, ExecError> {
+        self.render_samples(rig, time_s, index, 0..self.settings.stages.spp)
+    }
+
+    /// [`Self::render`] with only these of the samples that the frame's sequences have, at most
+    /// [`StageSettings::spp`] of them.
+    pub fn render_samples(
+        &mut self,
+        rig: &Rig,
+        time_s: f64,
+        index: u32,
+        samples: Range<u32>,
+    ) -> Result<FrameReport, ExecError> {
         let _span = tracing::info_span!("frame", frame = index).entered();
         let begin = Instant::now();
         let (assignment, graph) = self.plan();
         let plan_ms = begin.elapsed().as_secs_f64() * 1e3;
-        let constants = self.constants(rig, time_s, index);
+        let constants = self.constants(rig, time_s, index, samples);
         let previous = self.previous.unwrap_or(constants.views);
         self.previous = Some(constants.views);
         for (device, worker) in self.workers.iter().enumerate() {
@@ -217,7 +229,7 @@ impl Renderer {
         (assignment, graph)
     }
 
-    fn constants(&self, rig: &Rig, time_s: f64, index: u32) -> layout::Frame {
+    fn constants(&self, rig: &Rig, time_s: f64, index: u32, samples: Range<u32>) -> layout::Frame {
         let extent = self.spec.extent;
         let aspect = f64::from(extent.width) / f64::from(extent.height);
         let mut frame = layout::Frame {
@@ -226,7 +238,8 @@ impl Renderer {
             height: extent.height,
             index,
             seed: self.settings.seed,
-            spp: self.settings.stages.spp,
+            spp: samples.end - samples.start,
+            sample_base: samples.start,
             reflections: self.settings.bounces.max(1),
             indirect_clamp: self.settings.indirect_clamp,
             exposure: self.settings.exposure_ev.exp2(),

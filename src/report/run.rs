@@ -1,12 +1,14 @@
 //! `run.json`: what was run, on what, and what each frame took.
 
+use std::fmt;
 use std::io::Write;
 use std::path::Path;
 
 use serde::Serialize;
 
+use crate::accumulation::Noise;
 use crate::device::DeviceInfo;
-use crate::exec::{FrameReport, TaskTiming};
+use crate::exec::{FrameReport, Stereo, TaskTiming};
 use crate::graph::Stage;
 use crate::image::file::atomic_write;
 use crate::image::{Extent, ImageError};
@@ -14,6 +16,8 @@ use crate::scene::Scene;
 use crate::scene::needs::SceneNeeds;
 use crate::scene::rig::Eye;
 use crate::stages::HoleReason;
+
+use super::median_of;
 
 /// The settings of a run, as its options gave them.
 #[derive(Clone, Debug, Serialize)]
@@ -57,6 +61,45 @@ pub struct SceneSummary {
     pub warnings: Vec<String>,
 }
 
+/// How far a frame's accumulation has come.
+#[derive(Clone, Debug, Serialize)]
+pub struct ReferenceRow {
+    pub index: u32,
+    /// Samples per pixel taken, by this run and those it goes on from.
+    pub spp: u32,
+    pub spp_wanted: u32,
+    /// Taken by earlier runs.
+    pub spp_resumed: u32,
+    pub pass_spp: u32,
+    /// Passes of this run, and how long they took.
+    pub passes: u32,
+    pub elapsed_s: f64,
+    /// Whether the time limit ended it.
+    pub out_of_time: bool,
+    /// Of both eyes, earlier runs included.
+    pub nonfinite_samples: u64,
+    /// Standard error of the mean; `null` before there are two passes.
+    pub noise: Option<Stereo<Noise>>,
+}
+
+impl fmt::Display for ReferenceRow {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} of {} samples per pixel", self.spp, self.spp_wanted)?;
+        if self.spp_resumed > 0 {
+            write!(f, ", {} of them from earlier runs", self.spp_resumed)?;
+        }
+        write!(f, ", in {:.1} s", self.elapsed_s)?;
+        if self.out_of_time {
+            write!(f, ", ended by the time limit")?;
+        }
+        match self.nonfinite_samples {
+            0 => Ok(()),
+            n => write!(f, "; {n} samples were not finite and count as black"),
+        }
+    }
+}
+
+/// A frame; of a reference, makespan, rays and dropped samples of all its passes of this run and the stages of the last.
 #[derive(Clone, Debug, Serialize)]
 pub struct FrameRow {
     pub index: u32,
@@ -126,6 +169,9 @@ pub struct RunReport {
     /// Largest resident memory of the process so far, MiB; absent where the system does not tell.
     pub peak_resident_mib: Option<f64>,
     pub frames: Vec<FrameRow>,
+    /// Of frames that were accumulated.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub references: Vec<ReferenceRow>,
 }
 
 impl RunReport {
@@ -155,6 +201,7 @@ impl RunReport {
             },
             peak_resident_mib: peak_resident_mib(),
             frames,
+            references: Vec::new(),
         }
     }
 
@@ -167,9 +214,7 @@ impl RunReport {
 
     /// Median of the frames' makespans, ms.
     pub fn median_makespan_ms(&self) -> f64 {
-        let mut all: Vec<f64> = self.frames.iter().map(|f| f.makespan_ms).collect();
-        all.sort_by(f64::total_cmp);
-        all.get(all.len() / 2).copied().unwrap_or(0.0)
+        median_of(self.frames.iter().map(|f| f.makespan_ms).collect())
     }
 }
 

@@ -22,5 +22,5 @@ pub(super) const ROOM: Room = Room {
 };
 
 fn dispatches(work: &Work<'_>) -> Vec<Dispatch> {
-    batches(work.settings.spp).map(|args| Dispatch::Holes { args }).collect()
+    batches(work.spp).map(|args| Dispatch::Holes { args }).collect()
 }

@@ -59,7 +59,8 @@ pub struct Frame {
     pub directional_lights: u32,
     pub env_grid_width: u32,
     pub env_grid_height: u32,
-    pub pad: [u32; 2],
+    pub sample_base: u32,
+    pub pad: u32,
 }
 
 /// Constants of a dispatch; `Pass` in `frame.inc.wgsl`.

@@ -49,6 +49,7 @@ pub struct StageSettings {
     pub extent: Extent,
     pub needs: SceneNeeds,
     pub sampler: Sampler,
+    /// Samples per pixel of a frame, at most.
     pub spp: u32,
     pub iterations: u32,
     /// Whether the right eye is reprojected.
@@ -115,6 +116,8 @@ struct Room {
 /// A task as its room sees it.
 struct Work<'a> {
     settings: &'a StageSettings,
+    /// Samples per pixel of this frame.
+    spp: u32,
     view: Eye,
     index: u32,
     device: usize,

@@ -23,5 +23,5 @@ pub(super) fn batches(spp: u32) -> impl Iterator<Item = [u32; 3]> {
 
 fn dispatches(work: &Work<'_>) -> Vec<Dispatch> {
     let columns = work.settings.extent.width;
-    batches(work.settings.spp).map(|args| Dispatch::Rows { columns, args }).collect()
+    batches(work.spp).map(|args| Dispatch::Rows { columns, args }).collect()
 }

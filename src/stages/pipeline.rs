@@ -79,6 +79,8 @@ struct GroupKey {
 /// What one device needs to carry out any task.
 pub struct DeviceStages {
     settings: StageSettings,
+    /// Samples per pixel of the frame that is set.
+    spp: u32,
     pub images: Images,
     rooms: Vec<Built>,
     groups: HashMap<GroupKey, wgpu::BindGroup>,
@@ -137,11 +139,13 @@ impl DeviceStages {
             let _span = tracing::info_span!("build pipeline", stage = room.stage.name()).entered();
             rooms.push(build(gpu, room, group0, &settings)?);
         }
-        Ok(Self { settings, images, rooms, groups: HashMap::new(), frame_only, with_scene, frame, previous })
+        let (spp, groups) = (settings.spp, HashMap::new());
+        Ok(Self { settings, spp, images, rooms, groups, frame_only, with_scene, frame, previous })
     }
 
     /// Sets the constants that the next submission's tasks see.
-    pub fn set_frame(&self, gpu: &GpuDevice, frame: &Frame, previous: &[View; 2]) {
+    pub fn set_frame(&mut self, gpu: &GpuDevice, frame: &Frame, previous: &[View; 2]) {
+        self.spp = frame.spp;
         gpu.queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(frame));
         gpu.queue.write_buffer(&self.previous, 0, bytemuck::cast_slice(previous));
     }
@@ -193,7 +197,13 @@ impl DeviceStages {
         pass.set_pipeline(&built.pipeline);
         pass.set_bind_group(0, if built.room.reads_scene { &self.with_scene } else { &self.frame_only }, &[]);
         pass.set_bind_group(1, &*group, &[]);
-        let work = Work { settings: &self.settings, view: task.view, index: task.index, device: gpu.info.index };
+        let work = Work {
+            settings: &self.settings,
+            spp: self.spp,
+            view: task.view,
+            index: task.index,
+            device: gpu.info.index,
+        };
         for dispatch in (built.room.dispatches)(&work) {
             let (args, columns) = match dispatch {
                 Dispatch::Rows { columns, args } => (args, Some(columns)),

@@ -1,0 +1,125 @@
+//! An accumulation in a file: a line that says what it is, a line of JSON, then the sums as little-endian f64.
+
+use std::fs;
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::fnv::Fnv;
+use super::{Accumulation, Fingerprint, Half};
+use crate::image::file::atomic_write;
+use crate::image::{Extent, ImageError};
+
+const FIRST_LINE: &[u8] = b"diptych accumulation 1\n";
+
+#[derive(Debug, thiserror::Error)]
+pub enum CheckpointError {
+    #[error("cannot read the checkpoint {path}: check that you may read it")]
+    Read { path: PathBuf, source: io::Error },
+    #[error("the checkpoint {path} is damaged ({what}): remove it to begin anew")]
+    Damaged { path: PathBuf, what: String },
+    #[error(
+        "the checkpoint {path} is of another render ({}): ask for what it is of, choose another folder, or remove it",
+        differences.join(", ")
+    )]
+    Foreign { path: PathBuf, differences: Vec<String> },
+    #[error(transparent)]
+    Write(#[from] ImageError),
+}
+
+/// Where an accumulation is kept, and what it is of.
+#[derive(Clone, Debug)]
+pub struct Checkpoint {
+    pub path: PathBuf,
+    pub fingerprint: Fingerprint,
+    pub extent: Extent,
+}
+
+#[derive(Serialize, Deserialize)]
+struct Header {
+    fingerprint: Fingerprint,
+    /// Of either half.
+    samples: [u32; 2],
+    dropped: u64,
+    /// Hash of what follows the header.
+    checksum: String,
+}
+
+impl Checkpoint {
+    /// The accumulation that is there; none if there is no file.
+    ///
+    /// # Errors
+    /// [`CheckpointError`] for a file that cannot be read, is damaged, or of another fingerprint.
+    pub fn load(&self) -> Result<Option<Accumulation>, CheckpointError> {
+        let bytes = match fs::read(&self.path) {
+            Ok(bytes) => bytes,
+            Err(e) if e.kind() == io::ErrorKind::NotFound => return Ok(None),
+            Err(source) => return Err(CheckpointError::Read { path: self.path.clone(), source }),
+        };
+        let damaged = |what: String| CheckpointError::Damaged { path: self.path.clone(), what };
+        let (header, sums) = split(&bytes).map_err(damaged)?;
+        let differences = header.fingerprint.differences(&self.fingerprint);
+        if !differences.is_empty() {
+            return Err(CheckpointError::Foreign { path: self.path.clone(), differences });
+        }
+        let expected = 4 * self.extent.area() * size_of::<[f64; 3]>();
+        if sums.len() != expected {
+            return Err(damaged(format!("it holds {} bytes of sums, not {expected}", sums.len())));
+        }
+        if checksum(sums) != header.checksum {
+            return Err(damaged("its sums are not those it was written with".into()));
+        }
+        let [a, b] = header.samples;
+        a.checked_add(b).ok_or_else(|| damaged("its samples are too many".into()))?;
+        Ok(Some(self.accumulation(&header, sums)))
+    }
+
+    fn accumulation(&self, header: &Header, sums: &[u8]) -> Accumulation {
+        let values = sums.as_chunks::<8>().0.iter().map(|b| f64::from_le_bytes(*b)).collect::<Vec<_>>();
+        let mut eyes = values.as_chunks::<3>().0.chunks_exact(self.extent.area()).map(<[_]>::to_vec);
+        let mut half = |samples| Half { samples, sums: [(); 2].map(|()| eyes.next().unwrap_or_default()) };
+        let halves = header.samples.map(&mut half);
+        Accumulation { extent: self.extent, halves, dropped: header.dropped }
+    }
+
+    /// Puts `accumulation` in the place of what is there.
+    ///
+    /// # Errors
+    /// [`CheckpointError::Write`].
+    pub fn save(&self, accumulation: &Accumulation) -> Result<(), CheckpointError> {
+        let halves = &accumulation.halves;
+        let values = halves.iter().flat_map(|h| &h.sums).flatten().flatten();
+        let sums: Vec<u8> = values.flat_map(|v| v.to_le_bytes()).collect();
+        let header = Header {
+            fingerprint: self.fingerprint.clone(),
+            samples: [halves[0].samples, halves[1].samples],
+            dropped: accumulation.dropped,
+            checksum: checksum(&sums),
+        };
+        Ok(atomic_write(&self.path, |file| {
+            file.write_all(FIRST_LINE)?;
+            serde_json::to_writer(&mut *file, &header)?;
+            file.write_all(b"\n")?;
+            file.write_all(&sums)
+        })?)
+    }
+
+    pub fn folder(&self) -> &Path {
+        self.path.parent().unwrap_or(Path::new(""))
+    }
+}
+
+/// The header and the bytes after it.
+fn split(bytes: &[u8]) -> Result<(Header, &[u8]), String> {
+    let rest = bytes.strip_prefix(FIRST_LINE).ok_or("it does not begin as a checkpoint does")?;
+    let end = rest.iter().position(|&b| b == b'\n').ok_or("it ends within its header")?;
+    let header = serde_json::from_slice(&rest[..end]).map_err(|e| format!("its header: {e}"))?;
+    Ok((header, &rest[end + 1..]))
+}
+
+fn checksum(sums: &[u8]) -> String {
+    let mut fnv = Fnv::new();
+    fnv.bytes(sums);
+    fnv.hex()
+}

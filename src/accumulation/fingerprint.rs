@@ -1,0 +1,170 @@
+//! What an accumulation is of. Two that agree in every entry are samples of one image.
+
+use std::collections::BTreeMap;
+use std::fmt::Write;
+
+use serde::{Deserialize, Serialize};
+
+use super::fnv::Fnv;
+use crate::device::wgsl;
+use crate::image::Extent;
+use crate::scene::rig::{Eye, Rig};
+use crate::scene::{Environment, Mesh, Scene};
+use crate::stages::Sampler;
+
+/// Everything that decides an accumulation's samples.
+#[derive(Clone, Copy, Debug)]
+pub struct Subject<'a> {
+    pub scene: &'a Scene,
+    pub rig: &'a Rig,
+    pub time_s: f64,
+    pub extent: Extent,
+    pub seed: u32,
+    /// Of the frame; keys its random numbers.
+    pub frame: u32,
+    pub sampler: Sampler,
+    pub bounces: u32,
+    pub pass_spp: u32,
+}
+
+/// The subject as names and values; scene, camera and shaders by their hashes.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(transparent)]
+pub struct Fingerprint(BTreeMap<String, String>);
+
+/// The tracing stages' shaders: what they compute may change from version to version.
+const SHADERS: [&str; 3] = ["gbuffer", "path_trace", "tonemap"];
+
+impl Fingerprint {
+    pub fn of(subject: &Subject<'_>) -> Self {
+        let camera = Eye::ALL.map(|eye| subject.rig.view(subject.time_s, eye));
+        let text = |value: &dyn std::fmt::Debug| format!("{value:?}").to_lowercase();
+        let entries = [
+            ("scene", scene_hash(subject.scene)),
+            ("camera", hash(|h| write!(h, "{camera:?}"))),
+            ("size", subject.extent.to_string()),
+            ("seed", subject.seed.to_string()),
+            ("frame", subject.frame.to_string()),
+            ("sampler", text(&subject.sampler)),
+            // No bounces and one are alike.
+            ("bounces", subject.bounces.max(1).to_string()),
+            ("pass_spp", subject.pass_spp.to_string()),
+            ("version", env!("CARGO_PKG_VERSION").to_owned()),
+            ("shaders", hash(|h| SHADERS.iter().try_for_each(|s| h.write_str(&wgsl(s))))),
+        ];
+        Self(entries.map(|(name, value)| (name.to_owned(), value)).into())
+    }
+
+    /// A name for files: 16 hexadecimal digits.
+    pub fn key(&self) -> String {
+        hash(|h| write!(h, "{:?}", self.0))
+    }
+
+    /// What differs, as sentences' parts: "size is 64x36 there and 32x18 here".
+    pub fn differences(&self, here: &Self) -> Vec<String> {
+        let names: std::collections::BTreeSet<_> = self.0.keys().chain(here.0.keys()).collect();
+        let value = |of: &Self, name: &str| of.0.get(name).map_or("absent".to_owned(), Clone::clone);
+        let differs = |name: &&&String| self.0.get(**name) != here.0.get(**name);
+        let say = |name: &String| format!("{name} is {} there and {} here", value(self, name), value(here, name));
+        names.iter().filter(differs).map(|name| say(name)).collect()
+    }
+}
+
+fn hash(write: impl FnOnce(&mut Fnv) -> std::fmt::Result) -> String {
+    let mut fnv = Fnv::new();
+    // Writing into a hash does not fail.
+    let _ = write(&mut fnv);
+    fnv.hex()
+}
+
+/// Of all that is seen. Names, cameras and warnings are not.
+fn scene_hash(scene: &Scene) -> String {
+    let mut fnv = Fnv::new();
+    for mesh in &scene.meshes {
+        let Mesh { positions, normals, uvs: [uv0, uv1], colors, triangles, material } = mesh;
+        for bytes in [
+            bytemuck::cast_slice(positions),
+            bytemuck::cast_slice(normals),
+            bytemuck::cast_slice(uv0),
+            bytemuck::cast_slice(uv1),
+            bytemuck::cast_slice(colors),
+            bytemuck::cast_slice(triangles),
+            bytemuck::bytes_of(material),
+        ] {
+            array(&mut fnv, bytes);
+        }
+    }
+    for image in &scene.images {
+        array(&mut fnv, bytemuck::cast_slice(&image.pixels));
+    }
+    let mut sky = scene.environment.clone();
+    if let Environment::Map { image, .. } = &mut sky {
+        array(&mut fnv, bytemuck::cast_slice(&image.pixels));
+        image.pixels.clear();
+    }
+    let Scene { instances, materials, textures, lights, .. } = scene;
+    let sizes: Vec<Extent> = scene.images.iter().map(|i| i.extent).collect();
+    // Writing into a hash does not fail.
+    let _ = write!(fnv, "{instances:?}{materials:?}{textures:?}{lights:?}{sizes:?}{sky:?}");
+    fnv.hex()
+}
+
+fn array(fnv: &mut Fnv, bytes: &[u8]) {
+    fnv.bytes(&bytes.len().to_le_bytes());
+    fnv.bytes(bytes);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::load::load_shot;
+
+    fn with(change: impl FnOnce(&mut Scene, &mut Subject<'_>)) -> Fingerprint {
+        let (shot, mut scene) = load_shot("builtin:cornell").unwrap();
+        let still = scene.clone();
+        let mut subject = Subject {
+            scene: &still,
+            rig: &shot.rig,
+            time_s: 0.0,
+            extent: Extent::new(64, 36),
+            seed: 0,
+            frame: 0,
+            sampler: Sampler::Sobol,
+            bounces: 6,
+            pass_spp: 8,
+        };
+        change(&mut scene, &mut subject);
+        Fingerprint::of(&Subject { scene: &scene, ..subject })
+    }
+
+    #[test]
+    fn a_difference_is_named() {
+        let here = with(|_, _| ());
+        assert_eq!(here, with(|_, _| ()));
+        let changed: [(&str, Fingerprint); 8] = [
+            ("size is 32x18 there and 64x36 here", with(|_, s| s.extent = Extent::new(32, 18))),
+            ("seed is 3 there and 0 here", with(|_, s| s.seed = 3)),
+            ("sampler is pcg there and sobol here", with(|_, s| s.sampler = Sampler::Pcg)),
+            ("bounces is 2 there", with(|_, s| s.bounces = 2)),
+            ("camera is ", with(|_, s| s.time_s = 1.0)),
+            ("scene is ", with(|scene, _| scene.meshes[0].positions[0].x += 1e-3)),
+            ("scene is ", with(|scene, _| scene.materials[0].base_color.x *= 0.5)),
+            ("scene is ", with(|scene, _| scene.environment = Environment::Constant(glam::Vec3::ONE))),
+        ];
+        for (part, there) in changed {
+            let differences = there.differences(&here);
+            assert_eq!(differences.len(), 1, "{part}: {differences:?}");
+            assert!(differences[0].starts_with(part), "{part}: {differences:?}");
+            assert_ne!(there.key(), here.key());
+        }
+    }
+
+    #[test]
+    fn names_do_not_matter() {
+        let renamed = with(|scene, _| {
+            scene.name = "another".into();
+            scene.warnings.push("something".into());
+        });
+        assert_eq!(renamed, with(|_, _| ()));
+    }
+}

@@ -1,0 +1,192 @@
+//! Many samples per pixel, taken in passes: their sum on the host, a file that a later run goes on from, and how noisy
+//! the mean still is.
+//!
+//! A device's running mean is f32 and stays short: a pass. Passes are added in f64, so that the mean of any number of
+//! them is exact to f32's rounding.
+
+mod checkpoint;
+mod fingerprint;
+mod fnv;
+mod passes;
+
+pub use checkpoint::{Checkpoint, CheckpointError};
+pub use fingerprint::{Fingerprint, Subject};
+pub use passes::{AccumulateError, Done, Job, Pass, accumulate};
+
+use std::fmt;
+
+use serde::Serialize;
+
+use crate::exec::Stereo;
+use crate::image::{Extent, Image, RgbImage};
+use crate::metrics::error;
+
+/// Sums over the samples of every other pass.
+#[derive(Clone, Debug, PartialEq)]
+struct Half {
+    samples: u32,
+    /// Row-major radiance, left and right eye.
+    sums: [Vec<[f64; 3]>; 2],
+}
+
+/// Radiance summed over samples.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Accumulation {
+    extent: Extent,
+    /// Of even and of odd passes: two estimates of one mean, which differ by noise alone.
+    halves: [Half; 2],
+    /// Samples that were not finite and count as black, both eyes.
+    dropped: u64,
+}
+
+/// What the mean may be off by, as [`crate::metrics`] measure it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Noise {
+    pub rmse: f64,
+    pub relmse: f64,
+}
+
+impl fmt::Display for Stereo<Noise> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let [l, r] = [self.left, self.right];
+        write!(f, "RMSE {:.3e} left, {:.3e} right; relMSE {:.3e} and {:.3e}", l.rmse, r.rmse, l.relmse, r.relmse)
+    }
+}
+
+impl Accumulation {
+    pub fn new(extent: Extent) -> Self {
+        let sums = || vec![[0.0; 3]; extent.area()];
+        let half = || Half { samples: 0, sums: [sums(), sums()] };
+        Self { extent, halves: [half(), half()], dropped: 0 }
+    }
+
+    pub fn samples(&self) -> u32 {
+        self.halves.iter().map(|h| h.samples).sum()
+    }
+
+    /// Samples that were not finite, both eyes.
+    pub fn dropped(&self) -> u64 {
+        self.dropped
+    }
+
+    /// Adds a pass: the mean over `samples` samples, `dropped` of which the devices left out. `number` counts passes
+    /// from 0. A pixel that is not finite is left out with all its samples.
+    ///
+    /// # Panics
+    /// If the images are of another extent.
+    pub fn add(&mut self, number: u32, mean: &Stereo<RgbImage>, samples: u32, dropped: u64) {
+        let half = &mut self.halves[(number % 2) as usize];
+        half.samples += samples;
+        self.dropped += dropped;
+        for (sums, image) in half.sums.iter_mut().zip([&mean.left, &mean.right]) {
+            assert_eq!(image.extent, self.extent);
+            for (sum, pixel) in sums.iter_mut().zip(&image.pixels) {
+                if pixel.iter().all(|c| c.is_finite()) {
+                    *sum = std::array::from_fn(|c| sum[c] + f64::from(pixel[c]) * f64::from(samples));
+                } else {
+                    self.dropped += u64::from(samples);
+                }
+            }
+        }
+    }
+
+    /// The mean over all samples; black without any.
+    pub fn mean(&self) -> Stereo<RgbImage> {
+        let count = f64::from(self.samples().max(1));
+        let eye = |e: usize| {
+            let [a, b] = &self.halves;
+            let pixels = a.sums[e].iter().zip(&b.sums[e]);
+            let mean = |(a, b): (&[f64; 3], &[f64; 3])| std::array::from_fn(|c| ((a[c] + b[c]) / count) as f32);
+            Image { extent: self.extent, pixels: pixels.map(mean).collect() }
+        };
+        Stereo { left: eye(0), right: eye(1) }
+    }
+
+    /// Standard error of the mean, from how far the halves' means A and B are apart: with n_A and n_B independent
+    /// samples of variance s, E(A − B)² = s (1/n_A + 1/n_B), and the mean over all has the variance s / (n_A + n_B),
+    /// which is E(A − B)² · n_A n_B / (n_A + n_B)². A Sobol' sequence halves its samples so that their errors cancel in
+    /// part; there it says too much rather than too little. `None` before there are two passes.
+    pub fn noise(&self) -> Option<Stereo<Noise>> {
+        let [a, b] = &self.halves;
+        let [n_a, n_b] = [a, b].map(|h| f64::from(h.samples));
+        let share = n_a * n_b / (n_a + n_b).powi(2);
+        let mean = |h: &Half, e: usize| -> Vec<[f64; 3]> {
+            h.sums[e].iter().map(|p| p.map(|c| c / f64::from(h.samples))).collect()
+        };
+        let eye = |e: usize| {
+            let (a, b) = (mean(a, e), mean(b, e));
+            Noise { rmse: error::rmse(&a, &b) * share.sqrt(), relmse: error::relmse(&a, &b) * share }
+        };
+        (share > 0.0).then(|| Stereo { left: eye(0), right: eye(1) })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn flat(extent: Extent, value: f32) -> Stereo<RgbImage> {
+        let image = RgbImage::filled(extent, [value; 3]);
+        Stereo { left: image.clone(), right: image }
+    }
+
+    /// A running mean in f32 stalls once 1/n is below half a unit in the last place of what it is to move.
+    #[test]
+    fn the_mean_of_many_passes_does_not_drift() {
+        let extent = Extent::new(2, 1);
+        let mut sum = Accumulation::new(extent);
+        let passes = 1 << 20;
+        for i in 0..passes {
+            let value = if i < passes / 2 { 1.0 } else { 1.1f32 };
+            sum.add(i, &flat(extent, value), 8, 0);
+        }
+        let expected = (1.0 + f64::from(1.1f32)) / 2.0;
+        let found = sum.mean().left.pixels[0][0];
+        assert_eq!((found, sum.samples()), (expected as f32, 8 << 20));
+    }
+
+    #[test]
+    fn passes_count_by_their_samples() {
+        let extent = Extent::new(1, 1);
+        let mut sum = Accumulation::new(extent);
+        assert_eq!((sum.mean().left.pixels[0], sum.noise().is_none()), ([0.0; 3], true));
+        sum.add(0, &flat(extent, 1.0), 8, 0);
+        assert!(sum.noise().is_none());
+        sum.add(1, &flat(extent, 5.0), 2, 3);
+        assert_eq!((sum.mean().right.pixels[0], sum.dropped()), ([1.8; 3], 3));
+    }
+
+    #[test]
+    fn pixels_that_are_not_finite_are_counted_with_all_their_samples() {
+        let extent = Extent::new(2, 1);
+        let mut sum = Accumulation::new(extent);
+        let mut pass = flat(extent, 1.0);
+        pass.left.pixels[1] = [1.0, f32::NAN, 1.0];
+        sum.add(0, &pass, 8, 1);
+        assert_eq!((sum.mean().left.pixels[1], sum.dropped()), ([0.0; 3], 9));
+    }
+
+    /// Pixels of independent noise of variance 1: the mean of n samples has the standard error 1/√n. With 2·10⁴ pixels
+    /// of three channels the estimate's own relative error is 1/√(2 · 6·10⁴) = 0.3 %.
+    #[test]
+    fn the_noise_is_the_standard_error_of_the_mean() {
+        let extent = Extent::new(200, 100);
+        let mut state = 1u32;
+        // Uniform of variance 1: as wide as √12.
+        let mut sample = || {
+            state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            ((f64::from(state >> 8) / f64::from(1 << 24) - 0.5) * 12f64.sqrt()) as f32
+        };
+        let mut sum = Accumulation::new(extent);
+        for number in 0..9 {
+            let mut image =
+                || Image { extent, pixels: (0..extent.area()).map(|_| [(); 3].map(|()| sample())).collect() };
+            let pass = Stereo { left: image(), right: image() };
+            sum.add(number, &pass, 1, 0);
+        }
+        let noise = sum.noise().unwrap();
+        for found in [noise.left.rmse, noise.right.rmse] {
+            assert!((found * 3.0 - 1.0).abs() < 0.015, "{found}");
+        }
+    }
+}

@@ -1,0 +1,234 @@
+//! References: unbiased images, accumulated in passes, kept and continued.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use diptych::accumulation::{Accumulation, Checkpoint, Done, Fingerprint, Job, Subject, accumulate};
+use diptych::exec::{FrameReport, Renderer, Stereo};
+use diptych::image::display::{DisplayImage, tonemap, write_png};
+use diptych::image::stereo;
+use diptych::report::run::ReferenceRow;
+
+use super::failure::Failure;
+use super::options::{Denoiser, RenderOptions, RunOptions, Switch};
+use super::output;
+use super::progress::Progress;
+use super::setup::{Loaded, Tracing};
+
+/// Samples of a pass unless asked otherwise: few enough that a slow device stops in time, enough that reading the pass
+/// back costs a fast one little.
+pub const PASS_SPP: u32 = 8;
+
+#[derive(clap::Args, Clone, Debug)]
+pub struct PassOptions {
+    /// Seconds of accumulating per frame: no pass is begun that would probably end later; at least one is made
+    #[arg(long, value_name = "S", requires = "reference", value_parser = seconds)]
+    pub time_limit: Option<Duration>,
+    /// Keep the accumulation here after each pass and go on from what is there
+    #[arg(long, value_name = "DIR", requires = "reference")]
+    pub passes_out: Option<PathBuf>,
+    /// Samples of a pass of --reference: a power of two
+    #[arg(long, value_name = "N", requires = "reference", default_value_t = PASS_SPP, value_parser = pass_spp)]
+    pub pass_spp: u32,
+}
+
+/// A time limit.
+pub fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds = text.parse().ok().and_then(|s: f64| Duration::try_from_secs_f64(s).ok());
+    seconds.filter(|s| !s.is_zero()).ok_or_else(|| "give a number of seconds above 0".to_owned())
+}
+
+fn pass_spp(text: &str) -> Result<u32, String> {
+    let samples = text.parse().ok().filter(|n: &u32| n.is_power_of_two() && (2..=4096).contains(n));
+    samples.ok_or_else(|| "give a power of two, 2 to 4096".to_owned())
+}
+
+/// What is accumulated for every frame.
+pub struct Plan {
+    /// Without denoiser, reprojection and clamp; as many samples as a pass has.
+    pub options: RenderOptions,
+    /// Samples wanted.
+    spp: u32,
+    time_limit: Option<Duration>,
+    /// Where checkpoints are.
+    folder: Option<PathBuf>,
+}
+
+impl Plan {
+    /// # Errors
+    /// [`Failure::Input`] for options that a reference cannot have.
+    pub fn new(options: &RenderOptions, passes: PassOptions) -> Result<Self, Failure> {
+        if options.clamp.is_some() {
+            let what = anyhow::anyhow!("--clamp is biased, --reference is not: leave one out");
+            return Err(Failure::Input(what));
+        }
+        let run = RunOptions { reproject: Switch::Off, ..options.run.clone() };
+        let unbiased = RenderOptions { run, denoiser: Denoiser::None, spp: passes.pass_spp, ..options.clone() };
+        let PassOptions { time_limit, passes_out, .. } = passes;
+        Ok(Self { options: unbiased, spp: options.spp, time_limit, folder: passes_out })
+    }
+
+    pub fn spp(&self) -> u32 {
+        self.spp
+    }
+
+    /// Keeps checkpoints in a folder of their own below `folder`.
+    pub fn keep_below(&mut self, folder: &Path, loaded: &Loaded) -> PathBuf {
+        let folder = folder.join(self.fingerprint(loaded, 0).key());
+        self.folder = Some(folder.clone());
+        folder
+    }
+
+    pub fn time_s(&self, frame: u32) -> f64 {
+        self.options.time + f64::from(frame) / self.options.fps
+    }
+
+    fn fingerprint(&self, loaded: &Loaded, frame: u32) -> Fingerprint {
+        let options = &self.options;
+        Fingerprint::of(&Subject {
+            scene: &loaded.scene,
+            rig: &loaded.shot.rig,
+            time_s: self.time_s(frame),
+            extent: options.size,
+            seed: options.seed,
+            frame,
+            sampler: options.sampler,
+            bounces: options.bounces,
+            pass_spp: options.spp,
+        })
+    }
+
+    fn checkpoint(&self, loaded: &Loaded, frame: u32) -> Option<Checkpoint> {
+        let folder = self.folder.as_ref()?;
+        let name = match self.options.frames {
+            1 => "reference.state".to_owned(),
+            _ => format!("reference.{frame:04}.state"),
+        };
+        let fingerprint = self.fingerprint(loaded, frame);
+        Some(Checkpoint { path: folder.join(name), fingerprint, extent: self.options.size })
+    }
+
+    /// Makes the folder of the checkpoints, which `option` names, and refuses those that cannot be gone on from before
+    /// anything is rendered.
+    pub fn prepare(&self, loaded: &Loaded, option: &str) -> Result<(), Failure> {
+        self.folder.as_ref().map_or(Ok(()), |folder| output::prepare(folder, option))?;
+        (0..self.options.frames).try_for_each(|i| self.begun(loaded, i).map(drop))
+    }
+
+    /// What is there of a frame.
+    pub fn begun(&self, loaded: &Loaded, frame: u32) -> Result<Accumulation, Failure> {
+        let there = self.checkpoint(loaded, frame).map_or(Ok(None), |c| c.load())?;
+        Ok(there.unwrap_or_else(|| Accumulation::new(self.options.size)))
+    }
+
+    /// Goes on with a frame until it is done.
+    pub fn accumulate(
+        &self,
+        renderer: &mut Renderer,
+        loaded: &Loaded,
+        frame: u32,
+        begun: Accumulation,
+        tracing: &Tracing,
+    ) -> Result<Accumulated, Failure> {
+        let checkpoint = self.checkpoint(loaded, frame);
+        let resumed_spp = begun.samples();
+        let job = Job {
+            rig: &loaded.shot.rig,
+            time_s: self.time_s(frame),
+            frame,
+            pass_spp: self.options.spp,
+            spp: self.spp,
+            time_limit: self.time_limit,
+            checkpoint: checkpoint.as_ref(),
+        };
+        let mut progress = PassProgress::new(&self.options, self.spp, resumed_spp);
+        let (mut report, mut number, mut preview) = (None, 0, Ok(()));
+        let done = accumulate(renderer, &job, begun, |pass| {
+            // Passes get numbers of their own in the trace.
+            tracing.record(&self.options, &FrameReport { index: number, ..pass.report.clone() });
+            number += 1;
+            fold(&mut report, pass.report);
+            progress.pass(pass.accumulation.samples(), pass.elapsed_s, pass.left_s);
+            if let Some(checkpoint) = checkpoint.as_ref().filter(|_| pass.saved && preview.is_ok()) {
+                preview = write_preview(checkpoint, pass.accumulation, loaded.shot.exposure_ev);
+            }
+        })?;
+        progress.bar.finish();
+        preview?;
+        Ok(Accumulated { row: self.row(frame, resumed_spp, &done), accumulation: done.accumulation, report })
+    }
+
+    fn row(&self, frame: u32, resumed_spp: u32, done: &Done) -> ReferenceRow {
+        ReferenceRow {
+            index: frame,
+            spp: done.accumulation.samples(),
+            spp_wanted: self.spp,
+            spp_resumed: resumed_spp,
+            pass_spp: self.options.spp,
+            passes: done.passes,
+            elapsed_s: done.elapsed_s,
+            out_of_time: done.out_of_time,
+            nonfinite_samples: done.accumulation.dropped(),
+            noise: done.accumulation.noise(),
+        }
+    }
+}
+
+/// A frame's samples so far.
+pub struct Accumulated {
+    pub accumulation: Accumulation,
+    pub row: ReferenceRow,
+    /// Times and counts of this run's passes, summed; stages are those of the last pass. `None` without a pass.
+    pub report: Option<FrameReport>,
+}
+
+fn fold(total: &mut Option<FrameReport>, mut pass: FrameReport) {
+    if let Some(before) = total {
+        pass.makespan_ms += before.makespan_ms;
+        pass.plan_ms += before.plan_ms;
+        for (tally, b) in pass.tallies.iter_mut().zip(before.tallies) {
+            tally.rays += b.rays;
+            tally.nonfinite += b.nonfinite;
+        }
+    }
+    *total = Some(pass);
+}
+
+/// The mean as the devices would show it.
+pub fn display(accumulation: &Accumulation, exposure_ev: f32) -> Stereo<DisplayImage> {
+    let mean = accumulation.mean();
+    let shown = |image| tonemap(image, f64::from(exposure_ev));
+    Stereo { left: shown(&mean.left), right: shown(&mean.right) }
+}
+
+fn write_preview(checkpoint: &Checkpoint, accumulation: &Accumulation, exposure_ev: f32) -> Result<(), Failure> {
+    let shown = display(accumulation, exposure_ev);
+    let path = checkpoint.path.with_extension("preview.png");
+    Ok(write_png(&path, &stereo::side_by_side(&shown.left, &shown.right)?)?)
+}
+
+/// Says how far the passes are; JSON lines at most twice a second.
+struct PassProgress {
+    bar: Progress,
+    spp: u32,
+    said: Option<Instant>,
+}
+
+impl PassProgress {
+    fn new(options: &RunOptions, spp: u32, resumed_spp: u32) -> Self {
+        let bar = Progress::samples(u64::from(spp), options.quiet, options.json);
+        bar.at(u64::from(resumed_spp.min(spp)), String::new(), None);
+        Self { bar, spp, said: None }
+    }
+
+    fn pass(&mut self, samples: u32, elapsed_s: f64, left_s: f64) {
+        let due = left_s == 0.0 || self.said.is_none_or(|at| at.elapsed() > Duration::from_millis(500));
+        let event = due.then(|| {
+            self.said = Some(Instant::now());
+            serde_json::json!({
+                "event": "pass", "spp": samples, "spp_wanted": self.spp, "elapsed_s": elapsed_s, "left_s": left_s,
+            })
+        });
+        self.bar.at(u64::from(samples), format!("{elapsed_s:.0} s, {left_s:.0} s to go"), event.as_ref());
+    }
+}
