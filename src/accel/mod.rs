@@ -19,6 +19,9 @@ const MAX_DEPTH: usize = 32;
 /// Most triangles: their tables take 112 bytes each on the host and on every device, 7 GiB in all.
 const MAX_TRIANGLES: usize = 1 << 26;
 
+/// Largest coordinate: the tree's costs are sums of areas, which must not overflow.
+const MAX_REACH: f32 = 1e14;
+
 /// Bit of [`Triangle::flags`]: whether a ray is stopped must be asked of the material's alpha.
 pub const TRIANGLE_ALPHA: u32 = 1;
 
@@ -37,6 +40,11 @@ pub struct Triangle {
 impl Triangle {
     pub fn area(&self) -> f32 {
         0.5 * (self.v1 - self.v0).cross(self.v2 - self.v0).length()
+    }
+
+    /// Its largest coordinate.
+    fn reach(&self) -> f32 {
+        self.v0.abs().max(self.v1.abs()).max(self.v2.abs()).max_element()
     }
 }
 
@@ -81,6 +89,10 @@ pub enum AccelError {
         "the scene has {0} triangles after instancing, more than the {MAX_TRIANGLES} that fit into memory: simplify it"
     )]
     TooMany(usize),
+    #[error(
+        "the scene reaches to {0:e} units, more than the {MAX_REACH:e} that areas can be reckoned with: scale it down"
+    )]
+    TooLarge(f32),
 }
 
 impl Accel {
@@ -90,6 +102,10 @@ impl Accel {
             return Err(AccelError::TooMany(scene.triangle_count()));
         }
         let flat = flatten::flatten(scene);
+        let reach = flat.triangles.iter().map(Triangle::reach).fold(0.0, f32::max);
+        if reach > MAX_REACH {
+            return Err(AccelError::TooLarge(reach));
+        }
         if flat.triangles.is_empty() {
             // One node without children: every ray misses it.
             return Ok(Self { nodes: vec![[0; 20]], dropped: flat.dropped, ..Self::placeholder() });
