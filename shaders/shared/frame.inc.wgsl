@@ -30,6 +30,9 @@ struct Frame {
     // Begin and count of each group in `lights`: emissive triangles, local, directional.
     group_begin: vec4<u32>,
     group_count: vec4<u32>,
+    // Where (0, 0, 0) is in the world.
+    world_origin: vec3<f32>,
+    pad: u32,
 }
 
 struct Pass {

@@ -1,6 +1,6 @@
 //! Instances to one list of world-space triangles.
 
-use glam::{Mat3, Vec2, Vec3};
+use glam::{Affine3A, DVec3, Mat3, Vec2, Vec3};
 
 use super::{Shading, TRIANGLE_ALPHA, Triangle};
 use crate::scene::{AlphaMode, Instance, Material, Mesh, Scene};
@@ -13,7 +13,8 @@ pub(super) struct Flat {
     pub dropped: usize,
 }
 
-pub(super) fn flatten(scene: &Scene) -> Flat {
+/// Positions are relative to `origin`.
+pub(super) fn flatten(scene: &Scene, origin: DVec3) -> Flat {
     let count = scene.triangle_count();
     let has_colors = scene.instances.iter().any(|i| !scene.meshes[i.mesh].colors.is_empty());
     let mut flat = Flat {
@@ -24,6 +25,10 @@ pub(super) fn flatten(scene: &Scene) -> Flat {
     };
     for instance in &scene.instances {
         let mesh = &scene.meshes[instance.mesh];
+        let place = &instance.world_from_local;
+        let translation = Vec3::from(place.translation).as_dvec3() - origin;
+        let near_from_local = Affine3A { translation: translation.as_vec3a(), ..*place };
+        let instance = &Instance { world_from_local: near_from_local, ..*instance };
         push_instance(&mut flat, instance, mesh, &scene.materials[mesh.material], has_colors);
     }
     flat

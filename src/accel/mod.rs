@@ -6,12 +6,12 @@
 mod flatten;
 
 use bytemuck::{Pod, Zeroable};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use obvhs::BvhBuildParams;
 use obvhs::cwbvh::CwBvh;
 use obvhs::cwbvh::builder::build_cwbvh_from_tris;
 
-use crate::scene::Scene;
+use crate::scene::{Bounds, Scene};
 
 /// Deepest tree the shader's stack holds; `STACK_SIZE` there.
 const MAX_DEPTH: usize = 32;
@@ -77,6 +77,9 @@ pub struct Accel {
     pub colors: Vec<[f32; 4]>,
     /// Triangles without area, which no ray can meet.
     pub dropped: usize,
+    /// What all positions on a device are relative to: (0, 0, 0) unless the scene stands far from there, where f32
+    /// would round positions coarsely.
+    pub origin: DVec3,
 }
 
 #[derive(Debug, thiserror::Error)]
@@ -101,14 +104,15 @@ impl Accel {
         if scene.triangle_count() > MAX_TRIANGLES {
             return Err(AccelError::TooMany(scene.triangle_count()));
         }
-        let flat = flatten::flatten(scene);
+        let origin = origin_for(scene.bounds());
+        let flat = flatten::flatten(scene, origin);
         let reach = flat.triangles.iter().map(Triangle::reach).fold(0.0, f32::max);
         if reach > MAX_REACH {
             return Err(AccelError::TooLarge(reach));
         }
         if flat.triangles.is_empty() {
             // One node without children: every ray misses it.
-            return Ok(Self { nodes: vec![[0; 20]], dropped: flat.dropped, ..Self::placeholder() });
+            return Ok(Self { nodes: vec![[0; 20]], dropped: flat.dropped, origin, ..Self::placeholder() });
         }
         let boxes: Vec<_> = flat
             .triangles
@@ -132,6 +136,7 @@ impl Accel {
                 false => order.iter().flat_map(|i| flat.colors[pick(i)]).collect(),
             },
             dropped: flat.dropped,
+            origin,
         })
     }
 
@@ -143,8 +148,21 @@ impl Accel {
             shadings: vec![Shading::default()],
             colors: Vec::new(),
             dropped: 0,
+            origin: DVec3::ZERO,
         }
     }
+}
+
+/// The point nearest to the scene's centre on a lattice coarser than the scene: subtracting it is exact for positions
+/// that f32 can tell apart there, and it is (0, 0, 0) for all scenes around that.
+fn origin_for(bounds: Bounds) -> DVec3 {
+    let (min, max) = (bounds.min.as_dvec3(), bounds.max.as_dvec3());
+    let size = (max - min).max_element();
+    if !(size.is_finite() && size > 0.0) {
+        return DVec3::ZERO;
+    }
+    let cell = 4.0 * size.log2().ceil().exp2();
+    ((min + max) / 2.0 / cell).round() * cell
 }
 
 /// Levels of the tree, walked without recursion.
@@ -171,6 +189,15 @@ mod tests {
         let accel = Accel::build(&scene).unwrap();
         assert_eq!(accel.triangles.len() + accel.dropped, scene.triangle_count());
         assert!(accel.triangles.iter().all(|t| t.area() > 0.0));
+    }
+
+    #[test]
+    fn scenes_far_off_are_brought_near() {
+        let bounds = |at: f32| Bounds { min: Vec3::splat(at - 1.0), max: Vec3::splat(at + 2.0) };
+        assert_eq!(origin_for(bounds(0.0)), DVec3::ZERO);
+        assert_eq!(origin_for(bounds(-5.0)), DVec3::ZERO);
+        assert_eq!(origin_for(bounds(1e5)), DVec3::splat(1e5));
+        assert_eq!(origin_for(Bounds { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY }), DVec3::ZERO);
     }
 
     #[test]

@@ -164,6 +164,12 @@ impl Rig {
         Rig { yfov_rad, baseline_m: DEFAULT_BASELINE_M.min(distance / 30.0), metres_per_unit: 1.0, keys: vec![key] }
     }
 
+    /// The same rig with `origin` for (0, 0, 0).
+    pub fn relative_to(&self, origin: DVec3) -> Rig {
+        let near = |key: &RigKey| RigKey { position: key.position - origin, target: key.target - origin, ..*key };
+        Rig { keys: self.keys.iter().map(near).collect(), ..*self }
+    }
+
     /// The rig whose midpoint is `camera`, at metre scale. A camera scaled to nothing looks along −z.
     pub fn from_camera(camera: Camera) -> Rig {
         let world_from_view = camera.world_from_view;

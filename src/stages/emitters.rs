@@ -1,7 +1,7 @@
 //! The table of lights that paths choose from: emissive triangles, local lights (spheres first), directional lights,
 //! each picked in proportion to its power, and the grid over an environment image.
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 use super::alias;
 use super::layout::{LIGHT_SPOT, Light};
@@ -65,9 +65,9 @@ impl Emitters {
         let (mut spheres, mut points, mut directional) = (Vec::new(), Vec::new(), Vec::new());
         for light in scene.lights.iter().filter(|l| l.strength != Vec3::ZERO) {
             match light.kind {
-                LightKind::Directional { .. } => directional.push(gpu_light(light)),
-                _ if radius(light) > 0.0 => spheres.push(gpu_light(light)),
-                _ => points.push(gpu_light(light)),
+                LightKind::Directional { .. } => directional.push(gpu_light(light, accel.origin)),
+                _ if radius(light) > 0.0 => spheres.push(gpu_light(light, accel.origin)),
+                _ => points.push(gpu_light(light, accel.origin)),
             }
         }
         let sphere_count = spheres.len() as u32;
@@ -118,16 +118,17 @@ fn radius(light: &scene::Light) -> f32 {
     }
 }
 
-fn gpu_light(light: &scene::Light) -> Light {
+fn gpu_light(light: &scene::Light, origin: DVec3) -> Light {
+    let near = |position: Vec3| (position.as_dvec3() - origin).as_vec3();
     let base = Light { strength: light.strength, radius: radius(light), ..Light::default() };
     let strength = match radius(light) {
         r if r > 0.0 => light.strength / (std::f32::consts::PI * r * r),
         _ => light.strength,
     };
     match light.kind {
-        LightKind::Point { position, .. } => Light { position, strength, ..base },
+        LightKind::Point { position, .. } => Light { position: near(position), strength, ..base },
         LightKind::Spot { position, direction, cos_inner, cos_outer, .. } => Light {
-            position,
+            position: near(position),
             strength,
             kind: LIGHT_SPOT,
             axis: direction,

@@ -55,6 +55,8 @@ pub struct Frame {
     pub env_rotation: f32,
     pub group_begin: [u32; 4],
     pub group_count: [u32; 4],
+    pub world_origin: Vec3,
+    pub pad: u32,
 }
 
 /// Constants of a dispatch; `Pass` in `frame.inc.wgsl`.

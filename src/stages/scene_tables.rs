@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use glam::{Vec2, Vec4};
+use glam::{DVec3, Vec2, Vec4};
 use wgpu::util::DeviceExt;
 
 use super::emitters::Emitters;
@@ -62,6 +62,7 @@ impl SceneTables {
 
     /// Fills in what the scene says about a frame.
     pub fn describe(&self, frame: &mut layout::Frame) {
+        frame.world_origin = self.accel.origin.as_vec3();
         frame.sphere_count = self.emitters.sphere_count;
         frame.light_groups = self.emitters.groups;
         frame.group_begin = self.emitters.group_begin;
@@ -75,6 +76,11 @@ impl SceneTables {
                 frame.env_rotation = rotation_deg / 360.0;
             }
         }
+    }
+
+    /// Where the tables' (0, 0, 0) is in the world.
+    pub fn origin(&self) -> DVec3 {
+        self.accel.origin
     }
 
     /// Whether there is anything that could reflect light.

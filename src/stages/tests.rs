@@ -76,7 +76,8 @@ fn host_structs_lie_as_shaders_read_them() {
             env_radiance = "env_radiance",
             env_rotation = "env_rotation",
             group_begin = "group_begin",
-            group_count = "group_count"
+            group_count = "group_count",
+            world_origin = "world_origin"
         ]
     );
     same_layout!(
