@@ -20,7 +20,7 @@ const MAX_DEPTH: usize = 32;
 const MAX_TRIANGLES: usize = 1 << 26;
 
 /// Largest coordinate: the tree's costs are sums of areas, which must not overflow.
-const MAX_REACH: f32 = 1e14;
+const MAX_REACH: f64 = 1e14;
 
 /// Bit of [`Triangle::flags`]: whether a ray is stopped must be asked of the material's alpha.
 pub const TRIANGLE_ALPHA: u32 = 1;
@@ -40,11 +40,6 @@ pub struct Triangle {
 impl Triangle {
     pub fn area(&self) -> f32 {
         0.5 * (self.v1 - self.v0).cross(self.v2 - self.v0).length()
-    }
-
-    /// Its largest coordinate.
-    fn reach(&self) -> f32 {
-        self.v0.abs().max(self.v1.abs()).max(self.v2.abs()).max_element()
     }
 }
 
@@ -95,7 +90,7 @@ pub enum AccelError {
     #[error(
         "the scene reaches to {0:e} units, more than the {MAX_REACH:e} that areas can be reckoned with: scale it down"
     )]
-    TooLarge(f32),
+    TooLarge(f64),
 }
 
 impl Accel {
@@ -104,12 +99,16 @@ impl Accel {
         if scene.triangle_count() > MAX_TRIANGLES {
             return Err(AccelError::TooMany(scene.triangle_count()));
         }
-        let origin = origin_for(scene.bounds());
-        let flat = flatten::flatten(scene, origin);
-        let reach = flat.triangles.iter().map(Triangle::reach).fold(0.0, f32::max);
-        if reach > MAX_REACH {
-            return Err(AccelError::TooLarge(reach));
+        let bounds = scene.bounds();
+        let origin = origin_for(bounds);
+        if scene.triangle_count() > 0 {
+            let farthest = |corner: Vec3| (corner.as_dvec3() - origin).abs().max_element();
+            let reach = farthest(bounds.min).max(farthest(bounds.max));
+            if reach > MAX_REACH {
+                return Err(AccelError::TooLarge(reach));
+            }
         }
+        let flat = flatten::flatten(scene, origin);
         if flat.triangles.is_empty() {
             // One node without children: every ray misses it.
             return Ok(Self { nodes: vec![[0; 20]], dropped: flat.dropped, origin, ..Self::placeholder() });
