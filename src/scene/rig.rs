@@ -176,7 +176,9 @@ impl Rig {
         let position = world_from_view.translation.as_dvec3();
         let forward = -world_from_view.matrix3.z_axis.as_dvec3().normalize_or(DVec3::Z);
         let up = world_from_view.matrix3.y_axis.as_dvec3().normalize_or(DVec3::Y);
-        let mut key = RigKey { time_s: 0.0, position, target: position + forward, up };
+        // Far enough off to be another point, wherever the camera is.
+        let ahead = forward * (position.abs().max_element() * 0.5f64.powi(20)).max(1.0);
+        let mut key = RigKey { time_s: 0.0, position, target: position + ahead, up };
         if key.sin_view_up() < MIN_SIN_VIEW_UP {
             key.up = forward.any_orthonormal_vector();
         }
