@@ -72,7 +72,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
                 if pass_.arg0 == NORMAL {
                     value = s.normal;
                 } else if pass_.arg0 == POSITION {
-                    value = s.position;
+                    value = s.position + frame.world_origin;
                 } else {
                     value = vec3<f32>(previous_pixel(s.position, pass_.view) - centre, 0.0);
                 }
@@ -82,7 +82,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
                 if pass_.arg0 == NORMAL {
                     value = normalize(p - light.position);
                 } else if pass_.arg0 == POSITION {
-                    value = p;
+                    value = p + frame.world_origin;
                 } else {
                     value = vec3<f32>(previous_pixel(p, pass_.view) - centre, 0.0);
                 }

@@ -121,10 +121,16 @@ fn shots_with_bad_values_are_named_with_their_key() {
 
 /// A binary glTF of one triangle.
 fn glb() -> Vec<u8> {
-    let json = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
+    glb_of(TRIANGLE)
+}
+
+const TRIANGLE: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
         "meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],
         "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}],
         "bufferViews":[{"buffer":0,"byteLength":36}],"buffers":[{"byteLength":36}]}"#;
+
+/// One with three corners in its binary chunk.
+fn glb_of(json: &str) -> Vec<u8> {
     let mut json = json.as_bytes().to_vec();
     json.resize(json.len().next_multiple_of(4), b' ');
     let corners = [0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
@@ -148,7 +154,10 @@ fn damaged_glb_files_are_named() {
     let good = case.file("whole.glb", &whole);
     let output = case.render_into(&case.path("good"), &good, &[]);
     assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
-    for keep in [0, 3, 11, 12, 19, 100, whole.len() - 37, whole.len() - 1] {
+    // Within and at the ends of the header, the JSON chunk and the binary chunk.
+    for keep in
+        [0, 3, 4, 8, 11, 12, 16, 19, 20, 100, whole.len() - 44, whole.len() - 37, whole.len() - 36, whole.len() - 1]
+    {
         let name = format!("cut-{keep}.glb");
         let cut = case.file(&name, &whole[..keep]);
         case.refused(&cut, &[], 2, &[&name]);
@@ -158,6 +167,98 @@ fn damaged_glb_files_are_named() {
     bytes[corners..corners + 4].copy_from_slice(&f32::NAN.to_le_bytes());
     let broken = case.file("nan.glb", &bytes);
     case.refused(&broken, &[], 2, &["nan.glb"]);
+}
+
+/// What is wrong in a file is named with its place.
+#[test]
+fn glb_files_that_contradict_themselves_are_named() {
+    let case = Case::new();
+    let image = r#""materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],"textures":[{"source":0}],
+        "images":[{"uri":"URI"}],"meshes":[{"primitives":[{"material":0,"#;
+    let image_of = |uri: &str| image.replace("URI", uri);
+    let meshes = r#""meshes":[{"primitives":[{"#;
+    for (name, from, to, parts) in [
+        ("own ancestor", r#"{"mesh":0}"#, r#"{"mesh":0,"children":[1]},{"children":[1]}"#, &["node 1"][..]),
+        ("cycle", r#"[{"mesh":0}]"#, r#"[{"mesh":0},{"children":[2]},{"children":[1]}]"#, &["ancestor"]),
+        ("no mesh", r#"{"mesh":0}"#, r#"{"mesh":7}"#, &["mesh", "7"]),
+        ("no node", r#""nodes":[0]"#, r#""nodes":[9]"#, &["node", "9"]),
+        ("no accessor", r#""POSITION":0"#, r#""POSITION":4"#, &["accessor", "4"]),
+        ("too many", r#""count":3"#, r#""count":4"#, &["accessor 0"]),
+        ("far too many", r#""count":3"#, r#""count":4000000000"#, &["accessor 0"]),
+        (
+            "zeros",
+            r#""bufferView":0,"componentType":5126,"count":3"#,
+            r#""componentType":5126,"count":4000000000"#,
+            &["accessor 0"],
+        ),
+        ("bad index", r#"{"POSITION":0}"#, r#"{"POSITION":0},"indices":0"#, &["indices", "accessor 0"]),
+        ("beyond", r#""buffer":0,"byteLength":36"#, r#""buffer":0,"byteOffset":8,"byteLength":36"#, &["buffer"]),
+        (
+            "infinite",
+            r#"{"mesh":0}"#,
+            r#"{"mesh":0,"scale":[1e38,1e38,1e38],"children":[1]},{"scale":[1e9,1,1]}"#,
+            &["node 1"],
+        ),
+        ("huge", r#"{"mesh":0}"#, r#"{"mesh":0,"scale":[1e30,1e30,1e30]}"#, &["units"]),
+        ("no turn", r#"{"mesh":0}"#, r#"{"mesh":0,"rotation":[0,0,0,0]}"#, &["node 0"]),
+        ("version", r#""2.0""#, r#""3.0""#, &["3.0"]),
+        ("lost image", meshes, &image_of("lost.png"), &["lost.png"]),
+        ("no image", meshes, &image_of("data:image/png;base64,AAAA"), &["image 0"]),
+        ("no JSON", r#"{"asset""#, r#"{"asset"#, &["JSON"]),
+    ] {
+        let json = TRIANGLE.replacen(from, to, 1);
+        assert_ne!(json, TRIANGLE, "{name}");
+        let file = case.file(&format!("{name}.glb"), &glb_of(&json));
+        case.refused(&file, &[], 2, parts);
+    }
+}
+
+/// Pixels of a sky that are no radiance are taken as 0, and said.
+#[test]
+fn skies_with_values_that_are_none_are_cleaned() {
+    use diptych::image::{Extent, Image, exr};
+    let case = Case::new();
+    let mut sky = Image::filled(Extent::new(8, 4), [0.5f32; 3]);
+    sky.pixels[3] = [f32::NAN, 1.0, 1.0];
+    sky.pixels[9] = [1.0, f32::INFINITY, 1.0];
+    sky.pixels[12] = [1.0, 1.0, -1.0];
+    exr::write_rgb(&case.path("sky.exr"), &sky).unwrap();
+    let shot = case.file("sky.toml", format!("{SHOT}[environment]\nimage = 'sky.exr'\n").as_bytes());
+    let out = case.path("out");
+    let output = case.render_into(&out, &shot, &["--spp", "8"]);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{text}");
+    assert!(text.contains("3 pixels") && text.contains("sky.exr"), "{text}");
+    for name in ["left.exr", "right.exr"] {
+        let image = exr::read_rgb(&out.join(name)).unwrap();
+        assert!(image.pixels.as_flattened().iter().all(|v| v.is_finite() && *v >= 0.0), "{name}");
+    }
+    let run = std::fs::read_to_string(out.join("run.json")).unwrap();
+    assert!(run.replace(' ', "").contains("\"nonfinite_samples\":0"), "{run}");
+}
+
+#[test]
+fn skies_that_do_not_decode_are_named() {
+    let case = Case::new();
+    let whole = {
+        use diptych::image::{Extent, Image, exr};
+        exr::write_rgb(&case.path("whole.exr"), &Image::filled(Extent::new(8, 4), [0.5f32; 3])).unwrap();
+        std::fs::read(case.path("whole.exr")).unwrap()
+    };
+    let huge = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 40000 +X 40000\n";
+    for (name, bytes) in [
+        ("empty.exr", &[][..]),
+        ("half.exr", &whole[..whole.len() / 2]),
+        ("text.exr", b"not an image"),
+        ("empty.hdr", b""),
+        ("huge.hdr", huge),
+    ] {
+        case.file(name, bytes);
+        let shot = case.file("sky.toml", format!("{SHOT}[environment]\nimage = '{name}'\n").as_bytes());
+        case.refused(&shot, &[], 2, &[name]);
+    }
+    let shot = case.file("sky.toml", format!("{SHOT}[environment]\nimage = 'lost.hdr'\n").as_bytes());
+    case.refused(&shot, &[], 2, &["lost.hdr"]);
 }
 
 #[test]
@@ -186,7 +287,7 @@ fn sizes_beyond_a_device_s_memory_fail_and_say_so() {
 
 #[test]
 fn sample_counts_out_of_range_are_refused() {
-    for spp in ["0", "10000000000", "-1", "many", "1.5"] {
+    for spp in ["0", "1000000000", "10000000000", "-1", "many", "1.5"] {
         assert_option_refused(&[&format!("--spp={spp}")], &["--spp", spp]);
     }
     assert_option_refused(&["--bounces", "100000"], &["--bounces"]);

@@ -222,7 +222,11 @@ fn leaks(tracer: &Tracer, case: &Case, rays: usize) -> usize {
     let mut rng = Rng::new(3, 0);
     let mut missed = 0;
     for begin in (0..rays).step_by(BATCH) {
-        let batch: Vec<Ray> = (begin..rays.min(begin + BATCH)).map(|_| aim(case, centre, &mut rng)).collect();
+        let mut batch: Vec<Ray> = (begin..rays.min(begin + BATCH)).map(|_| aim(case, centre, &mut rng)).collect();
+        for [origin, _] in &mut batch {
+            let near = Vec3::from_slice(origin).as_dvec3() - accel.origin;
+            *origin = near.as_vec3().extend(0.0).to_array();
+        }
         missed += tracer.trace(&tables, &batch).iter().filter(|&&prim| prim == u32::MAX).count();
     }
     missed

@@ -38,6 +38,9 @@ struct Frame {
     env_grid_height: u32,
     // Number of the frame's first sample: passes of one accumulation continue one another's sequences.
     sample_base: u32,
+    pad0: u32,
+    // Where (0, 0, 0) is in the world.
+    world_origin: vec3<f32>,
     pad: u32,
 }
 

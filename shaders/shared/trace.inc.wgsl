@@ -81,10 +81,14 @@ fn hit_children(ray: Traversal, n0: vec4<u32>, child_meta: vec2<u32>, first: u32
 // Ray/Triangle Intersection", JCGT 2(1), 2013, with an orthonormal frame for their shear). A vertex has one projection
 // in all its triangles, and the sign of an edge function is a comparison of two products, which is right or equal
 // whatever is rounded or fused: no ray slips through a shared edge or vertex. Equal is inside, so no second test in
-// doubles is needed. Returns (t, b1, b2); t < 0: missed.
+// doubles is needed.
+//
+// The distance is that of the plane, which keeps a ray that starts on a large triangle from meeting it again; seen from
+// the edge the plane has none, and the corners' distances are mixed instead. Returns (t, b1, b2); t < 0: missed.
 fn intersect_triangle(ray: Traversal, prim: u32, t_max: f32) -> vec3<f32> {
     let tri = triangles[prim];
-    let a = (tri.v0 - ray.origin) * ray.frame;
+    let corner = tri.v0 - ray.origin;
+    let a = corner * ray.frame;
     let b = (tri.v1 - ray.origin) * ray.frame;
     let c = (tri.v2 - ray.origin) * ray.frame;
     let left = vec3<f32>(c.x * b.y, a.x * c.y, b.x * a.y);
@@ -95,7 +99,11 @@ fn intersect_triangle(ray: Traversal, prim: u32, t_max: f32) -> vec3<f32> {
         return vec3<f32>(-1.0);
     }
     let bary = weights / sum;
-    let t = dot(bary, vec3<f32>(a.z, b.z, c.z));
+    let normal = cross(tri.v1 - tri.v0, tri.v2 - tri.v0);
+    let plane = dot(normal, corner) / dot(normal, ray.direction);
+    let rounding = 0x1p-20 * (abs(a.x) + abs(a.y) + abs(a.z));
+    let is_between = plane >= min(min(a.z, b.z), c.z) - rounding && plane <= max(max(a.z, b.z), c.z) + rounding;
+    let t = select(dot(bary, vec3<f32>(a.z, b.z, c.z)), plane, is_between);
     if !(t > 0.0 && t <= t_max) {
         return vec3<f32>(-1.0);
     }

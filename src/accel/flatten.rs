@@ -1,6 +1,6 @@
 //! Instances to one list of world-space triangles.
 
-use glam::{Mat3, Vec2, Vec3};
+use glam::{Affine3A, DVec3, Mat3, Vec2, Vec3};
 
 use super::{Shading, TRIANGLE_ALPHA, Triangle};
 use crate::scene::{AlphaMode, Instance, Material, Mesh, Scene};
@@ -24,7 +24,8 @@ struct Present {
     tangents: bool,
 }
 
-pub(super) fn flatten(scene: &Scene) -> Flat {
+/// Positions are relative to `origin`.
+pub(super) fn flatten(scene: &Scene, origin: DVec3) -> Flat {
     let any = |has: fn(&Mesh) -> bool| scene.instances.iter().any(|i| has(&scene.meshes[i.mesh]));
     let present = Present {
         colors: any(|m| !m.colors.is_empty()),
@@ -43,6 +44,10 @@ pub(super) fn flatten(scene: &Scene) -> Flat {
     };
     for instance in &scene.instances {
         let mesh = &scene.meshes[instance.mesh];
+        let place = &instance.world_from_local;
+        let translation = Vec3::from(place.translation).as_dvec3() - origin;
+        let near_from_local = Affine3A { translation: translation.as_vec3a(), ..*place };
+        let instance = &Instance { world_from_local: near_from_local, ..*instance };
         push_instance(&mut flat, instance, mesh, &scene.materials[mesh.material], &present);
     }
     flat

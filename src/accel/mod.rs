@@ -6,18 +6,21 @@
 mod flatten;
 
 use bytemuck::{Pod, Zeroable};
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 use obvhs::BvhBuildParams;
 use obvhs::cwbvh::CwBvh;
 use obvhs::cwbvh::builder::build_cwbvh_from_tris;
 
-use crate::scene::Scene;
+use crate::scene::{Bounds, Scene};
 
 /// Deepest tree the shader's stack holds; `STACK_SIZE` there.
 const MAX_DEPTH: usize = 32;
 
 /// Most triangles: their tables take 112 bytes each on the host and on every device, 7 GiB in all.
 const MAX_TRIANGLES: usize = 1 << 26;
+
+/// Largest coordinate: the tree's costs are sums of areas, which must not overflow.
+const MAX_REACH: f64 = 1e14;
 
 /// Bit of [`Triangle::flags`]: whether a ray is stopped must be asked of the material's alpha.
 pub const TRIANGLE_ALPHA: u32 = 1;
@@ -74,6 +77,9 @@ pub struct Accel {
     pub tangents: Vec<[f32; 4]>,
     /// Triangles without area, which no ray can meet.
     pub dropped: usize,
+    /// What all positions on a device are relative to: (0, 0, 0) unless the scene stands far from there, where f32
+    /// would round positions coarsely.
+    pub origin: DVec3,
 }
 
 #[derive(Debug, thiserror::Error)]
@@ -86,6 +92,10 @@ pub enum AccelError {
         "the scene has {0} triangles after instancing, more than the {MAX_TRIANGLES} that fit into memory: simplify it"
     )]
     TooMany(usize),
+    #[error(
+        "the scene reaches to {0:e} units, more than the {MAX_REACH:e} that areas can be reckoned with: scale it down"
+    )]
+    TooLarge(f64),
 }
 
 impl Accel {
@@ -94,10 +104,19 @@ impl Accel {
         if scene.triangle_count() > MAX_TRIANGLES {
             return Err(AccelError::TooMany(scene.triangle_count()));
         }
-        let flat = flatten::flatten(scene);
+        let bounds = scene.bounds();
+        let origin = origin_for(bounds);
+        if scene.triangle_count() > 0 {
+            let farthest = |corner: Vec3| (corner.as_dvec3() - origin).abs().max_element();
+            let reach = farthest(bounds.min).max(farthest(bounds.max));
+            if reach > MAX_REACH {
+                return Err(AccelError::TooLarge(reach));
+            }
+        }
+        let flat = flatten::flatten(scene, origin);
         if flat.triangles.is_empty() {
             // One node without children: every ray misses it.
-            return Ok(Self { nodes: vec![[0; 20]], dropped: flat.dropped, ..Self::placeholder() });
+            return Ok(Self { nodes: vec![[0; 20]], dropped: flat.dropped, origin, ..Self::placeholder() });
         }
         let boxes: Vec<_> = flat
             .triangles
@@ -120,6 +139,7 @@ impl Accel {
             second_uvs: corners(order, &flat.second_uvs),
             tangents: corners(order, &flat.tangents),
             dropped: flat.dropped,
+            origin,
         })
     }
 
@@ -133,6 +153,7 @@ impl Accel {
             second_uvs: Vec::new(),
             tangents: Vec::new(),
             dropped: 0,
+            origin: DVec3::ZERO,
         }
     }
 }
@@ -140,6 +161,18 @@ impl Accel {
 /// The corners of each triangle in tree order; none where there are none.
 fn corners<T: Copy>(order: &[u32], of_triangle: &[[T; 3]]) -> Vec<T> {
     if of_triangle.is_empty() { Vec::new() } else { order.iter().flat_map(|&i| of_triangle[i as usize]).collect() }
+}
+
+/// The point nearest to the scene's centre on a lattice coarser than the scene: subtracting it is exact for positions
+/// that f32 can tell apart there, and it is (0, 0, 0) for all scenes around that.
+fn origin_for(bounds: Bounds) -> DVec3 {
+    let (min, max) = (bounds.min.as_dvec3(), bounds.max.as_dvec3());
+    let size = (max - min).max_element();
+    if !(size.is_finite() && size > 0.0) {
+        return DVec3::ZERO;
+    }
+    let cell = 4.0 * size.log2().ceil().exp2();
+    ((min + max) / 2.0 / cell).round() * cell
 }
 
 /// Levels of the tree, walked without recursion.
@@ -166,6 +199,15 @@ mod tests {
         let accel = Accel::build(&scene).unwrap();
         assert_eq!(accel.triangles.len() + accel.dropped, scene.triangle_count());
         assert!(accel.triangles.iter().all(|t| t.area() > 0.0));
+    }
+
+    #[test]
+    fn scenes_far_off_are_brought_near() {
+        let bounds = |at: f32| Bounds { min: Vec3::splat(at - 1.0), max: Vec3::splat(at + 2.0) };
+        assert_eq!(origin_for(bounds(0.0)), DVec3::ZERO);
+        assert_eq!(origin_for(bounds(-5.0)), DVec3::ZERO);
+        assert_eq!(origin_for(bounds(1e5)), DVec3::splat(1e5));
+        assert_eq!(origin_for(Bounds { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY }), DVec3::ZERO);
     }
 
     #[test]

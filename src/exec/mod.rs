@@ -232,6 +232,7 @@ impl Renderer {
     fn constants(&self, rig: &Rig, time_s: f64, index: u32, samples: Range<u32>) -> layout::Frame {
         let extent = self.spec.extent;
         let aspect = f64::from(extent.width) / f64::from(extent.height);
+        let rig = rig.relative_to(self.tables.origin());
         let mut frame = layout::Frame {
             views: Eye::ALL.map(|eye| layout::View::new(&rig.view(time_s, eye), aspect)),
             width: extent.width,

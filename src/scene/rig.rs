@@ -164,13 +164,21 @@ impl Rig {
         Rig { yfov_rad, baseline_m: DEFAULT_BASELINE_M.min(distance / 30.0), metres_per_unit: 1.0, keys: vec![key] }
     }
 
+    /// The same rig with `origin` for (0, 0, 0).
+    pub fn relative_to(&self, origin: DVec3) -> Rig {
+        let near = |key: &RigKey| RigKey { position: key.position - origin, target: key.target - origin, ..*key };
+        Rig { keys: self.keys.iter().map(near).collect(), ..*self }
+    }
+
     /// The rig whose midpoint is `camera`, at metre scale. A camera scaled to nothing looks along −z.
     pub fn from_camera(camera: Camera) -> Rig {
         let world_from_view = camera.world_from_view;
         let position = world_from_view.translation.as_dvec3();
         let forward = -world_from_view.matrix3.z_axis.as_dvec3().normalize_or(DVec3::Z);
         let up = world_from_view.matrix3.y_axis.as_dvec3().normalize_or(DVec3::Y);
-        let mut key = RigKey { time_s: 0.0, position, target: position + forward, up };
+        // Far enough off to be another point, wherever the camera is.
+        let ahead = forward * (position.abs().max_element() * 0.5f64.powi(20)).max(1.0);
+        let mut key = RigKey { time_s: 0.0, position, target: position + ahead, up };
         if key.sin_view_up() < MIN_SIN_VIEW_UP {
             key.up = forward.any_orthonormal_vector();
         }

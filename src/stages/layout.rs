@@ -60,6 +60,8 @@ pub struct Frame {
     pub env_grid_width: u32,
     pub env_grid_height: u32,
     pub sample_base: u32,
+    pub pad0: u32,
+    pub world_origin: Vec3,
     pub pad: u32,
 }
 

@@ -2,7 +2,7 @@
 
 use std::borrow::Cow;
 
-use glam::{Vec3, Vec4};
+use glam::{DVec3, Vec3, Vec4};
 use wgpu::util::DeviceExt;
 
 use super::albedo_table;
@@ -67,6 +67,7 @@ impl SceneTables {
 
     /// Fills in what the scene says about a frame.
     pub fn describe(&self, frame: &mut layout::Frame) {
+        frame.world_origin = self.accel.origin.as_vec3();
         self.emitters.describe(frame);
         match &self.environment {
             Environment::Black => {}
@@ -77,6 +78,11 @@ impl SceneTables {
                 frame.env_rotation = rotation_deg / 360.0;
             }
         }
+    }
+
+    /// Where the tables' (0, 0, 0) is in the world.
+    pub fn origin(&self) -> DVec3 {
+        self.accel.origin
     }
 
     /// Whether there is anything that could reflect light.

@@ -80,7 +80,9 @@ fn host_structs_lie_as_shaders_read_them() {
             local_lights = "local_lights",
             directional_lights = "directional_lights",
             env_grid_width = "env_grid_width",
-            env_grid_height = "env_grid_height"
+            env_grid_height = "env_grid_height",
+            sample_base = "sample_base",
+            world_origin = "world_origin"
         ]
     );
     same_layout!(

@@ -25,7 +25,7 @@ fn exr_bytes(compression: Compression, blocks: Blocks) -> Vec<u8> {
         let [r, g, b] = *image.get(at.x() as u32, at.y() as u32);
         (r, g, ::exr::prelude::f16::from_f32(b))
     });
-    let encoding = Encoding { compression, blocks, line_order: LineOrder::Unspecified };
+    let encoding = Encoding { compression, blocks, line_order: LineOrder::Increasing };
     let mut bytes = std::io::Cursor::new(Vec::new());
     let whole = ::exr::image::Image::from_encoded_channels((24, 12), encoding, channels);
     whole.write().non_parallel().to_buffered(&mut bytes).unwrap();

@@ -24,7 +24,7 @@ struct Allowed {
 const ANY: Allowed = Allowed { test: |_| true, what: "a finite number" };
 const POSITIVE: Allowed = Allowed { test: |v| v > 0.0, what: "a number above 0" };
 const NOT_NEGATIVE: Allowed = Allowed { test: |v| v >= 0.0, what: "0 or a number above" };
-const YFOV: Allowed = Allowed { test: |v| v > 0.0 && v < 180.0, what: "degrees above 0 and below 180" };
+const YFOV: Allowed = Allowed { test: |v| (1e-6..180.0).contains(&v), what: "degrees from 1e-6 to below 180" };
 const DISC: Allowed = Allowed { test: |v| (0.0..90.0).contains(&v), what: "degrees from 0 to below 90" };
 const CONE: Allowed = Allowed { test: |v| (0.0..=90.0).contains(&v), what: "degrees from 0 to 90" };
 const FRACTION: Allowed = Allowed { test: |v| (0.0..=1.0).contains(&v), what: "a number from 0 to 1" };

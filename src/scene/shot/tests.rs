@@ -144,7 +144,7 @@ fn wrong_types_name_line_and_key() {
 #[test]
 fn rig_values_are_checked() {
     for bad in ["0.0", "180.0", "-5", "nan", "inf"] {
-        fails("yfov_deg = 70.0", &format!("yfov_deg = {bad}"), &["rig.yfov_deg", "above 0 and below 180"]);
+        fails("yfov_deg = 70.0", &format!("yfov_deg = {bad}"), &["rig.yfov_deg", "from 1e-6 to below 180"]);
     }
     for bad in ["0.0", "-1.0", "nan", "1e300"] {
         fails("metres_per_unit = 0.01", &format!("metres_per_unit = {bad}"), &["metres_per_unit", "above 0"]);

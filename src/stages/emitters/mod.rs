@@ -58,10 +58,11 @@ impl Emitters {
         let mut out = Self::default();
         let (mut spheres, mut local, mut directional) = (Vec::new(), Vec::new(), Vec::new());
         for light in scene.lights.iter().filter(|l| luminance(l.strength) > 0.0) {
+            let light = relative_to(accel.origin, light);
             match light.kind {
-                LightKind::Directional { .. } => directional.push(gpu_light(light)),
-                _ if radius(light) > 0.0 => spheres.push((gpu_light(light), local_bounds(light))),
-                _ => local.push((gpu_light(light), local_bounds(light))),
+                LightKind::Directional { .. } => directional.push(gpu_light(&light)),
+                _ if radius(&light) > 0.0 => spheres.push((gpu_light(&light), local_bounds(&light))),
+                _ => local.push((gpu_light(&light), local_bounds(&light))),
             }
         }
         let balls: Vec<_> = spheres.iter().map(|(l, _)| (l.position, l.radius)).collect();
@@ -120,6 +121,17 @@ fn radius(light: &scene::Light) -> f32 {
         LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } => radius,
         LightKind::Directional { .. } => 0.0,
     }
+}
+
+fn relative_to(origin: DVec3, light: &scene::Light) -> scene::Light {
+    let mut light = *light;
+    match &mut light.kind {
+        LightKind::Point { position, .. } | LightKind::Spot { position, .. } => {
+            *position = (position.as_dvec3() - origin).as_vec3();
+        }
+        LightKind::Directional { .. } => {}
+    }
+    light
 }
 
 fn gpu_light(light: &scene::Light) -> Light {

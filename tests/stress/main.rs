@@ -1,0 +1,88 @@
+//! Scenes that strain the arithmetic: no sample is dropped, no pixel is anything but a radiance, and what the row says
+//! of its scene holds.
+
+#[path = "../common/mod.rs"]
+mod common;
+mod moved;
+#[path = "../reference/mod.rs"]
+mod reference;
+mod rows;
+
+use common::{Stage, Subject, still_rig};
+use diptych::image::RgbImage;
+use diptych::scene::Scene;
+use diptych::stages::Sampler;
+use reference::Pinhole;
+
+const WIDTH: u32 = 32;
+const HEIGHT: u32 = 18;
+
+/// How a scene is rendered.
+#[derive(Clone, Copy)]
+struct Effort {
+    size: [u32; 2],
+    spp: u32,
+    bounces: u32,
+    seed: u32,
+}
+
+impl Effort {
+    const fn new(spp: u32, bounces: u32) -> Self {
+        Self { size: [WIDTH, HEIGHT], spp, bounces, seed: 5 }
+    }
+}
+
+/// A scene, where it is seen from, and what must be true of its image beside being finite.
+struct Row {
+    name: &'static str,
+    scene: Scene,
+    camera: Pinhole,
+    effort: Effort,
+    claim: Box<dyn Fn(&RgbImage)>,
+}
+
+/// A scene as its camera sees it, with both eyes.
+fn subject(name: &str, scene: Scene, camera: Pinhole) -> Subject {
+    Subject::new(name, scene, still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov))
+}
+
+/// Both eyes of `frames` frames, each with random numbers of its own; every sample is finite.
+fn renders(subject: &Subject, effort: Effort, sampler: Sampler, frames: u32) -> Vec<RgbImage> {
+    let mut settings = subject.settings(effort.size[0], effort.size[1]);
+    settings.bounces = effort.bounces;
+    settings.seed = effort.seed;
+    settings.stages.spp = effort.spp;
+    settings.stages.sampler = sampler;
+    let mut stage = Stage::alone(subject, &settings);
+    let images: Vec<_> = (0..frames).map(|i| stage.frame(i).linear).flat_map(|eyes| [eyes.left, eyes.right]).collect();
+    for pixel in images.iter().flat_map(|image| &image.pixels) {
+        assert!(pixel.iter().all(|c| c.is_finite() && *c >= 0.0), "{}: {pixel:?} is no radiance", subject.name);
+    }
+    images
+}
+
+fn image(name: &str, scene: Scene, camera: Pinhole, effort: Effort) -> RgbImage {
+    renders(&subject(name, scene, camera), effort, Sampler::Sobol, 1).swap_remove(0)
+}
+
+fn hold(row: Row) {
+    let image = image(row.name, row.scene, row.camera, row.effort);
+    let brightest = image.pixels.as_flattened().iter().fold(0.0f32, |a, b| a.max(*b));
+    let mean = image.pixels.as_flattened().iter().map(|v| f64::from(*v)).sum::<f64>() / (3 * image.pixels.len()) as f64;
+    println!("{:40} mean {mean:.6e}, brightest {brightest:.6e}", row.name);
+    (row.claim)(&image);
+}
+
+#[test]
+fn every_sample_of_every_row_is_finite() {
+    rows::all().into_iter().for_each(hold);
+}
+
+#[test]
+#[ignore = "takes minutes: run it after changes to lights, sampling or intersection"]
+fn every_one_of_many_samples_is_finite() {
+    for row in rows::all() {
+        let effort = Effort { spp: row.effort.spp.max(256), seed: 77, ..row.effort };
+        hold(Row { effort, ..row });
+    }
+}
