@@ -105,10 +105,11 @@ fn is_opaque(prim: u32) -> bool {
 //
 // Alpha is looked at by the callers, between traversals. In here it would be looked at by every lane at every triangle,
 // since software drivers mask branches instead of taking them.
+var<private> stack: array<vec2<u32>, STACK_SIZE>;
+
 fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, after: Hit, any: bool) -> Hit {
     var hit = Hit(t_max, NO_PRIM, vec2<f32>(0.0));
     let ray = traversal_for(origin, direction);
-    var stack: array<vec2<u32>, STACK_SIZE>;
     var top = 0u;
     var group = vec2<u32>(0u, 0x80000000u);
     loop {
