@@ -54,7 +54,9 @@ struct TextureInfo {
 const NO_TEXTURE: u32 = 0xffffffffu;
 const TEXTURE_LINEAR: u32 = 1u;
 
-@group(0) @binding(1) var<storage, read> nodes: array<vec4<u32>>;
+// Five texels per node, 1024 nodes a row. In a texture, since software drivers read texels without a loop over lanes,
+// which they make for each read of a storage buffer.
+@group(0) @binding(1) var nodes: texture_2d<u32>;
 @group(0) @binding(2) var<storage, read> triangles: array<Triangle>;
 @group(0) @binding(3) var<storage, read> shadings: array<Shading>;
 @group(0) @binding(4) var<storage, read> vertex_colors: array<vec4<f32>>;

@@ -16,6 +16,10 @@ const SPHERE: u32 = 0x80000000u;
 // Deepest tree that `accel` lets through.
 const STACK_SIZE: u32 = 32u;
 
+// Node groups to come back to. Private to the invocation, so that it is zeroed once and not at every traversal: software
+// drivers zero an array element by element and lane by lane.
+var<private> stack: array<vec2<u32>, STACK_SIZE>;
+
 override HAS_SPHERES: bool = true;
 
 // No triangle lies before it.
@@ -49,14 +53,18 @@ fn planes(word: u32, scale: f32, offset: f32) -> vec4<f32> {
     return vec4<f32>(unpack4xU8(word)) * scale + offset;
 }
 
+fn node_part(node: u32, part: u32) -> vec4<u32> {
+    return textureLoad(nodes, vec2<u32>((node & 1023u) * 5u + part, node >> 10u), 0);
+}
+
 // Which children of a node the ray meets before `t_max`, as a group mask without the imask.
-fn hit_children(ray: Traversal, n0: vec4<u32>, child_meta: vec2<u32>, first: u32, t_max: f32) -> u32 {
+fn hit_children(ray: Traversal, n0: vec4<u32>, child_meta: vec2<u32>, node: u32, t_max: f32) -> u32 {
     let exponents = vec3<u32>(n0.w & 0xffu, (n0.w >> 8u) & 0xffu, (n0.w >> 16u) & 0xffu);
     let scale = bitcast<vec3<f32>>(exponents << vec3<u32>(23u)) * ray.inverse;
     let offset = (bitcast<vec3<f32>>(n0.xyz) - ray.origin) * ray.inverse;
-    let x = nodes[first + 2u];
-    let y = nodes[first + 3u];
-    let z = nodes[first + 4u];
+    let x = node_part(node, 2u);
+    let y = node_part(node, 3u);
+    let z = node_part(node, 4u);
     let nx = select(x, x.zwxy, ray.direction.x < 0.0);
     let ny = select(y, y.zwxy, ray.direction.y < 0.0);
     let nz = select(z, z.zwxy, ray.direction.z < 0.0);
@@ -105,8 +113,6 @@ fn is_opaque(prim: u32) -> bool {
 //
 // Alpha is looked at by the callers, between traversals. In here it would be looked at by every lane at every triangle,
 // since software drivers mask branches instead of taking them.
-var<private> stack: array<vec2<u32>, STACK_SIZE>;
-
 fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, after: Hit, any: bool) -> Hit {
     var hit = Hit(t_max, NO_PRIM, vec2<f32>(0.0));
     let ray = traversal_for(origin, direction);
@@ -123,10 +129,9 @@ fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, after: Hit, any
                 stack[top] = group;
                 top += 1u;
             }
-            let first = child * 5u;
-            let n0 = nodes[first];
-            let n1 = nodes[first + 1u];
-            let mask = hit_children(ray, n0, n1.zw, first, hit.t);
+            let n0 = node_part(child, 0u);
+            let n1 = node_part(child, 1u);
+            let mask = hit_children(ray, n0, n1.zw, child, hit.t);
             group = vec2<u32>(n1.x, (mask & 0xff000000u) | (n0.w >> 24u));
             leaf = vec2<u32>(n1.y, mask & 0x00ffffffu);
         } else {
