@@ -10,6 +10,12 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let at = pixel_index(pixel);
+    if JITTER {
+        if pass_.arg1 > 0u {
+            average_footprint(pixel, at, pass_.arg0, pass_.arg1);
+            return;
+        }
+    }
     let origin = frame.views[pass_.view].origin;
     let direction = ray_direction(pass_.view, vec2<f32>(pixel) + 0.5);
     var rng = rng_for(pixel, pass_.view, 0u);
@@ -29,19 +35,15 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let depth = select(hit.t, 0.0, hit.prim == NO_PRIM);
     albedo_image[at] = vec4<f32>(first.albedo, select(1.0, first.surface.roughness, is_surface));
     emission_image[at] = vec4<f32>(first.emission, depth);
-    tally_image[at] = 1u;
-    if JITTER {
-        if pass_.arg0 != 0u {
-            average_footprint(pixel, at);
-        }
-    }
+    tally_image[at] = add_tally(0u, 1u, select(0u, 1u, was_cut_short));
 }
 
-fn average_footprint(pixel: vec2<u32>, at: u32) {
-    var albedo = vec3<f32>(0.0);
-    var emission = vec3<f32>(0.0);
+// Samples [begin, end) go into the running means.
+fn average_footprint(pixel: vec2<u32>, at: u32, begin: u32, end: u32) {
+    var albedo = select(vec3<f32>(0.0), albedo_image[at].rgb, begin > 0u);
+    var emission = select(vec3<f32>(0.0), emission_image[at].rgb, begin > 0u);
     var mixed = false;
-    for (var i = 0u; i < frame.spp; i += 1u) {
+    for (var i = begin; i < end; i += 1u) {
         var rng = rng_for(pixel, pass_.view, i);
         let direction = ray_direction(pass_.view, vec2<f32>(pixel) + sample_offset(&rng));
         let hit = trace_closest(frame.views[pass_.view].origin, direction, alpha_key(rng));
@@ -53,7 +55,7 @@ fn average_footprint(pixel: vec2<u32>, at: u32) {
     }
     albedo_image[at] = vec4<f32>(albedo, albedo_image[at].a);
     emission_image[at] = vec4<f32>(emission, emission_image[at].a);
-    tally_image[at] = add_tally(1u, frame.spp, 0u);
+    tally_image[at] = add_tally(tally_image[at], end - begin, select(0u, 1u, was_cut_short));
     if mixed {
         hit_image[at].w |= FLAG_MIXED;
     }

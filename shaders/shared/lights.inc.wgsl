@@ -98,8 +98,8 @@ fn sine(cosine: f32) -> f32 {
 
 // PBRT 4e, 12.6.3, for bounds that are spheres. 0 only where no light of the node reaches the side of `n`.
 fn prospect(p: vec3<f32>, n: vec3<f32>, node: u32) -> Prospect {
-    let place = bitcast<vec4<f32>>(nodes[frame.light_tree + 2u * node]);
-    let kind = nodes[frame.light_tree + 2u * node + 1u];
+    let place = bitcast<vec4<f32>>(tree_row(frame.light_tree + 2u * node));
+    let kind = tree_row(frame.light_tree + 2u * node + 1u);
     let power = bitcast<f32>(kind.x);
     let cosines = unpack2x16snorm(kind.z);
     let away = p - place.xyz;
@@ -153,7 +153,7 @@ struct Pick {
 }
 
 fn light_root() -> u32 {
-    return nodes[frame.light_tree + 1u].w;
+    return tree_row(frame.light_tree + 1u).w;
 }
 
 // Goes down the light tree. Levels take turns in using up the two numbers, so that neither runs out of digits.

@@ -57,7 +57,9 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
     var albedo = vec3<f32>(0.0);
     var emission = vec3<f32>(0.0);
     var reflected = vec3<f32>(0.0);
-    for (var i = begin; i < end; i += 1u) {
+    var i = begin;
+    for (; i < end; i += 1u) {
+        was_cut_short = false;
         var rng = rng_for(pixel, view, i);
         let direction = ray_direction(view, vec2<f32>(pixel) + sample_offset(&rng));
         var rays = 0u;
@@ -77,7 +79,7 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
             path = trace_path(first.surface, direction, &rng);
         }
         let radiance = path.radiance * first.transmittance;
-        let ok = is_finite(radiance) && is_finite(first.emission) && is_finite(first.albedo);
+        let ok = is_finite(radiance) && is_finite(first.emission) && is_finite(first.albedo) && !was_cut_short;
         tally = add_tally(tally, rays + path.rays, select(1u, 0u, ok));
         if ok {
             albedo += first.albedo;
@@ -85,7 +87,8 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
             reflected += radiance;
         }
     }
-    tally_image[at] = tally;
+    // Samples that the driver did not let begin.
+    tally_image[at] = add_tally(tally, 0u, end - i);
     if !JITTER {
         radiance_image[at] = vec4<f32>(over_albedo(reflected, albedo), 1.0);
         return;

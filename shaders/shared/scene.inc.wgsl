@@ -77,7 +77,9 @@ const NO_TEXTURE: u32 = 0xffffffffu;
 const TEXTURE_LINEAR: u32 = 1u;
 const TEXTURE_SECOND_UVS: u32 = 2u;
 
-@group(0) @binding(1) var<storage, read> nodes: array<vec4<u32>>;
+// Five texels per node, 1024 nodes a row. In a texture, since software drivers read texels without a loop over lanes,
+// which they make for each read of a storage buffer.
+@group(0) @binding(1) var nodes: texture_2d<u32>;
 @group(0) @binding(2) var<storage, read> triangles: array<Triangle>;
 @group(0) @binding(3) var<storage, read> shadings: array<Shading>;
 @group(0) @binding(4) var<storage, read> vertex_colors: array<vec4<f32>>;
@@ -88,6 +90,15 @@ const TEXTURE_SECOND_UVS: u32 = 2u;
 @group(0) @binding(12) var<storage, read> second_uvs: array<vec2<f32>>;
 @group(0) @binding(13) var<storage, read> tangents: array<vec4<f32>>;
 @group(0) @binding(8) var<storage, read> srgb_to_linear: array<f32, 256>;
+
+fn node_part(node: u32, part: u32) -> vec4<u32> {
+    return textureLoad(nodes, vec2<u32>((node & 1023u) * 5u + part, node >> 10u), 0);
+}
+
+// The same table by texels, for the trees behind that of the triangles.
+fn tree_row(row: u32) -> vec4<u32> {
+    return textureLoad(nodes, vec2<u32>(row % 5120u, row / 5120u), 0);
+}
 
 fn wrap(coordinate: i32, size: i32, mode: u32) -> i32 {
     if mode == 2u {

@@ -16,11 +16,20 @@ const SPHERE: u32 = 0x80000000u;
 // Deepest tree that `accel` lets through.
 const STACK_SIZE: u32 = 32u;
 
+// Node groups to come back to. Private to the invocation, so that it is zeroed once and not at every traversal: software
+// drivers zero an array element by element and lane by lane.
+var<private> stack: array<vec2<u32>, STACK_SIZE>;
+
+// Whether a ray of this invocation was left before its end, by more than MAX_LAYERS uncovered layers or by the driver:
+// Mesa's software driver ends every loop of an invocation once they have made 65,535 rounds together. The sample is
+// dropped and counted.
+var<private> was_cut_short: bool;
+
 override HAS_SPHERES: bool = true;
 
 // No triangle lies before it.
 const BEFORE_ALL: Hit = Hit(-1.0, 0u, vec2<f32>(0.0));
-// Uncovered layers that a ray looks through at most; what lies behind is taken for covered.
+// Uncovered layers that a ray looks through at most.
 const MAX_LAYERS: u32 = 4096u;
 
 struct Traversal {
@@ -52,7 +61,7 @@ fn planes(word: u32, scale: f32, offset: f32) -> vec4<f32> {
 }
 
 // Which children of a node the ray meets before `t_max`, as a group mask without the imask.
-fn hit_children(ray: Traversal, n0: vec4<u32>, child_meta: vec2<u32>, first: u32, t_max: f32) -> u32 {
+fn hit_children(ray: Traversal, n0: vec4<u32>, child_meta: vec2<u32>, node: u32, t_max: f32) -> u32 {
     let exponents = vec3<u32>(n0.w & 0xffu, (n0.w >> 8u) & 0xffu, (n0.w >> 16u) & 0xffu);
     let unit = bitcast<vec3<f32>>(exponents << vec3<u32>(23u));
     let corner = bitcast<vec3<f32>>(n0.xyz) - ray.origin;
@@ -63,9 +72,9 @@ fn hit_children(ray: Traversal, n0: vec4<u32>, child_meta: vec2<u32>, first: u32
     let slack = max(max(reach.x, reach.y), reach.z) * 0x1p-20 * abs(ray.inverse);
     let low = corner * ray.inverse - slack;
     let high = corner * ray.inverse + slack;
-    let x = nodes[first + 2u];
-    let y = nodes[first + 3u];
-    let z = nodes[first + 4u];
+    let x = node_part(node, 2u);
+    let y = node_part(node, 3u);
+    let z = node_part(node, 4u);
     let nx = select(x, x.zwxy, ray.direction.x < 0.0);
     let ny = select(y, y.zwxy, ray.direction.y < 0.0);
     let nz = select(z, z.zwxy, ray.direction.z < 0.0);
@@ -123,10 +132,10 @@ fn is_opaque(prim: u32) -> bool {
 fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, after: Hit, any: bool) -> Hit {
     var hit = Hit(t_max, NO_PRIM, vec2<f32>(0.0));
     let ray = traversal_for(origin, direction);
-    var stack: array<vec2<u32>, STACK_SIZE>;
     var top = 0u;
     var group = vec2<u32>(0u, 0x80000000u);
-    loop {
+    var is_done = false;
+    while !is_done {
         var leaf = group;
         if group.y > 0x00ffffffu {
             let bit = firstLeadingBit(group.y);
@@ -137,10 +146,9 @@ fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, after: Hit, any
                 stack[top] = group;
                 top += 1u;
             }
-            let first = child * 5u;
-            let n0 = nodes[first];
-            let n1 = nodes[first + 1u];
-            let mask = hit_children(ray, n0, n1.zw, first, hit.t);
+            let n0 = node_part(child, 0u);
+            let n1 = node_part(child, 1u);
+            let mask = hit_children(ray, n0, n1.zw, child, hit.t);
             group = vec2<u32>(n1.x, (mask & 0xff000000u) | (n0.w >> 24u));
             leaf = vec2<u32>(n1.y, mask & 0x00ffffffu);
         } else {
@@ -155,18 +163,18 @@ fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, after: Hit, any
             if is_first && is_after {
                 hit = Hit(found.x, prim, found.yz);
                 if any && is_opaque(prim) {
-                    return hit;
+                    is_done = true;
+                    break;
                 }
             }
         }
         if group.y <= 0x00ffffffu {
-            if top == 0u {
-                return hit;
-            }
-            top -= 1u;
+            is_done = is_done || top == 0u;
+            top = max(top, 1u) - 1u;
             group = stack[top];
         }
     }
+    was_cut_short = was_cut_short || !is_done;
     return hit;
 }
 
@@ -196,8 +204,8 @@ fn traverse_spheres(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, except:
     let inverse = traversal_for(origin, direction).inverse;
     var row = frame.sphere_tree;
     while row < frame.sphere_tree_end {
-        let low = nodes[row];
-        let high = nodes[row + 1u];
+        let low = tree_row(row);
+        let high = tree_row(row + 1u);
         let a = (bitcast<vec3<f32>>(low.xyz) - origin) * inverse;
         let b = (bitcast<vec3<f32>>(high.xyz) - origin) * inverse;
         let enter = min(a, b);
@@ -222,12 +230,12 @@ fn traverse_spheres(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, except:
 
 fn trace_closest(origin: vec3<f32>, direction: vec3<f32>, key: u32) -> Hit {
     var hit = BEFORE_ALL;
-    for (var layer = 0u; layer < MAX_LAYERS; layer += 1u) {
+    var is_settled = false;
+    for (var layer = 0u; layer < MAX_LAYERS && !is_settled; layer += 1u) {
         hit = traverse(origin, direction, 3.0e38, hit, false);
-        if !HAS_ALPHA || hit.prim == NO_PRIM || is_opaque(hit.prim) || is_covered(hit.prim, hit.bary, key) {
-            break;
-        }
+        is_settled = !HAS_ALPHA || hit.prim == NO_PRIM || is_opaque(hit.prim) || is_covered(hit.prim, hit.bary, key);
     }
+    was_cut_short = was_cut_short || !is_settled;
     if hit.prim != NO_PRIM {
         hit.bary = hit_barycentrics(origin, direction, hit);
     }
@@ -248,12 +256,12 @@ fn is_occluded(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, except: u32,
         }
     }
     var hit = BEFORE_ALL;
-    for (var layer = 0u; layer < MAX_LAYERS; layer += 1u) {
+    var is_settled = false;
+    for (var layer = 0u; layer < MAX_LAYERS && !is_settled; layer += 1u) {
         hit = traverse(origin, direction, t_max, hit, true);
-        if !HAS_ALPHA || hit.prim == NO_PRIM || is_opaque(hit.prim) || is_covered(hit.prim, hit.bary, key) {
-            break;
-        }
+        is_settled = !HAS_ALPHA || hit.prim == NO_PRIM || is_opaque(hit.prim) || is_covered(hit.prim, hit.bary, key);
     }
+    was_cut_short = was_cut_short || !is_settled;
     return hit.prim != NO_PRIM;
 }
 

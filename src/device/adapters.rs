@@ -10,8 +10,8 @@ pub(super) const INSTALL_HINT: &str = "install a Vulkan driver (Debian or Ubuntu
 /// Most devices that one run drives: one bit each in masks, and far beyond any host.
 const MAX_DEVICES: usize = 64;
 
-/// Of the largest stage, hole-filling: 9 of the scene and 7 of its own.
-const STORAGE_BUFFERS_PER_STAGE: u32 = 19;
+/// Of the largest stage, hole-filling: 11 of the scene and 7 of its own.
+const STORAGE_BUFFERS_PER_STAGE: u32 = 18;
 const IMMEDIATE_BYTES: u32 = 32;
 
 /// An opened device, in words.

@@ -1,11 +1,15 @@
 //! Primary visibility of one view.
 
+use super::path_trace::batches;
 use super::{Dispatch, Room, Slot, Work};
 use crate::graph::{PhysicalImage as P, Stage};
 use crate::scene::rig::Eye;
 
 pub(super) const ROOM: Room =
     Room { stage: Stage::Gbuffer, shader: "gbuffer", reads_scene: true, slots: &SAMPLE_SLOTS, clears: &[], dispatches };
+
+/// Primary rays of one dispatch, a pixel.
+const RAYS_PER_DISPATCH: u32 = 64;
 
 /// Group 1 of `pixel.inc.wgsl`.
 pub(super) const SAMPLE_SLOTS: [Slot; 6] = [
@@ -18,7 +22,10 @@ pub(super) const SAMPLE_SLOTS: [Slot; 6] = [
 ];
 
 fn dispatches(work: &Work<'_>) -> Vec<Dispatch> {
+    let columns = work.settings.extent.width;
+    let centre = Dispatch::Rows { columns, args: [0; 3] };
     // Path tracing brings means over the pixel; what is reprojected into needs them from here.
-    let footprint = work.settings.reproject && work.view == Eye::Right;
-    vec![Dispatch::Rows { columns: work.settings.extent.width, args: [u32::from(footprint), 0, 0] }]
+    let needs_means = work.settings.jitter() && work.settings.reproject && work.view == Eye::Right;
+    let means = batches(if needs_means { work.spp } else { 0 }, RAYS_PER_DISPATCH);
+    std::iter::once(centre).chain(means.map(|args| Dispatch::Rows { columns, args })).collect()
 }

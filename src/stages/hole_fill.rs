@@ -1,6 +1,6 @@
 //! Path tracing of the holes that reprojection listed.
 
-use super::path_trace::batches;
+use super::path_trace::{PATHS_PER_DISPATCH, batches};
 use super::{Dispatch, Of, Room, Slot, Work};
 use crate::graph::{PhysicalImage as P, Stage};
 
@@ -22,5 +22,5 @@ pub(super) const ROOM: Room = Room {
 };
 
 fn dispatches(work: &Work<'_>) -> Vec<Dispatch> {
-    batches(work.spp).map(|args| Dispatch::Holes { args }).collect()
+    batches(work.spp, PATHS_PER_DISPATCH).map(|args| Dispatch::Holes { args }).collect()
 }

@@ -23,6 +23,8 @@ mod tonemap;
 pub use aov::Aov;
 pub use images::{Images, TooLarge};
 pub use pipeline::{DeviceStages, StageError, StageTask, Stamps};
+#[doc(hidden)] // For benchmarks.
+pub use scene_tables::{SceneBuffers, layout_entries as scene_layout_entries};
 pub use scene_tables::{SceneTables, TableError};
 pub use tally::{HoleReason, RowTally};
 

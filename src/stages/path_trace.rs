@@ -13,15 +13,17 @@ pub(super) const ROOM: Room = Room {
     dispatches,
 };
 
-/// Samples of one dispatch: short enough for drivers that watch over long ones.
-const BATCH: u32 = 32;
+/// Paths of one dispatch, a pixel. Mesa's software driver ends all loops of an invocation once they have made 65,535
+/// rounds together, and a path of 13 rays makes some thousands. It is also short enough for drivers that watch over long
+/// dispatches.
+pub(super) const PATHS_PER_DISPATCH: u32 = 4;
 
 /// First and last + 1 sample of each batch.
-pub(super) fn batches(spp: u32) -> impl Iterator<Item = [u32; 3]> {
-    (0..spp.div_ceil(BATCH)).map(move |i| [i * BATCH, (i * BATCH + BATCH).min(spp), 0])
+pub(super) fn batches(spp: u32, size: u32) -> impl Iterator<Item = [u32; 3]> {
+    (0..spp.div_ceil(size)).map(move |i| [i * size, (i * size + size).min(spp), 0])
 }
 
 fn dispatches(work: &Work<'_>) -> Vec<Dispatch> {
     let columns = work.settings.extent.width;
-    batches(work.spp).map(|args| Dispatch::Rows { columns, args }).collect()
+    batches(work.spp, PATHS_PER_DISPATCH).map(|args| Dispatch::Rows { columns, args }).collect()
 }

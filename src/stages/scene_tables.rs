@@ -8,10 +8,14 @@ use wgpu::util::DeviceExt;
 use super::albedo_table;
 use super::emitters::Emitters;
 use super::layout::{self, ALPHA_BLEND, ALPHA_MASK, DOUBLE_SIDED, NO_TEXTURE, THICK, TextureInfo, UNLIT};
-use crate::accel::Accel;
+use crate::accel::{Accel, Node};
 use crate::device::GpuDevice;
 use crate::image::{Extent, RgbImage};
 use crate::scene::{self, AlphaMode, Environment, Scene, Wrap};
+
+/// Nodes in a row of the tree's texture; the shift and mask in `trace.inc.wgsl`.
+const NODES_PER_ROW: usize = 1024;
+const TREE_TEXEL_BYTES: usize = 16;
 
 /// Edge of a texel page; the shift and mask in `scene.inc.wgsl`.
 const PAGE: u32 = 2048;
@@ -187,6 +191,7 @@ fn absorption(volume: scene::Volume) -> Vec3 {
 /// A scene's tables on a device; group 0 of the tracing stages, but for the frame's constants at binding 0.
 pub struct SceneBuffers {
     buffers: Vec<(u32, wgpu::Buffer)>,
+    tree: wgpu::TextureView,
     texels: wgpu::TextureView,
     environment: wgpu::TextureView,
 }
@@ -200,14 +205,13 @@ pub fn layout_entries() -> Vec<wgpu::BindGroupLayoutEntry> {
         has_dynamic_offset: false,
         min_binding_size: None,
     };
-    let texture = |view_dimension| wgpu::BindingType::Texture {
-        sample_type: wgpu::TextureSampleType::Float { filterable: false },
-        view_dimension,
-        multisampled: false,
-    };
-    let mut entries: Vec<_> = [1, 2, 3, 4, 5, 6, 8, 9, 11, 12, 13, 14].map(|b| entry(b, storage)).into();
-    entries.push(entry(7, texture(wgpu::TextureViewDimension::D2Array)));
-    entries.push(entry(10, texture(wgpu::TextureViewDimension::D2)));
+    let texture =
+        |sample_type, view_dimension| wgpu::BindingType::Texture { sample_type, view_dimension, multisampled: false };
+    let float = wgpu::TextureSampleType::Float { filterable: false };
+    let mut entries: Vec<_> = [2, 3, 4, 5, 6, 8, 9, 11, 12, 13, 14].map(|b| entry(b, storage)).into();
+    entries.push(entry(1, texture(wgpu::TextureSampleType::Uint, wgpu::TextureViewDimension::D2)));
+    entries.push(entry(7, texture(float, wgpu::TextureViewDimension::D2Array)));
+    entries.push(entry(10, texture(float, wgpu::TextureViewDimension::D2)));
     entries
 }
 
@@ -217,7 +221,6 @@ impl SceneBuffers {
         let albedo = albedo_table::table();
         let emitters = &tables.emitters;
         let contents = [
-            (1, "tree", bytes_of(&tables.accel.nodes)),
             (2, "triangles", bytes_of(&tables.accel.triangles)),
             (3, "normals and texture coordinates", bytes_of(&tables.accel.shadings)),
             (4, "vertex colours", bytes_of(&tables.accel.colors)),
@@ -244,10 +247,11 @@ impl SceneBuffers {
             };
             buffers.push((binding, gpu.device.create_buffer_init(&descriptor)));
         }
+        let tree = upload_tree(gpu, &tables.accel.nodes)?;
         let texels = upload_pages(gpu, &tables.texels);
         let environment = upload_environment(gpu, &tables.environment)?;
         gpu.queue.submit([]);
-        Ok(Self { buffers, texels, environment })
+        Ok(Self { buffers, tree, texels, environment })
     }
 
     pub fn entries(&self) -> Vec<wgpu::BindGroupEntry<'_>> {
@@ -256,13 +260,31 @@ impl SceneBuffers {
             .iter()
             .map(|(binding, b)| wgpu::BindGroupEntry { binding: *binding, resource: b.as_entire_binding() });
         let view = |binding, v| wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(v) };
-        buffers.chain([view(7, &self.texels), view(10, &self.environment)]).collect()
+        buffers.chain([view(1, &self.tree), view(7, &self.texels), view(10, &self.environment)]).collect()
     }
 }
 
 /// A table's bytes. No binding may be empty: a table without entries becomes one zeroed entry.
 fn bytes_of<T: bytemuck::Pod>(table: &[T]) -> Cow<'_, [u8]> {
     if table.is_empty() { Cow::Owned(vec![0; size_of::<T>()]) } else { Cow::Borrowed(bytemuck::cast_slice(table)) }
+}
+
+/// Five texels per node, row after row.
+fn upload_tree(gpu: &GpuDevice, nodes: &[Node]) -> Result<wgpu::TextureView, TableError> {
+    let row_bytes = NODES_PER_ROW * size_of::<Node>();
+    let rows = nodes.len().div_ceil(NODES_PER_ROW);
+    let max_rows = gpu.device.limits().max_texture_dimension_2d as usize;
+    if rows > max_rows {
+        let [mib, limit] = [rows, max_rows].map(|r| (r * row_bytes) as u64 >> 20);
+        return Err(TableError::TooLarge { what: "tree", mib, limit, device: gpu.info.index });
+    }
+    let (width, height) = ((row_bytes / TREE_TEXEL_BYTES) as u32, rows as u32);
+    let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
+    let texture = new_texture(gpu, "tree", size, wgpu::TextureFormat::Rgba32Uint);
+    let mut bytes: Vec<u8> = bytemuck::cast_slice(nodes).to_vec();
+    bytes.resize(rows * row_bytes, 0);
+    write_layer(gpu, &texture, 0, [width, height], TREE_TEXEL_BYTES as u32, &bytes);
+    Ok(texture.create_view(&Default::default()))
 }
 
 fn upload_pages(gpu: &GpuDevice, texels: &[[u8; 4]]) -> wgpu::TextureView {

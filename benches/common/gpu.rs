@@ -1,0 +1,157 @@
+//! The shaders' traversal on one device that takes all cores.
+
+use std::path::Path;
+
+use diptych::device::{self, GpuDevice, Selection, ShaderChecks};
+use diptych::stages::layout::Frame;
+use diptych::stages::{SceneBuffers, scene_layout_entries};
+use wgpu::util::DeviceExt;
+
+use super::{BenchRay, Case, Workload};
+
+pub struct Gpu {
+    gpu: GpuDevice,
+    pipeline: wgpu::ComputePipeline,
+    groups: [wgpu::BindGroup; 2],
+    hits: wgpu::Buffer,
+    workgroups: [u32; 2],
+}
+
+/// What path tracing includes up to the traversal, with `trace` in the place of the present one, and the entry point.
+fn source(trace: &Path) -> String {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let read = |path: &Path| std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
+    let stage = read(&folder.join("shaders/path_trace.wgsl"));
+    let includes = stage.lines().find_map(|l| l.strip_prefix("//!include ")).expect("path_trace includes its parts");
+    let mut text = String::new();
+    for name in includes.split(' ').take_while(|name| *name != "trace") {
+        text += &read(&folder.join(format!("shaders/shared/{name}.inc.wgsl")));
+    }
+    text + &read(trace) + include_str!("../rays.wgsl")
+}
+
+fn entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLayoutEntry {
+    wgpu::BindGroupLayoutEntry {
+        binding,
+        visibility: wgpu::ShaderStages::COMPUTE,
+        ty: wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None },
+        count: None,
+    }
+}
+
+fn bound(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
+    wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
+}
+
+fn layout(device: &wgpu::Device, entries: &[wgpu::BindGroupLayoutEntry]) -> wgpu::BindGroupLayout {
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: None, entries })
+}
+
+fn pipeline(gpu: &GpuDevice, layouts: [&wgpu::BindGroupLayout; 2], text: &str, case: Case) -> wgpu::ComputePipeline {
+    let descriptor =
+        wgpu::ShaderModuleDescriptor { label: Some("rays"), source: wgpu::ShaderSource::Wgsl(text.into()) };
+    // SAFETY: as in the stages: loops end by themselves, no integer divisor is 0, bounds stay checked.
+    let module = unsafe { gpu.device.create_shader_module_trusted(descriptor, ShaderChecks::Fast.runtime_checks()) };
+    let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: None,
+        bind_group_layouts: &layouts.map(Some),
+        immediate_size: 32,
+    });
+    let declared = device::override_names(text);
+    // Opaque triangles only, as obvhs sees them.
+    let mut constants: Vec<_> = declared.iter().filter(|n| n.starts_with("HAS_")).map(|n| (*n, 0.0)).collect();
+    constants.push(("SEGMENTS", case.segments() as f64));
+    constants.push(("ANY_HIT", f64::from(u8::from(case == Case::Shadow))));
+    gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some("rays"),
+        layout: Some(&pipeline_layout),
+        module: &module,
+        entry_point: Some("main"),
+        compilation_options: wgpu::PipelineCompilationOptions {
+            constants: &constants,
+            zero_initialize_workgroup_memory: false,
+        },
+        cache: None,
+    })
+}
+
+impl Gpu {
+    /// # Panics
+    /// Without a device, or if the shader is refused.
+    pub fn new(workload: &Workload, case: Case, rays: &[BenchRay], trace: &Path) -> Self {
+        let gpu = device::open(&Selection::default()).expect("a device").swap_remove(0);
+        let scene = SceneBuffers::new(&gpu, &workload.tables).expect("the scene fits");
+        let frame = Frame { width: workload.extent.width, height: workload.extent.height, ..Default::default() };
+        let init = |contents: &[u8], usage| {
+            gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: None, contents, usage })
+        };
+        let frame = init(bytemuck::bytes_of(&frame), wgpu::BufferUsages::UNIFORM);
+        let rays = init(bytemuck::cast_slice(rays), wgpu::BufferUsages::STORAGE);
+        let hits = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: rays.size() / size_of::<BenchRay>() as u64 * 8,
+            usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC,
+            mapped_at_creation: false,
+        });
+        let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
+        let mut entries = vec![entry(0, wgpu::BufferBindingType::Uniform)];
+        entries.extend(scene_layout_entries());
+        let layouts =
+            [layout(&gpu.device, &entries), layout(&gpu.device, &[entry(0, storage(true)), entry(1, storage(false))])];
+        let group = |layout, entries: &[_]| {
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries })
+        };
+        let mut scene_entries = vec![bound(0, &frame)];
+        scene_entries.extend(scene.entries());
+        let groups = [group(&layouts[0], &scene_entries), group(&layouts[1], &[bound(0, &rays), bound(1, &hits)])];
+        let pipeline = pipeline(&gpu, [&layouts[0], &layouts[1]], &source(trace), case);
+        let workgroups = [workload.extent.width.div_ceil(8), workload.extent.height.div_ceil(8)];
+        Self { gpu, pipeline, groups, hits, workgroups }
+    }
+
+    /// All rays once.
+    pub fn trace(&self) {
+        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
+        let mut pass = encoder.begin_compute_pass(&Default::default());
+        pass.set_pipeline(&self.pipeline);
+        pass.set_bind_group(0, &self.groups[0], &[]);
+        pass.set_bind_group(1, &self.groups[1], &[]);
+        pass.dispatch_workgroups(self.workgroups[0], self.workgroups[1], 1);
+        drop(pass);
+        self.gpu.queue.submit([encoder.finish()]);
+        self.gpu.wait(None).expect("the device works");
+    }
+
+    /// Rays for which the other side found something else: one of the two nothing, or distances that differ by more than
+    /// 1e-4 of themselves.
+    pub fn differing(&self, expected: &[[u32; 2]], case: Case) -> usize {
+        let differs = |(found, expected): &(&[u32; 2], &[u32; 2])| {
+            if case == Case::Shadow {
+                return found[0] != expected[0];
+            }
+            let (a, b) = (f32::from_bits(found[0]), f32::from_bits(expected[0]));
+            let hits = [found, expected].map(|r| r[1] != u32::MAX);
+            hits[0] != hits[1] || hits[0] && (a - b).abs() > 1e-4 * a.abs()
+        };
+        // Entries behind the end of a path keep zeros on the device.
+        let traced = |(found, expected): &(&[u32; 2], &[u32; 2])| *found != &[0; 2] || expected[0] != 0;
+        self.read_hits().iter().zip(expected).filter(|pair| traced(pair) && differs(pair)).count()
+    }
+
+    fn read_hits(&self) -> Vec<[u32; 2]> {
+        let device = &self.gpu.device;
+        let copy = device.create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: self.hits.size(),
+            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let mut encoder = device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_buffer(&self.hits, 0, &copy, 0, self.hits.size());
+        self.gpu.queue.submit([encoder.finish()]);
+        copy.slice(..).map_async(wgpu::MapMode::Read, |_| {});
+        self.gpu.wait(None).expect("the device works");
+        let bytes = copy.slice(..).get_mapped_range().expect("the copy is mapped");
+        bytemuck::cast_slice(&bytes).to_vec()
+    }
+}
