@@ -24,9 +24,10 @@ fn expected_per_bin(bsdf: &Bsdf) -> Vec<f64> {
     let mut bins = vec![0.0; BANDS * SECTORS];
     let (rows, columns) = (BANDS * FINE[0], SECTORS * FINE[1]);
     for row in 0..rows {
-        let theta = PI * (row as f64 + 0.5) / rows as f64;
-        let measure = theta.sin() * PI / rows as f64 * TAU / columns as f64;
         for column in 0..columns {
+            // Rows are shifted from column to column, so that a break along a row is not met by all or none.
+            let theta = PI * (row as f64 + (0.618_034 * column as f64).fract()) / rows as f64;
+            let measure = theta.sin() * PI / rows as f64 * TAU / columns as f64;
             let phi = TAU * (column as f64 + 0.5) / columns as f64;
             bins[row / FINE[0] * SECTORS + column / FINE[1]] += bsdf.density(direction(theta.cos(), phi)) * measure;
         }

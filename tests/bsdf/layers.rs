@@ -89,7 +89,8 @@ fn the_table_of_the_layer_is_exact_to_a_ten_thousandth() {
                 let w = part(layer::schlick_weight(v.dot(h)));
                 w * facets.distribution(h) * facets.visibility(mu, l.z) * l.z * 4.0 * v.dot(h)
             };
-            let expected = [over_facets(alpha, |h| reflected(h, |w| 1.0 - w)), over_facets(alpha, |h| reflected(h, |w| w))];
+            let expected =
+                [over_facets(alpha, |h| reflected(h, |w| 1.0 - w)), over_facets(alpha, |h| reflected(h, |w| w))];
             let found = [layer::albedo(alpha, 1.0, 0.0, mu), layer::albedo(alpha, 0.0, 1.0, mu)];
             for (e, f) in expected.iter().zip(found) {
                 assert!((e - f).abs() < 3e-4, "α {alpha}, μ {mu}: {found:?} is not {expected:?}");

@@ -276,10 +276,15 @@ impl Bsdf {
     fn chances(&self) -> [f64; 4] {
         let cosine = self.normal.dot(self.to_viewer);
         let (coat, dielectric) = (self.coat_reflectance(), 1.0 - self.metallic);
-        let base = self.base.max_element() * dielectric * self.under_reflection(cosine).max(LEAST_SHARE);
-        let least_reflected = LEAST_SHARE * (dielectric * self.f90 + self.metallic * self.base.max_element());
-        let reflection = self.mixed_fresnel(cosine).max_element().max(least_reflected);
-        let under = [base * (1.0 - self.transmission), reflection, base * self.transmission];
+        let least = |lobe| if self.is_delta(lobe) { 0.0 } else { LEAST_SHARE };
+        let base = |lobe| self.base.max_element() * dielectric * self.under_reflection(cosine).max(least(lobe));
+        let most_reflected = dielectric * self.f90 + self.metallic * self.base.max_element();
+        let reflection = self.mixed_fresnel(cosine).max_element();
+        let under = [
+            base(Lobe::Diffuse) * (1.0 - self.transmission),
+            reflection.max(least(Lobe::Reflection) * most_reflected),
+            base(Lobe::Transmission) * self.transmission,
+        ];
         let [diffuse, reflection, transmission] = under.map(|share| share * (1.0 - coat));
         let shares = [diffuse, reflection, transmission, coat];
         let sum: f64 = shares.iter().sum();

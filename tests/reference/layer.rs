@@ -4,6 +4,7 @@
 //! E(μ) = f0 a(μ) + f90 b(μ). Both are tabulated over √α and ∛μ and interpolated by cubics; the quadrature is over
 //! visible normals.
 
+use std::f64::consts::{FRAC_PI_2, PI};
 use std::sync::LazyLock;
 
 use glam::{DVec2, DVec3};
@@ -13,9 +14,9 @@ use super::microfacet::{Ggx, reflect};
 /// Below this α, facets are a mirror.
 pub const SMOOTH_ALPHA: f64 = 1e-4;
 
-const SIDE: usize = 96;
+const SIDE: usize = 112;
 /// Steps in radius and in azimuth; half of the azimuths, as the other half mirrors it.
-const QUADRATURE: [usize; 2] = [128, 40];
+const QUADRATURE: [usize; 2] = [256, 24];
 
 /// (1 − c)⁵ of Schlick (1994).
 pub fn schlick_weight(cosine: f64) -> f64 {
@@ -63,29 +64,32 @@ pub fn integrate(facets: Ggx, mu: f64) -> DVec2 {
     let v = DVec3::new((1.0 - mu * mu).sqrt(), 0.0, mu);
     let mut sum = DVec2::ZERO;
     for i in 0..QUADRATURE[0] {
-        let radius = (i as f64 + 0.5) / QUADRATURE[0] as f64;
+        // The radius is a sine, and steps are finer towards the rim, where facets turn fastest.
+        let from_rim = 1.0 - (i as f64 + 0.5) / QUADRATURE[0] as f64;
+        let (cos, sin) = (FRAC_PI_2 * from_rim * from_rim).sin_cos();
         for k in 0..QUADRATURE[1] {
             let turn = 0.5 * (k as f64 + 0.5) / QUADRATURE[1] as f64 - 0.25;
-            let h = facets.sample(v, [radius * radius, turn]);
+            let h = facets.sample(v, [sin * sin, turn]);
             let l = reflect(v, h);
             if l.z > 0.0 {
                 let w = schlick_weight(v.dot(h));
                 // G2 / G1: what is seen of the facets that v sees.
                 let lit = facets.visibility(v.z, l.z) * 4.0 * v.z * l.z / facets.masking(v.z);
-                sum += DVec2::new(1.0 - w, w) * (lit * 2.0 * radius);
+                sum += DVec2::new(1.0 - w, w) * (lit * 2.0 * sin * cos * PI * from_rim);
             }
         }
     }
     sum / (QUADRATURE[0] * QUADRATURE[1]) as f64
 }
 
-/// Catmull–Rom through the four entries around `place`, ends extended in a straight line.
+/// Catmull–Rom through the four entries around `place`, ends extended by parabolas.
 fn cubic(at: impl Fn(usize) -> DVec2, place: f64) -> DVec2 {
     let first = (place.floor().max(0.0) as usize).min(SIDE - 2);
     let t = place - first as f64;
     let [b, c] = [at(first), at(first + 1)];
-    let a = if first > 0 { at(first - 1) } else { 2.0 * b - c };
-    let d = if first + 2 < SIDE { at(first + 2) } else { 2.0 * c - b };
+    let (below, above) = ((first > 0).then(|| at(first - 1)), (first + 2 < SIDE).then(|| at(first + 2)));
+    let a = below.unwrap_or_else(|| 3.0 * (b - c) + at(first + 2));
+    let d = above.unwrap_or_else(|| 3.0 * (c - b) + a);
     let (slope_b, slope_c) = ((c - a) / 2.0, (d - b) / 2.0);
     let (t2, t3) = (t * t, t * t * t);
     b * (2.0 * t3 - 3.0 * t2 + 1.0) + slope_b * (t3 - 2.0 * t2 + t) + c * (3.0 * t2 - 2.0 * t3) + slope_c * (t3 - t2)

@@ -19,9 +19,7 @@ impl Medium {
     /// What a ray that leaves `surface` towards `direction` runs in.
     pub fn beyond(self, surface: &Surface, direction: DVec3) -> Self {
         match surface.volume {
-            Some(volume) if surface.geometric_normal.dot(direction) < 0.0 => {
-                Self((!surface.on_back).then_some(volume))
-            }
+            Some(volume) if surface.geometric_normal.dot(direction) < 0.0 => Self((!surface.on_back).then_some(volume)),
             _ => self,
         }
     }

@@ -172,7 +172,8 @@ impl<'a> Surfaces<'a> {
             on_back: self.front_normal(triangle).dot(to_viewer) < 0.0,
             coat: (material.clearcoat.factor > 0.0).then(|| Coat {
                 strength: f64::from(material.clearcoat.factor) * linear(material.clearcoat.factor_texture).x,
-                alpha: (f64::from(material.clearcoat.roughness) * linear(material.clearcoat.roughness_texture).y).powi(2),
+                alpha: (f64::from(material.clearcoat.roughness) * linear(material.clearcoat.roughness_texture).y)
+                    .powi(2),
                 normal: normal(material.clearcoat.normal_map),
             }),
         }

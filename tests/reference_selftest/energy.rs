@@ -5,12 +5,12 @@ use std::f64::consts::PI;
 use diptych::scene::{Environment, Material};
 use glam::{Affine3A, Quat, Vec3, vec3, vec4};
 
+use crate::point;
 use crate::reference::asserts::assert_exact;
 use crate::reference::scenes::{
     add_material, add_matte, add_mesh, block, empty, icosphere, instance, matte, scaled_at,
 };
 use crate::reference::{Emitters, Reference};
-use crate::point;
 
 #[test]
 fn a_convex_body_in_a_white_furnace_has_its_albedo() {

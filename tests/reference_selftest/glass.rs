@@ -6,7 +6,9 @@ use glam::{Vec3, vec3};
 use crate::point;
 use crate::reference::Reference;
 use crate::reference::asserts::{assert_exact, assert_near};
-use crate::reference::scenes::{add_material, add_matte, add_mesh, block, empty, instance, matte, place, quad, scaled_at};
+use crate::reference::scenes::{
+    add_material, add_matte, add_mesh, block, empty, instance, matte, place, quad, scaled_at,
+};
 use crate::reference::ztest::Estimate;
 
 /// Share of light per unit of length.
@@ -77,7 +79,7 @@ fn thin_glass_lets_light_straight_on_from_both_sides() {
         sheet(&mut scene, 0.0, up, &Material { base_color: tint.extend(1.0), ..glass() });
         sheet(&mut scene, -1.0, true, &glowing(2.0));
         sheet(&mut scene, 9.0, false, &glowing(7.0));
-        let seen = look_down(&scene, 200_000, 0);
+        let seen = look_down(&scene, 400_000, 0);
         for (c, tint) in tint.to_array().into_iter().enumerate() {
             let expected = 7.0 * fresnel(0.8) + 2.0 * f64::from(tint) * (1.0 - fresnel(0.8));
             let (mean, sigma) = (seen.mean[0][c], seen.variance_of_mean[0][c].sqrt());

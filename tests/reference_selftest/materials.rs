@@ -43,7 +43,8 @@ fn sun(scene: &mut Scene, direction: Vec3) {
 fn a_coat_mirrors_by_its_fresnel_term_and_dims_what_is_under_it() {
     let mut scene = empty("coat");
     let clearcoat = Clearcoat { factor: 0.5, ..Clearcoat::default() };
-    let material = add_material(&mut scene, Material { base_color: BLACK, emissive: Vec3::splat(3.0), clearcoat, ..matte() });
+    let material =
+        add_material(&mut scene, Material { base_color: BLACK, emissive: Vec3::splat(3.0), clearcoat, ..matte() });
     place(&mut scene, plane(material));
     assert_exact(&look_down(&scene, 10), [3.0 * (1.0 - 0.5 * 0.04); 3]);
     scene.environment = Environment::Constant(Vec3::ONE);
@@ -144,7 +145,8 @@ fn textures_multiply_their_factors_channel_by_channel() {
     let half = flat_texture(&mut textured, [188, 188, 188, 7]);
     let half_of = |x: f32| 0.502_886_5 * x;
     let coat = Clearcoat { factor: 1.0, roughness: 0.9, ..Clearcoat::default() };
-    let material = Material { roughness: 0.8, metallic: 0.5, specular: 0.9, specular_color: Vec3::splat(1.2), ..matte() };
+    let material =
+        Material { roughness: 0.8, metallic: 0.5, specular: 0.9, specular_color: Vec3::splat(1.2), ..matte() };
     let textures = Material {
         metallic_roughness_texture: all,
         specular_texture: all,

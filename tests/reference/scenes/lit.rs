@@ -64,7 +64,10 @@ fn spot(radius: f32) -> Light {
 
 fn sun(angle_deg: f32) -> Light {
     let direction = vec3(0.5, -1.0, -0.6).normalize();
-    Light { kind: LightKind::Directional { direction, angle_rad: angle_deg.to_radians() }, strength: vec3(2.0, 1.8, 1.5) }
+    Light {
+        kind: LightKind::Directional { direction, angle_rad: angle_deg.to_radians() },
+        strength: vec3(2.0, 1.8, 1.5),
+    }
 }
 
 /// One texel of the sky is the sun: 300 times as bright as the rest.
