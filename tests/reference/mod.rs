@@ -87,7 +87,7 @@ enum Found {
     Nothing,
     /// Index into `Reference::spheres`.
     Sphere(usize),
-    Surface(Surface),
+    Surface(Box<Surface>),
 }
 
 /// What a ray meets, and how far away.
@@ -256,7 +256,7 @@ impl<'a> Reference<'a> {
             Some(hit) => {
                 let triangle = &self.geometry.triangles[hit.triangle];
                 let surface = self.surfaces.seen(hit.triangle, triangle, hit.weights, -ray.direction);
-                Hit { found: Found::Surface(surface), distance: hit.t }
+                Hit { found: Found::Surface(Box::new(surface)), distance: hit.t }
             }
             None => {
                 let found = nearest_sphere.map_or(Found::Nothing, |(index, _)| Found::Sphere(index));
