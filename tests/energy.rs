@@ -1,12 +1,17 @@
 //! A white furnace neither makes nor loses light.
 
 mod common;
+mod reference;
 
-use common::{Stage, Subject};
+use common::{Stage, Subject, still_rig};
 use diptych::exec::RenderSettings;
 use diptych::image::{Extent, Image, RgbImage};
-use diptych::scene::Environment;
+use diptych::scene::{Clearcoat, Environment, Material, Scene, Volume};
 use diptych::stages::{Aov, Sampler};
+use glam::{Vec3, vec3};
+use reference::scenes::{add_material, add_mesh, empty, icosphere, instance, matte, place, quad, scaled_at};
+use reference::ztest::{assert_agrees, mean_and_variance};
+use reference::{Pinhole, Reference};
 
 const WIDTH: u32 = 160;
 const HEIGHT: u32 = 90;
@@ -107,4 +112,86 @@ fn the_filter_keeps_the_mean() {
     }
     let brightest = filtered.0.pixels.as_flattened().iter().fold(0.0f32, |a, b| a.max(*b));
     assert!(brightest <= 1.0 + ROUNDING, "light is made: {brightest}");
+}
+
+/// White dielectrics, metals, thin glass and coats, each in four roughnesses.
+fn white_materials() -> Vec<Material> {
+    let dielectric = Material { specular: 1.0, ..matte() };
+    let coat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
+    let kinds = [
+        dielectric.clone(),
+        Material { ior: 2.5, ..dielectric.clone() },
+        Material { metallic: 1.0, ..dielectric.clone() },
+        Material { transmission: 1.0, ..dielectric.clone() },
+        Material { transmission: 0.5, metallic: 0.5, ..dielectric.clone() },
+        Material { clearcoat: coat, ..dielectric },
+    ];
+    let rough = |roughness: f32| kinds.clone().map(|kind| Material { roughness, ..kind });
+    let mut all = [0.0, 0.25, 0.5, 1.0].map(rough).concat();
+    for material in &mut all {
+        material.clearcoat.roughness = 1.0 - material.roughness;
+    }
+    all
+}
+
+/// Six by four tiles in the plane y = 0, before a sky of 1, seen from the height `elevation_deg` over the plane: every
+/// path ends after one scattering.
+fn tiles(elevation_deg: f32) -> (Scene, Pinhole) {
+    let mut scene = empty(&format!("tiles from {elevation_deg} degrees"));
+    scene.environment = Environment::Constant(Vec3::ONE);
+    let (sin, cos) = elevation_deg.to_radians().sin_cos();
+    // As deep as the view foreshortens, so that each is square in the picture.
+    let depth = 1.0 / sin;
+    for (i, material) in white_materials().into_iter().enumerate() {
+        let material = add_material(&mut scene, material);
+        let corner = vec3((i % 6) as f32 - 3.0, 0.0, ((i / 6) as f32 - 2.0) * depth);
+        place(&mut scene, quad(corner, depth * Vec3::Z, Vec3::X, material));
+    }
+    let camera = Pinhole::looking_at(vec3(0.0, 100.0 * sin, 100.0 * cos), Vec3::ZERO, Vec3::Y, 2.29);
+    (scene, camera)
+}
+
+/// Balls of clear glass, of flat facets, as smooth normals neither keep nor lose light evenly.
+fn glass_balls() -> (Scene, Pinhole) {
+    let mut scene = empty("glass balls");
+    scene.environment = Environment::Constant(Vec3::ONE);
+    for (i, roughness) in [0.0, 0.3, 0.7].into_iter().enumerate() {
+        let volume = Some(Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY });
+        let glass = Material { specular: 1.0, transmission: 1.0, volume, roughness, ..matte() };
+        let material = add_material(&mut scene, glass);
+        let ball = add_mesh(&mut scene, icosphere(2, false, material));
+        instance(&mut scene, ball, scaled_at(0.48, vec3(i as f32 - 1.0, 0.0, 0.0)));
+    }
+    (scene, Pinhole::looking_at(Vec3::Z * 50.0, Vec3::ZERO, Vec3::Y, 1.6))
+}
+
+/// No block of 8x8 pixels is brighter than the sky, and each loses what the reference says it does.
+fn hold_in_the_furnace((scene, camera): (Scene, Pinhole), bounces: u32) {
+    let extent = Extent::new(48, 32);
+    let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
+    let subject = Subject::new(&scene.name.clone(), scene, rig);
+    let mut settings = subject.settings(extent.width, extent.height);
+    (settings.bounces, settings.stages.spp, settings.stages.sampler) = (bounces, 64, Sampler::Pcg);
+    let mut stage = Stage::alone(&subject, &settings);
+    let renders: Vec<_> = (0..4).map(|i| stage.frame(i).linear).flat_map(|eyes| [eyes.left, eyes.right]).collect();
+    let found = mean_and_variance(&renders);
+    let expected = Reference::new(&subject.scene).render(&camera, extent, 1024, bounces - 1, 5);
+    let report = assert_agrees(&subject.name, &expected, &found, 0.02);
+    println!("{}\n{report}", subject.name);
+    let sky = mean_and_variance(&[Image::filled(extent, [1.0; 3]), Image::filled(extent, [1.0; 3])]);
+    let over_sky = reference::ztest::compare(&sky, &found);
+    let brightest = over_sky.block_z.as_flattened().iter().fold(f64::NEG_INFINITY, |a, b| a.max(*b));
+    assert!(brightest < 4.5, "{}: a block is brighter than the sky, z = {brightest}", subject.name);
+}
+
+#[test]
+fn white_materials_never_shine_and_lose_what_single_scattering_loses() {
+    for elevation_deg in [70.0, 25.0, 6.0] {
+        hold_in_the_furnace(tiles(elevation_deg), 1);
+    }
+}
+
+#[test]
+fn white_glass_never_shines() {
+    hold_in_the_furnace(glass_balls(), 16);
 }

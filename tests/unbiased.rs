@@ -5,16 +5,19 @@ mod reference;
 
 use common::{Stage, Subject, still_rig};
 use diptych::exec::RenderSettings;
-use diptych::image::RgbImage;
+use diptych::image::{Extent, RgbImage};
 use diptych::scene::Scene;
 use diptych::scene::rig::Eye;
 use diptych::stages::Sampler;
-use reference::ztest::{Estimate, assert_agrees, mean_and_variance};
+use reference::scenes::{lit, materials, matte};
+use reference::ztest::{Estimate, assert_agrees, compare, mean_and_variance, verdict};
 use reference::{Emitters, Pinhole, Reference};
 
 const WIDTH: u32 = 48;
 const HEIGHT: u32 = 32;
+
 struct Effort {
+    extent: Extent,
     reference_spp: u32,
     emitters: Emitters,
     /// Samples of each of eight renders.
@@ -24,22 +27,35 @@ struct Effort {
 }
 
 const QUICK: Effort = Effort {
+    extent: Extent::new(WIDTH, HEIGHT),
     reference_spp: 512,
-    emitters: Emitters::Area,
+    emitters: Emitters::Sampled,
     renders: &[(Sampler::Sobol, 64), (Sampler::Pcg, 96)],
     resolution: 0.015,
 };
 
-/// In the classic box, light on the ceiling beside the lamp makes most of the noise.
-const BOX: Effort = Effort { reference_spp: 768, emitters: Emitters::BounceHits, resolution: 0.08, ..QUICK };
+/// In the classic box, light on the ceiling beside the lamp makes most of the renderer's noise.
+const BOX: Effort = Effort { resolution: 0.08, ..QUICK };
 
 /// Enough to see what a sun's disc of 3° loses if it is normalised by its solid angle, 0.07 % of its light.
 const THOROUGH: Effort = Effort {
+    extent: Extent::new(WIDTH, HEIGHT),
     reference_spp: 8192,
-    emitters: Emitters::Area,
+    emitters: Emitters::Sampled,
     renders: &[(Sampler::Sobol, 1024), (Sampler::Pcg, 2048)],
     resolution: 0.005,
 };
+
+/// For the tables of many scenes.
+const ROW: Effort = Effort {
+    extent: Extent::new(24, 16),
+    reference_spp: 384,
+    emitters: Emitters::Sampled,
+    renders: &[(Sampler::Sobol, 32), (Sampler::Pcg, 48)],
+    resolution: 0.04,
+};
+
+const THOROUGH_ROW: Effort = Effort { reference_spp: 8192, resolution: 0.01, ..THOROUGH };
 
 /// What the left eye of the subject's rig sees, as the reference has it.
 fn pinhole(subject: &Subject) -> Pinhole {
@@ -62,26 +78,35 @@ fn renders(subject: &Subject, settings: &RenderSettings, frames: u32) -> Vec<Rgb
 
 /// Light over up to max(`bounces`, 1) reflections. The reference counts one less.
 fn expected(subject: &Subject, bounces: u32, effort: &Effort) -> Estimate {
-    let extent = subject.settings(WIDTH, HEIGHT).stages.extent;
     let reference = Reference::new(&subject.scene).with_emitters(effort.emitters);
-    reference.render(&pinhole(subject), extent, effort.reference_spp, bounces.max(1) - 1, 1)
+    reference.render(&pinhole(subject), effort.extent, effort.reference_spp, bounces.max(1) - 1, 1)
 }
 
-fn hold_against_the_reference(subject: &Subject, effort: &Effort) {
+/// What speaks against the renderer's means being the reference's.
+fn against(subject: &Subject, effort: &Effort) -> Vec<String> {
+    let mut against = Vec::new();
     for bounces in [1, 4] {
         let expected = expected(subject, bounces, effort);
         for &(sampler, spp) in effort.renders {
-            let mut settings = subject.settings(WIDTH, HEIGHT);
+            let mut settings = subject.settings(effort.extent.width, effort.extent.height);
             settings.bounces = bounces;
             settings.seed = 3 + bounces;
             settings.stages.sampler = sampler;
             settings.stages.spp = spp;
             let found = mean_and_variance(&renders(subject, &settings, 4));
             let what = format!("{}, {bounces} reflections, {sampler:?}", subject.name);
-            let report = assert_agrees(&what, &expected, &found, effort.resolution);
+            let report = compare(&expected, &found);
             println!("{what}\n{report}");
+            against.extend(verdict(&report, effort.resolution).iter().map(|line| format!("{what}: {line}")));
         }
     }
+    against
+}
+
+/// Looks at all of them before it fails.
+fn hold_against_the_reference(subjects: impl IntoIterator<Item = Subject>, effort: &Effort) {
+    let against: Vec<String> = subjects.into_iter().flat_map(|subject| against(&subject, effort)).collect();
+    assert!(against.is_empty(), "the images differ\n{}", against.join("\n"));
 }
 
 /// A scene as its camera sees it, with both eyes.
@@ -92,37 +117,57 @@ fn subject((scene, camera): (Scene, Pinhole)) -> Subject {
 
 #[test]
 fn emissive_triangles_are_unbiased() {
-    hold_against_the_reference(&subject(reference::scenes::box_area_light()), &QUICK);
+    hold_against_the_reference([subject(matte::box_area_light())], &QUICK);
 }
 
 #[test]
 fn spherical_lights_are_unbiased() {
-    hold_against_the_reference(&subject(reference::scenes::sphere_light()), &QUICK);
+    hold_against_the_reference([subject(matte::sphere_light())], &QUICK);
 }
 
 #[test]
 fn point_spot_and_directional_lights_are_unbiased() {
-    hold_against_the_reference(&subject(reference::scenes::point_spot_directional()), &QUICK);
+    hold_against_the_reference([subject(matte::point_spot_directional())], &QUICK);
 }
 
 #[test]
 fn an_environment_image_is_unbiased() {
-    hold_against_the_reference(&subject(reference::scenes::environment_only()), &QUICK);
+    hold_against_the_reference([subject(matte::environment_only())], &QUICK);
 }
 
 #[test]
 fn textures_masks_and_blending_are_unbiased() {
-    hold_against_the_reference(&subject(reference::scenes::textured_masked_blend()), &QUICK);
+    hold_against_the_reference([subject(matte::textured_masked_blend())], &QUICK);
 }
 
 #[test]
 fn mirrored_and_stretched_instances_are_unbiased() {
-    hold_against_the_reference(&subject(reference::scenes::instanced_mirrored()), &QUICK);
+    hold_against_the_reference([subject(matte::instanced_mirrored())], &QUICK);
+}
+
+/// Rows are added in [`lit::ALL`].
+#[test]
+fn every_kind_of_light_is_unbiased_on_every_kind_of_surface() {
+    hold_against_the_reference(lit::ALL.map(|(name, light)| subject(lit::things(name, light))), &ROW);
+}
+
+/// Rows are added in [`materials::ALL`].
+#[test]
+fn every_material_is_unbiased() {
+    hold_against_the_reference(materials::ALL.map(|(_, scene)| subject(scene())), &ROW);
+}
+
+#[test]
+#[ignore = "takes many minutes: run it after changes to the material model"]
+fn no_material_and_no_light_has_a_small_bias() {
+    let lit = lit::ALL.map(|(name, light)| lit::things(name, light));
+    let scenes = lit.into_iter().chain(materials::ALL.map(|(_, scene)| scene()));
+    hold_against_the_reference(scenes.map(subject), &THOROUGH_ROW);
 }
 
 #[test]
 fn every_scene_of_the_reference_has_its_test() {
-    let names: Vec<_> = reference::scenes::all().iter().map(|(name, ..)| *name).collect();
+    let names: Vec<_> = matte::all().iter().map(|(name, ..)| *name).collect();
     let tested = [
         "box_area_light",
         "sphere_light",
@@ -137,21 +182,20 @@ fn every_scene_of_the_reference_has_its_test() {
 #[test]
 #[ignore = "takes minutes: run it after changes to lights, sampling or intersection"]
 fn no_scene_has_a_small_bias() {
-    for (_, scene, camera) in reference::scenes::all() {
-        hold_against_the_reference(&subject((scene, camera)), &THOROUGH);
-    }
+    let scenes = matte::all().into_iter().map(|(_, scene, camera)| subject((scene, camera)));
+    hold_against_the_reference(scenes, &THOROUGH);
 }
 
 #[test]
 fn the_classic_box_is_unbiased() {
     let mut subject = Subject::load("builtin:cornell");
     subject.rig.baseline_m = 0.0;
-    hold_against_the_reference(&subject, &BOX);
+    hold_against_the_reference([subject], &BOX);
 }
 
 #[test]
 fn no_bounces_are_direct_light_as_is_one() {
-    let subject = subject(reference::scenes::box_area_light());
+    let subject = subject(matte::box_area_light());
     let render = |bounces| {
         let settings = RenderSettings { bounces, ..subject.settings(WIDTH, HEIGHT) };
         Stage::alone(&subject, &settings).frame(0).linear.left
@@ -163,7 +207,7 @@ fn no_bounces_are_direct_light_as_is_one() {
 /// Batches, running means and jitter: many samples in one frame have the mean of many frames of few samples.
 #[test]
 fn samples_of_a_frame_and_of_several_frames_have_one_mean() {
-    let subject = subject(reference::scenes::box_area_light());
+    let subject = subject(matte::box_area_light());
     let estimate = |spp, frames| {
         let mut settings = subject.settings(WIDTH, HEIGHT);
         settings.bounces = 2;

@@ -1,20 +1,23 @@
 //! Light that arrives at a surface directly, by explicit sampling.
 //!
-//! Every punctual light gets its own sample at every hit, and the emissive triangles together get one.
-//! Which light is sampled here, and is then not counted when a bounce finds it:
-//! - point and spot of radius 0, directional of angle 0: no bounce can find them;
-//! - directional with a disc: uniform in its solid angle; it is not in the sky, for nobody to see;
+//! Every light gets its own sample at every hit; the emissive triangles together get one, and so does the environment
+//! image. Lights that a bounce can find, too, are weighed by the balance heuristic (Veach 1997):
+//! - emissive triangles: a point uniform by area;
 //! - point and spot of radius > 0: uniform in the cone the sphere fills, radiance along it;
-//! - emissive triangles, with [`Emitters::Area`](super::Emitters): a point uniform by area.
+//! - the environment image: by its texels. A constant environment is left to bounces.
 //!
-//! The environment is never sampled here: bounces that escape find it.
+//! No bounce can find the others: point and spot of radius 0, and directional lights. A sun's disc is drawn uniformly
+//! in its solid angle; it is not in the sky, for nobody to see, mirrors included.
 
 use std::f64::consts::{PI, TAU};
 
 use diptych::scene::{Light, LightKind, Scene};
 use glam::DVec3;
 
-use super::intersect::{Geometry, Ray, sphere_distances};
+use super::bsdf::Bsdf;
+use super::environment::{self, EnvironmentLight};
+use super::intersect::{Geometry, Ray, Triangle, sphere_distances};
+use super::medium::Medium;
 use super::sampling::{Rng, cone_direction, triangle_weights};
 use super::surface::{Surface, Surfaces};
 
@@ -25,6 +28,8 @@ struct Arrival {
     distance: f64,
     /// Radiance over density, or irradiance on a perpendicular surface for lights without extent.
     power: DVec3,
+    /// The sample's density by solid angle, where bounces find this light, too.
+    density: Option<f64>,
     /// What the shadow ray must not be blocked by: the light itself.
     triangle: Option<usize>,
     sphere: Option<usize>,
@@ -71,6 +76,12 @@ pub struct EmissiveTriangles {
     sums: Vec<f64>,
 }
 
+/// Luminance of the factor; no unlit material is picked.
+fn picked_by(surfaces: &Surfaces, triangle: &Triangle) -> f64 {
+    let material = surfaces.material(triangle);
+    if material.unlit { 0.0 } else { luminance(material.emissive.as_dvec3()) }
+}
+
 fn luminance(c: DVec3) -> f64 {
     c.dot(DVec3::new(0.2126, 0.7152, 0.0722))
 }
@@ -82,7 +93,7 @@ impl EmissiveTriangles {
         for (id, triangle) in geometry.triangles.iter().enumerate() {
             let [a, b, c] = triangle.vertices;
             let area = (b - a).cross(c - a).length() * 0.5;
-            let weight = area * luminance(surfaces.material(triangle).emissive.as_dvec3());
+            let weight = area * picked_by(surfaces, triangle);
             if weight > 0.0 {
                 sum += weight;
                 list.triangles.push(id);
@@ -107,17 +118,24 @@ impl EmissiveTriangles {
         let offset = a * weights[0] + b * weights[1] + c * weights[2] - from.position;
         let distance = offset.length();
         let direction = offset / distance;
-        // Density by area: (area × luminance / total) / area.
-        let density = luminance(surfaces.material(triangle).emissive.as_dvec3()) / total;
-        let cosine = surfaces.front_normal(triangle).dot(direction).abs();
+        let density = self.density(surfaces, triangle, direction, distance)?;
         let emitted = surfaces.emission(triangle, weights, -direction) * surfaces.coverage(triangle, weights);
         Some(Arrival {
             direction,
             distance,
-            power: emitted * (cosine / (distance * distance * density)),
+            power: emitted / density,
+            density: Some(density),
             triangle: Some(id),
             sphere: None,
         })
+    }
+
+    /// Density by solid angle of a point of `triangle` in that unit direction and distance; none edge-on.
+    pub fn density(&self, surfaces: &Surfaces, triangle: &Triangle, direction: DVec3, distance: f64) -> Option<f64> {
+        // By area: (area × luminance / total) / area.
+        let by_area = picked_by(surfaces, triangle) / self.sums.last()?;
+        let cosine = surfaces.front_normal(triangle).dot(direction).abs();
+        (cosine > 0.0).then(|| by_area * distance * distance / cosine)
     }
 }
 
@@ -126,32 +144,56 @@ pub struct Lighting<'a> {
     pub surfaces: &'a Surfaces<'a>,
     pub geometry: &'a Geometry,
     pub spheres: &'a [SphereLight],
+    pub emissive: &'a EmissiveTriangles,
+    pub sky: Option<&'a EnvironmentLight>,
+    /// Whether lights that bounces find, too, are sampled.
+    pub samples_extended: bool,
+}
+
+/// A lit point: where, how it scatters, and what its viewer's ray ran in.
+pub struct Receiver<'a> {
+    pub surface: &'a Surface,
+    pub bsdf: &'a Bsdf,
+    pub medium: &'a Medium,
 }
 
 impl Lighting<'_> {
-    /// Radiance reflected towards the viewer of `surface` from all explicitly sampled lights.
-    pub fn direct(&self, surface: &Surface, emissive: Option<&EmissiveTriangles>, rng: &mut Rng) -> DVec3 {
+    /// Radiance scattered towards the viewer of `receiver` from all explicitly sampled lights.
+    pub fn direct(&self, receiver: &Receiver, rng: &mut Rng) -> DVec3 {
         let scene = self.surfaces.scene;
-        let mut reflected = DVec3::ZERO;
+        let position = receiver.surface.position;
+        let mut scattered = DVec3::ZERO;
         for (index, light) in scene.lights.iter().enumerate() {
-            if let Some(arrival) = self.light_arrival(index, light, surface.position, rng) {
-                reflected += self.reflected(surface, &arrival);
+            if let Some(arrival) = self.light_arrival(index, light, position, rng) {
+                scattered += self.scattered(receiver, &arrival);
             }
         }
-        let arrival = emissive.and_then(|e| e.arrival(self.surfaces, self.geometry, surface, rng));
-        if let Some(arrival) = arrival {
-            reflected += self.reflected(surface, &arrival);
+        if self.samples_extended {
+            let emissive = self.emissive.arrival(self.surfaces, self.geometry, receiver.surface, rng);
+            let sky = self.sky.map(|sky| sky_arrival(self.surfaces.scene, sky, rng));
+            for arrival in [emissive, sky].into_iter().flatten() {
+                scattered += self.scattered(receiver, &arrival);
+            }
         }
-        reflected
+        scattered
     }
 
-    fn reflected(&self, surface: &Surface, arrival: &Arrival) -> DVec3 {
-        let wi = arrival.direction;
-        let cosine = surface.shading_normal.dot(wi);
-        if cosine <= 0.0 || surface.geometric_normal.dot(wi) <= 0.0 || arrival.power == DVec3::ZERO {
+    fn scattered(&self, receiver: &Receiver, arrival: &Arrival) -> DVec3 {
+        let scattered = receiver.bsdf.scattered(arrival.direction) * arrival.power;
+        if scattered == DVec3::ZERO {
             return DVec3::ZERO;
         }
-        surface.albedo / PI * cosine * arrival.power * self.visibility(surface, arrival)
+        let weight = arrival.density.map_or(1.0, |d| d / (d + receiver.bsdf.density(arrival.direction)));
+        let medium = receiver.medium.beyond(receiver.surface, arrival.direction);
+        let left = medium.transmittance(arrival.distance) * self.visibility(receiver.surface, arrival);
+        scattered * weight * left
+    }
+
+    /// Density by solid angle with which a spherical light seen from `from` is sampled; none from inside.
+    pub fn sphere_density(&self, index: usize, from: DVec3) -> Option<f64> {
+        let sphere = &self.spheres[index];
+        let sin2 = (sphere.radius / (sphere.centre - from).length()).powi(2);
+        (sin2 < 1.0).then(|| 1.0 / (TAU * one_minus_cos(sin2)))
     }
 
     /// Fraction of the light that nothing between blocks. Spheres block whatever comes from inside them, too.
@@ -185,18 +227,21 @@ impl Lighting<'_> {
                     (axis, strength)
                 };
                 let distance = f64::INFINITY;
-                Some(Arrival { direction, distance, power, triangle: None, sphere: None })
+                Some(Arrival { direction, distance, power, density: None, triangle: None, sphere: None })
             }
             LightKind::Point { position, radius } | LightKind::Spot { position, radius, .. } => {
                 let offset = position.as_dvec3() - from;
                 let distance = offset.length();
                 let axis = offset / distance;
                 if radius > 0.0 {
+                    if !self.samples_extended {
+                        return None;
+                    }
                     let index = self.spheres.iter().position(|s| s.light == index)?;
                     return self.sphere_arrival(index, light, from, axis, distance, rng);
                 }
                 let power = strength * cone_factor(&light.kind, -axis) / (distance * distance);
-                Some(Arrival { direction: axis, distance, power, triangle: None, sphere: None })
+                Some(Arrival { direction: axis, distance, power, density: None, triangle: None, sphere: None })
             }
         }
     }
@@ -216,15 +261,28 @@ impl Lighting<'_> {
             return None; // It emits outwards only.
         }
         let sin2 = (sphere.radius / distance).powi(2);
-        let one_minus_cos = sin2 / (1.0 + (1.0 - sin2).sqrt());
+        let one_minus_cos = one_minus_cos(sin2);
         let direction = cone_direction(axis, one_minus_cos, rng);
         let ray = Ray { origin: from, direction };
         // At the rim, rounding may miss the sphere: there it is as far as its silhouette.
         let rim = distance * (1.0 - sin2).sqrt();
         let enter = sphere_distances(&ray, sphere.centre, sphere.radius).map_or(rim, |t| t[0]);
-        let power = sphere_radiance(light, sphere.radius, -axis) * TAU * one_minus_cos;
-        Some(Arrival { direction, distance: enter, power, triangle: None, sphere: Some(index) })
+        let solid_angle = TAU * one_minus_cos;
+        let power = sphere_radiance(light, sphere.radius, -axis) * solid_angle;
+        let density = Some(1.0 / solid_angle);
+        Some(Arrival { direction, distance: enter, power, density, triangle: None, sphere: Some(index) })
     }
+}
+
+/// 1 − cos from sin², which keeps its digits for narrow cones.
+fn one_minus_cos(sin2: f64) -> f64 {
+    sin2 / (1.0 + (1.0 - sin2).sqrt())
+}
+
+fn sky_arrival(scene: &Scene, sky: &EnvironmentLight, rng: &mut Rng) -> Arrival {
+    let (direction, density) = sky.sample(rng);
+    let power = environment::radiance(&scene.environment, direction) / density;
+    Arrival { direction, distance: f64::INFINITY, power, density: Some(density), triangle: None, sphere: None }
 }
 
 /// The first of two ordered distances that lies ahead.

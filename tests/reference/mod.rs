@@ -1,29 +1,29 @@
 //! A second path tracer, for tests only: the renderer under test is held against it by z-test.
 //!
 //! It shares nothing with the renderer but the [`Scene`], the pixel and the model of light below, and it is as
-//! simple as an unbiased estimator can be: plain Rust, f64, one thread per core, no multiple importance
-//! sampling, no Russian roulette. What it computes:
+//! simple as an unbiased estimator can be: plain Rust, f64, one thread per core, no Russian roulette. What it computes:
 //!
 //! - **Camera**: a pinhole, box filter over the pixel.
-//! - **Depth**: light that reaches the camera over k reflections counts iff k <= `bounces` + 1. `bounces` = 0
-//!   is the first hit's emission and its direct light.
-//! - **Surfaces**: Lambertian, both sides reflect; albedo is base colour × vertex colour × texture. Light counts
-//!   only above both the shading and the geometric normal; a shading normal that faces away from the viewer is
-//!   replaced by the geometric one. Bounces are drawn by cosine around the shading normal, and end where they
-//!   would leave below the geometric surface.
+//! - **Depth**: light that reaches the camera after k scatterings, at transmitting surfaces too, counts iff
+//!   k <= `bounces` + 1. `bounces` = 0 is the first hit's emission and its direct light.
+//! - **Surfaces**: see [`bsdf`] and [`surface`]. Reflected light counts only above both the shading and the geometric
+//!   normal, transmitted light only below both.
 //! - **Emission**: from the front (of both sides if double-sided); front is the counter-clockwise side, the
-//!   clockwise one where an instance mirrors.
+//!   clockwise one where an instance mirrors. Unlit surfaces show their colour to both sides.
 //! - **Alpha**: a mask is there or not, a blended surface is there with probability alpha.
-//! - **Lights**: see [`lights`]. Spherical lights are seen by the camera; they are black, paths end there.
-//!
-//! Which estimator finds which light, so that each is counted once: the environment by rays that escape;
-//! punctual and spherical lights by explicit samples, and by the camera's ray; emissive triangles by the camera's
-//! ray and by either explicit samples or bounce rays ([`Emitters`]).
+//! - **Volumes**: see [`medium`]. To shadow rays transmitting surfaces are opaque.
+//! - **Lights**: see [`lights`]. Spherical lights are seen by the camera and by bounces; they are black, paths end there.
 
 #![allow(dead_code)] // Each test binary uses a part.
 
+pub mod asserts;
+pub mod bsdf;
+pub mod environment;
 pub mod intersect;
+pub mod layer;
 pub mod lights;
+pub mod medium;
+pub mod microfacet;
 pub mod sampling;
 pub mod scenes;
 pub mod surface;
@@ -36,9 +36,11 @@ use diptych::image::Extent;
 use diptych::scene::Scene;
 use glam::{DVec3, Vec3};
 
+use environment::EnvironmentLight;
 use intersect::{Geometry, Ray, sphere_distances};
-use lights::{EmissiveTriangles, Lighting, SphereLight, first_beyond_start};
-use sampling::{Rng, cosine_direction, uniform_of_candidate};
+use lights::{EmissiveTriangles, Lighting, Receiver, SphereLight, first_beyond_start};
+use medium::Medium;
+use sampling::{Rng, uniform_of_candidate};
 use surface::{Surface, Surfaces};
 use ztest::{Estimate, Moments};
 
@@ -71,22 +73,38 @@ impl Pinhole {
     }
 }
 
-/// How light from emissive triangles is found (beside the camera's ray, which always sees them). The mean is
-/// the same.
+/// How light that has an extent is found (beside the camera's ray, which always sees it). The mean is the same.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Emitters {
-    /// One point of all emissive area at each hit, with probability ∝ area × luminance of the factor.
+    /// By explicit samples and by bounces, weighed against each other.
     #[default]
-    Area,
-    /// Bounce rays run into them.
+    Sampled,
+    /// Bounce rays run into it.
     BounceHits,
 }
 
-enum Hit {
+enum Found {
     Nothing,
     /// Index into `Reference::spheres`.
     Sphere(usize),
-    Surface(Surface),
+    Surface(Box<Surface>),
+}
+
+/// What a ray meets, and how far away.
+struct Hit {
+    found: Found,
+    distance: f64,
+}
+
+/// A ray on its way from the camera or from a surface, and what has become of the light it will find.
+struct Segment {
+    ray: Ray,
+    /// The triangle it starts on.
+    left: Option<usize>,
+    /// Density by solid angle of its direction; none from the camera and from deltas, which no explicit sample equals.
+    density: Option<f64>,
+    medium: Medium,
+    throughput: DVec3,
 }
 
 pub struct Reference<'a> {
@@ -94,6 +112,7 @@ pub struct Reference<'a> {
     geometry: Geometry,
     spheres: Vec<SphereLight>,
     emissive: EmissiveTriangles,
+    sky: Option<EnvironmentLight>,
     emitters: Emitters,
 }
 
@@ -103,7 +122,8 @@ impl<'a> Reference<'a> {
         let geometry = Geometry::new(surfaces.triangles());
         let emissive = EmissiveTriangles::new(&surfaces, &geometry);
         let spheres = lights::sphere_lights(scene);
-        Self { surfaces, geometry, spheres, emissive, emitters: Emitters::default() }
+        let sky = EnvironmentLight::new(&scene.environment);
+        Self { surfaces, geometry, spheres, emissive, sky, emitters: Emitters::default() }
     }
 
     pub fn with_emitters(self, emitters: Emitters) -> Self {
@@ -154,40 +174,68 @@ impl<'a> Reference<'a> {
     }
 
     /// One path: an unbiased sample of the radiance that arrives along `ray`.
-    fn radiance(&self, mut ray: Ray, bounces: u32, rng: &mut Rng) -> DVec3 {
-        let lighting = Lighting { surfaces: &self.surfaces, geometry: &self.geometry, spheres: &self.spheres };
-        let sampled = (self.emitters == Emitters::Area).then_some(&self.emissive);
+    fn radiance(&self, ray: Ray, bounces: u32, rng: &mut Rng) -> DVec3 {
+        let lighting = self.lighting();
         let most_reflections = u64::from(bounces) + 1;
+        let (throughput, medium) = (DVec3::ONE, Medium::default());
+        let mut segment = Segment { ray, left: None, density: None, medium, throughput };
         let mut radiance = DVec3::ZERO;
-        let mut throughput = DVec3::ONE;
-        let mut left = None;
         for reflections in 0..=most_reflections {
-            let surface = match self.closest(&ray, left, rng) {
-                Hit::Nothing => {
-                    let sky = &self.surfaces.scene.environment;
-                    return radiance + throughput * texture::environment(sky, ray.direction);
-                }
-                Hit::Sphere(index) if reflections == 0 => return self.sphere_seen(index, &ray),
-                Hit::Sphere(_) => return radiance,
-                Hit::Surface(surface) => surface,
+            let hit = self.closest(&segment.ray, segment.left, rng);
+            let Found::Surface(surface) = &hit.found else {
+                return radiance + self.background(&segment, &hit, &lighting);
             };
-            if reflections == 0 || sampled.is_none() {
-                radiance += throughput * surface.emission;
-            }
-            if reflections == most_reflections {
+            segment.medium = segment.medium.known_at(surface);
+            segment.throughput *= segment.medium.transmittance(hit.distance);
+            let weight = segment.density.map_or(1.0, |density| {
+                let triangle = &self.geometry.triangles[surface.triangle];
+                let sampled = self.emissive.density(&self.surfaces, triangle, segment.ray.direction, hit.distance);
+                density / (density + sampled.unwrap_or(0.0))
+            });
+            radiance += segment.throughput * surface.emission * weight;
+            let Some(bsdf) = surface.bsdf.as_ref().filter(|_| reflections < most_reflections) else {
                 break;
-            }
-            radiance += throughput * lighting.direct(&surface, sampled, rng);
-            let direction = cosine_direction(surface.shading_normal, rng);
-            if surface.geometric_normal.dot(direction) <= 0.0 {
+            };
+            radiance += segment.throughput * lighting.direct(&Receiver { surface, bsdf, medium: &segment.medium }, rng);
+            let Some(scattered) = bsdf.sample(rng.uniforms()) else {
                 break;
-            }
-            // (albedo / π) cos θ over the density cos θ / π.
-            throughput *= surface.albedo;
-            ray = Ray { origin: surface.position, direction };
-            left = Some(surface.triangle);
+            };
+            segment = Segment {
+                ray: Ray { origin: surface.position, direction: scattered.direction },
+                left: Some(surface.triangle),
+                density: scattered.density.filter(|_| lighting.samples_extended),
+                medium: segment.medium.beyond(surface, scattered.direction),
+                throughput: segment.throughput * scattered.weight,
+            };
         }
         radiance
+    }
+
+    fn lighting(&self) -> Lighting<'_> {
+        Lighting {
+            surfaces: &self.surfaces,
+            geometry: &self.geometry,
+            spheres: &self.spheres,
+            emissive: &self.emissive,
+            sky: self.sky.as_ref(),
+            samples_extended: self.emitters == Emitters::Sampled,
+        }
+    }
+
+    /// Light from where the path ends: a spherical light or the environment.
+    fn background(&self, segment: &Segment, hit: &Hit, lighting: &Lighting) -> DVec3 {
+        let (light, sampled) = match hit.found {
+            Found::Sphere(index) => {
+                (self.sphere_seen(index, &segment.ray), lighting.sphere_density(index, segment.ray.origin))
+            }
+            _ => {
+                let direction = segment.ray.direction;
+                let sky = environment::radiance(&self.surfaces.scene.environment, direction);
+                (sky, self.sky.as_ref().map(|sky| sky.density(direction)))
+            }
+        };
+        let weight = segment.density.map_or(1.0, |density| density / (density + sampled.unwrap_or(0.0)));
+        segment.throughput * segment.medium.transmittance(hit.distance) * light * weight
     }
 
     /// What a ray that leaves the triangle `left` meets first.
@@ -207,15 +255,18 @@ impl<'a> Reference<'a> {
         match self.geometry.closest(ray, t_max, left, is_there) {
             Some(hit) => {
                 let triangle = &self.geometry.triangles[hit.triangle];
-                let to_viewer = -ray.direction;
-                Hit::Surface(self.surfaces.seen(hit.triangle, triangle, hit.weights, to_viewer))
+                let surface = self.surfaces.seen(hit.triangle, triangle, hit.weights, -ray.direction);
+                Hit { found: Found::Surface(Box::new(surface)), distance: hit.t }
             }
-            None => nearest_sphere.map_or(Hit::Nothing, |(index, _)| Hit::Sphere(index)),
+            None => {
+                let found = nearest_sphere.map_or(Found::Nothing, |(index, _)| Found::Sphere(index));
+                Hit { found, distance: t_max }
+            }
         }
     }
 
-    /// Radiance of a spherical light as the camera sees it: nothing from inside, and a spot's cone is that of
-    /// the way from the centre to the camera, for the whole sphere.
+    /// Radiance of a spherical light as a ray sees it: nothing from inside, and a spot's cone is that of
+    /// the way from the centre to the ray's start, for the whole sphere.
     fn sphere_seen(&self, index: usize, ray: &Ray) -> DVec3 {
         let sphere = &self.spheres[index];
         let from_centre = ray.origin - sphere.centre;

@@ -37,6 +37,10 @@ impl Rng {
     pub fn uniform(&mut self) -> f64 {
         unit_from_bits(self.bits())
     }
+
+    pub fn uniforms<const N: usize>(&mut self) -> [f64; N] {
+        std::array::from_fn(|_| self.uniform())
+    }
 }
 
 /// Uniform in [0, 1), the same for the same `ray_key` and `triangle`: candidates along one ray are decided
@@ -46,7 +50,7 @@ pub fn uniform_of_candidate(ray_key: u64, triangle: usize) -> f64 {
 }
 
 /// Two unit vectors that make an orthonormal base with the unit vector `n`.
-fn tangents(n: DVec3) -> (DVec3, DVec3) {
+pub fn tangents(n: DVec3) -> (DVec3, DVec3) {
     let least = match n.abs() {
         a if a.x <= a.y && a.x <= a.z => DVec3::X,
         a if a.y <= a.z => DVec3::Y,
@@ -61,10 +65,9 @@ fn around(axis: DVec3, cos_theta: f64, sin_theta: f64, phi: f64) -> DVec3 {
     (t * (phi.cos() * sin_theta) + b * (phi.sin() * sin_theta) + axis * cos_theta).normalize()
 }
 
-/// Direction with density cos θ / π around the unit vector `n`.
-pub fn cosine_direction(n: DVec3, rng: &mut Rng) -> DVec3 {
-    let sin2 = rng.uniform();
-    around(n, (1.0 - sin2).sqrt(), sin2.sqrt(), TAU * rng.uniform())
+/// Direction with density cos θ / π around the unit vector `n`, from two uniform numbers.
+pub fn cosine_direction(n: DVec3, [sin2, turn]: [f64; 2]) -> DVec3 {
+    around(n, (1.0 - sin2).sqrt(), sin2.sqrt(), TAU * turn)
 }
 
 /// Direction uniform in the solid angle of the cone around `axis` with half-angle θ, given by 1 − cos θ

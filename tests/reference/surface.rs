@@ -1,10 +1,15 @@
-//! What a ray finds on a triangle: normals, Lambertian albedo, emission, coverage.
+//! What a ray finds on a triangle: normals, the material with its textures looked up, emission, coverage.
 
-use diptych::scene::{AlphaMode, Material, Mesh, Scene, TextureRef};
+use diptych::scene::{AlphaMode, Material, Mesh, NormalMap, Scene, TextureRef, Volume};
 use glam::{DAffine3, DMat3, DVec2, DVec3, DVec4, Vec2};
 
+use super::bsdf::{Bsdf, Coat, Interior};
 use super::intersect::Triangle;
-use super::texture;
+use super::sampling::tangents;
+use super::texture::{self, Encoding};
+
+/// Normals from maps are kept at least this much on the viewer's side.
+const LEAST_FACING: f64 = 0.001;
 
 /// An instance's transforms in f64.
 struct Placement {
@@ -28,11 +33,14 @@ pub struct Surface {
     pub position: DVec3,
     /// Unit geometric normal on the side of the viewer.
     pub geometric_normal: DVec3,
-    /// Unit normal that the cosine of the reflection refers to; on the side of the viewer.
-    pub shading_normal: DVec3,
-    pub albedo: DVec3,
     /// Radiance towards the viewer.
     pub emission: DVec3,
+    /// None: unlit, scatters nothing.
+    pub bsdf: Option<Bsdf>,
+    /// What a thick transmitting surface encloses.
+    pub volume: Option<Volume>,
+    /// The viewer is on the back of the triangle.
+    pub on_back: bool,
 }
 
 impl<'a> Surfaces<'a> {
@@ -104,28 +112,119 @@ impl<'a> Surfaces<'a> {
 
     /// The surface at `weights` as a viewer in the (unit) direction `to_viewer` sees it.
     pub fn seen(&self, id: usize, triangle: &Triangle, weights: [f64; 3], to_viewer: DVec3) -> Surface {
+        let material = self.material(triangle);
         let front = self.front_normal(triangle);
-        let side = if front.dot(to_viewer) < 0.0 { -1.0 } else { 1.0 };
-        let geometric_normal = front * side;
-        let smooth = self.smooth_normal(triangle, weights).map(|n| n * side);
+        let on_back = front.dot(to_viewer) < 0.0;
+        let geometric_normal = if on_back { -front } else { front };
+        let lit = !material.unlit;
         Surface {
             triangle: id,
             position: interpolate(triangle.vertices, weights, DVec3::ZERO),
             geometric_normal,
-            shading_normal: smooth.filter(|n| n.dot(to_viewer) > 0.0).unwrap_or(geometric_normal),
-            albedo: self.base_color(triangle, weights).truncate(),
             emission: self.emission(triangle, weights, to_viewer),
+            bsdf: lit.then(|| self.bsdf(triangle, weights, to_viewer, geometric_normal)),
+            volume: enclosed_volume(material).filter(|_| lit),
+            on_back,
         }
     }
 
     /// Radiance that the point at `weights` emits towards a viewer.
     pub fn emission(&self, triangle: &Triangle, weights: [f64; 3], to_viewer: DVec3) -> DVec3 {
         let material = self.material(triangle);
-        if !material.double_sided && self.front_normal(triangle).dot(to_viewer) <= 0.0 {
+        if material.unlit {
+            return self.base_color(triangle, weights).truncate();
+        }
+        let front = self.front_normal(triangle);
+        if material.emissive == glam::Vec3::ZERO || !material.double_sided && front.dot(to_viewer) <= 0.0 {
             return DVec3::ZERO;
         }
-        let texel = self.texel(triangle, weights, material.emissive_texture);
-        material.emissive.as_dvec3() * texel.truncate()
+        let texel = self.texel(triangle, weights, material.emissive_texture, Encoding::Srgb);
+        let emitted = material.emissive.as_dvec3() * texel.truncate();
+        if material.clearcoat.factor == 0.0 {
+            return emitted;
+        }
+        let geometric_normal = if front.dot(to_viewer) < 0.0 { -front } else { front };
+        emitted * (1.0 - self.bsdf(triangle, weights, to_viewer, geometric_normal).coat_reflectance())
+    }
+
+    fn bsdf(&self, triangle: &Triangle, weights: [f64; 3], to_viewer: DVec3, geometric_normal: DVec3) -> Bsdf {
+        let material = self.material(triangle);
+        let linear = |texture| self.texel(triangle, weights, texture, Encoding::Linear);
+        let normal = |map| self.shading_normal(triangle, weights, to_viewer, geometric_normal, map);
+        let metallic_roughness = linear(material.metallic_roughness_texture);
+        let ior = f64::from(material.ior);
+        let reflectance = if ior == 0.0 { 1.0 } else { ((ior - 1.0) / (ior + 1.0)).powi(2) };
+        let tint = self.texel(triangle, weights, material.specular_color_texture, Encoding::Srgb).truncate();
+        let f90 = f64::from(material.specular) * linear(material.specular_texture).w;
+        let f0 = (reflectance * material.specular_color.as_dvec3() * tint).min(DVec3::ONE) * f90;
+        let index = if ior == 0.0 { 1.0 } else { ior };
+        Bsdf {
+            to_viewer,
+            normal: normal(material.normal_map),
+            geometric_normal,
+            base: self.base_color(triangle, weights).truncate(),
+            metallic: f64::from(material.metallic) * metallic_roughness.z,
+            alpha: (f64::from(material.roughness) * metallic_roughness.y).powi(2),
+            f0,
+            f90,
+            transmission: f64::from(material.transmission) * linear(material.transmission_texture).x,
+            interior: if enclosed_volume(material).is_some() { Interior::Thick { index } } else { Interior::Thin },
+            on_back: self.front_normal(triangle).dot(to_viewer) < 0.0,
+            coat: (material.clearcoat.factor > 0.0).then(|| Coat {
+                strength: f64::from(material.clearcoat.factor) * linear(material.clearcoat.factor_texture).x,
+                alpha: (f64::from(material.clearcoat.roughness) * linear(material.clearcoat.roughness_texture).y)
+                    .powi(2),
+                normal: normal(material.clearcoat.normal_map),
+            }),
+        }
+    }
+
+    /// Unit normal on the viewer's side: the interpolated one (the geometric one where that faces away), or a map's.
+    fn shading_normal(
+        &self,
+        triangle: &Triangle,
+        weights: [f64; 3],
+        to_viewer: DVec3,
+        geometric_normal: DVec3,
+        map: Option<NormalMap>,
+    ) -> DVec3 {
+        let front = self.front_normal(triangle);
+        let side = if front.dot(to_viewer) < 0.0 { -1.0 } else { 1.0 };
+        let smooth = self.smooth_normal(triangle, weights);
+        let Some(map) = map else {
+            let smooth = smooth.map(|n| n * side);
+            return smooth.filter(|n| n.dot(to_viewer) > 0.0).unwrap_or(geometric_normal);
+        };
+        let normal = self.mapped_normal(triangle, weights, smooth.unwrap_or(front), map) * side;
+        let facing = normal.dot(to_viewer);
+        if facing < LEAST_FACING { (normal + to_viewer * (LEAST_FACING - facing)).normalize() } else { normal }
+    }
+
+    /// The map's normal on the front side, around the unit normal `up`.
+    fn mapped_normal(&self, triangle: &Triangle, weights: [f64; 3], up: DVec3, map: NormalMap) -> DVec3 {
+        let code = self.texel(triangle, weights, Some(map.texture), Encoding::Linear).truncate();
+        let scale = f64::from(map.scale);
+        let local = (code * 2.0 - 1.0) * DVec3::new(scale, scale, 1.0);
+        let (along, sign) = self.tangent(triangle, weights).unwrap_or((DVec3::ZERO, 1.0));
+        let along = (along - up * up.dot(along)).try_normalize().unwrap_or(tangents(up).0);
+        let across = up.cross(along) * sign;
+        (along * local.x + across * local.y + up * local.z).try_normalize().unwrap_or(up)
+    }
+
+    /// Interpolated tangent in the world, and the sign of the bitangent, which turns where an instance mirrors.
+    fn tangent(&self, triangle: &Triangle, weights: [f64; 3]) -> Option<(DVec3, f64)> {
+        let tangents = &self.mesh(triangle).tangents;
+        if tangents.is_empty() {
+            return None;
+        }
+        let placement = &self.placements[triangle.instance];
+        let corners = self.corners(triangle).map(|i| {
+            let tangent = tangents[i].as_dvec4();
+            let world = placement.world_from_local.transform_vector3(tangent.truncate()).normalize_or_zero();
+            world.extend(tangent.w)
+        });
+        let tangent = interpolate(corners, weights, DVec4::ZERO);
+        Some((tangent.truncate(), tangent.w.signum() * placement.winding))
     }
 
     fn base_color(&self, triangle: &Triangle, weights: [f64; 3]) -> DVec4 {
@@ -137,12 +236,12 @@ impl<'a> Surfaces<'a> {
             let corners = self.corners(triangle).map(|i| colors[i].as_dvec4());
             interpolate(corners, weights, DVec4::ZERO)
         };
-        let texel = self.texel(triangle, weights, material.base_color_texture);
+        let texel = self.texel(triangle, weights, material.base_color_texture, Encoding::Srgb);
         material.base_color.as_dvec4() * vertex * texel
     }
 
     /// White without a texture; a mesh without the texture's coordinate set is looked up at (0, 0).
-    fn texel(&self, tri: &Triangle, weights: [f64; 3], texture: Option<TextureRef>) -> DVec4 {
+    fn texel(&self, tri: &Triangle, weights: [f64; 3], texture: Option<TextureRef>, encoding: Encoding) -> DVec4 {
         let Some(reference) = texture else {
             return DVec4::ONE;
         };
@@ -152,7 +251,7 @@ impl<'a> Surfaces<'a> {
         } else {
             interpolate(self.corners(tri).map(|i| uvs[i].as_dvec2()), weights, DVec2::ZERO)
         };
-        texture::color(self.scene, reference, uv)
+        texture::look_up(self.scene, reference, uv, encoding)
     }
 
     /// Transformed and normalised per vertex, then interpolated, as vertex shaders do; none for flat meshes and where normals cancel.
@@ -166,6 +265,11 @@ impl<'a> Surfaces<'a> {
         let world = corners[0] * weights[0] + corners[1] * weights[1] + corners[2] * weights[2];
         world.try_normalize()
     }
+}
+
+/// What is behind a thick surface. Without transmission nothing can be seen of it, and a surface is thin.
+fn enclosed_volume(material: &Material) -> Option<Volume> {
+    material.volume.filter(|_| material.transmission > 0.0)
 }
 
 fn interpolate<T>(corners: [T; 3], weights: [f64; 3], zero: T) -> T

@@ -1,0 +1,348 @@
+//! How a point of a surface scatters light: the sum of the material model's lobes, and drawing directions from it.
+//!
+//! The lobes: diffuse, the surface's reflection (dielectric and metal share it), transmission, clearcoat. Below
+//! [`SMOOTH_ALPHA`] the last three are deltas: they are left out of [`Bsdf::scattered`] and [`Bsdf::density`], and only
+//! [`Bsdf::sample`] finds them. Values carry the cosine.
+
+use std::f64::consts::PI;
+
+use glam::DVec3;
+
+use super::layer::{self, SMOOTH_ALPHA, schlick_weight};
+use super::microfacet::{Frame, Ggx, reflect, refract};
+use super::sampling::cosine_direction;
+
+/// What is behind the surface.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Interior {
+    /// The same as in front.
+    Thin,
+    /// A medium of that index of refraction (1: light goes straight on).
+    Thick { index: f64 },
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct Coat {
+    pub strength: f64,
+    pub alpha: f64,
+    /// Unit, on the viewer's side.
+    pub normal: DVec3,
+}
+
+/// A point's material with all textures looked up, seen from `to_viewer`. Both normals are on the viewer's side.
+#[derive(Clone, Copy, Debug)]
+pub struct Bsdf {
+    pub to_viewer: DVec3,
+    pub normal: DVec3,
+    pub geometric_normal: DVec3,
+    pub base: DVec3,
+    pub metallic: f64,
+    pub alpha: f64,
+    /// The dielectric's reflectance at normal and at grazing incidence.
+    pub f0: DVec3,
+    pub f90: f64,
+    pub transmission: f64,
+    pub interior: Interior,
+    /// The viewer is on the back of the triangle.
+    pub on_back: bool,
+    pub coat: Option<Coat>,
+}
+
+#[derive(Clone, Copy, Debug)]
+pub struct Scattered {
+    pub direction: DVec3,
+    /// Value over density.
+    pub weight: DVec3,
+    /// By solid angle; none for a delta.
+    pub density: Option<f64>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Lobe {
+    Diffuse,
+    Reflection,
+    Transmission,
+    Coat,
+}
+
+const LOBES: [Lobe; 4] = [Lobe::Diffuse, Lobe::Reflection, Lobe::Transmission, Lobe::Coat];
+
+/// Least share of a Fresnel term by which a lobe is picked: the facet's may be far from the macro surface's.
+const LEAST_SHARE: f64 = 0.1;
+/// 1 − Eavg is kept above this.
+const LEAST_ABSORBED: f64 = 1e-6;
+
+impl Bsdf {
+    /// Value times cosine for light from `to_light`, deltas left out.
+    pub fn scattered(&self, to_light: DVec3) -> DVec3 {
+        let through_coat = 1.0 - self.coat_reflectance();
+        if self.geometric_normal.dot(to_light) > 0.0 {
+            self.reflected(to_light) * through_coat + DVec3::splat(self.coat_reflected(to_light))
+        } else {
+            self.transmitted(to_light) * through_coat
+        }
+    }
+
+    /// Density by solid angle with which [`Self::sample`] draws `to_light` from lobes that are no deltas.
+    pub fn density(&self, to_light: DVec3) -> f64 {
+        let chances = self.chances();
+        let of = |(lobe, chance): (Lobe, f64)| match chance {
+            0.0 => 0.0,
+            _ if self.is_delta(lobe) => 0.0,
+            _ => chance * self.lobe_density(lobe, to_light),
+        };
+        LOBES.into_iter().zip(chances).map(of).sum()
+    }
+
+    /// One direction that light may come from, by three uniform numbers; none if none was found, which counts as black.
+    pub fn sample(&self, [mut pick, u, v]: [f64; 3]) -> Option<Scattered> {
+        let chances = self.chances();
+        let (lobe, chance) = LOBES.into_iter().zip(chances).find(|(_, chance)| {
+            let found = pick < *chance;
+            pick -= chance;
+            found
+        })?;
+        let direction = self.direction(lobe, [u, v])?;
+        if self.is_delta(lobe) {
+            let through = lobe == Lobe::Transmission;
+            let side = if through { -1.0 } else { 1.0 };
+            let carries = side * self.geometric_normal.dot(direction) > 0.0;
+            let weight = self.delta_weight(lobe) / chance;
+            return carries.then_some(Scattered { direction, weight, density: None });
+        }
+        let density = self.density(direction);
+        let weight = self.scattered(direction) / density;
+        weight.is_finite().then_some(Scattered { direction, weight, density: Some(density) })
+    }
+
+    /// Share of the light that the coat keeps from the material under it, emission included.
+    pub fn coat_reflectance(&self) -> f64 {
+        self.coat.map_or(0.0, |coat| {
+            let cosine = coat.normal.dot(self.to_viewer).abs();
+            coat.strength * (0.04 + 0.96 * schlick_weight(cosine))
+        })
+    }
+
+    /// Index of refraction on the viewer's side, and beyond the surface.
+    fn indices(&self) -> [f64; 2] {
+        match self.interior {
+            Interior::Thin => [1.0, 1.0],
+            Interior::Thick { index } if self.on_back => [index, 1.0],
+            Interior::Thick { index } => [1.0, index],
+        }
+    }
+
+    /// Whether transmitted light keeps its direction whatever the roughness.
+    fn goes_straight(&self) -> bool {
+        matches!(self.interior, Interior::Thick { index } if index == 1.0)
+    }
+
+    fn is_delta(&self, lobe: Lobe) -> bool {
+        match lobe {
+            Lobe::Diffuse => false,
+            Lobe::Reflection => self.alpha < SMOOTH_ALPHA,
+            Lobe::Transmission => self.alpha < SMOOTH_ALPHA || self.goes_straight(),
+            Lobe::Coat => self.coat.is_some_and(|coat| coat.alpha < SMOOTH_ALPHA),
+        }
+    }
+
+    /// The dielectric's Fresnel term for a facet that the viewer sees at that cosine.
+    fn dielectric_fresnel(&self, cosine: f64) -> DVec3 {
+        let [here, beyond] = self.indices();
+        let f90 = DVec3::splat(self.f90);
+        let outside = if here > beyond {
+            let sin2 = (here / beyond).powi(2) * (1.0 - cosine * cosine);
+            if sin2 >= 1.0 {
+                return f90;
+            }
+            (1.0 - sin2).sqrt()
+        } else {
+            cosine
+        };
+        self.f0.lerp(f90, schlick_weight(outside))
+    }
+
+    /// Both materials' Fresnel terms, mixed by metalness.
+    fn mixed_fresnel(&self, cosine: f64) -> DVec3 {
+        let metal = self.base.lerp(DVec3::ONE, schlick_weight(cosine));
+        self.dielectric_fresnel(cosine).lerp(metal, self.metallic)
+    }
+
+    /// What is left for the base under the reflection.
+    fn under_reflection(&self, cosine: f64) -> f64 {
+        1.0 - self.dielectric_fresnel(cosine).max_element()
+    }
+
+    /// The diffuse lobe's share W.
+    fn diffuse_share(&self, cos_facet: f64, cos_light: f64) -> f64 {
+        let (f0, cos_viewer) = (self.f0.max_element(), self.normal.dot(self.to_viewer));
+        let let_in = |mu: f64| 1.0 - layer::albedo(self.alpha, f0, self.f90, mu);
+        let absorbed = (1.0 - layer::mean_albedo(self.alpha, f0, self.f90)).max(LEAST_ABSORBED);
+        self.under_reflection(cos_facet).min(let_in(cos_viewer) * let_in(cos_light) / absorbed)
+    }
+
+    fn reflected(&self, l: DVec3) -> DVec3 {
+        let (v, n) = (self.to_viewer, self.normal);
+        let cos_light = n.dot(l);
+        let Some(h) = (v + l).try_normalize().filter(|_| cos_light > 0.0) else {
+            return DVec3::ZERO;
+        };
+        let facet = v.dot(h);
+        let mut value = DVec3::ZERO;
+        let opaque = (1.0 - self.metallic) * (1.0 - self.transmission);
+        if opaque > 0.0 {
+            value += self.base * (opaque * self.diffuse_share(facet, cos_light) / PI);
+        }
+        if !self.is_delta(Lobe::Reflection) {
+            value += self.mixed_fresnel(facet) * self.facets_value(n, self.alpha, h, cos_light);
+        }
+        value * cos_light
+    }
+
+    /// D V2 of facets around `n`.
+    fn facets_value(&self, n: DVec3, alpha: f64, h: DVec3, cos_light: f64) -> f64 {
+        let facets = Ggx { alpha };
+        facets.distribution(Frame::around(n).local(h)) * facets.visibility(n.dot(self.to_viewer), cos_light)
+    }
+
+    fn coat_reflected(&self, l: DVec3) -> f64 {
+        let Some(coat) = self.coat.filter(|_| !self.is_delta(Lobe::Coat)) else {
+            return 0.0;
+        };
+        let cosine = coat.normal.dot(l);
+        match (self.to_viewer + l).try_normalize() {
+            Some(h) if cosine > 0.0 => {
+                self.coat_reflectance() * self.facets_value(coat.normal, coat.alpha, h, cosine) * cosine
+            }
+            _ => 0.0,
+        }
+    }
+
+    fn transmitted(&self, l: DVec3) -> DVec3 {
+        let (v, n) = (self.to_viewer, self.normal);
+        let cos_light = -n.dot(l);
+        let share = (1.0 - self.metallic) * self.transmission;
+        let lets_through = share > 0.0 && cos_light > 0.0 && self.geometric_normal.dot(l) < 0.0;
+        if !lets_through || self.is_delta(Lobe::Transmission) {
+            return DVec3::ZERO;
+        }
+        let Some(h) = self.transmitting_facet(l) else {
+            return DVec3::ZERO;
+        };
+        let value = self.under_reflection(v.dot(h)) * self.facets_value(n, self.alpha, h, cos_light);
+        let spread = match self.interior {
+            Interior::Thin => 1.0,
+            // Walter et al. 2007, equation 21, as radiance seen from v; V2 is G2 / (4 cos cos).
+            Interior::Thick { .. } => {
+                let [here, beyond] = self.indices();
+                let (vh, lh) = (v.dot(h), -l.dot(h));
+                4.0 * vh * lh * here * here / (here * vh - beyond * lh).powi(2)
+            }
+        };
+        self.base * (share * value * spread * cos_light)
+    }
+
+    /// The facet on the viewer's side that sends light from `l`, on the other side, to the viewer.
+    fn transmitting_facet(&self, l: DVec3) -> Option<DVec3> {
+        let (v, n) = (self.to_viewer, self.normal);
+        match self.interior {
+            Interior::Thin => (v + l - n * (2.0 * n.dot(l))).try_normalize(),
+            Interior::Thick { .. } => {
+                let [here, beyond] = self.indices();
+                let h = (v * here + l * beyond).try_normalize()?;
+                let h = if n.dot(h) < 0.0 { -h } else { h };
+                (v.dot(h) > 0.0 && l.dot(h) < 0.0).then_some(h)
+            }
+        }
+    }
+
+    /// Value of a delta lobe, its cosine divided out.
+    fn delta_weight(&self, lobe: Lobe) -> DVec3 {
+        let cosine = self.normal.dot(self.to_viewer);
+        let through_coat = 1.0 - self.coat_reflectance();
+        match lobe {
+            Lobe::Coat => DVec3::splat(self.coat_reflectance()),
+            Lobe::Reflection => self.mixed_fresnel(cosine) * through_coat,
+            Lobe::Transmission => {
+                let [here, beyond] = self.indices();
+                let share = (1.0 - self.metallic) * self.transmission * self.under_reflection(cosine);
+                self.base * (share * (here / beyond).powi(2) * through_coat)
+            }
+            Lobe::Diffuse => unreachable!("the diffuse lobe is no delta"),
+        }
+    }
+
+    /// Probability of each of [`LOBES`]: about its share of the light; all 0 for a black surface.
+    fn chances(&self) -> [f64; 4] {
+        let cosine = self.normal.dot(self.to_viewer);
+        let (coat, dielectric) = (self.coat_reflectance(), 1.0 - self.metallic);
+        let least = |lobe| if self.is_delta(lobe) { 0.0 } else { LEAST_SHARE };
+        let base = |lobe| self.base.max_element() * dielectric * self.under_reflection(cosine).max(least(lobe));
+        let most_reflected = dielectric * self.f90 + self.metallic * self.base.max_element();
+        let reflection = self.mixed_fresnel(cosine).max_element();
+        let under = [
+            base(Lobe::Diffuse) * (1.0 - self.transmission),
+            reflection.max(least(Lobe::Reflection) * most_reflected),
+            base(Lobe::Transmission) * self.transmission,
+        ];
+        let [diffuse, reflection, transmission] = under.map(|share| share * (1.0 - coat));
+        let shares = [diffuse, reflection, transmission, coat];
+        let sum: f64 = shares.iter().sum();
+        shares.map(|share| if sum > 0.0 { share / sum } else { 0.0 })
+    }
+
+    fn direction(&self, lobe: Lobe, u: [f64; 2]) -> Option<DVec3> {
+        let (v, n) = (self.to_viewer, self.normal);
+        if lobe == Lobe::Diffuse {
+            return Some(cosine_direction(n, u));
+        }
+        if lobe == Lobe::Coat {
+            let coat = self.coat?;
+            return Some(reflect(v, self.facet(coat.normal, coat.alpha, u)));
+        }
+        if lobe == Lobe::Transmission && self.goes_straight() {
+            return Some(-v);
+        }
+        let h = self.facet(n, self.alpha, u);
+        let mirrored = reflect(v, h);
+        match (lobe, self.interior) {
+            (Lobe::Reflection, _) => Some(mirrored),
+            (_, Interior::Thin) => Some(mirrored - n * (2.0 * n.dot(mirrored))),
+            (_, Interior::Thick { .. }) => {
+                let [here, beyond] = self.indices();
+                refract(v, h, here / beyond)
+            }
+        }
+    }
+
+    /// A facet that the viewer sees; the normal itself where the surface is smooth.
+    fn facet(&self, n: DVec3, alpha: f64, u: [f64; 2]) -> DVec3 {
+        if alpha < SMOOTH_ALPHA {
+            return n;
+        }
+        let frame = Frame::around(n);
+        frame.world(Ggx { alpha }.sample(frame.local(self.to_viewer), u))
+    }
+
+    fn lobe_density(&self, lobe: Lobe, l: DVec3) -> f64 {
+        let (v, n) = (self.to_viewer, self.normal);
+        let of_facet = |n: DVec3, alpha: f64, h: DVec3| {
+            let frame = Frame::around(n);
+            Ggx { alpha }.density(frame.local(v), frame.local(h))
+        };
+        let of_mirrored = |n: DVec3, alpha: f64, l: DVec3| {
+            (v + l).try_normalize().map_or(0.0, |h| of_facet(n, alpha, h) / (4.0 * v.dot(h)))
+        };
+        match (lobe, self.interior) {
+            (Lobe::Diffuse, _) => n.dot(l).max(0.0) / PI,
+            (Lobe::Coat, _) => self.coat.map_or(0.0, |coat| of_mirrored(coat.normal, coat.alpha, l)),
+            (Lobe::Reflection, _) => of_mirrored(n, self.alpha, l),
+            (Lobe::Transmission, Interior::Thin) => of_mirrored(n, self.alpha, l - n * (2.0 * n.dot(l))),
+            (Lobe::Transmission, Interior::Thick { .. }) => self.transmitting_facet(l).map_or(0.0, |h| {
+                let [here, beyond] = self.indices();
+                let (vh, lh) = (v.dot(h), -l.dot(h));
+                of_facet(n, self.alpha, h) * beyond * beyond * lh / (here * vh - beyond * lh).powi(2)
+            }),
+        }
+    }
+}

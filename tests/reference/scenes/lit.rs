@@ -1,0 +1,86 @@
+//! The same things, matte, glossy and metal, under one kind of light each, and under many.
+//!
+//! To add a row: a line in [`ALL`] with a function that adds the light to [`things`].
+
+use diptych::image::Extent;
+use diptych::scene::{Environment, Light, LightKind, Material, Scene};
+use glam::{Vec3, vec3, vec4};
+
+use super::pictures::sky;
+use super::studio::{add_balls, camera, dielectric, ground, metal};
+use super::{add_material, matte, place, quad};
+use crate::reference::Pinhole;
+
+type Row = (&'static str, fn(&mut Scene));
+
+/// Every kind of light with its name.
+pub const ALL: [Row; 10] = [
+    ("emissive_triangles", add_lamps),
+    ("point", |scene| scene.lights.push(point(0.0))),
+    ("spot", |scene| scene.lights.push(spot(0.0))),
+    ("sphere", |scene| scene.lights.push(point(0.3))),
+    ("sphere_spot", |scene| scene.lights.push(spot(0.25))),
+    ("directional", |scene| scene.lights.push(sun(0.0))),
+    ("directional_disc", |scene| scene.lights.push(sun(4.0))),
+    ("constant_environment", |scene| scene.environment = Environment::Constant(vec3(0.6, 0.7, 0.9))),
+    ("environment_with_a_sun", add_sunny_sky),
+    ("many_lights", add_many),
+];
+
+/// A floor with a matte, a glossy and a rough metal ball, in that light.
+pub fn things(name: &str, add_light: fn(&mut Scene)) -> (Scene, Pinhole) {
+    let mut scene = ground(name);
+    let base = vec3(0.7, 0.5, 0.3);
+    let matte = Material { base_color: base.extend(1.0), ..matte() };
+    add_balls(&mut scene, [matte, dielectric(base, 0.35), metal(base, 0.5)]);
+    add_light(&mut scene);
+    (scene, camera())
+}
+
+fn add_lamps(scene: &mut Scene) {
+    let black = vec4(0.0, 0.0, 0.0, 1.0);
+    let lamp = |emissive, double_sided| Material { base_color: black, emissive, double_sided, ..matte() };
+    let wide = add_material(scene, lamp(vec3(4.0, 3.0, 2.0), false));
+    place(scene, quad(vec3(-1.5, 2.0, -0.5), 1.2 * Vec3::X, 1.0 * Vec3::Z, wide));
+    let strip = add_material(scene, lamp(vec3(1.0, 3.0, 6.0), true));
+    place(scene, quad(vec3(1.7, 0.3, -0.5), 0.3 * Vec3::Z, 1.2 * Vec3::Y, strip));
+}
+
+fn point(radius: f32) -> Light {
+    let kind = LightKind::Point { position: vec3(-0.6, 1.7, 0.9), radius };
+    Light { kind, strength: vec3(4.0, 3.5, 3.0) }
+}
+
+fn spot(radius: f32) -> Light {
+    let kind = LightKind::Spot {
+        position: vec3(1.2, 2.2, 1.2),
+        radius,
+        direction: vec3(-0.5, -0.8, -0.5).normalize(),
+        cos_inner: 15f32.to_radians().cos(),
+        cos_outer: 45f32.to_radians().cos(),
+    };
+    Light { kind, strength: vec3(6.0, 7.0, 8.0) }
+}
+
+fn sun(angle_deg: f32) -> Light {
+    let direction = vec3(0.5, -1.0, -0.6).normalize();
+    Light {
+        kind: LightKind::Directional { direction, angle_rad: angle_deg.to_radians() },
+        strength: vec3(2.0, 1.8, 1.5),
+    }
+}
+
+/// One texel of the sky is the sun: 300 times as bright as the rest.
+fn add_sunny_sky(scene: &mut Scene) {
+    let mut image = sky(Extent::new(32, 16));
+    image.pixels[3 * 32 + 19] = [300.0, 280.0, 240.0];
+    scene.environment = Environment::Map { image, rotation_deg: -40.0 };
+}
+
+fn add_many(scene: &mut Scene) {
+    add_lamps(scene);
+    scene.lights.extend([point(0.0), spot(0.0), spot(0.2), sun(0.0), sun(3.0)]);
+    let small = Light { kind: LightKind::Point { position: vec3(0.5, 0.15, 0.8), radius: 0.1 }, strength: Vec3::ONE };
+    scene.lights.push(small);
+    scene.environment = Environment::Constant(vec3(0.1, 0.1, 0.15));
+}

@@ -1,0 +1,137 @@
+//! Small scenes, made here, that between them use everything of the model, each with its camera; and parts to build with.
+
+pub mod lit;
+pub mod materials;
+pub mod matte;
+mod pictures;
+mod studio;
+
+use diptych::scene::{Environment, Instance, Material, Mesh, Scene, TexelImage};
+use glam::{Affine3A, Quat, Vec3, vec3};
+
+use super::Pinhole;
+pub use pictures::{checker, sky};
+
+pub fn empty(name: &str) -> Scene {
+    Scene {
+        name: name.to_owned(),
+        meshes: Vec::new(),
+        instances: Vec::new(),
+        materials: Vec::new(),
+        textures: Vec::new(),
+        images: Vec::new(),
+        lights: Vec::new(),
+        environment: Environment::Black,
+        cameras: Vec::new(),
+        warnings: Vec::new(),
+    }
+}
+
+pub fn matte() -> Material {
+    Material::default()
+}
+
+pub fn add_material(scene: &mut Scene, material: Material) -> usize {
+    scene.materials.push(material);
+    scene.materials.len() - 1
+}
+
+pub fn add_matte(scene: &mut Scene, albedo: Vec3) -> usize {
+    add_material(scene, Material { base_color: albedo.extend(1.0), ..matte() })
+}
+
+pub fn add_image(scene: &mut Scene, image: TexelImage) -> usize {
+    scene.images.push(image);
+    scene.images.len() - 1
+}
+
+pub fn add_mesh(scene: &mut Scene, mesh: Mesh) -> usize {
+    scene.meshes.push(mesh);
+    scene.meshes.len() - 1
+}
+
+pub fn instance(scene: &mut Scene, mesh: usize, world_from_local: Affine3A) {
+    scene.instances.push(Instance { mesh, world_from_local });
+}
+
+/// Adds the mesh with one instance, where it is.
+pub fn place(scene: &mut Scene, mesh: Mesh) {
+    let mesh = add_mesh(scene, mesh);
+    instance(scene, mesh, Affine3A::IDENTITY);
+}
+
+pub fn scaled_at(scale: f32, at: Vec3) -> Affine3A {
+    Affine3A::from_scale_rotation_translation(Vec3::splat(scale), Quat::IDENTITY, at)
+}
+
+/// Parallelogram whose front looks along `u` × `v`; corners in the order 0, u, u + v, v.
+pub fn quad(corner: Vec3, u: Vec3, v: Vec3, material: usize) -> Mesh {
+    Mesh {
+        positions: vec![corner, corner + u, corner + u + v, corner + v],
+        triangles: vec![[0, 1, 2], [0, 2, 3]],
+        material,
+        ..Mesh::default()
+    }
+}
+
+/// Cube of edge 1 around the origin, faces out.
+pub fn block(material: usize) -> Mesh {
+    let mut mesh = Mesh { material, ..Mesh::default() };
+    for (n, u) in [(Vec3::X, Vec3::Y), (Vec3::Y, Vec3::Z), (Vec3::Z, Vec3::X)] {
+        for n in [n, -n] {
+            let v = n.cross(u);
+            let face = quad((n - u - v) * 0.5, u, v, material);
+            append(&mut mesh, face);
+        }
+    }
+    mesh
+}
+
+fn append(mesh: &mut Mesh, part: Mesh) {
+    let first = mesh.positions.len() as u32;
+    mesh.positions.extend(part.positions);
+    mesh.triangles.extend(part.triangles.iter().map(|t| t.map(|i| i + first)));
+}
+
+/// Unit sphere of 20 · 4^`levels` triangles, faces out; its corners lie on the sphere.
+pub fn icosphere(levels: u32, smooth: bool, material: usize) -> Mesh {
+    let golden = 0.5 * (1.0 + 5f32.sqrt());
+    // The corners of an icosahedron are those of three golden rectangles.
+    let rectangle =
+        |a: fn(f32, f32) -> Vec3| [(1.0, 1.0), (-1.0, 1.0), (1.0, -1.0), (-1.0, -1.0)].map(|(s, l)| a(s, l * golden));
+    let corners: Vec<Vec3> =
+        [rectangle(|s, l| vec3(s, l, 0.0)), rectangle(|s, l| vec3(0.0, s, l)), rectangle(|s, l| vec3(l, 0.0, s))]
+            .concat()
+            .iter()
+            .map(|p| p.normalize())
+            .collect();
+    // Faces join three corners that are nearest to each other.
+    let edge = corners.iter().map(|c| c.distance(corners[0])).filter(|d| *d > 0.1).fold(9.0, f32::min);
+    let near = |a: Vec3, b: Vec3| a.distance(b) < 1.1 * edge;
+    let mut faces = Vec::new();
+    for (i, &a) in corners.iter().enumerate() {
+        for (j, &b) in corners.iter().enumerate().skip(i + 1) {
+            for &c in &corners[j + 1..] {
+                if near(a, b) && near(b, c) && near(c, a) {
+                    let outward = (b - a).cross(c - a).dot(a) > 0.0;
+                    faces.push(if outward { [a, b, c] } else { [a, c, b] });
+                }
+            }
+        }
+    }
+    for _ in 0..levels {
+        let split = |[a, b, c]: [Vec3; 3]| {
+            let (ab, bc, ca) = ((a + b).normalize(), (b + c).normalize(), (c + a).normalize());
+            [[a, ab, ca], [ab, b, bc], [ca, bc, c], [ab, bc, ca]]
+        };
+        faces = faces.into_iter().flat_map(split).collect();
+    }
+    let positions = faces.concat();
+    Mesh {
+        normals: if smooth { positions.clone() } else { Vec::new() },
+        triangles: (0..faces.len() as u32).map(|i| [3 * i, 3 * i + 1, 3 * i + 2]).collect(),
+        positions,
+        material,
+        ..Mesh::default()
+    }
+}

@@ -1,0 +1,122 @@
+//! The room in which materials are shown: a floor, a large lamp, an even sky, and things of one material.
+
+use diptych::image::Extent;
+use diptych::scene::{Environment, Material, Mesh, NormalMap, Scene, Texture, TextureRef, Wrap};
+use glam::{Affine2, Affine3A, Vec2, Vec3, vec2, vec3, vec4};
+
+use super::pictures::{checker, steps, waves};
+use super::{add_image, add_material, add_matte, add_mesh, empty, icosphere, instance, matte, place, quad, scaled_at};
+use crate::reference::Pinhole;
+
+/// A floor under an even sky; nothing else.
+pub fn ground(name: &str) -> Scene {
+    let mut scene = empty(name);
+    let grey = add_matte(&mut scene, vec3(0.5, 0.45, 0.4));
+    place(&mut scene, quad(vec3(-3.0, 0.0, -3.0), 6.0 * Vec3::Z, 6.0 * Vec3::X, grey));
+    scene
+}
+
+/// The ground, an even sky and a lamp two wide that shines down on it from the left.
+pub fn studio(name: &str) -> Scene {
+    let mut scene = ground(name);
+    let lamp = Material { base_color: vec4(0.2, 0.2, 0.2, 1.0), emissive: vec3(2.5, 2.2, 1.8), ..matte() };
+    let lamp = add_material(&mut scene, lamp);
+    place(&mut scene, quad(vec3(-2.5, 2.2, -1.0), vec3(1.6, 0.8, 0.0), 2.0 * Vec3::Z, lamp));
+    scene.environment = Environment::Constant(vec3(0.4, 0.5, 0.7));
+    scene
+}
+
+/// What the things in a row are seen by.
+pub fn camera() -> Pinhole {
+    Pinhole::looking_at(vec3(0.0, 1.1, 4.0), vec3(0.0, 0.55, 0.0), Vec3::Y, 30.0)
+}
+
+/// A dielectric as a glTF file has it by default.
+pub fn dielectric(base: Vec3, roughness: f32) -> Material {
+    Material { base_color: base.extend(1.0), roughness, specular: 1.0, ..matte() }
+}
+
+pub fn metal(base: Vec3, roughness: f32) -> Material {
+    Material { base_color: base.extend(1.0), roughness, metallic: 1.0, specular: 1.0, ..matte() }
+}
+
+pub fn glass(base: Vec3, roughness: f32) -> Material {
+    Material { transmission: 1.0, ..dielectric(base, roughness) }
+}
+
+/// Balls of radius 0.45 side by side, one of each material.
+pub fn add_balls<const N: usize>(scene: &mut Scene, materials: [Material; N]) {
+    for (i, material) in materials.into_iter().enumerate() {
+        let material = add_material(scene, material);
+        let ball = add_mesh(scene, icosphere(2, true, material));
+        instance(scene, ball, scaled_at(0.45, vec3(spread(i, N), 0.5, 0.0)));
+    }
+}
+
+/// Upright panels side by side, one of each material, with both coordinate sets, tangents and an open side behind.
+/// Every second one mirrors.
+pub fn add_panels<const N: usize>(scene: &mut Scene, materials: [Material; N]) {
+    for (i, material) in materials.into_iter().enumerate() {
+        let material = add_material(scene, material);
+        let mesh = add_mesh(scene, panel(material));
+        let mirror = if i % 2 == 1 { vec3(-1.0, 1.0, 1.0) } else { Vec3::ONE };
+        let at = Affine3A::from_translation(vec3(spread(i, N), 0.55, 0.0));
+        instance(scene, mesh, at * Affine3A::from_scale(mirror));
+    }
+}
+
+fn spread(i: usize, n: usize) -> f32 {
+    1.05 * (i as f32 - 0.5 * (n as f32 - 1.0))
+}
+
+/// 0.9 × 1 around the origin, leaning back, faces +z. Tangents are neither unit nor in the plane in the interior.
+fn panel(material: usize) -> Mesh {
+    let mut mesh = quad(vec3(-0.45, -0.5, 0.1), 0.9 * Vec3::X, vec3(0.0, 1.0, -0.25), material);
+    let along = |x: f32, y: f32| vec3(1.0, x, y).normalize().extend(1.0);
+    mesh.tangents = vec![along(0.0, 0.1), along(0.3, 0.0), along(-0.2, 0.1), along(0.1, -0.1)];
+    let up = vec3(0.0, 0.25, 1.0).normalize();
+    mesh.normals = [-0.15f32, 0.15, 0.15, -0.15].map(|x| (up + x * Vec3::X).normalize()).to_vec();
+    mesh.uvs = [
+        vec![vec2(0.0, 1.0), Vec2::ONE, vec2(1.0, 0.0), Vec2::ZERO],
+        vec![vec2(1.2, 0.1), vec2(1.0, 1.3), vec2(-0.3, 1.0), vec2(0.0, -0.2)],
+    ];
+    mesh
+}
+
+/// Pictures to make textures of; see [`Pictures::add`].
+#[derive(Clone, Copy)]
+pub struct Pictures {
+    pub checker: TextureRef,
+    pub waves: TextureRef,
+    pub steps: TextureRef,
+}
+
+impl Pictures {
+    /// All repeat, are bilinear, and lie on coordinate set 0.
+    pub fn add(scene: &mut Scene) -> Self {
+        let mut add = |image| {
+            let image = add_image(scene, image);
+            scene.textures.push(Texture { image, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, linear: true });
+            TextureRef { texture: scene.textures.len() - 1, uv_set: 0, uv_from_uv: Affine2::IDENTITY }
+        };
+        Self {
+            checker: add(checker(Extent::new(7, 5))),
+            waves: add(waves(Extent::new(8, 8))),
+            steps: add(steps(Extent::new(4, 4))),
+        }
+    }
+
+    pub fn normal_map(&self, scale: f32) -> Option<NormalMap> {
+        Some(NormalMap { texture: self.waves, scale })
+    }
+}
+
+/// The texture on the second coordinate set.
+pub fn second(texture: TextureRef) -> TextureRef {
+    TextureRef { uv_set: 1, ..texture }
+}
+
+/// The texture turned, stretched and moved.
+pub fn turned(texture: TextureRef) -> TextureRef {
+    TextureRef { uv_from_uv: Affine2::from_scale_angle_translation(vec2(1.3, 0.8), 0.5, vec2(0.2, -0.1)), ..texture }
+}

@@ -1,0 +1,54 @@
+//! Whole scenes by the z-test.
+
+use diptych::image::Extent;
+use diptych::scene::Scene;
+
+use crate::reference::scenes::matte::all;
+use crate::reference::scenes::{lit, materials};
+use crate::reference::ztest::assert_agrees;
+use crate::reference::{Emitters, Pinhole, Reference};
+
+#[test]
+fn every_scene_agrees_with_itself_under_another_seed() {
+    let mut squares = 0.0;
+    let scenes = all();
+    for (name, scene, camera) in &scenes {
+        let reference = Reference::new(scene);
+        let extent = Extent::new(48, 36);
+        let [a, b] = [1, 2].map(|seed| reference.render(camera, extent, 128, 2, seed));
+        let report = assert_agrees(name, &a, &b, 0.03);
+        println!("{name}\n{report}");
+        squares += report.block_mean_square() / scenes.len() as f64;
+    }
+    assert!(squares > 0.5, "mean z² {squares}: variances are too large");
+}
+
+/// Two estimators that share the surfaces' values only: bounces alone, and bounces weighed against explicit samples.
+fn hold_estimators_together(name: &str, (scene, camera): &(Scene, Pinhole), extent: Extent, resolution: f64) {
+    let [a, b] = [(Emitters::Sampled, 128), (Emitters::BounceHits, 512)]
+        .map(|(emitters, spp)| Reference::new(scene).with_emitters(emitters).render(camera, extent, spp, 2, 3));
+    let report = assert_agrees(name, &a, &b, resolution);
+    println!("{name}\n{report}");
+}
+
+#[test]
+fn explicit_samples_and_bounce_hits_agree() {
+    for (name, scene, camera) in all() {
+        if ["box_area_light", "environment_only", "textured_masked_blend", "instanced_mirrored"].contains(&name) {
+            hold_estimators_together(name, &(scene, camera), Extent::new(40, 32), 0.04);
+        }
+    }
+    for (name, light) in lit::ALL {
+        // Bounces find these rarely, and smaller ones hardly ever.
+        if ["emissive_triangles", "sphere"].contains(&name) {
+            hold_estimators_together(name, &lit::things(name, light), Extent::new(40, 32), 0.1);
+        }
+    }
+}
+
+#[test]
+fn explicit_samples_and_bounce_hits_agree_on_every_material() {
+    for (name, scene) in materials::ALL {
+        hold_estimators_together(name, &scene(), Extent::new(24, 16), 0.06);
+    }
+}

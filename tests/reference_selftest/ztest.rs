@@ -1,0 +1,86 @@
+//! The z-test.
+
+use std::f64::consts::PI;
+
+use diptych::image::{Extent, Image, RgbImage};
+
+use crate::reference::sampling::Rng;
+use crate::reference::ztest::{Estimate, Moments, assert_agrees, compare, mean_and_variance, verdict};
+
+/// K renders of independent noise around `mean`, standard deviation 0.3.
+fn noise(extent: Extent, renders: u64, mean: f32, seed: u64) -> Vec<RgbImage> {
+    (0..renders)
+        .map(|k| {
+            let mut rng = Rng::new(seed, k);
+            let mut image = Image::filled(extent, [0.0; 3]);
+            for x in image.pixels.as_flattened_mut() {
+                let (u, v) = (1.0 - rng.uniform(), rng.uniform());
+                let normal = (-2.0 * u.ln()).sqrt() * (2.0 * PI * v).cos();
+                *x = mean + 0.3 * normal as f32;
+            }
+            image
+        })
+        .collect()
+}
+
+#[test]
+fn equal_means_pass_and_have_the_documented_z() {
+    let extent = Extent::new(100, 76);
+    let (mut squares, mut tails) = (0.0, 0.0);
+    for seed in 0..20 {
+        let a = mean_and_variance(&noise(extent, 8, 1.0, 2 * seed));
+        let b = mean_and_variance(&noise(extent, 8, 1.0, 2 * seed + 1));
+        let report = assert_agrees("noise", &a, &b, 0.015);
+        squares += report.block_mean_square() / 20.0;
+        tails += report.blocks_beyond_3() / 20.0;
+        // t-like with 14 degrees of freedom: 1 % beyond 3.
+        assert!((0.005..0.015).contains(&report.pixels_beyond_3), "{report}");
+    }
+    assert!((squares - 1.0).abs() < 0.05, "{squares}");
+    assert!(tails < 0.006, "{tails}");
+}
+
+#[test]
+fn a_bias_of_the_resolution_and_a_local_one_are_found() {
+    let extent = Extent::new(96, 72);
+    let a = mean_and_variance(&noise(extent, 12, 1.0, 1));
+    let brighter = mean_and_variance(&noise(extent, 12, 1.01, 2));
+    let against = verdict(&compare(&a, &brighter), 0.01);
+    assert!(against.len() == 1 && against[0].contains("image mean"), "{against:?}");
+
+    let mut spoilt = noise(extent, 12, 1.0, 3);
+    for image in &mut spoilt {
+        for y in 24..32 {
+            for x in 40..48 {
+                image.pixels[y * 96 + x][1] += 0.15;
+            }
+        }
+    }
+    let against = verdict(&compare(&a, &mean_and_variance(&spoilt)), 0.01);
+    assert!(against.iter().any(|line| line.contains("max |z|")), "{against:?}");
+}
+
+#[test]
+fn noise_that_hides_everything_and_values_that_are_not_finite_do_not_pass() {
+    let extent = Extent::new(32, 32);
+    let a = mean_and_variance(&noise(extent, 4, 1.0, 1));
+    let mut b = mean_and_variance(&noise(extent, 4, 1.0, 2));
+    assert!(verdict(&compare(&a, &b), 0.05).is_empty());
+    assert!(verdict(&compare(&a, &b), 0.005).iter().any(|line| line.contains("noisy")));
+    b.mean[100][2] = f64::NAN;
+    assert!(verdict(&compare(&a, &b), 0.05).len() > 1);
+}
+
+/// Images without noise may differ by f32 rounding, and by no more.
+#[test]
+fn exact_images_agree_to_rounding() {
+    let flat = |value: f64| {
+        let mut moments = Moments::default();
+        moments.add([value; 3]);
+        moments.add([value; 3]);
+        Estimate::from_moments(Extent::new(16, 16), &[moments; 256])
+    };
+    assert!(verdict(&compare(&flat(0.5), &flat(0.5 * (1.0 + 1e-6))), 0.005).is_empty());
+    assert!(verdict(&compare(&flat(0.0), &flat(0.0)), 0.005).is_empty());
+    assert!(!verdict(&compare(&flat(0.5), &flat(0.5005)), 0.005).is_empty());
+}
