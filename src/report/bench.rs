@@ -7,7 +7,7 @@ use super::plot::{Axis, Chart, Series, line_chart_svg};
 use super::{ReportError, median_of, text_table};
 use crate::accumulation::Noise;
 use crate::exec::Stereo;
-use crate::metrics::Errors;
+use crate::metrics;
 
 /// The metrics that tables show, in their order; others follow in files.
 const SHOWN: [&str; 6] = ["rmse", "relmse", "psnr", "ssim", "flip", "mean_ratio"];
@@ -15,14 +15,14 @@ const SHOWN: [&str; 6] = ["rmse", "relmse", "psnr", "ssim", "flip", "mean_ratio"
 /// A relMSE below this many times the reference's own is not told apart from it.
 const NOISE_MARGIN: f64 = 4.0;
 
-/// An eye's errors by name, as many as [`Errors`] has.
+/// An eye's errors by name, as many as [`metrics::Errors`] has.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(transparent)]
 pub struct Errors(serde_json::Map<String, serde_json::Value>);
 
 impl Errors {
     /// Means over repeats. What is undefined in one is so in the mean.
-    pub fn mean_of(comparisons: &[Errors]) -> Self {
+    pub fn mean_of(comparisons: &[metrics::Errors]) -> Self {
         let all: Vec<serde_json::Value> = comparisons.iter().filter_map(|c| serde_json::to_value(c).ok()).collect();
         let names = all.first().and_then(|v| v.as_object()).into_iter().flat_map(|v| v.keys());
         let mean = |name: &String| -> Option<f64> {
@@ -68,9 +68,9 @@ impl Row {
         iterations: u32,
         spp: u32,
         times_ms: Vec<f64>,
-        found: &Stereo<Vec<Errors>>,
+        found: &Stereo<Vec<metrics::Errors>>,
     ) -> Self {
-        let relmse = |c: &[Errors]| c.iter().map(|c| c.relmse).collect();
+        let relmse = |c: &[metrics::Errors]| c.iter().map(|c| c.relmse).collect();
         Self {
             denoiser,
             iterations,
