@@ -237,10 +237,13 @@ fn sample_facet(s: Surface, v: vec3<f32>, coat: bool, pick: f32, u: vec2<f32>, o
         }
     }
     (*out).direction = normalize(l);
+    // A facet may send light to the other side of the surface than its lobe does, where that lobe carries none.
+    let side = select(1.0, -1.0, crosses);
+    let is_sent = side * dot((*out).direction, n) > 0.0 && side * dot((*out).direction, s.geometric_normal) > 0.0;
+    (*out).pdf = select(-1.0, (*out).pdf, is_sent);
     if (*out).is_delta {
-        let goes_up = dot((*out).direction, s.geometric_normal) > 0.0;
         let shown = select(1.0 - s.coat, 1.0, is_coat);
         (*out).weight = weight * (shown / select(s.odds.y, s.odds.z, is_coat));
-        (*out).pdf = select(0.0, 1.0, goes_up != crosses && (*out).pdf >= 0.0);
+        (*out).pdf = select(0.0, 1.0, (*out).pdf >= 0.0);
     }
 }

@@ -49,8 +49,7 @@ pub enum HoleReason {
 }
 
 impl HoleReason {
-    pub const ALL: [Self; 6] =
-        [Self::Outside, Self::Normal, Self::Distance, Self::Material, Self::Mixed, Self::View];
+    pub const ALL: [Self; 6] = [Self::Outside, Self::Normal, Self::Distance, Self::Material, Self::Mixed, Self::View];
 
     pub fn name(self) -> &'static str {
         match self {

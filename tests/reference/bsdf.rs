@@ -173,6 +173,17 @@ impl Bsdf {
         1.0 - self.dielectric_fresnel(cosine).max_element()
     }
 
+    /// The same over all facets that the viewer sees: rough facets that do not bend light still reflect their part.
+    fn mean_under_reflection(&self) -> f64 {
+        const STRATA: usize = 12;
+        let middle = |i: usize| (i as f64 + 0.5) / STRATA as f64;
+        let passed = |i: usize| {
+            let h = self.facet(self.normal, self.alpha, [middle(i % STRATA), middle(i / STRATA)]);
+            self.under_reflection(self.to_viewer.dot(h))
+        };
+        (0..STRATA * STRATA).map(passed).sum::<f64>() / (STRATA * STRATA) as f64
+    }
+
     /// The diffuse lobe's share W.
     fn diffuse_share(&self, cos_facet: f64, cos_light: f64) -> f64 {
         let (f0, cos_viewer) = (self.f0.max_element(), self.normal.dot(self.to_viewer));
@@ -265,7 +276,12 @@ impl Bsdf {
             Lobe::Reflection => self.mixed_fresnel(cosine) * through_coat,
             Lobe::Transmission => {
                 let [here, beyond] = self.indices();
-                let share = (1.0 - self.metallic) * self.transmission * self.under_reflection(cosine);
+                let passed = if self.alpha < SMOOTH_ALPHA {
+                    self.under_reflection(cosine)
+                } else {
+                    self.mean_under_reflection()
+                };
+                let share = (1.0 - self.metallic) * self.transmission * passed;
                 self.base * (share * (here / beyond).powi(2) * through_coat)
             }
             Lobe::Diffuse => unreachable!("the diffuse lobe is no delta"),
