@@ -65,8 +65,8 @@ fn flat(width: u32, height: u32, colour: [f32; 3]) -> RgbImage {
 }
 
 /// The values are of `flip_evaluator` 1.7 (the paper's authors; LDR, its default 67.02 pixels per degree, f32) on the
-/// same images, tonemapped in f64 by NumPy. In flat regions its f32 rounding shows under the square root of the feature
-/// difference: hence a bound of 1e-4, where elsewhere 2e-6 would do.
+/// same images, tonemapped in f64 by NumPy. In flat images its f32 rounding shows under the square root of the feature
+/// difference: hence 1e-4 there.
 #[test]
 fn flip_is_what_its_authors_program_finds() {
     let base = scene(48, 40);
@@ -86,7 +86,8 @@ fn flip_is_what_its_authors_program_finds() {
         ("shift and noise", (scene(320, 200), noisy(&shifted(&scene(320, 200)), 5)), 0.210_273_36),
     ] {
         let flip = compare(&reference, &image).unwrap().flip;
-        assert!((flip - independent).abs() < 1e-4, "{name}: {flip}, independently {independent}");
+        let bound = if name == "flat" { 1e-4 } else { 1e-5 };
+        assert!((flip - independent).abs() < bound, "{name}: {flip}, independently {independent}");
         assert_eq!(compare(&image, &image).unwrap().flip, 0.0, "{name}");
     }
 }
