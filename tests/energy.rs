@@ -58,10 +58,11 @@ fn a_white_sphere_vanishes_and_grey_ones_show_their_albedo() {
         for (of, least) in [(1.0, 500), (0.5, 40), (0.2, 40)] {
             let pixels = inner(&pixels_of(&albedo, of), WIDTH as usize);
             assert!(pixels.len() >= least, "{} pixels of albedo {of}", pixels.len());
-            // Only paths that hit another sphere fall short; those that are cut off there carry nothing.
+            // Only paths that hit another sphere fall short; those that are cut off there carry nothing. At one sample that is
+            // about one path in fifty, and 98 pixels of a grey vary by four standard deviations of 1.4.
             let (exact_share, least_mean) = match (spp, bounces) {
                 (_, 1) => (0.9, 0.94),
-                (1, _) => (0.98, 0.98),
+                (1, _) => (0.92, 0.98),
                 _ => (0.8, 0.995),
             };
             let exact = pixels.iter().filter(|i| (image.pixels[**i][1] - of).abs() <= ROUNDING).count();
