@@ -196,5 +196,5 @@ fn the_classic_box_is_exact() {
 
 #[test]
 fn a_scene_of_many_triangles_is_exact() {
-    assert_exact(&Subject::load("builtin:atrium"));
+    assert_exact_geometry(&Subject::load("builtin:atrium"));
 }

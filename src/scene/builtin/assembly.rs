@@ -77,7 +77,7 @@ pub fn matte(name: &str, color: [f32; 3]) -> Material {
 
 /// A dielectric with a shine.
 pub fn glossy(name: &str, color: [f32; 3], roughness: f32) -> Material {
-    Material { roughness, ..matte(name, color) }
+    Material { roughness, specular: 1.0, ..matte(name, color) }
 }
 
 pub fn metal(name: &str, color: [f32; 3], roughness: f32) -> Material {
