@@ -23,17 +23,10 @@ struct Material {
     // Inside a volume, per scene unit.
     absorption: vec3<f32>,
     normal_scale: f32,
-    base_color_texture: u32,
-    metallic_roughness_texture: u32,
-    normal_texture: u32,
-    emissive_texture: u32,
-    specular_texture: u32,
-    specular_color_texture: u32,
-    transmission_texture: u32,
-    clearcoat_texture: u32,
-    clearcoat_roughness_texture: u32,
-    clearcoat_normal_texture: u32,
     clearcoat_normal_scale: f32,
+    // Its entries of `textures`; those of base colour and emission come first, in this order.
+    first_texture: u32,
+    texture_count: u32,
     pad: u32,
 }
 const DOUBLE_SIDED: u32 = 1u;
@@ -42,6 +35,10 @@ const ALPHA_BLEND: u32 = 4u;
 // Encloses a volume; transmission is through a thin sheet otherwise.
 const THICK: u32 = 8u;
 const UNLIT: u32 = 16u;
+const BASE_COLOR_TEXTURE: u32 = 32u;
+const EMISSIVE_TEXTURE: u32 = 64u;
+const NORMAL_MAP: u32 = 128u;
+const CLEARCOAT_NORMAL_MAP: u32 = 256u;
 
 // Vertices are exact: an edge shared by two triangles has the same bits in both.
 struct Triangle {
@@ -73,9 +70,20 @@ struct TextureInfo {
     uv_offset: vec2<f32>,
     pad: vec2<u32>,
 }
-const NO_TEXTURE: u32 = 0xffffffffu;
 const TEXTURE_LINEAR: u32 = 1u;
 const TEXTURE_SECOND_UVS: u32 = 2u;
+const TEXTURE_SRGB: u32 = 64u;
+// What a material's texture is for, in bits 8 to 11 of the flags. Mirrors `layout::TextureRole`.
+const ROLE_BASE_COLOR: u32 = 0u;
+const ROLE_EMISSIVE: u32 = 1u;
+const ROLE_METALLIC_ROUGHNESS: u32 = 2u;
+const ROLE_NORMAL: u32 = 3u;
+const ROLE_SPECULAR: u32 = 4u;
+const ROLE_SPECULAR_COLOR: u32 = 5u;
+const ROLE_TRANSMISSION: u32 = 6u;
+const ROLE_CLEARCOAT: u32 = 7u;
+const ROLE_CLEARCOAT_ROUGHNESS: u32 = 8u;
+const ROLE_CLEARCOAT_NORMAL: u32 = 9u;
 
 // Five texels per node, 1024 nodes a row. In a texture, since software drivers read texels without a loop over lanes,
 // which they make for each read of a storage buffer.
@@ -123,7 +131,8 @@ fn texel(info: TextureInfo, x: i32, y: i32, srgb: bool) -> vec4<f32> {
 }
 
 // Filters linear colour: the sRGB curve is undone before the texels are mixed.
-fn sample_texture(info: TextureInfo, uv: vec2<f32>, srgb: bool) -> vec4<f32> {
+fn sample_texture(info: TextureInfo, uv: vec2<f32>) -> vec4<f32> {
+    let srgb = (info.flags & TEXTURE_SRGB) != 0u;
     let size = vec2<f32>(f32(info.width), f32(info.height));
     // Far-off coordinates lose their fraction anyway; bounding them keeps the integer conversion defined.
     let at = clamp(uv * size, vec2<f32>(-1e9), vec2<f32>(1e9));
@@ -149,34 +158,42 @@ fn interpolate_uv(prim: u32, bary: vec2<f32>, info: TextureInfo) -> vec2<f32> {
     return vec2<f32>(dot(info.uv_matrix.xy, uv), dot(info.uv_matrix.zw, uv)) + info.uv_offset;
 }
 
-// A material's texture at a hit; white where there is none.
-fn texture_at(prim: u32, bary: vec2<f32>, texture: u32, srgb: bool) -> vec4<f32> {
-    if !HAS_TEXTURES || texture == NO_TEXTURE {
-        return vec4<f32>(1.0);
-    }
+fn texture_at(prim: u32, bary: vec2<f32>, texture: u32) -> vec4<f32> {
     let info = textures[texture];
-    return sample_texture(info, interpolate_uv(prim, bary, info), srgb);
+    return sample_texture(info, interpolate_uv(prim, bary, info));
 }
 
 fn emissive_at(prim: u32, bary: vec2<f32>, m: Material) -> vec3<f32> {
-    return m.emissive * texture_at(prim, bary, m.emissive_texture, true).rgb;
+    if HAS_TEXTURES && (m.flags & EMISSIVE_TEXTURE) != 0u {
+        let after_base = select(0u, 1u, (m.flags & BASE_COLOR_TEXTURE) != 0u);
+        return m.emissive * texture_at(prim, bary, m.first_texture + after_base).rgb;
+    }
+    return m.emissive;
 }
 
-fn base_color_at(prim: u32, bary: vec2<f32>, m: Material) -> vec4<f32> {
-    var color = m.base_color;
+// Without the texture.
+fn base_factor_at(prim: u32, bary: vec2<f32>, m: Material) -> vec4<f32> {
     if HAS_VERTEX_COLORS && 3u * prim + 2u < arrayLength(&vertex_colors) {
-        color *= (1.0 - bary.x - bary.y) * vertex_colors[3u * prim]
+        return m.base_color * ((1.0 - bary.x - bary.y) * vertex_colors[3u * prim]
             + bary.x * vertex_colors[3u * prim + 1u]
-            + bary.y * vertex_colors[3u * prim + 2u];
+            + bary.y * vertex_colors[3u * prim + 2u]);
     }
-    return color * texture_at(prim, bary, m.base_color_texture, true);
+    return m.base_color;
+}
+
+fn alpha_at(prim: u32, bary: vec2<f32>, m: Material) -> f32 {
+    let factor = base_factor_at(prim, bary, m).a;
+    if HAS_TEXTURES && (m.flags & BASE_COLOR_TEXTURE) != 0u {
+        return factor * texture_at(prim, bary, m.first_texture).a;
+    }
+    return factor;
 }
 
 // Whether a ray meets the surface there, where parts of it are cut out or thin. `key` names the ray: the same ray
 // and triangle always decide alike, in whatever order a traversal meets them.
 fn is_covered(prim: u32, bary: vec2<f32>, key: u32) -> bool {
     let m = materials[triangles[prim].material];
-    let alpha = base_color_at(prim, bary, m).a;
+    let alpha = alpha_at(prim, bary, m);
     if (m.flags & ALPHA_MASK) != 0u {
         return alpha >= m.alpha_cutoff;
     }

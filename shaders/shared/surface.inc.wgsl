@@ -85,11 +85,60 @@ fn schlick_weight(cosine: f32) -> f32 {
     return m2 * m2 * m;
 }
 
+// A material's parameters at a hit: its factors times its textures.
+struct Parameters {
+    base: vec3<f32>,
+    emissive: vec3<f32>,
+    roughness: f32,
+    metallic: f32,
+    specular: f32,
+    specular_color: vec3<f32>,
+    transmission: f32,
+    coat: f32,
+    coat_roughness: f32,
+    // As stored.
+    normal: vec3<f32>,
+    coat_normal: vec3<f32>,
+}
+
+// Textures are looked up in a loop over those that there are: software drivers skip by loops alone, and the code is
+// compiled once.
+fn parameters_at(prim: u32, bary: vec2<f32>, m: Material) -> Parameters {
+    var p: Parameters;
+    p.base = base_factor_at(prim, bary, m).rgb;
+    p.emissive = m.emissive;
+    p.roughness = m.roughness;
+    p.metallic = m.metallic;
+    p.specular = m.specular;
+    p.specular_color = m.specular_color;
+    p.transmission = m.transmission;
+    p.coat = m.clearcoat;
+    p.coat_roughness = m.clearcoat_roughness;
+    if !HAS_TEXTURES {
+        return p;
+    }
+    for (var i = m.first_texture; i < m.first_texture + m.texture_count; i += 1u) {
+        let info = textures[i];
+        let value = sample_texture(info, interpolate_uv(prim, bary, info));
+        let role = (info.flags >> 8u) & 15u;
+        p.base *= select(vec3<f32>(1.0), value.rgb, role == ROLE_BASE_COLOR);
+        p.emissive *= select(vec3<f32>(1.0), value.rgb, role == ROLE_EMISSIVE);
+        p.roughness *= select(1.0, value.g, role == ROLE_METALLIC_ROUGHNESS);
+        p.metallic *= select(1.0, value.b, role == ROLE_METALLIC_ROUGHNESS);
+        p.normal = select(p.normal, value.rgb, role == ROLE_NORMAL);
+        p.specular *= select(1.0, value.a, role == ROLE_SPECULAR);
+        p.specular_color *= select(vec3<f32>(1.0), value.rgb, role == ROLE_SPECULAR_COLOR);
+        p.transmission *= select(1.0, value.r, role == ROLE_TRANSMISSION);
+        p.coat *= select(1.0, value.r, role == ROLE_CLEARCOAT);
+        p.coat_roughness *= select(1.0, value.g, role == ROLE_CLEARCOAT_ROUGHNESS);
+        p.coat_normal = select(p.coat_normal, value.rgb, role == ROLE_CLEARCOAT_NORMAL);
+    }
+    return p;
+}
+
 // A normal-mapped normal on the front side. The tangent is made perpendicular; where texture coordinates give none, the
 // map has no direction to tilt to and leaves the normal as it is. What it says of the side that the viewer is on is not believed: the normal is bent until it can be seen.
-fn mapped_normal(prim: u32, bary: vec2<f32>, texture: u32, scale: f32, normal: vec3<f32>, to_viewer: vec3<f32>) -> vec3<f32> {
-    let info = textures[texture];
-    let code = sample_texture(info, interpolate_uv(prim, bary, info), false).rgb;
+fn mapped_normal(prim: u32, bary: vec2<f32>, code: vec3<f32>, scale: f32, normal: vec3<f32>, to_viewer: vec3<f32>) -> vec3<f32> {
     let local = (2.0 * code - 1.0) * vec3<f32>(scale, scale, 1.0);
     let given = (1.0 - bary.x - bary.y) * tangents[3u * prim] + bary.x * tangents[3u * prim + 1u] + bary.y * tangents[3u * prim + 2u];
     let along = given.xyz - normal * dot(normal, given.xyz);
@@ -122,14 +171,15 @@ fn surface_at(prim: u32, bary: vec2<f32>, direction: vec3<f32>) -> Surface {
     s.geometric_normal = side * ng;
     s.normal = select(s.geometric_normal, side * ns, dot(side * ns, direction) < 0.0);
     s.coat_normal = s.normal;
+    let p = parameters_at(prim, bary, m);
     if HAS_NORMAL_MAPS {
         // The frame belongs to the front; seen from behind, all of it is turned over.
         let viewer = -side * direction;
-        if m.normal_texture != NO_TEXTURE {
-            s.normal = side * mapped_normal(prim, bary, m.normal_texture, m.normal_scale, side * s.normal, viewer);
+        if (m.flags & NORMAL_MAP) != 0u {
+            s.normal = side * mapped_normal(prim, bary, p.normal, m.normal_scale, side * s.normal, viewer);
         }
-        if HAS_CLEARCOAT && m.clearcoat_normal_texture != NO_TEXTURE {
-            s.coat_normal = side * mapped_normal(prim, bary, m.clearcoat_normal_texture, m.clearcoat_normal_scale, side * s.coat_normal, viewer);
+        if HAS_CLEARCOAT && (m.flags & CLEARCOAT_NORMAL_MAP) != 0u {
+            s.coat_normal = side * mapped_normal(prim, bary, p.coat_normal, m.clearcoat_normal_scale, side * s.coat_normal, viewer);
         }
     }
     // Interpolation costs 7 roundings of the terms' magnitudes (Pharr et al., PBRT 4e, 6.8.5); doubled, since the
@@ -137,16 +187,15 @@ fn surface_at(prim: u32, bary: vec2<f32>, direction: vec3<f32>) -> Surface {
     let magnitude = abs(b0 * tri.v0) + abs(bary.x * tri.v1) + abs(bary.y * tri.v2);
     s.error = 2.0 * 7.0 * 5.9604645e-8 * dot(abs(ng), magnitude);
     s.material = tri.material;
-    let base = base_color_at(prim, bary, m).rgb;
     s.emission = vec3<f32>(0.0);
     if HAS_EMISSIVE {
         if s.is_front || (m.flags & DOUBLE_SIDED) != 0u {
-            s.emission = emissive_at(prim, bary, m);
+            s.emission = p.emissive;
         }
     }
-    describe_lobes(&s, prim, bary, m, base, -direction);
+    describe_lobes(&s, p, m, -direction);
     if HAS_UNLIT && (m.flags & UNLIT) != 0u {
-        s.emission = base;
+        s.emission = p.base;
         s.albedo = vec3<f32>(0.0);
         s.diffuse = vec3<f32>(0.0);
         s.transmitted = vec3<f32>(0.0);
@@ -160,7 +209,8 @@ fn surface_at(prim: u32, bary: vec2<f32>, direction: vec3<f32>) -> Surface {
 
 // The lobes of glTF's material model (specification 2.0, appendix B; KHR_materials_ior, _specular, _transmission,
 // _volume, _clearcoat) with this hit's textures.
-fn describe_lobes(s: ptr<function, Surface>, prim: u32, bary: vec2<f32>, m: Material, base: vec3<f32>, to_viewer: vec3<f32>) {
+fn describe_lobes(s: ptr<function, Surface>, p: Parameters, m: Material, to_viewer: vec3<f32>) {
+    let base = p.base;
     (*s).albedo = base;
     (*s).diffuse = base;
     (*s).roughness = 1.0;
@@ -170,24 +220,21 @@ fn describe_lobes(s: ptr<function, Surface>, prim: u32, bary: vec2<f32>, m: Mate
     if !(HAS_SPECULAR || HAS_TRANSMISSION || HAS_CLEARCOAT) {
         return;
     }
-    let rough_metal = texture_at(prim, bary, m.metallic_roughness_texture, false);
-    let roughness = clamp(m.roughness * rough_metal.g, 0.0, 1.0);
-    let metallic = clamp(m.metallic * rough_metal.b, 0.0, 1.0);
+    let roughness = clamp(p.roughness, 0.0, 1.0);
+    let metallic = clamp(p.metallic, 0.0, 1.0);
     (*s).alpha = roughness * roughness;
-    let specular = m.specular * texture_at(prim, bary, m.specular_texture, false).a;
-    let tint = m.specular_color * texture_at(prim, bary, m.specular_color_texture, true).rgb;
     let bend = (m.ior - 1.0) / (m.ior + 1.0);
-    let layer_f0 = min(bend * bend * tint, vec3<f32>(1.0)) * specular;
+    let layer_f0 = min(bend * bend * p.specular_color, vec3<f32>(1.0)) * p.specular;
     (*s).f0 = mix(layer_f0, base, metallic);
-    (*s).f90 = vec3<f32>(mix(specular, 1.0, metallic));
+    (*s).f90 = vec3<f32>(mix(p.specular, 1.0, metallic));
     (*s).layer_f0 = max3(layer_f0);
-    (*s).layer_f90 = specular;
+    (*s).layer_f90 = p.specular;
     let table = layer_albedo(dot((*s).normal, to_viewer), roughness);
     (*s).layer_albedo = (*s).layer_f0 * table.towards.x + (*s).layer_f90 * table.towards.y;
     (*s).layer_mean = (*s).layer_f0 * table.mean.x + (*s).layer_f90 * table.mean.y;
     var transmission = 0.0;
     if HAS_TRANSMISSION {
-        transmission = m.transmission * texture_at(prim, bary, m.transmission_texture, false).r;
+        transmission = p.transmission;
         (*s).transmitted = (1.0 - metallic) * transmission * base;
         (*s).is_thin = (m.flags & THICK) == 0u;
         if !(*s).is_thin && m.ior >= 1.0 {
@@ -198,10 +245,9 @@ fn describe_lobes(s: ptr<function, Surface>, prim: u32, bary: vec2<f32>, m: Mate
     (*s).roughness = select(roughness, 1.0, (*s).f90.x == 0.0 && transmission == 0.0);
     (*s).albedo = ((*s).diffuse + (*s).transmitted) * (1.0 - (*s).layer_albedo) + (*s).f0 * table.towards.x + (*s).f90 * table.towards.y;
     if HAS_CLEARCOAT {
-        let strength = m.clearcoat * texture_at(prim, bary, m.clearcoat_texture, false).r;
-        let coat_roughness = clamp(m.clearcoat_roughness * texture_at(prim, bary, m.clearcoat_roughness_texture, false).g, 0.0, 1.0);
+        let coat_roughness = clamp(p.coat_roughness, 0.0, 1.0);
         (*s).coat_alpha = coat_roughness * coat_roughness;
-        (*s).coat = strength * mix(schlick_weight(abs(dot((*s).coat_normal, to_viewer))), 1.0, 0.04);
+        (*s).coat = p.coat * mix(schlick_weight(abs(dot((*s).coat_normal, to_viewer))), 1.0, 0.04);
         (*s).emission *= 1.0 - (*s).coat;
         (*s).albedo = mix((*s).albedo, vec3<f32>(1.0), (*s).coat);
     }

@@ -77,7 +77,7 @@ pub struct Pass {
     pub args: [u32; 3],
 }
 
-/// `Material` in `scene.inc.wgsl`. Textures are indices into the texture table, or [`NO_TEXTURE`].
+/// `Material` in `scene.inc.wgsl`. Its textures stand one after another in the texture table.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Material {
@@ -96,17 +96,9 @@ pub struct Material {
     pub clearcoat_roughness: f32,
     pub absorption: Vec3,
     pub normal_scale: f32,
-    pub base_color_texture: u32,
-    pub metallic_roughness_texture: u32,
-    pub normal_texture: u32,
-    pub emissive_texture: u32,
-    pub specular_texture: u32,
-    pub specular_color_texture: u32,
-    pub transmission_texture: u32,
-    pub clearcoat_texture: u32,
-    pub clearcoat_roughness_texture: u32,
-    pub clearcoat_normal_texture: u32,
     pub clearcoat_normal_scale: f32,
+    pub first_texture: u32,
+    pub texture_count: u32,
     pub pad: u32,
 }
 
@@ -115,7 +107,33 @@ pub const ALPHA_MASK: u32 = 2;
 pub const ALPHA_BLEND: u32 = 4;
 pub const THICK: u32 = 8;
 pub const UNLIT: u32 = 16;
-pub const NO_TEXTURE: u32 = u32::MAX;
+pub const BASE_COLOR_TEXTURE: u32 = 32;
+pub const EMISSIVE_TEXTURE: u32 = 64;
+pub const NORMAL_MAP: u32 = 128;
+pub const CLEARCOAT_NORMAL_MAP: u32 = 256;
+
+/// What a material's texture is for; bits 8 to 11 of [`TextureInfo::flags`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(u32)]
+pub enum TextureRole {
+    BaseColor,
+    Emissive,
+    MetallicRoughness,
+    Normal,
+    Specular,
+    SpecularColor,
+    Transmission,
+    Clearcoat,
+    ClearcoatRoughness,
+    ClearcoatNormal,
+}
+
+impl TextureRole {
+    /// Whether it holds colours, sRGB-encoded; bit 6 of [`TextureInfo::flags`].
+    pub fn is_color(self) -> bool {
+        matches!(self, Self::BaseColor | Self::Emissive | Self::SpecularColor)
+    }
+}
 
 /// `TextureInfo` in `scene.inc.wgsl`: a texture as one material refers to it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -125,6 +143,7 @@ pub struct TextureInfo {
     pub width: u32,
     pub height: u32,
     /// Bit 0: bilinear. Bit 1: coordinate set 1. Bits 2, 3: wrap of u. Bits 4, 5: wrap of v (0 repeat, 1 mirror, 2 clamp).
+    /// Bit 6: colours. Bits 8 to 11: [`TextureRole`].
     pub flags: u32,
     pub uv_matrix: Vec4,
     pub uv_offset: Vec2,

@@ -7,7 +7,10 @@ use wgpu::util::DeviceExt;
 
 use super::albedo_table;
 use super::emitters::Emitters;
-use super::layout::{self, ALPHA_BLEND, ALPHA_MASK, DOUBLE_SIDED, NO_TEXTURE, THICK, TextureInfo, UNLIT};
+use super::layout::{
+    self, ALPHA_BLEND, ALPHA_MASK, BASE_COLOR_TEXTURE, CLEARCOAT_NORMAL_MAP, DOUBLE_SIDED, EMISSIVE_TEXTURE,
+    NORMAL_MAP, THICK, TextureInfo, TextureRole, UNLIT,
+};
 use crate::accel::{Accel, Node};
 use crate::device::GpuDevice;
 use crate::image::{Extent, RgbImage};
@@ -63,9 +66,9 @@ impl SceneTables {
             return Err(TableError::Texels(texels.len() as u64));
         }
         let firsts = firsts.into_iter().map(|first| first as u32).collect();
-        let mut table = TextureTable { scene, firsts, refs: Vec::new() };
-        let materials = scene.materials.iter().map(|m| table.material(m)).collect();
-        let textures = table.infos();
+        let mut table = TextureTable { scene, firsts, infos: Vec::new() };
+        let materials: Vec<_> = scene.materials.iter().map(|m| table.material(m)).collect();
+        let textures = table.infos;
         Ok(Self { accel, has_surfaces, materials, textures, texels, emitters, environment: scene.environment.clone() })
     }
 
@@ -95,30 +98,16 @@ impl SceneTables {
     }
 }
 
-/// The texture table: one entry for each way in which materials refer to a texture.
+/// The texture table: each material's textures, one after another.
 struct TextureTable<'a> {
     scene: &'a Scene,
     /// First texel of each image.
     firsts: Vec<u32>,
-    refs: Vec<scene::TextureRef>,
+    infos: Vec<TextureInfo>,
 }
 
 impl TextureTable<'_> {
-    /// Index of the entry, or [`NO_TEXTURE`].
-    fn entry(&mut self, texture: Option<scene::TextureRef>) -> u32 {
-        let Some(texture) = texture else { return NO_TEXTURE };
-        let known = self.refs.iter().position(|r| *r == texture);
-        known.unwrap_or_else(|| {
-            self.refs.push(texture);
-            self.refs.len() - 1
-        }) as u32
-    }
-
-    fn infos(&self) -> Vec<TextureInfo> {
-        self.refs.iter().map(|r| self.info(r)).collect()
-    }
-
-    fn info(&self, r: &scene::TextureRef) -> TextureInfo {
+    fn info(&self, r: &scene::TextureRef, role: TextureRole) -> TextureInfo {
         let wrap = |w| match w {
             Wrap::Repeat => 0,
             Wrap::MirroredRepeat => 1,
@@ -126,13 +115,13 @@ impl TextureTable<'_> {
         };
         let texture = &self.scene.textures[r.texture];
         let Extent { width, height } = self.scene.images[texture.image].extent;
-        let linear = u32::from(texture.linear);
+        let sampler = u32::from(texture.linear) | wrap(texture.wrap_u) << 2 | wrap(texture.wrap_v) << 4;
         let m = r.uv_from_uv.matrix2;
         TextureInfo {
             first: self.firsts[texture.image],
             width,
             height,
-            flags: linear | (r.uv_set as u32) << 1 | wrap(texture.wrap_u) << 2 | wrap(texture.wrap_v) << 4,
+            flags: sampler | (r.uv_set as u32) << 1 | u32::from(role.is_color()) << 6 | (role as u32) << 8,
             uv_matrix: Vec4::new(m.x_axis.x, m.y_axis.x, m.x_axis.y, m.y_axis.y),
             uv_offset: r.uv_from_uv.translation,
             ..Default::default()
@@ -145,18 +134,27 @@ impl TextureTable<'_> {
             AlphaMode::Mask { cutoff } => (ALPHA_MASK, cutoff),
             AlphaMode::Blend => (ALPHA_BLEND, 0.0),
         };
-        let flag = |set: bool, bit: u32| if set { bit } else { 0 };
-        let normal = |map: Option<scene::NormalMap>| (map.map(|m| m.texture), map.map_or(1.0, |m| m.scale));
-        let (normal_texture, normal_scale) = normal(m.normal_map);
-        let (coat_normal_texture, clearcoat_normal_scale) = normal(m.clearcoat.normal_map);
+        let flags = [
+            (m.double_sided, DOUBLE_SIDED),
+            (m.volume.is_some(), THICK),
+            (m.unlit, UNLIT),
+            (m.base_color_texture.is_some(), BASE_COLOR_TEXTURE),
+            (m.emissive_texture.is_some(), EMISSIVE_TEXTURE),
+            (m.normal_map.is_some(), NORMAL_MAP),
+            (m.clearcoat.normal_map.is_some(), CLEARCOAT_NORMAL_MAP),
+        ];
+        let first_texture = self.infos.len() as u32;
+        for (texture, role) in textures_in_order(m) {
+            self.infos.push(self.info(&texture, role));
+        }
+        let scale = |map: Option<scene::NormalMap>| map.map_or(1.0, |map| map.scale);
         layout::Material {
             base_color: m.base_color,
             emissive: m.emissive,
-            pad0: 0,
             roughness: m.roughness,
             metallic: m.metallic,
             alpha_cutoff,
-            flags: alpha | flag(m.double_sided, DOUBLE_SIDED) | flag(m.volume.is_some(), THICK) | flag(m.unlit, UNLIT),
+            flags: flags.iter().filter(|(set, _)| *set).fold(alpha, |all, (_, bit)| all | bit),
             ior: m.ior,
             specular: m.specular,
             transmission: m.transmission,
@@ -164,21 +162,32 @@ impl TextureTable<'_> {
             specular_color: m.specular_color,
             clearcoat_roughness: m.clearcoat.roughness,
             absorption: m.volume.map_or(Vec3::ZERO, absorption),
-            normal_scale,
-            base_color_texture: self.entry(m.base_color_texture),
-            metallic_roughness_texture: self.entry(m.metallic_roughness_texture),
-            normal_texture: self.entry(normal_texture),
-            emissive_texture: self.entry(m.emissive_texture),
-            specular_texture: self.entry(m.specular_texture),
-            specular_color_texture: self.entry(m.specular_color_texture),
-            transmission_texture: self.entry(m.transmission_texture),
-            clearcoat_texture: self.entry(m.clearcoat.factor_texture),
-            clearcoat_roughness_texture: self.entry(m.clearcoat.roughness_texture),
-            clearcoat_normal_texture: self.entry(coat_normal_texture),
-            clearcoat_normal_scale,
-            pad: 0,
+            normal_scale: scale(m.normal_map),
+            clearcoat_normal_scale: scale(m.clearcoat.normal_map),
+            first_texture,
+            texture_count: self.infos.len() as u32 - first_texture,
+            ..Default::default()
         }
     }
+}
+
+/// Base colour and emission come first: shaders look for them alone, too.
+fn textures_in_order(m: &scene::Material) -> impl Iterator<Item = (scene::TextureRef, TextureRole)> {
+    use TextureRole::*;
+    let map = |map: Option<scene::NormalMap>| map.map(|map| map.texture);
+    let all = [
+        (m.base_color_texture, BaseColor),
+        (m.emissive_texture, Emissive),
+        (m.metallic_roughness_texture, MetallicRoughness),
+        (map(m.normal_map), Normal),
+        (m.specular_texture, Specular),
+        (m.specular_color_texture, SpecularColor),
+        (m.transmission_texture, Transmission),
+        (m.clearcoat.factor_texture, Clearcoat),
+        (m.clearcoat.roughness_texture, ClearcoatRoughness),
+        (map(m.clearcoat.normal_map), ClearcoatNormal),
+    ];
+    all.into_iter().filter_map(|(texture, role)| Some((texture?, role)))
 }
 
 /// Absorption coefficient, one over scene units: Beer and Lambert's law solved for `KHR_materials_volume`'s terms. A colour of

@@ -117,16 +117,8 @@ fn host_structs_lie_as_shaders_read_them() {
             clearcoat_roughness = "clearcoat_roughness",
             absorption = "absorption",
             normal_scale = "normal_scale",
-            base_color_texture = "base_color_texture",
-            metallic_roughness_texture = "metallic_roughness_texture",
-            normal_texture = "normal_texture",
-            emissive_texture = "emissive_texture",
-            specular_texture = "specular_texture",
-            specular_color_texture = "specular_color_texture",
-            transmission_texture = "transmission_texture",
-            clearcoat_texture = "clearcoat_texture",
-            clearcoat_roughness_texture = "clearcoat_roughness_texture",
-            clearcoat_normal_texture = "clearcoat_normal_texture",
+            first_texture = "first_texture",
+            texture_count = "texture_count",
             clearcoat_normal_scale = "clearcoat_normal_scale"
         ]
     );
