@@ -70,7 +70,7 @@ fn many_lamps_of_every_kind_are_unbiased() {
     let subject = subject(scene, &camera);
     let view = subject.rig.view(0.0, diptych::scene::rig::Eye::Left);
     let seen = Pinhole { forward: view.forward, right: view.right, up: view.up, ..camera };
-    let reference = Reference::new(&subject.scene).with_emitters(Emitters::Area);
+    let reference = Reference::new(&subject.scene).with_emitters(Emitters::Sampled);
     for bounces in [1, 3] {
         let expected = reference.render(&seen, Extent::new(WIDTH, HEIGHT), 512, bounces - 1, 1);
         let found = rendered(&subject, bounces, 512);

@@ -8,9 +8,9 @@ use glam::{Affine2, Affine3A, Vec2, Vec3, vec2, vec3, vec4};
 
 use crate::reference::Pinhole;
 use crate::reference::sampling::Rng;
+use crate::reference::scenes::matte::{box_area_light, sphere_light};
 use crate::reference::scenes::{
-    add_image, add_material, add_matte, add_mesh, block, box_area_light, empty, icosphere, instance, matte, place,
-    quad, scaled_at, sphere_light,
+    add_image, add_material, add_matte, add_mesh, block, empty, icosphere, instance, matte, place, quad, scaled_at,
 };
 use crate::{Effort, Row, image};
 
