@@ -102,7 +102,7 @@ fn irradiance(image: &RgbImage, steps: usize) -> DVec3 {
         for column in 0..columns {
             let (s, c) = (std::f64::consts::TAU * ((column as f64 + 0.5) / columns as f64 - 0.5)).sin_cos();
             let direction = DVec3::new(sin_theta * s, cos_theta, -sin_theta * c);
-            sum += reference::texture::environment(&sky, direction) * (sin_theta * cos_theta);
+            sum += reference::environment::radiance(&sky, direction) * (sin_theta * cos_theta);
         }
     }
     sum * step * (std::f64::consts::TAU / columns as f64)
