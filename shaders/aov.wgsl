@@ -68,7 +68,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let direction = ray_direction(pass_.view, centre);
             let origin = frame.views[pass_.view].origin;
             if (hit.x & SPHERE) == 0u {
-                let s = surface_at(hit.x, bitcast<vec2<f32>>(hit.yz), direction);
+                let s = surface_at(hit.x, bitcast<vec2<f32>>(hit.yz), origin, direction);
                 if pass_.arg0 == NORMAL {
                     value = s.normal;
                 } else if pass_.arg0 == POSITION {

@@ -70,7 +70,7 @@ fn many_lamps_of_every_kind_are_unbiased() {
     let subject = subject(scene, &camera);
     let view = subject.rig.view(0.0, diptych::scene::rig::Eye::Left);
     let seen = Pinhole { forward: view.forward, right: view.right, up: view.up, ..camera };
-    let reference = Reference::new(&subject.scene).with_emitters(Emitters::Area);
+    let reference = Reference::new(&subject.scene).with_emitters(Emitters::Sampled);
     for bounces in [1, 3] {
         let expected = reference.render(&seen, Extent::new(WIDTH, HEIGHT), 512, bounces - 1, 1);
         let found = rendered(&subject, bounces, 512);
@@ -102,7 +102,7 @@ fn irradiance(image: &RgbImage, steps: usize) -> DVec3 {
         for column in 0..columns {
             let (s, c) = (std::f64::consts::TAU * ((column as f64 + 0.5) / columns as f64 - 0.5)).sin_cos();
             let direction = DVec3::new(sin_theta * s, cos_theta, -sin_theta * c);
-            sum += reference::texture::environment(&sky, direction) * (sin_theta * cos_theta);
+            sum += reference::environment::radiance(&sky, direction) * (sin_theta * cos_theta);
         }
     }
     sum * step * (std::f64::consts::TAU / columns as f64)

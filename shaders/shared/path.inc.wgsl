@@ -55,7 +55,7 @@ fn first_hit(hit: Hit, view: u32, direction: vec3<f32>) -> FirstHit {
             f.emission = sphere_radiance(hit.prim & ~SPHERE, frame.views[view].origin);
         }
     } else {
-        f.surface = surface_at(hit.prim, hit.bary, direction);
+        f.surface = surface_at(hit.prim, hit.bary, frame.views[view].origin, direction);
         if HAS_TRANSMISSION {
             let distance = dot(f.surface.position - frame.views[view].origin, direction);
             f.transmittance = transmittance(Medium(vec3<f32>(0.0), false), distance, f.surface);
@@ -178,7 +178,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, rng: ptr<function, Rng>) 
         var found = vec3<f32>(0.0);
         let is_surface = (hit.prim & SPHERE) == 0u;
         if is_surface {
-            s = surface_at(hit.prim, hit.bary, direction);
+            s = surface_at(hit.prim, hit.bary, origin, direction);
             if HAS_TRANSMISSION {
                 throughput *= transmittance(medium, hit.t, s);
                 medium = Medium(select(materials[s.material].absorption, medium.absorption, medium.is_inside), medium.is_inside || !(s.is_front || s.is_thin));

@@ -153,16 +153,61 @@ fn mapped_normal(prim: u32, bary: vec2<f32>, code: vec3<f32>, scale: f32, normal
     return select(n, normalize(n + (LEAST - cosine) * to_viewer), cosine < LEAST);
 }
 
-fn surface_at(prim: u32, bary: vec2<f32>, direction: vec3<f32>) -> Surface {
+struct Place {
+    position: vec3<f32>,
+    error: f32,
+}
+
+// Half a unit in the last place of 1.
+const ROUNDING: f32 = 0x1p-24;
+
+fn unit_normal(tri: Triangle, otherwise: vec3<f32>) -> vec3<f32> {
+    let n = cross(tri.v1 - tri.v0, tri.v2 - tri.v0);
+    let size = length(n);
+    return select(otherwise, n / size, size > 0.0);
+}
+
+// Where the ray meets the triangle, and by how much that is off along the normal at most, together with what a later
+// test of this triangle's plane is off there (Pharr et al., PBRT 4e, 6.8).
+//
+// Two ways lead there. Corners mixed by `bary` cost 7 roundings of their magnitudes (6.8.5) and, along the triangle,
+// those of the weights, times its edges: on large triangles nothing is left of a coordinate's last digits. The ray
+// followed up to the plane, then put onto it, is off by roundings of its origin and its length, and by those of the
+// plane's distance, drawn out where it grazes. The way with the smaller bound is taken.
+fn locate(tri: Triangle, bary: vec2<f32>, ng: vec3<f32>, origin: vec3<f32>, direction: vec3<f32>) -> Place {
+    let b0 = 1.0 - bary.x - bary.y;
+    let mixed = b0 * tri.v0 + bary.x * tri.v1 + bary.y * tri.v2;
+    let magnitude = abs(b0 * tri.v0) + abs(bary.x * tri.v1) + abs(bary.y * tri.v2);
+    let e1 = tri.v1 - tri.v0;
+    let e2 = tri.v2 - tri.v0;
+    // The normal is off by 3 roundings of the products that it is made of, relative to its length.
+    let products = abs(e1.yzx * e2.zxy) + abs(e1.zxy * e2.yzx);
+    let size = length(cross(e1, e2));
+    let corner = tri.v0 - origin;
+    let cosine = dot(ng, direction);
+    let t = dot(ng, corner) / cosine;
+    let on_ray = origin + direction * t;
+    let projected = on_ray - ng * dot(ng, on_ray - tri.v0);
+    let mixed_bound = 7.0 * max3(magnitude) + 6.0 * (products.x + products.y + products.z) / (size * abs(cosine)) * max3(abs(e1) + abs(e2));
+    let ray_bound = max3(abs(origin)) + 3.0 * abs(t) + 8.0 * dot(products, abs(corner)) / (size * abs(cosine));
+    let is_projected = ray_bound < mixed_bound;
+    let position = select(mixed, projected, is_projected);
+    // Signed distances from the plane are sums of 3 products of a difference: 4 roundings.
+    let plane = 4.0 * dot(abs(ng), abs(position - tri.v0));
+    let error = select(14.0 * dot(abs(ng), magnitude), 2.0 * dot(abs(ng), abs(position)) + plane, is_projected) + plane;
+    return Place(position, ROUNDING * error);
+}
+
+fn surface_at(prim: u32, bary: vec2<f32>, origin: vec3<f32>, direction: vec3<f32>) -> Surface {
     let tri = triangles[prim];
     let shade = shadings[prim];
     let m = materials[tri.material];
     let b0 = 1.0 - bary.x - bary.y;
     var s: Surface;
-    s.position = b0 * tri.v0 + bary.x * tri.v1 + bary.y * tri.v2;
-    var ng = cross(tri.v1 - tri.v0, tri.v2 - tri.v0);
-    let size = length(ng);
-    ng = select(-direction, ng / size, size > 0.0);
+    let ng = unit_normal(tri, -direction);
+    let place = locate(tri, bary, ng, origin, direction);
+    s.position = place.position;
+    s.error = place.error;
     var ns = b0 * shade.n0 + bary.x * shade.n1 + bary.y * shade.n2;
     let ns_size = length(ns);
     ns = select(ng, ns / ns_size, ns_size > 1e-12);
@@ -182,10 +227,6 @@ fn surface_at(prim: u32, bary: vec2<f32>, direction: vec3<f32>) -> Surface {
             s.coat_normal = side * mapped_normal(prim, bary, p.coat_normal, m.clearcoat_normal_scale, side * s.coat_normal, viewer);
         }
     }
-    // Interpolation costs 7 roundings of the terms' magnitudes (Pharr et al., PBRT 4e, 6.8.5); doubled, since the
-    // triangle that a ray must not meet again is intersected in f32 too.
-    let magnitude = abs(b0 * tri.v0) + abs(bary.x * tri.v1) + abs(bary.y * tri.v2);
-    s.error = 2.0 * 7.0 * 5.9604645e-8 * dot(abs(ng), magnitude);
     s.material = tri.material;
     s.emission = vec3<f32>(0.0);
     if HAS_EMISSIVE {

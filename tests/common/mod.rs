@@ -117,13 +117,22 @@ impl<'a> Stage<'a> {
     /// Renders a frame without a sample that is not finite.
     #[track_caller]
     pub fn frame_at(&mut self, time_s: f64, index: u32) -> Frame {
-        let what = format!("{} on {} device(s)", self.subject.name, self.devices);
-        let report = self.renderer.render(&self.subject.rig, time_s, index).unwrap_or_else(|e| panic!("{what}: {e}"));
-        for (eye, tally) in ["left", "right"].iter().zip(&report.tallies) {
-            assert_eq!(tally.nonfinite, 0, "{what}: samples of the {eye} eye are not finite");
+        let frame = self.render(time_s, index);
+        for (eye, tally) in ["left", "right"].iter().zip(&frame.report.tallies) {
+            assert_eq!(tally.nonfinite, 0, "{self}: samples of the {eye} eye were dropped");
         }
-        let linear = self.renderer.read_linear().unwrap_or_else(|e| panic!("{what}: {e}"));
+        frame
+    }
+
+    fn render(&mut self, time_s: f64, index: u32) -> Frame {
+        let report = self.renderer.render(&self.subject.rig, time_s, index).unwrap_or_else(|e| panic!("{self}: {e}"));
+        let linear = self.renderer.read_linear().unwrap_or_else(|e| panic!("{self}: {e}"));
         Frame { linear, report }
+    }
+
+    /// A frame whose samples may have been dropped.
+    pub fn frame_with_drops(&mut self, index: u32) -> Frame {
+        self.render(0.0, index)
     }
 
     #[track_caller]
@@ -131,14 +140,20 @@ impl<'a> Stage<'a> {
         self.frame_at(0.0, index)
     }
 
-    /// The i-th auxiliary image that the settings ask for.
     /// The last frame as the devices encoded it for display.
     pub fn display(&self) -> Stereo<Image<[u8; 4]>> {
         self.renderer.read_display().unwrap_or_else(|e| panic!("{}: {e}", self.subject.name))
     }
 
+    /// The i-th auxiliary image that the settings ask for.
     pub fn aov(&self, i: usize) -> Stereo<Vec<Vec<f32>>> {
         self.renderer.read_aov(i).unwrap_or_else(|e| panic!("{}: {e}", self.subject.name))
+    }
+}
+
+impl std::fmt::Display for Stage<'_> {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "{} on {} device(s)", self.subject.name, self.devices)
     }
 }
 

@@ -424,7 +424,7 @@ fn glb_files_are_read_or_refused() {
     let seed = everything();
     let whole = seed.pack(seed.json.to_string(), [0; 3]);
     assert!(load(&path, &whole), "{:?}", load_shot(path.to_str().unwrap()).map(drop));
-    hold(2000, 1 << 30, prop::collection::vec(edit(), 1..6), |edits| {
+    hold(2000, 1 << 28, prop::collection::vec(edit(), 1..6), |edits| {
         load(&path, &apply(&seed, &edits));
     });
 }

@@ -7,10 +7,11 @@ mod moved;
 #[path = "../reference/mod.rs"]
 mod reference;
 mod rows;
+mod surfaces;
 
 use common::{Stage, Subject, still_rig};
 use diptych::image::RgbImage;
-use diptych::scene::Scene;
+use diptych::scene::{AlphaMode, Scene};
 use diptych::stages::Sampler;
 use reference::Pinhole;
 
@@ -78,11 +79,31 @@ fn every_sample_of_every_row_is_finite() {
     rows::all().into_iter().for_each(hold);
 }
 
+/// However many layers a ray has to look through, on whatever driver: its sample is right, or it is counted.
+#[test]
+fn rays_that_are_cut_short_are_counted() {
+    for count in [100, 500, 1000, 5000] {
+        let (scene, camera) = rows::layers(count, AlphaMode::Blend);
+        let subject = subject(&format!("{count} layers"), scene, camera);
+        for spp in [1, 8] {
+            let mut settings = subject.settings(8, 8);
+            settings.stages.spp = spp;
+            let frame = Stage::alone(&subject, &settings).frame_with_drops(0);
+            let wrong = frame.linear.left.pixels.iter().filter(|pixel| **pixel != [1.0; 3]).count();
+            let dropped = frame.report.tallies[0].nonfinite;
+            println!("{count} layers, {spp} samples: {wrong} of 64 pixels are not right, {dropped} samples counted");
+            assert!(wrong as u64 <= dropped, "{count} layers: {wrong} pixels are wrong and {dropped} samples counted");
+            assert!(count <= 4096 || dropped >= 64, "{count} layers: only {dropped} samples were counted");
+            assert!(count > 100 || dropped == 0, "{count} layers: {dropped} samples were dropped");
+        }
+    }
+}
+
 #[test]
 #[ignore = "takes minutes: run it after changes to lights, sampling or intersection"]
 fn every_one_of_many_samples_is_finite() {
     for row in rows::all() {
         let effort = Effort { spp: row.effort.spp.max(256), seed: 77, ..row.effort };
-        hold(Row { effort, ..row });
+        image(row.name, row.scene, row.camera, effort);
     }
 }

@@ -6,9 +6,6 @@ use ::gltf::json::validation::Checked;
 use super::buffers::{Buffers, View};
 use super::fault::{Fault, Outcome, Within, label, lookup};
 
-/// An accessor without a buffer view is all zeros and costs the file nothing; more of them than this is a trap.
-const MAX_ZEROS: usize = 1 << 24;
-
 /// Four components of four bytes.
 const MAX_ELEMENT: usize = 16;
 
@@ -57,10 +54,10 @@ impl<'a> Elements<'a> {
         let offset = accessor.byte_offset.unwrap_or_default().0;
         let base = match accessor.buffer_view {
             Some(view) => Some(Strided::new(buffers.view(view.value())?, offset, count, size)?),
-            None if count > MAX_ZEROS => {
-                return Err(Fault::Invalid(format!("it has no buffer view for its {count} elements")));
+            None => {
+                buffers.take_zeros(count)?;
+                None
             }
-            None => None,
         };
         let sparse = accessor.sparse.as_ref().map(|s| Sparse::new(buffers, s, count, size)).transpose()?;
         Ok(Self { count, component, width, normalized: accessor.normalized, base, sparse })

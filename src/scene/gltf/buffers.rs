@@ -16,12 +16,17 @@ const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"
 /// All views of a file decompress to at most this, bytes.
 const MAX_DECODED: usize = 1 << 33;
 
+/// An accessor without a buffer view is all zeros and costs the file nothing; a file that reads more elements of such
+/// accessors than this, however often it uses one, is a trap.
+const MAX_ZEROS: usize = 1 << 22;
+
 pub struct Buffers<'a> {
     pub root: &'a Root,
     /// None: a placeholder without bytes, behind views that are compressed.
     data: Vec<Option<Cow<'a, [u8]>>>,
     decoded: Vec<OnceCell<Vec<u8>>>,
     decoded_left: Cell<usize>,
+    zeros_left: Cell<usize>,
 }
 
 /// Bytes of a buffer view.
@@ -42,7 +47,16 @@ impl<'a> Buffers<'a> {
             .map(|(i, buffer)| load_buffer(i, buffer, bin, base).within(|| label("buffer", i, &buffer.name)))
             .collect::<Outcome<_>>()?;
         let decoded = root.buffer_views.iter().map(|_| OnceCell::new()).collect();
-        Ok(Self { root, data, decoded, decoded_left: Cell::new(MAX_DECODED) })
+        let (decoded_left, zeros_left) = (Cell::new(MAX_DECODED), Cell::new(MAX_ZEROS));
+        Ok(Self { root, data, decoded, decoded_left, zeros_left })
+    }
+
+    /// Notes that `count` elements without bytes are read.
+    pub fn take_zeros(&self, count: usize) -> Outcome<()> {
+        let left = self.zeros_left.get().checked_sub(count);
+        let left = left.ok_or_else(|| Fault::Invalid(format!("it has no buffer view for its {count} elements")))?;
+        self.zeros_left.set(left);
+        Ok(())
     }
 
     pub fn view(&self, index: usize) -> Outcome<View<'_>> {

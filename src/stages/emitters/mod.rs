@@ -69,11 +69,11 @@ impl Emitters {
         spheres.extend(local);
         let per_area: Vec<f64> = scene.materials.iter().map(|m| emitted(scene, m)).collect();
         for (prim, t) in accel.triangles.iter_mut().enumerate() {
-            let material = t.material as usize;
-            if per_area[material] > 0.0 {
-                let two_sided = scene.materials[material].double_sided;
-                let (light, bounds) = triangle_light(prim as u32, t, per_area[material], two_sided);
-                // A scene without surfaces still has a triangle, without area.
+            // A scene without surfaces still has a triangle, without area and perhaps without material.
+            let emitted = per_area.get(t.material as usize).copied().unwrap_or_default();
+            if emitted > 0.0 {
+                let two_sided = scene.materials[t.material as usize].double_sided;
+                let (light, bounds) = triangle_light(prim as u32, t, emitted, two_sided);
                 if bounds.power > 0.0 {
                     t.light = spheres.len() as u32;
                     spheres.push((light, bounds));

@@ -4,7 +4,7 @@ pub mod lit;
 pub mod materials;
 pub mod matte;
 mod pictures;
-mod studio;
+pub mod studio;
 
 use diptych::scene::{Environment, Instance, Material, Mesh, Scene, TexelImage};
 use glam::{Affine3A, Quat, Vec3, vec3};
