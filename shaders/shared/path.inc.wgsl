@@ -162,15 +162,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, rng: ptr<function, Rng>) 
         let from_normal = lit_normal(s);
         let origin = leave(s, direction);
         let key = alpha_key(*rng);
-        if is_last && !(HAS_EMISSIVE || HAS_SPHERES || HAS_UNLIT) {
-            // Only light from infinity is still to be found: whether the way is free says it all.
-            if (HAS_CONSTANT_ENV || HAS_ENV_MAP) && !medium.is_inside {
-                rays += 1u;
-                if !is_occluded(origin, direction, 3.0e38, NO_LIGHT, key) {
-                    let found = throughput * escaped_light(direction, b);
-                    result.radiance += select(clamp_indirect(found), found, depth == 1u);
-                }
-            }
+        if is_last && !(HAS_EMISSIVE || HAS_SPHERES || HAS_UNLIT || HAS_CONSTANT_ENV || HAS_ENV_MAP) {
             break;
         }
         rays += 1u;
@@ -192,6 +184,9 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, rng: ptr<function, Rng>) 
             }
         } else if HAS_SPHERES {
             found = sphere_radiance(hit.prim & ~SPHERE, from_);
+        }
+        if HAS_TRANSMISSION && !is_surface {
+            found *= select(vec3<f32>(1.0), exp(-medium.absorption * hit.t), medium.is_inside);
         }
         if hit.prim != NO_PRIM && !b.is_delta {
             if any(found > vec3<f32>(0.0)) {
