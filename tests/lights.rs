@@ -72,8 +72,8 @@ fn many_lamps_of_every_kind_are_unbiased() {
     let seen = Pinhole { forward: view.forward, right: view.right, up: view.up, ..camera };
     let reference = Reference::new(&subject.scene).with_emitters(Emitters::Sampled);
     for bounces in [1, 3] {
-        let expected = reference.render(&seen, Extent::new(WIDTH, HEIGHT), 512, bounces - 1, 1);
-        let found = rendered(&subject, bounces, 512);
+        let expected = reference.render(&seen, Extent::new(WIDTH, HEIGHT), 192, bounces - 1, 1);
+        let found = rendered(&subject, bounces, 128);
         let what = format!("{bounces} reflections");
         println!("{what}\n{}", assert_agrees(&what, &expected, &found, 0.03));
     }

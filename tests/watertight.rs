@@ -72,13 +72,34 @@ impl Tracer {
         self.gpu.device.create_buffer_init(&descriptor)
     }
 
-    fn bind(&self, group: u32, buffers: &[(u32, &wgpu::Buffer)]) -> wgpu::BindGroup {
-        let entry =
-            |&(binding, buffer)| wgpu::BindGroupEntry { binding, resource: wgpu::Buffer::as_entire_binding(buffer) };
+    /// The nodes as the shaders have them, 1024 in a row of texels.
+    fn node_texture(&self, nodes: &[Node]) -> wgpu::TextureView {
+        let rows = nodes.len().div_ceil(1024);
+        let mut texels = bytemuck::cast_slice::<Node, u8>(nodes).to_vec();
+        texels.resize(rows * 1024 * size_of::<Node>(), 0);
+        let descriptor = wgpu::TextureDescriptor {
+            label: None,
+            size: wgpu::Extent3d { width: 5120, height: rows as u32, depth_or_array_layers: 1 },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format: wgpu::TextureFormat::Rgba32Uint,
+            usage: wgpu::TextureUsages::TEXTURE_BINDING,
+            view_formats: &[],
+        };
+        let order = wgpu::util::TextureDataOrder::LayerMajor;
+        let texture = self.gpu.device.create_texture_with_data(&self.gpu.queue, &descriptor, order, &texels);
+        texture.create_view(&Default::default())
+    }
+
+    fn bind(&self, group: u32, resources: &[(u32, wgpu::BindingResource<'_>)]) -> wgpu::BindGroup {
         self.gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
             label: None,
             layout: &self.pipeline.get_bind_group_layout(group),
-            entries: &buffers.iter().map(entry).collect::<Vec<_>>(),
+            entries: &resources
+                .iter()
+                .map(|(binding, resource)| wgpu::BindGroupEntry { binding: *binding, resource: resource.clone() })
+                .collect::<Vec<_>>(),
         })
     }
 
@@ -88,7 +109,7 @@ impl Tracer {
         let aimed = self.buffer(bytemuck::cast_slice(rays), storage);
         let zeros = vec![0u32; rays.len()];
         let found = self.buffer(bytemuck::cast_slice(&zeros), storage | wgpu::BufferUsages::COPY_SRC);
-        let results = self.bind(1, &[(8, &aimed), (9, &found)]);
+        let results = self.bind(1, &[(8, aimed.as_entire_binding()), (9, found.as_entire_binding())]);
         let read = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
         let back = self.buffer(bytemuck::cast_slice(&zeros), read);
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
@@ -216,9 +237,9 @@ fn leaks(tracer: &Tracer, case: &Case, rays: usize) -> usize {
     let centre = case.mesh.positions.iter().sum::<Vec3>() / case.mesh.positions.len() as f32;
     let accel = Accel::build(&scene).unwrap();
     let storage = wgpu::BufferUsages::STORAGE;
-    let nodes = tracer.buffer(bytemuck::cast_slice::<Node, u8>(&accel.nodes), storage);
+    let nodes = tracer.node_texture(&accel.nodes);
     let triangles = tracer.buffer(bytemuck::cast_slice::<Triangle, u8>(&accel.triangles), storage);
-    let tables = tracer.bind(0, &[(1, &nodes), (2, &triangles)]);
+    let tables = tracer.bind(0, &[(1, wgpu::BindingResource::TextureView(&nodes)), (2, triangles.as_entire_binding())]);
     let mut rng = Rng::new(3, 0);
     let mut missed = 0;
     for begin in (0..rays).step_by(BATCH) {
