@@ -87,11 +87,11 @@ fn schlick_weight(cosine: f32) -> f32 {
 
 // A normal-mapped normal on the front side. The tangent is made perpendicular; where texture coordinates give none, the
 // map has no direction to tilt to and leaves the normal as it is. What it says of the side that the viewer is on is not believed: the normal is bent until it can be seen.
-fn mapped_normal(prim: u32, bary: vec2<f32>, texture: u32, scale: f32, normal: vec3<f32>, to_viewer: vec3<f32>) -> vec3<f32> {
+fn mapped_normal(place: Placed, bary: vec2<f32>, texture: u32, scale: f32, normal: vec3<f32>, to_viewer: vec3<f32>) -> vec3<f32> {
     let info = textures[texture];
-    let code = sample_texture(info, interpolate_uv(prim, bary, info), false).rgb;
+    let code = sample_texture(info, interpolate_uv(place.row, bary, info), false).rgb;
     let local = (2.0 * code - 1.0) * vec3<f32>(scale, scale, 1.0);
-    let given = (1.0 - bary.x - bary.y) * tangents[3u * prim] + bary.x * tangents[3u * prim + 1u] + bary.y * tangents[3u * prim + 2u];
+    let given = (1.0 - bary.x - bary.y) * tangent_at(place, 0u) + bary.x * tangent_at(place, 1u) + bary.y * tangent_at(place, 2u);
     let along = given.xyz - normal * dot(normal, given.xyz);
     let size2 = dot(along, along);
     let t = select(vec3<f32>(0.0), along * inverseSqrt(max(size2, 1e-30)), size2 > 1e-12);
@@ -105,8 +105,9 @@ fn mapped_normal(prim: u32, bary: vec2<f32>, texture: u32, scale: f32, normal: v
 }
 
 fn surface_at(prim: u32, bary: vec2<f32>, direction: vec3<f32>) -> Surface {
-    let tri = triangles[prim];
-    let shade = shadings[prim];
+    let place = placed(prim);
+    let tri = triangle_at(place);
+    let shade = shading_at(place);
     let m = materials[tri.material];
     let b0 = 1.0 - bary.x - bary.y;
     var s: Surface;
@@ -126,25 +127,26 @@ fn surface_at(prim: u32, bary: vec2<f32>, direction: vec3<f32>) -> Surface {
         // The frame belongs to the front; seen from behind, all of it is turned over.
         let viewer = -side * direction;
         if m.normal_texture != NO_TEXTURE {
-            s.normal = side * mapped_normal(prim, bary, m.normal_texture, m.normal_scale, side * s.normal, viewer);
+            s.normal = side * mapped_normal(place, bary, m.normal_texture, m.normal_scale, side * s.normal, viewer);
         }
         if HAS_CLEARCOAT && m.clearcoat_normal_texture != NO_TEXTURE {
-            s.coat_normal = side * mapped_normal(prim, bary, m.clearcoat_normal_texture, m.clearcoat_normal_scale, side * s.coat_normal, viewer);
+            s.coat_normal = side * mapped_normal(place, bary, m.clearcoat_normal_texture, m.clearcoat_normal_scale, side * s.coat_normal, viewer);
         }
     }
     // Interpolation costs 7 roundings of the terms' magnitudes (Pharr et al., PBRT 4e, 6.8.5); doubled, since the
     // triangle that a ray must not meet again is intersected in f32 too.
     let magnitude = abs(b0 * tri.v0) + abs(bary.x * tri.v1) + abs(bary.y * tri.v2);
     s.error = 2.0 * 7.0 * 5.9604645e-8 * dot(abs(ng), magnitude);
+    s.error += dot(abs(ng), placing_error(place, s.position));
     s.material = tri.material;
-    let base = base_color_at(prim, bary, m).rgb;
+    let base = base_color_at(place.row, bary, m).rgb;
     s.emission = vec3<f32>(0.0);
     if HAS_EMISSIVE {
         if s.is_front || (m.flags & DOUBLE_SIDED) != 0u {
-            s.emission = emissive_at(prim, bary, m);
+            s.emission = emissive_at(place.row, bary, m);
         }
     }
-    describe_lobes(&s, prim, bary, m, base, -direction);
+    describe_lobes(&s, place.row, bary, m, base, -direction);
     if HAS_UNLIT && (m.flags & UNLIT) != 0u {
         s.emission = base;
         s.albedo = vec3<f32>(0.0);
@@ -160,7 +162,7 @@ fn surface_at(prim: u32, bary: vec2<f32>, direction: vec3<f32>) -> Surface {
 
 // The lobes of glTF's material model (specification 2.0, appendix B; KHR_materials_ior, _specular, _transmission,
 // _volume, _clearcoat) with this hit's textures.
-fn describe_lobes(s: ptr<function, Surface>, prim: u32, bary: vec2<f32>, m: Material, base: vec3<f32>, to_viewer: vec3<f32>) {
+fn describe_lobes(s: ptr<function, Surface>, row: u32, bary: vec2<f32>, m: Material, base: vec3<f32>, to_viewer: vec3<f32>) {
     (*s).albedo = base;
     (*s).diffuse = base;
     (*s).roughness = 1.0;
@@ -170,12 +172,12 @@ fn describe_lobes(s: ptr<function, Surface>, prim: u32, bary: vec2<f32>, m: Mate
     if !(HAS_SPECULAR || HAS_TRANSMISSION || HAS_CLEARCOAT) {
         return;
     }
-    let rough_metal = texture_at(prim, bary, m.metallic_roughness_texture, false);
+    let rough_metal = texture_at(row, bary, m.metallic_roughness_texture, false);
     let roughness = clamp(m.roughness * rough_metal.g, 0.0, 1.0);
     let metallic = clamp(m.metallic * rough_metal.b, 0.0, 1.0);
     (*s).alpha = roughness * roughness;
-    let specular = m.specular * texture_at(prim, bary, m.specular_texture, false).a;
-    let tint = m.specular_color * texture_at(prim, bary, m.specular_color_texture, true).rgb;
+    let specular = m.specular * texture_at(row, bary, m.specular_texture, false).a;
+    let tint = m.specular_color * texture_at(row, bary, m.specular_color_texture, true).rgb;
     let bend = (m.ior - 1.0) / (m.ior + 1.0);
     let layer_f0 = min(bend * bend * tint, vec3<f32>(1.0)) * specular;
     (*s).f0 = mix(layer_f0, base, metallic);
@@ -187,7 +189,7 @@ fn describe_lobes(s: ptr<function, Surface>, prim: u32, bary: vec2<f32>, m: Mate
     (*s).layer_mean = (*s).layer_f0 * table.mean.x + (*s).layer_f90 * table.mean.y;
     var transmission = 0.0;
     if HAS_TRANSMISSION {
-        transmission = m.transmission * texture_at(prim, bary, m.transmission_texture, false).r;
+        transmission = m.transmission * texture_at(row, bary, m.transmission_texture, false).r;
         (*s).transmitted = (1.0 - metallic) * transmission * base;
         (*s).is_thin = (m.flags & THICK) == 0u;
         if !(*s).is_thin && m.ior >= 1.0 {
@@ -198,8 +200,8 @@ fn describe_lobes(s: ptr<function, Surface>, prim: u32, bary: vec2<f32>, m: Mate
     (*s).roughness = select(roughness, 1.0, (*s).f90.x == 0.0 && transmission == 0.0);
     (*s).albedo = ((*s).diffuse + (*s).transmitted) * (1.0 - (*s).layer_albedo) + (*s).f0 * table.towards.x + (*s).f90 * table.towards.y;
     if HAS_CLEARCOAT {
-        let strength = m.clearcoat * texture_at(prim, bary, m.clearcoat_texture, false).r;
-        let coat_roughness = clamp(m.clearcoat_roughness * texture_at(prim, bary, m.clearcoat_roughness_texture, false).g, 0.0, 1.0);
+        let strength = m.clearcoat * texture_at(row, bary, m.clearcoat_texture, false).r;
+        let coat_roughness = clamp(m.clearcoat_roughness * texture_at(row, bary, m.clearcoat_roughness_texture, false).g, 0.0, 1.0);
         (*s).coat_alpha = coat_roughness * coat_roughness;
         (*s).coat = strength * mix(schlick_weight(abs(dot((*s).coat_normal, to_viewer))), 1.0, 0.04);
         (*s).emission *= 1.0 - (*s).coat;

@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3, Vec4};
 use wgpu::util::DeviceExt;
 
 use super::albedo_table;
-use super::emitters::Emitters;
+use super::emitters::{self, Emitters};
 use super::layout::{self, ALPHA_BLEND, ALPHA_MASK, DOUBLE_SIDED, NO_TEXTURE, THICK, TextureInfo, UNLIT};
 use crate::accel::{Accel, Node};
 use crate::device::GpuDevice;
@@ -35,6 +35,8 @@ pub enum TableError {
 /// Tables of one scene, the same for every device.
 pub struct SceneTables {
     accel: Accel,
+    /// First row of the instances in the table of nodes.
+    instances: u32,
     has_surfaces: bool,
     materials: Vec<layout::Material>,
     textures: Vec<TextureInfo>,
@@ -53,6 +55,8 @@ impl SceneTables {
     pub fn new(scene: &Scene, mut accel: Accel) -> Result<Self, TableError> {
         let has_surfaces = accel.nodes.len() > 1 || accel.nodes[0] != [0; 20];
         let emitters = Emitters::new(scene, &mut accel);
+        let instances = emitters::rows(&accel.nodes);
+        emitters::append(&mut accel.nodes, bytemuck::cast_slice(&accel.instances));
         let mut firsts = Vec::with_capacity(scene.images.len());
         let mut texels: Vec<[u8; 4]> = Vec::new();
         for image in &scene.images {
@@ -66,12 +70,16 @@ impl SceneTables {
         let mut table = TextureTable { scene, firsts, refs: Vec::new() };
         let materials = scene.materials.iter().map(|m| table.material(m)).collect();
         let textures = table.infos();
-        Ok(Self { accel, has_surfaces, materials, textures, texels, emitters, environment: scene.environment.clone() })
+        let environment = scene.environment.clone();
+        Ok(Self { accel, instances, has_surfaces, materials, textures, texels, emitters, environment })
     }
 
     /// Fills in what the scene says about a frame.
     pub fn describe(&self, frame: &mut layout::Frame) {
         frame.world_origin = self.accel.origin.as_vec3();
+        frame.instances = self.instances;
+        frame.instance_count = self.accel.instances.len() as u32;
+        frame.instance_tree = self.accel.instance_tree;
         self.emitters.describe(frame);
         match &self.environment {
             Environment::Black => {}
@@ -87,6 +95,11 @@ impl SceneTables {
     /// Where the tables' (0, 0, 0) is in the world.
     pub fn origin(&self) -> DVec3 {
         self.accel.origin
+    }
+
+    /// Whether rays meet some triangles by way of their instances.
+    pub fn has_instances(&self) -> bool {
+        self.accel.instances.len() > 1
     }
 
     /// Whether there is anything that could reflect light.

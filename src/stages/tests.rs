@@ -82,7 +82,10 @@ fn host_structs_lie_as_shaders_read_them() {
             env_grid_width = "env_grid_width",
             env_grid_height = "env_grid_height",
             sample_base = "sample_base",
-            world_origin = "world_origin"
+            instances = "instances",
+            world_origin = "world_origin",
+            instance_tree = "instance_tree",
+            instance_count = "instance_count"
         ]
     );
     same_layout!(
