@@ -115,7 +115,7 @@ pub enum AccelError {
     )]
     TooDeep { depth: usize },
     #[error(
-        "the scene has {0} triangles that are not shared by instances, more than the {MAX_TRIANGLES} that fit into memory: simplify it"
+        "the scene has {0} triangles, those that instances share counted once, more than the {MAX_TRIANGLES} that fit into memory: simplify it"
     )]
     TooMany(usize),
     #[error(

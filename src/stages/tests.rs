@@ -181,6 +181,15 @@ fn host_structs_lie_as_shaders_read_them() {
 }
 
 #[test]
+fn instances_take_the_rows_that_shaders_count() {
+    let m = module("path_trace");
+    let rows = m.constants.iter().find(|(_, c)| c.name.as_deref() == Some("ROWS_PER_INSTANCE")).expect("is declared").1;
+    let bytes = size_of::<crate::accel::Instance>() as u32;
+    assert_eq!(m.global_expressions[rows.init], naga::Expression::Literal(naga::Literal::U32(bytes / 16)));
+    assert_eq!(bytes % 16, 0);
+}
+
+#[test]
 fn every_need_is_an_override_of_path_tracing() {
     let source = wgsl("path_trace");
     let declared = override_names(&source);
