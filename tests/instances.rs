@@ -241,22 +241,23 @@ fn psnr(a: &RgbImage, b: &RgbImage) -> f64 {
 
 #[test]
 fn pictures_are_those_of_flattened_scenes() {
-    // The second stands where positions are counted from another place than (0, 0, 0).
+    // The last stands where positions are counted from another place than (0, 0, 0). Glowing triangles are numbered in
+    // tree order, so with lamps the same random numbers choose others: what differs then is noise.
     let far = Vec3::new(65536.0, 0.0, -32768.0);
-    for (by, bounces, bound_db) in [(Vec3::ZERO, 1, 60.0), (Vec3::ZERO, 6, 50.0), (far, 6, 50.0)] {
-        let scene = moved(crowd(), by);
+    for (by, has_lamps, bound_db) in [(Vec3::ZERO, false, 60.0), (Vec3::ZERO, true, 50.0), (far, false, 60.0)] {
+        let mut scene = moved(crowd(), by);
+        scene.instances.retain(|i| has_lamps || scene.meshes[i.mesh].material != LAMP);
         let render = |layout| {
             let subject = subject(&scene, layout, by);
             let mut settings = subject.settings(EXTENT.width, EXTENT.height);
             settings.stages.spp = 64;
-            settings.bounces = bounces;
             Stage::alone(&subject, &settings).frame(0).linear
         };
         let (flat, shared) = (render(Layout::Flat), render(Layout::TwoLevel));
         for (a, b) in [(&flat.left, &shared.left), (&flat.right, &shared.right)] {
             let between = psnr(a, b);
             let noise = psnr(&flat.left, &flat.right);
-            println!("moved by {by}, {bounces} bounces: {between:.1} dB; {noise:.1} dB between two of flat");
+            println!("moved by {by}, lamps {has_lamps}: {between:.1} dB; {noise:.1} dB between two of flat");
             assert!(between > bound_db && between > noise + 20.0, "moved by {by}: {between} dB, noise {noise} dB");
             let mean = |image: &RgbImage| {
                 image.pixels.as_flattened().iter().map(|&c| f64::from(c)).sum::<f64>()
