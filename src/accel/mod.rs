@@ -328,6 +328,15 @@ mod tests {
     }
 
     #[test]
+    fn more_triangles_than_numbers_are_refused() {
+        let mut scene = (builtin::find("cornell").unwrap().build)();
+        let mesh = scene.instances[0].mesh;
+        scene.meshes[mesh].triangles = vec![[0, 1, 2]; 1 << 20];
+        scene.instances = vec![scene.instances[0]; 1 << 11];
+        assert!(matches!(Accel::build(&scene), Err(AccelError::TooManyInstances(count)) if count == MAX_PRIMS));
+    }
+
+    #[test]
     fn scenes_far_off_are_brought_near() {
         let bounds = |at: f32| Bounds { min: Vec3::splat(at - 1.0), max: Vec3::splat(at + 2.0) };
         assert_eq!(origin_for(bounds(0.0)), DVec3::ZERO);
