@@ -1,9 +1,11 @@
 //! Rays per second: the shaders' traversal on one device that takes all cores, against obvhs's own traversal of the same
 //! tree on all cores, for the same rays, repeats taken in turns.
 //!
-//! `cargo bench --bench rays -- [--reps N] [--size WxH] [--case NAME] [--processor-time] [--trace FILE.wgsl]... [SHOT]...`
+//! `cargo bench --bench rays -- [--reps N] [--size WxH] [--case NAME] [--processor-time] [--two-level]
+//! [--trace FILE.wgsl]... [SHOT]...`
 //!
 //! `--trace` names another version of `shaders/shared/trace.inc.wgsl` to measure beside the present one.
+//! `--two-level` measures the scene's instances beside the flattened scene; the rays are the same.
 //! `--processor-time` counts what the process used instead of what passed, for a machine that does other work; on a
 //! software adapter only.
 
@@ -13,11 +15,13 @@ use std::path::PathBuf;
 use std::time::Instant;
 
 use common::{Case, Cpu, Gpu, Workload};
+use diptych::accel::Layout;
 use diptych::image::Extent;
 
 struct Options {
     reps: usize,
     processor_time: bool,
+    two_level: bool,
     case: Option<Case>,
     extent: Extent,
     versions: Vec<PathBuf>,
@@ -29,6 +33,7 @@ fn options() -> Options {
     let mut options = Options {
         reps: 9,
         processor_time: false,
+        two_level: false,
         case: None,
         extent: Extent::new(640, 360),
         versions: vec![present],
@@ -41,6 +46,7 @@ fn options() -> Options {
             "--bench" => {}
             "--reps" => options.reps = value().parse().expect("--reps takes a number"),
             "--processor-time" => options.processor_time = true,
+            "--two-level" => options.two_level = true,
             "--case" => options.case = Some(Case::named(&value()).expect("--case takes primary, paths or shadow")),
             "--size" => options.extent = value().parse().expect("--size takes WIDTHxHEIGHT"),
             "--trace" => options.versions.push(value().into()),
@@ -98,7 +104,10 @@ fn main() {
 fn measure(options: &Options, workload: &Workload, cpu: &Cpu, case: Case) {
     let rays = workload.rays(cpu, case);
     let count = rays.iter().filter(|r| r.t_max > 0.0).count() as f64 / 1e6;
-    let gpus: Vec<_> = options.versions.iter().map(|v| Gpu::new(workload, case, &rays, v)).collect();
+    let layouts = [Layout::Flat, Layout::TwoLevel];
+    let layouts = if options.two_level { &layouts[..] } else { &layouts[..1] };
+    let measured: Vec<_> = options.versions.iter().flat_map(|v| layouts.iter().map(move |&l| (v, l))).collect();
+    let gpus: Vec<_> = measured.iter().map(|&(v, l)| Gpu::new(workload, l, case, &rays, v)).collect();
     let expected = cpu.trace(&rays, case);
     let mut cpu_s = Vec::new();
     let mut gpu_s = vec![Vec::new(); gpus.len()];
@@ -114,11 +123,11 @@ fn measure(options: &Options, workload: &Workload, cpu: &Cpu, case: Case) {
     }
     let cpu_rate = count / median(&mut cpu_s);
     println!("  {:<8} {count:.2} M rays; obvhs {cpu_rate:6.2}", case.name());
-    for ((gpu, s), version) in gpus.iter().zip(&mut gpu_s).zip(&options.versions) {
+    for ((gpu, s), (version, layout)) in gpus.iter().zip(&mut gpu_s).zip(&measured) {
         let rate = count / median(s);
         let differing = gpu.differing(&expected, case);
         println!(
-            "           device {rate:6.2}, {:.2}x of obvhs; {differing} rays end elsewhere ({})",
+            "           device {rate:6.2}, {:.2}x of obvhs; {differing} rays end elsewhere ({}, {layout:?})",
             rate / cpu_rate,
             version.file_name().unwrap_or_default().display()
         );

@@ -248,7 +248,10 @@ fn a_single_sample_of_a_reference_is_spread_over_the_pixel() {
     let output = case.try_render("frame", &["--spp", "1", "--denoiser", "none", "--reproject", "off"]);
     assert!(output.status.success());
     let [a, b] = ["reference", "frame"].map(|out| case.image(out, "left").pixels);
-    assert!(a.iter().zip(&b).filter(|(a, b)| a != b).count() > a.len() / 2);
+    // Beside the box, nothing is seen through any point of a pixel.
+    let seen: Vec<_> = a.iter().zip(&b).filter(|(a, b)| **a != [0.0; 3] || **b != [0.0; 3]).collect();
+    let different = seen.iter().filter(|(a, b)| a != b).count();
+    assert!(10 * different > 9 * seen.len() && seen.len() > a.len() / 4, "{different} of {}", seen.len());
 }
 
 #[test]

@@ -6,6 +6,7 @@ mod reference;
 
 use std::collections::HashMap;
 
+use bytemuck::Zeroable;
 use diptych::accel::{Accel, Node, Triangle};
 use diptych::device::{self, GpuDevice, Selection};
 use diptych::scene::Mesh;
@@ -239,7 +240,14 @@ fn leaks(tracer: &Tracer, case: &Case, rays: usize) -> usize {
     let storage = wgpu::BufferUsages::STORAGE;
     let nodes = tracer.node_texture(&accel.nodes);
     let triangles = tracer.buffer(bytemuck::cast_slice::<Triangle, u8>(&accel.triangles), storage);
-    let tables = tracer.bind(0, &[(1, wgpu::BindingResource::TextureView(&nodes)), (2, triangles.as_entire_binding())]);
+    // Zeros: no tree but that of the triangles.
+    let frame = tracer.buffer(bytemuck::bytes_of(&Frame::zeroed()), wgpu::BufferUsages::UNIFORM);
+    let tables = [
+        (0, frame.as_entire_binding()),
+        (1, wgpu::BindingResource::TextureView(&nodes)),
+        (2, triangles.as_entire_binding()),
+    ];
+    let tables = tracer.bind(0, &tables);
     let mut rng = Rng::new(3, 0);
     let mut missed = 0;
     for begin in (0..rays).step_by(BATCH) {

@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use diptych::accel::Layout;
 use diptych::device::{self, GpuDevice, Selection, ShaderChecks};
 use diptych::stages::layout::Frame;
 use diptych::stages::{SceneBuffers, scene_layout_entries};
@@ -43,11 +44,17 @@ fn bound(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
     wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
 }
 
-fn layout(device: &wgpu::Device, entries: &[wgpu::BindGroupLayoutEntry]) -> wgpu::BindGroupLayout {
+fn bind_layout(device: &wgpu::Device, entries: &[wgpu::BindGroupLayoutEntry]) -> wgpu::BindGroupLayout {
     device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: None, entries })
 }
 
-fn pipeline(gpu: &GpuDevice, layouts: [&wgpu::BindGroupLayout; 2], text: &str, case: Case) -> wgpu::ComputePipeline {
+fn pipeline(
+    gpu: &GpuDevice,
+    layouts: [&wgpu::BindGroupLayout; 2],
+    text: &str,
+    case: Case,
+    has_instances: bool,
+) -> wgpu::ComputePipeline {
     let descriptor =
         wgpu::ShaderModuleDescriptor { label: Some("rays"), source: wgpu::ShaderSource::Wgsl(text.into()) };
     // SAFETY: as in the stages: loops end by themselves, no integer divisor is 0, bounds stay checked.
@@ -59,7 +66,8 @@ fn pipeline(gpu: &GpuDevice, layouts: [&wgpu::BindGroupLayout; 2], text: &str, c
     });
     let declared = device::override_names(text);
     // Opaque triangles only, as obvhs sees them.
-    let mut constants: Vec<_> = declared.iter().filter(|n| n.starts_with("HAS_")).map(|n| (*n, 0.0)).collect();
+    let value = |name: &str| f64::from(u8::from(name == "HAS_INSTANCES" && has_instances));
+    let mut constants: Vec<_> = declared.iter().filter(|n| n.starts_with("HAS_")).map(|n| (*n, value(n))).collect();
     constants.push(("SEGMENTS", case.segments() as f64));
     constants.push(("ANY_HIT", f64::from(u8::from(case == Case::Shadow))));
     gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
@@ -78,10 +86,12 @@ fn pipeline(gpu: &GpuDevice, layouts: [&wgpu::BindGroupLayout; 2], text: &str, c
 impl Gpu {
     /// # Panics
     /// Without a device, or if the shader is refused.
-    pub fn new(workload: &Workload, case: Case, rays: &[BenchRay], trace: &Path) -> Self {
+    pub fn new(workload: &Workload, layout: Layout, case: Case, rays: &[BenchRay], trace: &Path) -> Self {
         let gpu = device::open(&Selection::default()).expect("a device").swap_remove(0);
-        let scene = SceneBuffers::new(&gpu, &workload.tables).expect("the scene fits");
-        let frame = Frame { width: workload.extent.width, height: workload.extent.height, ..Default::default() };
+        let tables = workload.tables(layout);
+        let scene = SceneBuffers::new(&gpu, &tables).expect("the scene fits");
+        let mut frame = Frame { width: workload.extent.width, height: workload.extent.height, ..Default::default() };
+        tables.describe(&mut frame);
         let init = |contents: &[u8], usage| {
             gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: None, contents, usage })
         };
@@ -96,15 +106,17 @@ impl Gpu {
         let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
         let mut entries = vec![entry(0, wgpu::BufferBindingType::Uniform)];
         entries.extend(scene_layout_entries());
-        let layouts =
-            [layout(&gpu.device, &entries), layout(&gpu.device, &[entry(0, storage(true)), entry(1, storage(false))])];
+        let layouts = [
+            bind_layout(&gpu.device, &entries),
+            bind_layout(&gpu.device, &[entry(0, storage(true)), entry(1, storage(false))]),
+        ];
         let group = |layout, entries: &[_]| {
             gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: None, layout, entries })
         };
         let mut scene_entries = vec![bound(0, &frame)];
         scene_entries.extend(scene.entries());
         let groups = [group(&layouts[0], &scene_entries), group(&layouts[1], &[bound(0, &rays), bound(1, &hits)])];
-        let pipeline = pipeline(&gpu, [&layouts[0], &layouts[1]], &source(trace), case);
+        let pipeline = pipeline(&gpu, [&layouts[0], &layouts[1]], &source(trace), case, tables.has_instances());
         let workgroups = [workload.extent.width.div_ceil(8), workload.extent.height.div_ceil(8)];
         Self { gpu, pipeline, groups, hits, workgroups }
     }
@@ -123,7 +135,8 @@ impl Gpu {
     }
 
     /// Rays for which the other side found something else: one of the two nothing, or distances that differ by more than
-    /// 1e-4 of themselves.
+    /// 1e-4 of themselves. Instances make more of the latter: a ray's origin is rounded in their space, and short
+    /// distances show it.
     pub fn differing(&self, expected: &[[u32; 2]], case: Case) -> usize {
         let differs = |(found, expected): &(&[u32; 2], &[u32; 2])| {
             if case == Case::Shadow {

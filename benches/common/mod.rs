@@ -7,8 +7,9 @@ pub use cpu::Cpu;
 pub use gpu::Gpu;
 
 use bytemuck::{Pod, Zeroable};
-use diptych::accel::Accel;
+use diptych::accel::{Accel, Layout};
 use diptych::image::Extent;
+use diptych::scene::Scene;
 use diptych::scene::load::load_shot;
 use diptych::scene::rig::Eye;
 use diptych::stages::SceneTables;
@@ -60,8 +61,9 @@ const FAR: f32 = 3.0e38;
 
 pub struct Workload {
     pub extent: Extent,
+    /// Flat.
     pub accel: Accel,
-    pub tables: SceneTables,
+    scene: Scene,
     primary: Vec<BenchRay>,
 }
 
@@ -78,8 +80,7 @@ impl Workload {
     /// If the shot cannot be read or built.
     pub fn load(shot: &str, extent: Extent) -> Self {
         let (parsed, scene) = load_shot(shot).unwrap_or_else(|e| panic!("{shot}: {e}"));
-        let build = || Accel::build(&scene).unwrap_or_else(|e| panic!("{shot}: {e}"));
-        let tables = SceneTables::new(&scene, build()).unwrap_or_else(|e| panic!("{shot}: {e}"));
+        let accel = Accel::build_with(&scene, Layout::Flat).unwrap_or_else(|e| panic!("{shot}: {e}"));
         let view = parsed.rig.view(0.0, Eye::Left);
         let mut primary = Vec::with_capacity(extent.area());
         for y in 0..extent.height {
@@ -88,7 +89,14 @@ impl Workload {
                 primary.push(BenchRay { origin: view.origin, t_max: FAR, direction, pad: 0.0 });
             }
         }
-        Self { extent, accel: build(), tables, primary }
+        Self { extent, accel, scene, primary }
+    }
+
+    /// # Panics
+    /// If the scene cannot be laid out like that.
+    pub fn tables(&self, layout: Layout) -> SceneTables {
+        let accel = Accel::build_with(&self.scene, layout).expect("the scene can be laid out like that");
+        SceneTables::new(&self.scene, accel).expect("the scene has tables")
     }
 
     /// Rays of a case: one image of rays per segment, one after another.

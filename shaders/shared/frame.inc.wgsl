@@ -38,10 +38,15 @@ struct Frame {
     env_grid_height: u32,
     // Number of the frame's first sample: passes of one accumulation continue one another's sequences.
     sample_base: u32,
-    pad0: u32,
+    // In `nodes`: the instances' first row, and the root of the tree over all but the first of them.
+    instances: u32,
     // Where (0, 0, 0) is in the world.
     world_origin: vec3<f32>,
-    pad: u32,
+    instance_tree: u32,
+    instance_count: u32,
+    pad0: u32,
+    pad1: u32,
+    pad2: u32,
 }
 
 struct Pass {

@@ -4,6 +4,8 @@ override HAS_TEXTURES: bool = true;
 override HAS_SECOND_UVS: bool = true;
 override HAS_VERTEX_COLORS: bool = true;
 override HAS_ALPHA: bool = true;
+// Whether triangles stand anywhere else than where the tables have them.
+override HAS_INSTANCES: bool = true;
 
 // Factors of glTF's metallic-roughness material and its extensions, and the textures that multiply them.
 struct Material {
@@ -108,6 +110,118 @@ fn tree_row(row: u32) -> vec4<u32> {
     return textureLoad(nodes, vec2<u32>(row % 5120u, row / 5120u), 0);
 }
 
+// A triangle where one instance of it stands. Its number in a hit is its own, several may share a row of the tables.
+struct Placed {
+    // In `triangles` and `shadings`; three times that where there are three of each a triangle.
+    row: u32,
+    // First row of its instance.
+    instance: u32,
+    // Whether it stands elsewhere than its row says.
+    is_moved: bool,
+}
+
+// Three rows of a matrix; of instances `accel::Instance` has the order.
+struct Affine {
+    x: vec4<f32>,
+    y: vec4<f32>,
+    z: vec4<f32>,
+}
+const ROWS_PER_INSTANCE: u32 = 7u;
+const LOCAL_FROM_WORLD: u32 = 3u;
+
+fn affine_at(row: u32) -> Affine {
+    return Affine(bitcast<vec4<f32>>(tree_row(row)), bitcast<vec4<f32>>(tree_row(row + 1u)), bitcast<vec4<f32>>(tree_row(row + 2u)));
+}
+
+fn transform_vector(m: Affine, v: vec3<f32>) -> vec3<f32> {
+    return vec3<f32>(dot(m.x.xyz, v), dot(m.y.xyz, v), dot(m.z.xyz, v));
+}
+
+fn transform_point(m: Affine, p: vec3<f32>) -> vec3<f32> {
+    return transform_vector(m, p) + vec3<f32>(m.x.w, m.y.w, m.z.w);
+}
+
+// First triangle's number, what leads from a number to its row, root of its tree, whether it is moved.
+fn instance_header(instance: u32) -> vec4<u32> {
+    return tree_row(instance + 6u);
+}
+
+fn placed(prim: u32) -> Placed {
+    if !HAS_INSTANCES {
+        return Placed(prim, 0u, false);
+    }
+    // The last instance whose numbers begin there or before.
+    var low = 0u;
+    var high = frame.instance_count;
+    while high - low > 1u {
+        let middle = (low + high) >> 1u;
+        let is_before = instance_header(frame.instances + ROWS_PER_INSTANCE * middle).x <= prim;
+        low = select(low, middle, is_before);
+        high = select(middle, high, is_before);
+    }
+    let instance = frame.instances + ROWS_PER_INSTANCE * low;
+    let header = instance_header(instance);
+    return Placed(prim + header.y, instance, header.w != 0u);
+}
+
+// In the world.
+fn triangle_at(place: Placed) -> Triangle {
+    var tri = triangles[place.row];
+    if HAS_INSTANCES {
+        let m = affine_at(place.instance);
+        tri.v0 = transform_point(m, tri.v0);
+        tri.v1 = transform_point(m, tri.v1);
+        tri.v2 = transform_point(m, tri.v2);
+    }
+    return tri;
+}
+
+// A row's unit normal in the world.
+fn normal_in_world(place: Placed, n: vec3<f32>) -> vec3<f32> {
+    if !HAS_INSTANCES || !place.is_moved {
+        return n;
+    }
+    let m = affine_at(place.instance + LOCAL_FROM_WORLD);
+    return normalize(m.x.xyz * n.x + m.y.xyz * n.y + m.z.xyz * n.z);
+}
+
+fn shading_at(place: Placed) -> Shading {
+    var shade = shadings[place.row];
+    shade.n0 = normal_in_world(place, shade.n0);
+    shade.n1 = normal_in_world(place, shade.n1);
+    shade.n2 = normal_in_world(place, shade.n2);
+    return shade;
+}
+
+// Of a corner, 0 to 2; without length where there is none.
+fn tangent_at(place: Placed, corner: u32) -> vec4<f32> {
+    let t = tangents[3u * place.row + corner];
+    if !HAS_INSTANCES || !place.is_moved {
+        return t;
+    }
+    let along = transform_vector(affine_at(place.instance), t.xyz);
+    let size2 = dot(along, along);
+    return vec4<f32>(select(vec3<f32>(0.0), along * inverseSqrt(max(size2, 1e-30)), size2 > 1e-30), t.w);
+}
+
+// Bound of how far rounding sets a moved triangle off from where rays that start at `position` meet it: its corners are
+// brought to the world (4 roundings of the terms' magnitudes), a ray's origin back to it (4, and 2 of the matrix), and
+// it is intersected there. Doubled and rounded up to 16 of each.
+fn placing_error(place: Placed, position: vec3<f32>) -> vec3<f32> {
+    if !HAS_INSTANCES || !place.is_moved {
+        return vec3<f32>(0.0);
+    }
+    let tri = triangles[place.row];
+    let there = magnitudes(affine_at(place.instance));
+    let back = transform_point(magnitudes(affine_at(place.instance + LOCAL_FROM_WORLD)), abs(position));
+    let corners = transform_point(there, max(max(abs(tri.v0), abs(tri.v1)), abs(tri.v2)));
+    return 16.0 * 5.9604645e-8 * (corners + transform_vector(there, back));
+}
+
+fn magnitudes(m: Affine) -> Affine {
+    return Affine(abs(m.x), abs(m.y), abs(m.z));
+}
+
 fn wrap(coordinate: i32, size: i32, mode: u32) -> i32 {
     if mode == 2u {
         return clamp(coordinate, 0, size - 1);
@@ -148,43 +262,43 @@ fn sample_texture(info: TextureInfo, uv: vec2<f32>) -> vec4<f32> {
     return mix(top, bottom, f.y);
 }
 
-fn interpolate_uv(prim: u32, bary: vec2<f32>, info: TextureInfo) -> vec2<f32> {
+fn interpolate_uv(row: u32, bary: vec2<f32>, info: TextureInfo) -> vec2<f32> {
     let b0 = 1.0 - bary.x - bary.y;
-    let s = shadings[prim];
+    let s = shadings[row];
     var uv = b0 * vec2<f32>(s.u0, s.v0) + bary.x * vec2<f32>(s.u1, s.v1) + bary.y * vec2<f32>(s.u2, s.v2);
     if HAS_SECOND_UVS && (info.flags & TEXTURE_SECOND_UVS) != 0u {
-        uv = b0 * second_uvs[3u * prim] + bary.x * second_uvs[3u * prim + 1u] + bary.y * second_uvs[3u * prim + 2u];
+        uv = b0 * second_uvs[3u * row] + bary.x * second_uvs[3u * row + 1u] + bary.y * second_uvs[3u * row + 2u];
     }
     return vec2<f32>(dot(info.uv_matrix.xy, uv), dot(info.uv_matrix.zw, uv)) + info.uv_offset;
 }
 
-fn texture_at(prim: u32, bary: vec2<f32>, texture: u32) -> vec4<f32> {
+fn texture_at(row: u32, bary: vec2<f32>, texture: u32) -> vec4<f32> {
     let info = textures[texture];
-    return sample_texture(info, interpolate_uv(prim, bary, info));
+    return sample_texture(info, interpolate_uv(row, bary, info));
 }
 
-fn emissive_at(prim: u32, bary: vec2<f32>, m: Material) -> vec3<f32> {
+fn emissive_at(row: u32, bary: vec2<f32>, m: Material) -> vec3<f32> {
     if HAS_TEXTURES && (m.flags & EMISSIVE_TEXTURE) != 0u {
         let after_base = select(0u, 1u, (m.flags & BASE_COLOR_TEXTURE) != 0u);
-        return m.emissive * texture_at(prim, bary, m.first_texture + after_base).rgb;
+        return m.emissive * texture_at(row, bary, m.first_texture + after_base).rgb;
     }
     return m.emissive;
 }
 
 // Without the texture.
-fn base_factor_at(prim: u32, bary: vec2<f32>, m: Material) -> vec4<f32> {
-    if HAS_VERTEX_COLORS && 3u * prim + 2u < arrayLength(&vertex_colors) {
-        return m.base_color * ((1.0 - bary.x - bary.y) * vertex_colors[3u * prim]
-            + bary.x * vertex_colors[3u * prim + 1u]
-            + bary.y * vertex_colors[3u * prim + 2u]);
+fn base_factor_at(row: u32, bary: vec2<f32>, m: Material) -> vec4<f32> {
+    if HAS_VERTEX_COLORS && 3u * row + 2u < arrayLength(&vertex_colors) {
+        return m.base_color * ((1.0 - bary.x - bary.y) * vertex_colors[3u * row]
+            + bary.x * vertex_colors[3u * row + 1u]
+            + bary.y * vertex_colors[3u * row + 2u]);
     }
     return m.base_color;
 }
 
-fn alpha_at(prim: u32, bary: vec2<f32>, m: Material) -> f32 {
-    let factor = base_factor_at(prim, bary, m).a;
+fn alpha_at(row: u32, bary: vec2<f32>, m: Material) -> f32 {
+    let factor = base_factor_at(row, bary, m).a;
     if HAS_TEXTURES && (m.flags & BASE_COLOR_TEXTURE) != 0u {
-        return factor * texture_at(prim, bary, m.first_texture).a;
+        return factor * texture_at(row, bary, m.first_texture).a;
     }
     return factor;
 }
@@ -192,8 +306,9 @@ fn alpha_at(prim: u32, bary: vec2<f32>, m: Material) -> f32 {
 // Whether a ray meets the surface there, where parts of it are cut out or thin. `key` names the ray: the same ray
 // and triangle always decide alike, in whatever order a traversal meets them.
 fn is_covered(prim: u32, bary: vec2<f32>, key: u32) -> bool {
-    let m = materials[triangles[prim].material];
-    let alpha = alpha_at(prim, bary, m);
+    let row = placed(prim).row;
+    let m = materials[triangles[row].material];
+    let alpha = alpha_at(row, bary, m);
     if (m.flags & ALPHA_MASK) != 0u {
         return alpha >= m.alpha_cutoff;
     }

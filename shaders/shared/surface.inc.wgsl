@@ -103,9 +103,9 @@ struct Parameters {
 
 // Textures are looked up in a loop over those that there are: software drivers skip by loops alone, and the code is
 // compiled once.
-fn parameters_at(prim: u32, bary: vec2<f32>, m: Material) -> Parameters {
+fn parameters_at(row: u32, bary: vec2<f32>, m: Material) -> Parameters {
     var p: Parameters;
-    p.base = base_factor_at(prim, bary, m).rgb;
+    p.base = base_factor_at(row, bary, m).rgb;
     p.emissive = m.emissive;
     p.roughness = m.roughness;
     p.metallic = m.metallic;
@@ -119,7 +119,7 @@ fn parameters_at(prim: u32, bary: vec2<f32>, m: Material) -> Parameters {
     }
     for (var i = m.first_texture; i < m.first_texture + m.texture_count; i += 1u) {
         let info = textures[i];
-        let value = sample_texture(info, interpolate_uv(prim, bary, info));
+        let value = sample_texture(info, interpolate_uv(row, bary, info));
         let role = (info.flags >> 8u) & 15u;
         p.base *= select(vec3<f32>(1.0), value.rgb, role == ROLE_BASE_COLOR);
         p.emissive *= select(vec3<f32>(1.0), value.rgb, role == ROLE_EMISSIVE);
@@ -138,9 +138,9 @@ fn parameters_at(prim: u32, bary: vec2<f32>, m: Material) -> Parameters {
 
 // A normal-mapped normal on the front side. The tangent is made perpendicular; where texture coordinates give none, the
 // map has no direction to tilt to and leaves the normal as it is. What it says of the side that the viewer is on is not believed: the normal is bent until it can be seen.
-fn mapped_normal(prim: u32, bary: vec2<f32>, code: vec3<f32>, scale: f32, normal: vec3<f32>, to_viewer: vec3<f32>) -> vec3<f32> {
+fn mapped_normal(place: Placed, bary: vec2<f32>, code: vec3<f32>, scale: f32, normal: vec3<f32>, to_viewer: vec3<f32>) -> vec3<f32> {
     let local = (2.0 * code - 1.0) * vec3<f32>(scale, scale, 1.0);
-    let given = (1.0 - bary.x - bary.y) * tangents[3u * prim] + bary.x * tangents[3u * prim + 1u] + bary.y * tangents[3u * prim + 2u];
+    let given = (1.0 - bary.x - bary.y) * tangent_at(place, 0u) + bary.x * tangent_at(place, 1u) + bary.y * tangent_at(place, 2u);
     let along = given.xyz - normal * dot(normal, given.xyz);
     let size2 = dot(along, along);
     let t = select(vec3<f32>(0.0), along * inverseSqrt(max(size2, 1e-30)), size2 > 1e-12);
@@ -153,7 +153,7 @@ fn mapped_normal(prim: u32, bary: vec2<f32>, code: vec3<f32>, scale: f32, normal
     return select(n, normalize(n + (LEAST - cosine) * to_viewer), cosine < LEAST);
 }
 
-struct Place {
+struct Located {
     position: vec3<f32>,
     error: f32,
 }
@@ -174,7 +174,7 @@ fn unit_normal(tri: Triangle, otherwise: vec3<f32>) -> vec3<f32> {
 // those of the weights, times its edges: on large triangles nothing is left of a coordinate's last digits. The ray
 // followed up to the plane, then put onto it, is off by roundings of its origin and its length, and by those of the
 // plane's distance, drawn out where it grazes. The way with the smaller bound is taken.
-fn locate(tri: Triangle, bary: vec2<f32>, ng: vec3<f32>, origin: vec3<f32>, direction: vec3<f32>) -> Place {
+fn locate(tri: Triangle, bary: vec2<f32>, ng: vec3<f32>, origin: vec3<f32>, direction: vec3<f32>) -> Located {
     let b0 = 1.0 - bary.x - bary.y;
     let mixed = b0 * tri.v0 + bary.x * tri.v1 + bary.y * tri.v2;
     let magnitude = abs(b0 * tri.v0) + abs(bary.x * tri.v1) + abs(bary.y * tri.v2);
@@ -195,19 +195,20 @@ fn locate(tri: Triangle, bary: vec2<f32>, ng: vec3<f32>, origin: vec3<f32>, dire
     // Signed distances from the plane are sums of 3 products of a difference: 4 roundings.
     let plane = 4.0 * dot(abs(ng), abs(position - tri.v0));
     let error = select(14.0 * dot(abs(ng), magnitude), 2.0 * dot(abs(ng), abs(position)) + plane, is_projected) + plane;
-    return Place(position, ROUNDING * error);
+    return Located(position, ROUNDING * error);
 }
 
 fn surface_at(prim: u32, bary: vec2<f32>, origin: vec3<f32>, direction: vec3<f32>) -> Surface {
-    let tri = triangles[prim];
-    let shade = shadings[prim];
+    let place = placed(prim);
+    let tri = triangle_at(place);
+    let shade = shading_at(place);
     let m = materials[tri.material];
     let b0 = 1.0 - bary.x - bary.y;
     var s: Surface;
     let ng = unit_normal(tri, -direction);
-    let place = locate(tri, bary, ng, origin, direction);
-    s.position = place.position;
-    s.error = place.error;
+    let located = locate(tri, bary, ng, origin, direction);
+    s.position = located.position;
+    s.error = located.error + dot(abs(ng), placing_error(place, located.position));
     var ns = b0 * shade.n0 + bary.x * shade.n1 + bary.y * shade.n2;
     let ns_size = length(ns);
     ns = select(ng, ns / ns_size, ns_size > 1e-12);
@@ -216,15 +217,15 @@ fn surface_at(prim: u32, bary: vec2<f32>, origin: vec3<f32>, direction: vec3<f32
     s.geometric_normal = side * ng;
     s.normal = select(s.geometric_normal, side * ns, dot(side * ns, direction) < 0.0);
     s.coat_normal = s.normal;
-    let p = parameters_at(prim, bary, m);
+    let p = parameters_at(place.row, bary, m);
     if HAS_NORMAL_MAPS {
         // The frame belongs to the front; seen from behind, all of it is turned over.
         let viewer = -side * direction;
         if (m.flags & NORMAL_MAP) != 0u {
-            s.normal = side * mapped_normal(prim, bary, p.normal, m.normal_scale, side * s.normal, viewer);
+            s.normal = side * mapped_normal(place, bary, p.normal, m.normal_scale, side * s.normal, viewer);
         }
         if HAS_CLEARCOAT && (m.flags & CLEARCOAT_NORMAL_MAP) != 0u {
-            s.coat_normal = side * mapped_normal(prim, bary, p.coat_normal, m.clearcoat_normal_scale, side * s.coat_normal, viewer);
+            s.coat_normal = side * mapped_normal(place, bary, p.coat_normal, m.clearcoat_normal_scale, side * s.coat_normal, viewer);
         }
     }
     s.material = tri.material;

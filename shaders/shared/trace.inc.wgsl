@@ -7,13 +7,13 @@
 
 struct Hit {
     t: f32,
-    // Index of the triangle in tree order, SPHERE | light, or NO_PRIM.
+    // Number of the triangle, in tree order within its instance, SPHERE | light, or NO_PRIM.
     prim: u32,
     bary: vec2<f32>,
 }
 const SPHERE: u32 = 0x80000000u;
 
-// Deepest tree that `accel` lets through.
+// Deepest tree that `accel` lets through; an instance's own counts together with the one over instances.
 const STACK_SIZE: u32 = 32u;
 
 // Node groups to come back to. Private to the invocation, so that it is zeroed once and not at every traversal: software
@@ -37,15 +37,26 @@ struct Traversal {
     direction: vec3<f32>,
     inverse: vec3<f32>,
     octant: u32,
-    // Orthonormal; the third column is the direction.
+    // Perpendicular columns of one length; the third has the direction. Distances along it count in the direction's lengths.
     frame: mat3x3<f32>,
 }
 
-fn traversal_for(origin: vec3<f32>, direction: vec3<f32>) -> Traversal {
-    let tiny = abs(direction) < vec3<f32>(1e-18);
-    let safe = select(direction, select(vec3<f32>(1e-18), vec3<f32>(-1e-18), direction < vec3<f32>(0.0)), tiny);
+// Not renormalised, so that distances are those in the world.
+fn local_traversal(instance: u32, origin: vec3<f32>, direction: vec3<f32>) -> Traversal {
+    let m = affine_at(instance + LOCAL_FROM_WORLD);
+    let along = transform_vector(m, direction);
+    let scale = 1.0 / length(along);
+    return traversal_for(transform_point(m, origin), along, frame_around(along * scale) * scale);
+}
+
+fn traversal_for(origin: vec3<f32>, direction: vec3<f32>, frame: mat3x3<f32>) -> Traversal {
     let flip = select(vec3<u32>(4u, 2u, 1u), vec3<u32>(0u), direction < vec3<f32>(0.0));
-    return Traversal(origin, direction, 1.0 / safe, (flip.x | flip.y | flip.z) * 0x01010101u, frame_around(direction));
+    return Traversal(origin, direction, inverse_of(direction), (flip.x | flip.y | flip.z) * 0x01010101u, frame);
+}
+
+fn inverse_of(direction: vec3<f32>) -> vec3<f32> {
+    let tiny = abs(direction) < vec3<f32>(1e-18);
+    return 1.0 / select(direction, select(vec3<f32>(1e-18), vec3<f32>(-1e-18), direction < vec3<f32>(0.0)), tiny);
 }
 
 fn hit_children4(child_meta: u32, octant: u32, near: vec4<f32>, far: vec4<f32>) -> u32 {
@@ -94,8 +105,8 @@ fn hit_children(ray: Traversal, n0: vec4<u32>, child_meta: vec2<u32>, node: u32,
 //
 // The distance is that of the plane, which keeps a ray that starts on a large triangle from meeting it again; seen from
 // the edge the plane has none, and the corners' distances are mixed instead. Returns (t, b1, b2); t < 0: missed.
-fn intersect_triangle(ray: Traversal, prim: u32, t_max: f32) -> vec3<f32> {
-    let tri = triangles[prim];
+fn intersect_triangle(ray: Traversal, row: u32, t_max: f32) -> vec3<f32> {
+    let tri = triangles[row];
     let corner = tri.v0 - ray.origin;
     let a = corner * ray.frame;
     let b = (tri.v1 - ray.origin) * ray.frame;
@@ -120,8 +131,8 @@ fn intersect_triangle(ray: Traversal, prim: u32, t_max: f32) -> vec3<f32> {
 }
 
 // Whether a triangle stops every ray, without a look at its alpha.
-fn is_opaque(prim: u32) -> bool {
-    return !HAS_ALPHA || (triangles[prim].flags & TRIANGLE_ALPHA) == 0u;
+fn is_opaque(row: u32) -> bool {
+    return !HAS_ALPHA || (triangles[row].flags & TRIANGLE_ALPHA) == 0u;
 }
 
 // The first triangle up to `t_max` in the order of (distance, index) that comes after `after`, or any opaque one if
@@ -131,13 +142,26 @@ fn is_opaque(prim: u32) -> bool {
 // since software drivers mask branches instead of taking them.
 fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, after: Hit, any: bool) -> Hit {
     var hit = Hit(t_max, NO_PRIM, vec2<f32>(0.0));
-    let ray = traversal_for(origin, direction);
+    let world = traversal_for(origin, direction, frame_around(direction));
+    var ray = world;
     // What has been looked through is not gone through again: where many layers are, a ray's time would grow with their
     // square. The margin is what distances are rounded by, drawn out to an angle of 0.001 with a triangle.
     let t_min = select(0.0, max(after.t * (1.0 - 0x1p-12), 0.0), HAS_ALPHA);
     var top = 0u;
     var group = vec2<u32>(0u, 0x80000000u);
     var is_done = false;
+    // Of the instance that the ray is in. It begins in the first, which is nowhere moved.
+    var is_inside = true;
+    var row_offset = 0u;
+    // Groups below belong to the tree over instances.
+    var base = 0u;
+    // A triangle group whose triangles are instances, still to be entered.
+    var entries = vec2<u32>(0u);
+    if HAS_INSTANCES && frame.instance_count > 1u {
+        stack[0] = vec2<u32>(frame.instance_tree, 0x80000000u);
+        top = 1u;
+        base = 1u;
+    }
     while !is_done {
         var leaf = group;
         if group.y > 0x00ffffffu {
@@ -157,17 +181,49 @@ fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, after: Hit, any
         } else {
             group = vec2<u32>(0u);
         }
+        if HAS_INSTANCES && !is_inside {
+            entries = leaf;
+            leaf.y = 0u;
+            if entries.y != 0u && group.y > 0x00ffffffu && top < STACK_SIZE {
+                stack[top] = group;
+                top += 1u;
+                group.y = 0u;
+            }
+        }
         while leaf.y != 0u {
-            let prim = leaf.x + firstTrailingBit(leaf.y);
+            let row = leaf.x + firstTrailingBit(leaf.y);
             leaf.y &= leaf.y - 1u;
-            let found = intersect_triangle(ray, prim, hit.t);
+            let found = intersect_triangle(ray, row, hit.t);
+            let prim = row - row_offset;
             let is_first = found.x > 0.0 && (found.x < hit.t || prim < hit.prim);
             let is_after = !HAS_ALPHA || found.x > after.t || (found.x == after.t && prim > after.prim);
             if is_first && is_after {
                 hit = Hit(found.x, prim, found.yz);
-                if any && is_opaque(prim) {
+                if any && is_opaque(row) {
                     is_done = true;
                     break;
+                }
+            }
+        }
+        if HAS_INSTANCES {
+            // Whether the ray leaves an instance, or the tree over them for one.
+            let is_through = select(entries.y != 0u, top == base, is_inside);
+            var is_over = group.y <= 0x00ffffffu && is_through && !is_done;
+            // Once, as a loop: software drivers skip no branch.
+            while is_over {
+                is_over = false;
+                is_inside = entries.y != 0u;
+                if is_inside {
+                    let instance = frame.instances + ROWS_PER_INSTANCE * (entries.x + firstTrailingBit(entries.y));
+                    entries.y &= entries.y - 1u;
+                    let header = instance_header(instance);
+                    row_offset = header.y;
+                    group = vec2<u32>(header.z, 0x80000000u);
+                    base = top;
+                    ray = local_traversal(instance, origin, direction);
+                } else {
+                    base = 0u;
+                    ray = world;
                 }
             }
         }
@@ -184,7 +240,7 @@ fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, after: Hit, any
 // Barycentrics (b1, b2) of a hit, from edge functions on vertices relative to the hit itself: relative to the ray's
 // origin, their rounding errors grow with the square of the distance, which small and distant triangles show.
 fn hit_barycentrics(origin: vec3<f32>, direction: vec3<f32>, hit: Hit) -> vec2<f32> {
-    let tri = triangles[hit.prim];
+    let tri = triangle_at(placed(hit.prim));
     let p = origin + direction * hit.t;
     let a = tri.v0 - p;
     let b = tri.v1 - p;
@@ -204,7 +260,7 @@ fn hit_barycentrics(origin: vec3<f32>, direction: vec3<f32>, hit: Hit) -> vec2<f
 // depth-first order and say where to go on a miss, see `emitters/sphere_tree.rs`.
 fn traverse_spheres(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, except: u32, any: bool) -> Hit {
     var hit = Hit(t_max, NO_PRIM, vec2<f32>(0.0));
-    let inverse = traversal_for(origin, direction).inverse;
+    let inverse = inverse_of(direction);
     var row = frame.sphere_tree;
     while row < frame.sphere_tree_end {
         let low = tree_row(row);
@@ -236,7 +292,7 @@ fn trace_closest(origin: vec3<f32>, direction: vec3<f32>, key: u32) -> Hit {
     var is_settled = false;
     for (var layer = 0u; layer < MAX_LAYERS && !is_settled; layer += 1u) {
         hit = traverse(origin, direction, 3.0e38, hit, false);
-        is_settled = !HAS_ALPHA || hit.prim == NO_PRIM || is_opaque(hit.prim) || is_covered(hit.prim, hit.bary, key);
+        is_settled = !HAS_ALPHA || hit.prim == NO_PRIM || is_opaque(placed(hit.prim).row) || is_covered(hit.prim, hit.bary, key);
     }
     was_cut_short = was_cut_short || !is_settled;
     if hit.prim != NO_PRIM {
@@ -262,7 +318,7 @@ fn is_occluded(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, except: u32,
     var is_settled = false;
     for (var layer = 0u; layer < MAX_LAYERS && !is_settled; layer += 1u) {
         hit = traverse(origin, direction, t_max, hit, true);
-        is_settled = !HAS_ALPHA || hit.prim == NO_PRIM || is_opaque(hit.prim) || is_covered(hit.prim, hit.bary, key);
+        is_settled = !HAS_ALPHA || hit.prim == NO_PRIM || is_opaque(placed(hit.prim).row) || is_covered(hit.prim, hit.bary, key);
     }
     was_cut_short = was_cut_short || !is_settled;
     return hit.prim != NO_PRIM;

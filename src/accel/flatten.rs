@@ -1,10 +1,11 @@
-//! Instances to one list of world-space triangles.
+//! Instances to one list of world-space triangles, or a mesh to one of its own space.
 
 use glam::{Affine3A, DVec3, Mat3, Vec2, Vec3};
 
 use super::{Shading, TRIANGLE_ALPHA, Triangle};
 use crate::scene::{AlphaMode, Instance, Material, Mesh, Scene};
 
+#[derive(Default)]
 pub(super) struct Flat {
     pub triangles: Vec<Triangle>,
     pub shadings: Vec<Shading>,
@@ -18,51 +19,77 @@ pub(super) struct Flat {
 }
 
 /// Which attributes the scene has at all: an array is full or empty.
-struct Present {
+#[derive(Clone, Copy)]
+pub(super) struct Present {
     colors: bool,
     second_uvs: bool,
     tangents: bool,
 }
 
-/// Positions are relative to `origin`.
-pub(super) fn flatten(scene: &Scene, origin: DVec3) -> Flat {
-    let any = |has: fn(&Mesh) -> bool| scene.instances.iter().any(|i| has(&scene.meshes[i.mesh]));
-    let present = Present {
-        colors: any(|m| !m.colors.is_empty()),
-        second_uvs: scene.instances.iter().any(|i| scene.materials[scene.meshes[i.mesh].material].uses_uv_set(1)),
-        tangents: any(|m| !m.tangents.is_empty()),
-    };
-    let count = scene.triangle_count();
-    let room = |present: bool| if present { count } else { 0 };
-    let mut flat = Flat {
-        triangles: Vec::with_capacity(count),
-        shadings: Vec::with_capacity(count),
-        colors: Vec::with_capacity(room(present.colors)),
-        second_uvs: Vec::with_capacity(room(present.second_uvs)),
-        tangents: Vec::with_capacity(room(present.tangents)),
-        dropped: 0,
-    };
-    for instance in &scene.instances {
+impl Present {
+    pub fn of(scene: &Scene) -> Self {
+        let any = |has: fn(&Mesh) -> bool| scene.instances.iter().any(|i| has(&scene.meshes[i.mesh]));
+        Self {
+            colors: any(|m| !m.colors.is_empty()),
+            second_uvs: scene.instances.iter().any(|i| scene.materials[scene.meshes[i.mesh].material].uses_uv_set(1)),
+            tangents: any(|m| !m.tangents.is_empty()),
+        }
+    }
+}
+
+/// What an instance's positions are transformed by, relative to `origin`.
+pub(super) fn near_from_local(instance: &Instance, origin: DVec3) -> Affine3A {
+    let translation = Vec3::from(instance.world_from_local.translation).as_dvec3() - origin;
+    Affine3A { translation: translation.as_vec3a(), ..instance.world_from_local }
+}
+
+/// These instances in world space. Positions are relative to `origin`.
+pub(super) fn flatten<'a>(
+    scene: &Scene,
+    instances: impl Iterator<Item = &'a Instance>,
+    origin: DVec3,
+    present: &Present,
+) -> Flat {
+    let mut flat = Flat::default();
+    for instance in instances {
         let mesh = &scene.meshes[instance.mesh];
-        let place = &instance.world_from_local;
-        let translation = Vec3::from(place.translation).as_dvec3() - origin;
-        let near_from_local = Affine3A { translation: translation.as_vec3a(), ..*place };
-        let instance = &Instance { world_from_local: near_from_local, ..*instance };
-        push_instance(&mut flat, instance, mesh, &scene.materials[mesh.material], &present);
+        let place = near_from_local(instance, origin);
+        let mirrored = place.matrix3.determinant() < 0.0;
+        push_instance(&mut flat, &place, mirrored, mesh, &scene.materials[mesh.material], present);
     }
     flat
 }
 
-fn push_instance(flat: &mut Flat, instance: &Instance, mesh: &Mesh, material: &Material, present: &Present) {
-    let linear = Mat3::from(instance.world_from_local.matrix3);
-    let mirrored = linear.determinant() < 0.0;
+/// A mesh in its own space, as instances take it that are mirrored or not: wound such that the corners are
+/// counter-clockwise where it is put, and with normals that the inverse transpose brings there.
+pub(super) fn local(scene: &Scene, mesh: usize, mirrored: bool, present: &Present) -> Flat {
+    let mut flat = Flat::default();
+    let mesh = &scene.meshes[mesh];
+    let material = &scene.materials[mesh.material];
+    push_instance(&mut flat, &Affine3A::IDENTITY, mirrored, mesh, material, present);
+    if mirrored {
+        // They were turned by the cofactor matrix, which the determinant's sign is in.
+        flat.shadings.iter_mut().for_each(|s| [s.n0, s.n1, s.n2] = [-s.n0, -s.n1, -s.n2]);
+    }
+    flat
+}
+
+fn push_instance(
+    flat: &mut Flat,
+    place: &Affine3A,
+    mirrored: bool,
+    mesh: &Mesh,
+    material: &Material,
+    present: &Present,
+) {
+    let linear = Mat3::from(place.matrix3);
     // The cofactor matrix: the inverse transpose up to a factor, defined for flattened (singular) transforms too.
     let cofactor = Mat3::from_cols(
         linear.y_axis.cross(linear.z_axis),
         linear.z_axis.cross(linear.x_axis),
         linear.x_axis.cross(linear.y_axis),
     ) * if mirrored { -1.0 } else { 1.0 };
-    let world: Vec<Vec3> = mesh.positions.iter().map(|&p| instance.world_from_local.transform_point3(p)).collect();
+    let world: Vec<Vec3> = mesh.positions.iter().map(|&p| place.transform_point3(p)).collect();
     let flags = if material.alpha_mode == AlphaMode::Opaque { 0 } else { TRIANGLE_ALPHA };
     // A mirrored frame is left-handed: the bitangent's sign turns with it.
     let handedness = if mirrored { -1.0 } else { 1.0 };
@@ -119,6 +146,10 @@ mod tests {
 
     use super::*;
     use crate::scene::{Environment, NormalMap, TextureRef};
+
+    fn flatten(scene: &Scene) -> Flat {
+        super::flatten(scene, scene.instances.iter(), DVec3::ZERO, &Present::of(scene))
+    }
 
     /// A triangle with a frame of its own at each corner, and a bare one beside it.
     fn scene(world_from_local: Affine3A, uv_set: usize) -> Scene {

@@ -1,16 +1,21 @@
 //! How rays find it: instanced meshes flattened to world space under one compressed wide BVH, in the layout that
-//! `shaders/shared/trace.inc.wgsl` walks.
+//! `shaders/shared/trace.inc.wgsl` walks. Where that would take too much memory, meshes that several instances share
+//! keep their own space and a tree each, under a second tree over the instances.
 //!
-//! Triangles are stored in tree order, so a leaf's triangle index is the triangle's index everywhere.
+//! Triangles are stored in tree order, so a leaf's triangle index is the triangle's row in every table.
 
 mod flatten;
+mod instances;
 
 use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 use obvhs::BvhBuildParams;
 use obvhs::cwbvh::CwBvh;
-use obvhs::cwbvh::builder::build_cwbvh_from_tris;
+use obvhs::cwbvh::builder::{build_cwbvh, build_cwbvh_from_tris};
 
+use self::flatten::{Flat, Present};
+pub use self::instances::Instance;
+use self::instances::{Division, Shared};
 use crate::scene::{Bounds, Scene};
 
 /// Deepest tree the shader's stack holds; `STACK_SIZE` there.
@@ -18,6 +23,9 @@ const MAX_DEPTH: usize = 32;
 
 /// Most triangles: their tables take 112 bytes each on the host and on every device, 7 GiB in all.
 const MAX_TRIANGLES: usize = 1 << 26;
+
+/// Most triangles after instancing: numbers from there on name spheres.
+const MAX_PRIMS: usize = 1 << 31;
 
 /// Largest coordinate: the tree's costs are sums of areas, which must not overflow.
 const MAX_REACH: f64 = 1e14;
@@ -63,10 +71,24 @@ pub struct Shading {
 /// A node: 80 bytes, as obvhs packs them.
 pub type Node = [u32; 20];
 
-/// A scene's triangles and the tree over them.
+/// How instances are stored.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Layout {
+    /// Flat, unless the tables would be large and instances make them much smaller.
+    #[default]
+    Auto,
+    /// All triangles in world space under one tree.
+    Flat,
+    /// Whatever instances share is stored once.
+    TwoLevel,
+}
+
+/// A scene's triangles and the trees over them.
 #[derive(Debug)]
 pub struct Accel {
+    /// The first node is the root over the flattened triangles.
     pub nodes: Vec<Node>,
+    /// The flattened triangles, then those of shared meshes.
     pub triangles: Vec<Triangle>,
     pub shadings: Vec<Shading>,
     /// Three linear RGBA colours a triangle, or none at all.
@@ -75,7 +97,11 @@ pub struct Accel {
     pub second_uvs: Vec<[f32; 2]>,
     /// Three tangents a triangle with the bitangent's sign in w, or none at all.
     pub tangents: Vec<[f32; 4]>,
-    /// Triangles without area, which no ray can meet.
+    /// [`Instance::STILL`], then those of shared meshes in the order of the tree over them.
+    pub instances: Vec<Instance>,
+    /// Root of the tree over instances, if there are several; its leaves count [`Self::instances`].
+    pub instance_tree: u32,
+    /// Stored triangles without area, which no ray can meet: they are left out.
     pub dropped: usize,
     /// What all positions on a device are relative to: (0, 0, 0) unless the scene stands far from there, where f32
     /// would round positions coarsely.
@@ -89,9 +115,13 @@ pub enum AccelError {
     )]
     TooDeep { depth: usize },
     #[error(
-        "the scene has {0} triangles after instancing, more than the {MAX_TRIANGLES} that fit into memory: simplify it"
+        "the scene has {0} triangles, those that instances share counted once, more than the {MAX_TRIANGLES} that fit into memory: simplify it"
     )]
     TooMany(usize),
+    #[error(
+        "the scene has {0} triangles after instancing, more than the {MAX_PRIMS} that can be told apart: simplify it"
+    )]
+    TooManyInstances(usize),
     #[error(
         "the scene reaches to {0:e} units, more than the {MAX_REACH:e} that areas can be reckoned with: scale it down"
     )]
@@ -99,63 +129,159 @@ pub enum AccelError {
 }
 
 impl Accel {
-    /// Flattens and builds. Deterministic: the same scene gives the same tree.
+    /// [`Self::build_with`] [`Layout::Auto`].
+    ///
+    /// # Errors
+    /// If the scene is too large for the tables or the tree too deep for rays.
     pub fn build(scene: &Scene) -> Result<Self, AccelError> {
-        if scene.triangle_count() > MAX_TRIANGLES {
-            return Err(AccelError::TooMany(scene.triangle_count()));
-        }
-        let bounds = scene.bounds();
-        let origin = origin_for(bounds);
-        if scene.triangle_count() > 0 {
-            let farthest = |corner: Vec3| (corner.as_dvec3() - origin).abs().max_element();
-            let reach = farthest(bounds.min).max(farthest(bounds.max));
-            if reach > MAX_REACH {
-                return Err(AccelError::TooLarge(reach));
-            }
-        }
-        let flat = flatten::flatten(scene, origin);
-        if flat.triangles.is_empty() {
-            // One node without children: every ray misses it.
-            return Ok(Self { nodes: vec![[0; 20]], dropped: flat.dropped, origin, ..Self::placeholder() });
-        }
-        let boxes: Vec<_> = flat
-            .triangles
-            .iter()
-            .map(|t| obvhs::triangle::Triangle { v0: t.v0.into(), v1: t.v1.into(), v2: t.v2.into() })
-            .collect();
-        let params = BvhBuildParams { pre_split: false, max_prims_per_leaf: 3, ..BvhBuildParams::slow_build() };
-        let bvh = build_cwbvh_from_tris(&boxes, params, &mut Default::default());
-        let depth = depth(&bvh);
-        if depth > MAX_DEPTH {
-            return Err(AccelError::TooDeep { depth });
-        }
-        let order = &bvh.primitive_indices;
-        let pick = |i: &u32| *i as usize;
-        Ok(Self {
-            nodes: bytemuck::cast_slice(&bvh.nodes).to_vec(),
-            triangles: order.iter().map(|i| flat.triangles[pick(i)]).collect(),
-            shadings: order.iter().map(|i| flat.shadings[pick(i)]).collect(),
-            colors: corners(order, &flat.colors),
-            second_uvs: corners(order, &flat.second_uvs),
-            tangents: corners(order, &flat.tangents),
-            dropped: flat.dropped,
-            origin,
-        })
+        Self::build_with(scene, Layout::Auto)
     }
 
-    /// Tables that are never empty, since no buffer may be.
-    fn placeholder() -> Self {
+    /// Deterministic: the same scene gives the same trees.
+    ///
+    /// # Errors
+    /// If the scene is too large for the tables or the trees too deep for rays.
+    pub fn build_with(scene: &Scene, layout: Layout) -> Result<Self, AccelError> {
+        let count = scene.triangle_count();
+        if count >= MAX_PRIMS {
+            return Err(AccelError::TooManyInstances(count));
+        }
+        let origin = checked_origin(scene)?;
+        let division = Division::new(scene, origin, layout);
+        let stored = division.stored_triangles(scene);
+        if stored > MAX_TRIANGLES {
+            return Err(AccelError::TooMany(stored));
+        }
+        let present = Present::of(scene);
+        let mut accel = Self { origin, ..Self::empty() };
+        let flat = accel.push_tree(&flatten::flatten(scene, division.flat(scene), origin, &present))?;
+        let levels = if division.shared.is_empty() {
+            flat.levels
+        } else {
+            // The root over instances waits while the flattened triangles are looked through.
+            (flat.levels + 1).max(accel.push_instances(scene, &division.shared, &present)?)
+        };
+        if levels > MAX_DEPTH {
+            return Err(AccelError::TooDeep { depth: levels });
+        }
+        if accel.triangles.is_empty() {
+            // No buffer may be empty.
+            accel.triangles.push(Triangle::default());
+            accel.shadings.push(Shading::default());
+        }
+        Ok(accel)
+    }
+
+    fn empty() -> Self {
         Self {
             nodes: Vec::new(),
-            triangles: vec![Triangle::default()],
-            shadings: vec![Shading::default()],
+            triangles: Vec::new(),
+            shadings: Vec::new(),
             colors: Vec::new(),
             second_uvs: Vec::new(),
             tangents: Vec::new(),
+            instances: vec![Instance::STILL],
+            instance_tree: 0,
             dropped: 0,
             origin: DVec3::ZERO,
         }
     }
+
+    /// Adds triangles, in tree order, and the tree over them.
+    fn push_tree(&mut self, flat: &Flat) -> Result<Tree, AccelError> {
+        self.dropped += flat.dropped;
+        let tree = Tree {
+            root: self.nodes.len() as u32,
+            first_row: self.triangles.len() as u32,
+            triangles: flat.triangles.len() as u32,
+            levels: 1,
+        };
+        if flat.triangles.is_empty() {
+            // One node without children: every ray misses it.
+            self.nodes.push(Node::default());
+            return Ok(tree);
+        }
+        let corners_of = |t: &Triangle| obvhs::triangle::Triangle { v0: t.v0.into(), v1: t.v1.into(), v2: t.v2.into() };
+        let boxes: Vec<_> = flat.triangles.iter().map(corners_of).collect();
+        let params = BvhBuildParams { pre_split: false, max_prims_per_leaf: 3, ..BvhBuildParams::slow_build() };
+        let bvh = build_cwbvh_from_tris(&boxes, params, &mut Default::default());
+        let levels = self.push_nodes(&bvh, tree.first_row)?;
+        let order = &bvh.primitive_indices;
+        self.triangles.extend(order.iter().map(|&i| flat.triangles[i as usize]));
+        self.shadings.extend(order.iter().map(|&i| flat.shadings[i as usize]));
+        self.colors.extend(corners(order, &flat.colors));
+        self.second_uvs.extend(corners(order, &flat.second_uvs));
+        self.tangents.extend(corners(order, &flat.tangents));
+        Ok(Tree { levels, ..tree })
+    }
+
+    /// Adds shared meshes with a tree each, their instances and the tree over those; returns how many levels it has
+    /// together with the deepest of the meshes'.
+    fn push_instances(&mut self, scene: &Scene, shared: &[Shared], present: &Present) -> Result<usize, AccelError> {
+        let flattened = self.triangles.len() as u32;
+        let (mut boxes, mut places, mut deepest) = (Vec::new(), Vec::new(), 0);
+        for Shared { mesh, mirrored, places: of_mesh } in shared {
+            let tree = self.push_tree(&flatten::local(scene, *mesh, *mirrored, present))?;
+            deepest = deepest.max(tree.levels);
+            for place in of_mesh.iter().filter(|_| tree.triangles > 0) {
+                boxes.push(instances::bounds(&scene.meshes[*mesh], place));
+                places.push((place, tree));
+            }
+        }
+        if boxes.is_empty() {
+            return Ok(deepest);
+        }
+        let params = BvhBuildParams { max_prims_per_leaf: 1, ..BvhBuildParams::slow_build() };
+        let bvh = build_cwbvh(&boxes, params, &mut Default::default());
+        self.instance_tree = self.nodes.len() as u32;
+        let levels = self.push_nodes(&bvh, self.instances.len() as u32)?;
+        let mut first_prim = flattened;
+        for &i in &bvh.primitive_indices {
+            let (place, tree) = places[i as usize];
+            self.instances.push(Instance::new(place, first_prim, tree.first_row, tree.root));
+            first_prim += tree.triangles;
+        }
+        Ok(levels + deepest)
+    }
+
+    /// Adds a tree's nodes, whose leaves count from `first`; returns its levels.
+    fn push_nodes(&mut self, bvh: &CwBvh, first: u32) -> Result<usize, AccelError> {
+        let depth = depth(bvh);
+        if depth > MAX_DEPTH {
+            return Err(AccelError::TooDeep { depth });
+        }
+        let root = self.nodes.len() as u32;
+        self.nodes.extend(bvh.nodes.iter().map(|node| {
+            let mut node = *node;
+            node.child_base_idx = node.child_base_idx.wrapping_add(root);
+            node.primitive_base_idx = node.primitive_base_idx.wrapping_add(first);
+            bytemuck::cast::<_, Node>(node)
+        }));
+        Ok(depth)
+    }
+}
+
+/// A tree in the tables.
+#[derive(Clone, Copy, Debug)]
+struct Tree {
+    root: u32,
+    first_row: u32,
+    triangles: u32,
+    levels: usize,
+}
+
+/// Where positions are counted from.
+fn checked_origin(scene: &Scene) -> Result<DVec3, AccelError> {
+    let bounds = scene.bounds();
+    let origin = origin_for(bounds);
+    if scene.triangle_count() > 0 {
+        let farthest = |corner: Vec3| (corner.as_dvec3() - origin).abs().max_element();
+        let reach = farthest(bounds.min).max(farthest(bounds.max));
+        if reach > MAX_REACH {
+            return Err(AccelError::TooLarge(reach));
+        }
+    }
+    Ok(origin)
 }
 
 /// The corners of each triangle in tree order; none where there are none.
@@ -199,6 +325,15 @@ mod tests {
         let accel = Accel::build(&scene).unwrap();
         assert_eq!(accel.triangles.len() + accel.dropped, scene.triangle_count());
         assert!(accel.triangles.iter().all(|t| t.area() > 0.0));
+    }
+
+    #[test]
+    fn more_triangles_than_numbers_are_refused() {
+        let mut scene = (builtin::find("cornell").unwrap().build)();
+        let mesh = scene.instances[0].mesh;
+        scene.meshes[mesh].triangles = vec![[0, 1, 2]; 1 << 20];
+        scene.instances = vec![scene.instances[0]; 1 << 11];
+        assert!(matches!(Accel::build(&scene), Err(AccelError::TooManyInstances(count)) if count == MAX_PRIMS));
     }
 
     #[test]

@@ -30,12 +30,12 @@ pub struct Loaded {
 pub fn load(options: &RunOptions) -> Result<Loaded, Failure> {
     let _span = tracing::info_span!("load scene").entered();
     let (shot, scene) = load_shot(&options.shot)?;
-    let needs = SceneNeeds::of(&scene);
     let accel = {
         let _span = tracing::info_span!("build tree").entered();
         Accel::build(&scene)?
     };
     let tables = SceneTables::new(&scene, accel).map_err(|e| Failure::Input(e.into()))?;
+    let needs = SceneNeeds { instances: tables.has_instances(), ..SceneNeeds::of(&scene) };
     Ok(Loaded { shot, scene, needs, tables: Arc::new(tables) })
 }
 

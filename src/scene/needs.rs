@@ -24,6 +24,8 @@ pub struct SceneNeeds {
     pub directional: bool,
     pub constant_environment: bool,
     pub environment_map: bool,
+    /// Meshes that rays meet in their own space. Not the scene's to say but that of the tables made for it, which add it.
+    pub instances: bool,
 }
 
 impl SceneNeeds {
@@ -44,6 +46,7 @@ impl SceneNeeds {
         directional: true,
         constant_environment: true,
         environment_map: true,
+        instances: true,
     };
 
     pub fn of(scene: &Scene) -> Self {
@@ -69,11 +72,12 @@ impl SceneNeeds {
             directional: scene.lights.iter().any(|l| radius(&l.kind).is_none()),
             constant_environment: matches!(scene.environment, Environment::Constant(c) if c != glam::Vec3::ZERO),
             environment_map: matches!(scene.environment, Environment::Map { .. }),
+            instances: false,
         }
     }
 
     /// Names and values, as the shaders' override constants have them.
-    pub fn constants(&self) -> [(&'static str, bool); 15] {
+    pub fn constants(&self) -> [(&'static str, bool); 16] {
         [
             ("HAS_TEXTURES", self.textures),
             ("HAS_SECOND_UVS", self.second_uvs),
@@ -90,6 +94,7 @@ impl SceneNeeds {
             ("HAS_DIRECTIONAL", self.directional),
             ("HAS_CONSTANT_ENV", self.constant_environment),
             ("HAS_ENV_MAP", self.environment_map),
+            ("HAS_INSTANCES", self.instances),
         ]
     }
 }

@@ -60,9 +60,11 @@ pub struct Frame {
     pub env_grid_width: u32,
     pub env_grid_height: u32,
     pub sample_base: u32,
-    pub pad0: u32,
+    pub instances: u32,
     pub world_origin: Vec3,
-    pub pad: u32,
+    pub instance_tree: u32,
+    pub instance_count: u32,
+    pub pad: [u32; 3],
 }
 
 /// Constants of a dispatch; `Pass` in `frame.inc.wgsl`.

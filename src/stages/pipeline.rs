@@ -112,10 +112,11 @@ impl DeviceStages {
     /// Makes images, scene tables and the pipelines of `stages`.
     pub fn new(
         gpu: &GpuDevice,
-        settings: StageSettings,
+        mut settings: StageSettings,
         tables: &SceneTables,
         stages: &[Stage],
     ) -> Result<Self, StageError> {
+        settings.needs.instances |= tables.has_instances();
         let images = Images::new(gpu, settings.extent, settings.aovs.len() as u8)?;
         let scene = SceneBuffers::new(gpu, tables)?;
         let frame = uniform(gpu, "frame", size_of::<Frame>());

@@ -6,7 +6,7 @@ use glam::{DVec3, Vec3, Vec4};
 use wgpu::util::DeviceExt;
 
 use super::albedo_table;
-use super::emitters::Emitters;
+use super::emitters::{self, Emitters};
 use super::layout::{
     self, ALPHA_BLEND, ALPHA_MASK, BASE_COLOR_TEXTURE, CLEARCOAT_NORMAL_MAP, DOUBLE_SIDED, EMISSIVE_TEXTURE,
     NORMAL_MAP, THICK, TextureInfo, TextureRole, UNLIT,
@@ -38,6 +38,8 @@ pub enum TableError {
 /// Tables of one scene, the same for every device.
 pub struct SceneTables {
     accel: Accel,
+    /// First row of the instances in the table of nodes.
+    instances: u32,
     has_surfaces: bool,
     materials: Vec<layout::Material>,
     textures: Vec<TextureInfo>,
@@ -56,6 +58,8 @@ impl SceneTables {
     pub fn new(scene: &Scene, mut accel: Accel) -> Result<Self, TableError> {
         let has_surfaces = accel.nodes.len() > 1 || accel.nodes[0] != [0; 20];
         let emitters = Emitters::new(scene, &mut accel);
+        let instances = emitters::rows(&accel.nodes);
+        emitters::append(&mut accel.nodes, bytemuck::cast_slice(&accel.instances));
         let mut firsts = Vec::with_capacity(scene.images.len());
         let mut texels: Vec<[u8; 4]> = Vec::new();
         for image in &scene.images {
@@ -69,12 +73,16 @@ impl SceneTables {
         let mut table = TextureTable { scene, firsts, infos: Vec::new() };
         let materials: Vec<_> = scene.materials.iter().map(|m| table.material(m)).collect();
         let textures = table.infos;
-        Ok(Self { accel, has_surfaces, materials, textures, texels, emitters, environment: scene.environment.clone() })
+        let environment = scene.environment.clone();
+        Ok(Self { accel, instances, has_surfaces, materials, textures, texels, emitters, environment })
     }
 
     /// Fills in what the scene says about a frame.
     pub fn describe(&self, frame: &mut layout::Frame) {
         frame.world_origin = self.accel.origin.as_vec3();
+        frame.instances = self.instances;
+        frame.instance_count = self.accel.instances.len() as u32;
+        frame.instance_tree = self.accel.instance_tree;
         self.emitters.describe(frame);
         match &self.environment {
             Environment::Black => {}
@@ -90,6 +98,11 @@ impl SceneTables {
     /// Where the tables' (0, 0, 0) is in the world.
     pub fn origin(&self) -> DVec3 {
         self.accel.origin
+    }
+
+    /// Whether rays meet some triangles by way of their instances.
+    pub fn has_instances(&self) -> bool {
+        self.accel.instances.len() > 1
     }
 
     /// Whether there is anything that could reflect light.

@@ -82,7 +82,10 @@ fn host_structs_lie_as_shaders_read_them() {
             env_grid_width = "env_grid_width",
             env_grid_height = "env_grid_height",
             sample_base = "sample_base",
-            world_origin = "world_origin"
+            instances = "instances",
+            world_origin = "world_origin",
+            instance_tree = "instance_tree",
+            instance_count = "instance_count"
         ]
     );
     same_layout!(
@@ -167,6 +170,15 @@ fn host_structs_lie_as_shaders_read_them() {
         crate::accel::Shading,
         [n0 = "n0", u0 = "u0", n1 = "n1", v0 = "v0", n2 = "n2", u1 = "u1", v1 = "v1", u2 = "u2", v2 = "v2"]
     );
+}
+
+#[test]
+fn instances_take_the_rows_that_shaders_count() {
+    let m = module("path_trace");
+    let rows = m.constants.iter().find(|(_, c)| c.name.as_deref() == Some("ROWS_PER_INSTANCE")).expect("is declared").1;
+    let bytes = size_of::<crate::accel::Instance>() as u32;
+    assert_eq!(m.global_expressions[rows.init], naga::Expression::Literal(naga::Literal::U32(bytes / 16)));
+    assert_eq!(bytes % 16, 0);
 }
 
 #[test]

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use diptych::accel::Accel;
+use diptych::accel::{Accel, Layout};
 use diptych::device::{self, Selection, ShaderChecks};
 use diptych::exec::{FrameReport, RenderSettings, Renderer, Stereo};
 use diptych::graph::{HaloPlan, Seam};
@@ -29,7 +29,11 @@ pub struct Subject {
 
 impl Subject {
     pub fn new(name: &str, scene: Scene, rig: Rig) -> Self {
-        let accel = Accel::build(&scene).unwrap_or_else(|e| panic!("{name}: {e}"));
+        Self::laid_out(name, scene, rig, Layout::Auto)
+    }
+
+    pub fn laid_out(name: &str, scene: Scene, rig: Rig, layout: Layout) -> Self {
+        let accel = Accel::build_with(&scene, layout).unwrap_or_else(|e| panic!("{name}: {e}"));
         let tables = SceneTables::new(&scene, accel).unwrap_or_else(|e| panic!("{name}: {e}"));
         Self { name: name.to_owned(), needs: SceneNeeds::of(&scene), scene, rig, tables: Arc::new(tables) }
     }

@@ -259,7 +259,8 @@ fn pack(lights: &[Bounds], members: &[usize], total: f64, next: u32) -> Node {
         centre.x.to_bits(),
         centre.y.to_bits(),
         centre.z.to_bits(),
-        ((radius * (1.0 + 1e-6)) as f32).to_bits(),
+        // A radius that f32 has no number for is not to become none.
+        ((radius * (1.0 + 1e-6)).max(if radius > 0.0 { f64::from(f32::MIN_POSITIVE) } else { 0.0 }) as f32).to_bits(),
         ((cluster.power / total).max(LEAST_POWER) as f32).to_bits(),
         axis,
         floor_snorm(cosine(normals)) | floor_snorm(cosine(cone.emission)) << 16,

@@ -85,10 +85,10 @@ impl Emitters {
         let first_row = rows(&accel.nodes);
         let nodes = sphere_tree::build(&balls, first_row);
         out.sphere_rows = [first_row, first_row + sphere_tree::ROWS * nodes.len() as u32];
-        append(&mut accel.nodes, &nodes);
+        append(&mut accel.nodes, nodes.as_flattened());
         let LightTree { nodes, trails } = light_tree::build(&bounds);
         out.light_tree = rows(&accel.nodes);
-        append(&mut accel.nodes, &nodes);
+        append(&mut accel.nodes, nodes.as_flattened());
         lights.iter_mut().zip(trails).for_each(|(light, trail)| light.trail = trail);
         set_picks(&mut directional, out.local_count);
         lights.extend(directional);
@@ -205,13 +205,13 @@ fn set_picks(lights: &mut [Light], first: u32) {
 }
 
 /// Shaders read the table of nodes in rows of 16 bytes.
-fn rows(nodes: &[Node]) -> u32 {
+pub(super) fn rows(nodes: &[Node]) -> u32 {
     (size_of_val(nodes) / 16) as u32
 }
 
-/// Puts nodes of another size behind those of the triangles' tree.
-fn append(table: &mut Vec<Node>, nodes: &[[u32; 8]]) {
-    for words in nodes.as_flattened().chunks(size_of::<Node>() / 4) {
+/// Puts what has another size behind the nodes of the triangles' trees.
+pub(super) fn append(table: &mut Vec<Node>, words: &[u32]) {
+    for words in words.chunks(size_of::<Node>() / 4) {
         let mut whole = Node::default();
         whole[..words.len()].copy_from_slice(words);
         table.push(whole);
