@@ -10,6 +10,7 @@ use bytemuck::Zeroable;
 use diptych::accel::{Accel, Node, Triangle};
 use diptych::device::{self, GpuDevice, Selection};
 use diptych::scene::Mesh;
+use diptych::stages::layout::Frame;
 use glam::{Vec3, vec3};
 use reference::sampling::Rng;
 use reference::scenes::{add_matte, empty, icosphere, place};

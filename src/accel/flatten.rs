@@ -187,17 +187,13 @@ mod tests {
         normal.cross(tangent.truncate()) * tangent.w
     }
 
-    fn flattened(scene: &Scene) -> Flat {
-        flatten(scene, DVec3::ZERO)
-    }
-
     #[test]
     fn frames_turn_stretch_and_mirror_with_their_instance() {
-        let still = flattened(&scene(Affine3A::IDENTITY, 1));
+        let still = flatten(&scene(Affine3A::IDENTITY, 1));
         for scale in [Vec3::ONE, Vec3::new(-1.0, 1.0, 1.0), Vec3::new(2.0, 2.0, -2.0), Vec3::splat(-3.0)] {
             let turn = Quat::from_rotation_y(0.7) * Quat::from_rotation_z(-0.4);
             let world = Affine3A::from_scale_rotation_translation(scale, turn, Vec3::ONE);
-            let flat = flattened(&scene(world, 1));
+            let flat = flatten(&scene(world, 1));
             let corners = if scale.element_product() < 0.0 { [0, 2, 1] } else { [0, 1, 2] };
             let normals = |f: &Flat| [f.shadings[0].n0, f.shadings[0].n1, f.shadings[0].n2];
             for (now, before) in corners.into_iter().enumerate() {
@@ -214,21 +210,21 @@ mod tests {
 
     #[test]
     fn tangents_stay_perpendicular_under_uneven_scale() {
-        let flat = flattened(&scene(Affine3A::from_scale(Vec3::new(5.0, 1.0, 0.5)), 1));
+        let flat = flatten(&scene(Affine3A::from_scale(Vec3::new(5.0, 1.0, 0.5)), 1));
         let (n, t) = (flat.shadings[0].n2, Vec4::from_array(flat.tangents[0][2]).truncate());
         assert!(n.dot(t).abs() < 1e-6 && (t.length() - 1.0).abs() < 1e-6, "{n} {t}");
     }
 
     #[test]
     fn attributes_are_full_or_empty() {
-        let flat = flattened(&scene(Affine3A::IDENTITY, 1));
+        let flat = flatten(&scene(Affine3A::IDENTITY, 1));
         assert_eq!((flat.tangents.len(), flat.second_uvs.len(), flat.colors.len()), (2, 2, 0));
         assert_eq!((flat.tangents[1], flat.second_uvs[1]), ([[0.0; 4]; 3], [[0.0; 2]; 3]));
         // Coordinates that no material of an instance is on are not kept.
-        assert!(flattened(&scene(Affine3A::IDENTITY, 0)).second_uvs.is_empty());
+        assert!(flatten(&scene(Affine3A::IDENTITY, 0)).second_uvs.is_empty());
         let mut unmapped = scene(Affine3A::IDENTITY, 1);
         unmapped.instances.remove(0);
-        let flat = flattened(&unmapped);
+        let flat = flatten(&unmapped);
         assert!(flat.tangents.is_empty() && flat.second_uvs.is_empty());
     }
 }
