@@ -165,14 +165,17 @@ fn hold(what: &str, scene: &Scene, p: Vec3, n: Vec3) {
     let mut expected = seen.clone();
     let mut variance = seen.clone();
     let mut wrong = 0;
+    // Even directions do not find what is smaller than this; of that, only the densities are compared.
+    let densest = (COUNT as f64 / (4.0 * std::f64::consts::PI) / 50.0) as f32;
     for a in &answers {
         let density = a.sampled[3];
         if density > 0.0 {
-            seen[bin(&a.sampled)] += 1.0;
+            seen[bin(&a.sampled)] += f64::from(u8::from(density < densest));
             let off = |found: f32| (found / density - 1.0).abs();
             wrong += usize::from(off(a.found[0]).min(off(a.found[1])) > 2e-3);
         }
-        let weight = 4.0 * std::f64::consts::PI * f64::from(a.elsewhere[3]);
+        let density = if a.elsewhere[3] < densest { a.elsewhere[3] } else { 0.0 };
+        let weight = 4.0 * std::f64::consts::PI * f64::from(density);
         expected[bin(&a.elsewhere)] += weight;
         variance[bin(&a.elsewhere)] += weight * weight;
     }

@@ -250,7 +250,7 @@ fn geometry() -> Vec<Row> {
         });
         image("flat ball", scene, camera, FULL)
     };
-    let opposite = |i: usize| if i % 2 == 0 { Vec3::Y } else { Vec3::NEG_Y };
+    let opposite = |i: usize| if i.is_multiple_of(2) { Vec3::Y } else { Vec3::NEG_Y };
     let uvs = |uv: Vec2| {
         let (mut scene, camera) = lit_floor(|_| {});
         let image = add_image(&mut scene, Image::filled(Extent::new(3, 3), [200, 100, 50, 255]));

@@ -194,7 +194,7 @@ fn triangle_light(prim: u32, t: &Triangle, radiance: f64, two_sided: bool) -> (L
 fn set_picks(lights: &mut [Light], first: u32) {
     let power: Vec<f64> = lights.iter().map(|l| luminance(l.strength)).collect();
     let total: f64 = power.iter().sum();
-    if !(total > 0.0) {
+    if total.is_nan() || total <= 0.0 {
         return;
     }
     for ((light, entry), p) in lights.iter_mut().zip(alias::table(&power)).zip(&power) {

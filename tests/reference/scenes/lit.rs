@@ -41,10 +41,10 @@ pub fn things(name: &str, add_light: fn(&mut Scene)) -> (Scene, Pinhole) {
 fn add_lamps(scene: &mut Scene) {
     let black = vec4(0.0, 0.0, 0.0, 1.0);
     let lamp = |emissive, double_sided| Material { base_color: black, emissive, double_sided, ..matte() };
-    let wide = add_material(scene, lamp(vec3(4.0, 3.0, 2.0), false));
-    place(scene, quad(vec3(-1.5, 2.0, -0.5), 1.2 * Vec3::X, 1.0 * Vec3::Z, wide));
-    let strip = add_material(scene, lamp(vec3(1.0, 3.0, 6.0), true));
-    place(scene, quad(vec3(2.4, 0.3, -0.5), 0.3 * Vec3::Z, 1.2 * Vec3::Y, strip));
+    let wide = add_material(scene, lamp(vec3(2.0, 1.5, 1.0), false));
+    place(scene, quad(vec3(-1.8, 2.4, -1.0), 2.4 * Vec3::X, 2.0 * Vec3::Z, wide));
+    let strip = add_material(scene, lamp(vec3(0.5, 1.5, 3.0), true));
+    place(scene, quad(vec3(2.4, 0.3, -0.5), 0.6 * Vec3::Z, 1.2 * Vec3::Y, strip));
 }
 
 fn point(radius: f32) -> Light {
