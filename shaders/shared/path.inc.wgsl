@@ -34,8 +34,8 @@ struct Medium {
     is_inside: bool,
 }
 
-// Share of light left after `distance` through the medium, up to a surface's hit. A ray that meets a volume's surface from behind was
-// in that volume, even if nobody saw it go in: that is where the camera is.
+// Share of light left after `distance` through the medium, up to a surface's hit. A ray that meets a volume's surface
+// from behind was in that volume, even if nobody saw it go in: that is where the camera is.
 fn transmittance(medium: Medium, distance: f32, s: Surface) -> vec3<f32> {
     let absorption = select(materials[s.material].absorption, medium.absorption, medium.is_inside);
     let is_inside = medium.is_inside || !(s.is_front || s.is_thin);
@@ -199,7 +199,8 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, rng: ptr<function, Rng>) 
             break;
         }
         v = -direction;
-        // Russian roulette after the third bounce, by what the path carries over the first surface's albedo: filters see that.
+        // Russian roulette after the third bounce, by what the path carries over the first surface's albedo: filters
+        // see that.
         if depth >= 3u {
             let survive = min(max3(throughput / max(first.albedo, vec3<f32>(1e-3))), 0.95);
             if random_at(rng, depth, SURVIVAL).x >= survive {

@@ -137,7 +137,8 @@ fn parameters_at(row: u32, bary: vec2<f32>, m: Material) -> Parameters {
 }
 
 // A normal-mapped normal on the front side. The tangent is made perpendicular; where texture coordinates give none, the
-// map has no direction to tilt to and leaves the normal as it is. What it says of the side that the viewer is on is not believed: the normal is bent until it can be seen.
+// map has no direction to tilt to and leaves the normal as it is. What it says of the side that the viewer is on is not
+// believed: the normal is bent until it can be seen.
 fn mapped_normal(place: Placed, bary: vec2<f32>, code: vec3<f32>, scale: f32, normal: vec3<f32>, to_viewer: vec3<f32>) -> vec3<f32> {
     let local = (2.0 * code - 1.0) * vec3<f32>(scale, scale, 1.0);
     let given = (1.0 - bary.x - bary.y) * tangent_at(place, 0u) + bary.x * tangent_at(place, 1u) + bary.y * tangent_at(place, 2u);
