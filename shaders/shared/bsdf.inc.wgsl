@@ -5,8 +5,8 @@
 // height-correlated (Heitz 2014), Fresnel is Schlick's. `evaluate` gives value and density of all lobes that are not
 // deltas, `sample_bsdf` draws from the same mixture.
 //
-// Departure: the appendix weighs what is beneath the dielectric by 1 - F(V.H), which creates energy at grazing angles, up
-// to half again. The weight here is never above that of Kelemen & Szirmay-Kalos (2001), which conserves it exactly.
+// Departure: the appendix weighs what is beneath the dielectric by 1 - F(V.H), which creates energy at grazing angles:
+// half again at a cosine of 0.1, smooth and white. The weight here is never above that of Kelemen & Szirmay-Kalos (2001), which conserves it exactly.
 
 struct Scattering {
     // BSDF times cosine.
