@@ -48,6 +48,13 @@ impl Case {
         last["references"][0].clone()
     }
 
+    /// A frame of nothing but its samples.
+    #[track_caller]
+    fn render_frame(&self, out: &str, options: &[&str]) {
+        let output = self.try_render(out, &[options, &["--denoiser", "none", "--reproject", "off"]].concat());
+        assert!(output.status.success(), "{options:?}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+
     fn kept(&self) -> String {
         self.path("passes").to_str().unwrap().to_owned()
     }
@@ -229,9 +236,10 @@ fn constant_radiance_does_not_drift_in_65536_samples() {
 #[test]
 fn passes_take_the_samples_of_one_frame() {
     let case = Case::new();
-    case.render("passes", &["--spp", "28"]);
-    let output = case.try_render("frame", &["--spp", "28", "--denoiser", "none", "--reproject", "off"]);
-    assert!(output.status.success());
+    // Sobol sequences of a frame are shared by its pixels, those of a reference are not.
+    let sampled = ["--spp", "28", "--sampler", "pcg"];
+    case.render("passes", &sampled);
+    case.render_frame("frame", &sampled);
     for eye in ["left", "right"] {
         let (passes, frame) = (case.image("passes", eye), case.image("frame", eye));
         let pairs = passes.pixels.as_flattened().iter().zip(frame.pixels.as_flattened());
@@ -245,13 +253,49 @@ fn passes_take_the_samples_of_one_frame() {
 fn a_single_sample_of_a_reference_is_spread_over_the_pixel() {
     let case = Case::new();
     case.render("reference", &["--spp", "1"]);
-    let output = case.try_render("frame", &["--spp", "1", "--denoiser", "none", "--reproject", "off"]);
-    assert!(output.status.success());
+    case.render_frame("frame", &["--spp", "1"]);
     let [a, b] = ["reference", "frame"].map(|out| case.image(out, "left").pixels);
     // Beside the box, nothing is seen through any point of a pixel.
     let seen: Vec<_> = a.iter().zip(&b).filter(|(a, b)| **a != [0.0; 3] || **b != [0.0; 3]).collect();
     let different = seen.iter().filter(|(a, b)| a != b).count();
     assert!(10 * different > 9 * seen.len() && seen.len() > a.len() / 4, "{different} of {}", seen.len());
+}
+
+/// Root mean square of an image's error over blocks of `size` pixels, times `size`: the same for all sizes if errors are
+/// independent of one another.
+fn block_error(image: &RgbImage, reference: &RgbImage, size: u32) -> f64 {
+    let extent = image.extent;
+    let error = |x: u32, y: u32| {
+        let at = (y * extent.width + x) as usize;
+        f64::from(image.pixels[at].iter().sum::<f32>() - reference.pixels[at].iter().sum::<f32>())
+    };
+    let [columns, rows] = [extent.width / size, extent.height / size];
+    let block = |bx: u32, by: u32| -> f64 {
+        (0..size * size).map(|i| error(bx * size + i % size, by * size + i / size)).sum::<f64>() / f64::from(size)
+    };
+    let squares: f64 = (0..columns * rows).map(|i| block(i % columns, i / columns).powi(2)).sum();
+    (squares / f64::from(columns * rows)).sqrt()
+}
+
+#[test]
+fn errors_of_a_frame_s_neighbouring_pixels_cancel() {
+    let case = Case::new();
+    let common = ["--size", "96x54", "--bounces", "2"];
+    case.render("converged", &[&common[..], &["--spp", "512"]].concat());
+    let converged = case.image("converged", "left");
+    let [mut shared, mut own] = [[0.0; 2]; 2];
+    for seed in ["1", "2", "3", "4"] {
+        let options = [&common[..], &["--spp", "4", "--seed", seed]].concat();
+        case.render_frame("shared", &options);
+        case.render("own", &options);
+        for (sum, out) in [(&mut shared, "shared"), (&mut own, "own")] {
+            let image = case.image(out, "left");
+            sum.iter_mut().zip([1, 4]).for_each(|(sum, size)| *sum += block_error(&image, &converged, size));
+        }
+    }
+    println!("errors over pixels and blocks: shared sequences {shared:?}, own {own:?}");
+    assert!((shared[0] / own[0] - 1.0).abs() < 0.2, "a pixel by itself is neither better nor worse");
+    assert!(shared[1] < 0.8 * own[1], "blocks are better");
 }
 
 #[test]

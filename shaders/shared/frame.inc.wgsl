@@ -44,7 +44,8 @@ struct Frame {
     world_origin: vec3<f32>,
     instance_tree: u32,
     instance_count: u32,
-    pad0: u32,
+    // Bits of a sample's number below its pixel's place on the Z curve; NO_CURVE: each pixel has sequences of its own.
+    curve_shift: u32,
     pad1: u32,
     pad2: u32,
 }

@@ -4,9 +4,16 @@
 // (Burley, "Practical Hash-based Owen Scrambling", JCGT 9(4), 2020, with his Laine-Karras constants). It has no table:
 // the second dimension's matrix is Pascal's triangle mod 2, that is the substitution x -> x + 1 in a polynomial
 // over GF(2), which five masked shifts compute. Sample counts up to 2^32 work.
+// Pixels share the sequences of a frame, in the order of the Z curve through the image: whatever the scrambling, pixels
+// of a block of 2^k x 2^k take their samples from one well-spread part of a sequence, so that their errors cancel, and
+// the error over the image is blue noise (Ahmed & Wonka, "Screen-Space Blue-Noise Diffusion of Monte Carlo Sampling Error
+// via Hierarchical Ordering of Pixels", ACM TOG 39(6), 2020, with the binary shuffle above in the place of their
+// quaternary one). Accumulations do not know how many samples a pixel will take; there, each pixel has its own sequences.
 // `pcg`: independent numbers by hashing (Jarzynski & Olano, "Hash Functions for GPU Rendering", JCGT 9(3), 2020).
 
 override SOBOL: bool = true;
+
+const NO_CURVE: u32 = 32u;
 
 struct Rng {
     key: u32,
@@ -26,11 +33,22 @@ fn hash_combine(a: u32, b: u32) -> u32 {
 
 // `sample` counts from the frame's first.
 fn rng_for(pixel: vec2<u32>, view: u32, sample: u32) -> Rng {
-    var key = hash_combine(frame.seed, frame.index);
-    key = hash_combine(key, view);
-    key = hash_combine(key, pixel.x);
-    key = hash_combine(key, pixel.y);
-    return Rng(key, frame.sample_base + sample, 0u);
+    let key = hash_combine(hash_combine(frame.seed, frame.index), view);
+    let number = frame.sample_base + sample;
+    if SOBOL && frame.curve_shift < NO_CURVE {
+        let place = spread_bits(pixel.x) | (spread_bits(pixel.y) << 1u);
+        return Rng(key, (place << frame.curve_shift) | number, 0u);
+    }
+    return Rng(hash_combine(hash_combine(key, pixel.x), pixel.y), number, 0u);
+}
+
+// The lower 16 bits, with a gap after each.
+fn spread_bits(value: u32) -> u32 {
+    var x = value & 0xffffu;
+    x = (x | (x << 8u)) & 0x00ff00ffu;
+    x = (x | (x << 4u)) & 0x0f0f0f0fu;
+    x = (x | (x << 2u)) & 0x33333333u;
+    return (x | (x << 1u)) & 0x55555555u;
 }
 
 fn unit_float(bits: u32) -> f32 {

@@ -12,7 +12,7 @@ use crossbeam::channel::{Receiver, Sender, unbounded};
 
 use crate::device::{DeviceInfo, GpuDevice};
 use crate::graph::{Assignment, FrameGraph, FrameSpec, PhysicalImage, Resource, Seam, Stage, Views, passes};
-use crate::image::{Image, RgbImage};
+use crate::image::{Extent, Image, RgbImage};
 use crate::scene::rig::{Eye, Rig};
 use crate::schedule::{Policy, StageCost};
 use crate::stages::{Aov, RowTally, SceneTables, StageError, StageSettings, layout};
@@ -180,10 +180,11 @@ impl Renderer {
 
     /// Renders the frame that the rig sees at `time_s`. `index` keys its random numbers.
     pub fn render(&mut self, rig: &Rig, time_s: f64, index: u32) -> Result<FrameReport, ExecError> {
-        self.render_samples(rig, time_s, index, 0..self.settings.stages.spp)
+        let spp = self.settings.stages.spp;
+        self.render_with(rig, time_s, index, 0..spp, curve_shift(self.spec.extent, spp))
     }
 
-    /// [`Self::render`] with only these of the samples that the frame's sequences have, at most
+    /// [`Self::render`] with only these samples of sequences that each pixel has for itself, at most
     /// [`StageSettings::spp`] of them.
     pub fn render_samples(
         &mut self,
@@ -192,11 +193,22 @@ impl Renderer {
         index: u32,
         samples: Range<u32>,
     ) -> Result<FrameReport, ExecError> {
+        self.render_with(rig, time_s, index, samples, layout::NO_CURVE)
+    }
+
+    fn render_with(
+        &mut self,
+        rig: &Rig,
+        time_s: f64,
+        index: u32,
+        samples: Range<u32>,
+        curve_shift: u32,
+    ) -> Result<FrameReport, ExecError> {
         let _span = tracing::info_span!("frame", frame = index).entered();
         let begin = Instant::now();
         let (assignment, graph) = self.plan();
         let plan_ms = begin.elapsed().as_secs_f64() * 1e3;
-        let constants = self.constants(rig, time_s, index, samples);
+        let constants = layout::Frame { curve_shift, ..self.constants(rig, time_s, index, samples) };
         let previous = self.previous.unwrap_or(constants.views);
         self.previous = Some(constants.views);
         for (device, worker) in self.workers.iter().enumerate() {
@@ -331,6 +343,14 @@ fn start(worker: Worker) -> Result<Handle, ExecError> {
     let name = format!("device {}", worker.info().index);
     let thread = std::thread::Builder::new().name(name).spawn(move || worker.run(orders))?;
     Ok(Handle { commands, thread: Some(thread) })
+}
+
+/// [`layout::Frame::curve_shift`] for pixels that all take `spp` samples.
+fn curve_shift(extent: Extent, spp: u32) -> u32 {
+    let bits_for = |count: u32| u32::BITS - count.saturating_sub(1).leading_zeros();
+    let shift = bits_for(spp);
+    let numbers = 2 * bits_for(extent.width.max(extent.height)) + shift;
+    if numbers > u32::BITS { layout::NO_CURVE } else { shift }
 }
 
 fn costs(tasks: &[TaskTiming]) -> Vec<StageCost> {

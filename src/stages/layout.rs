@@ -64,8 +64,12 @@ pub struct Frame {
     pub world_origin: Vec3,
     pub instance_tree: u32,
     pub instance_count: u32,
-    pub pad: [u32; 3],
+    pub curve_shift: u32,
+    pub pad: [u32; 2],
 }
+
+/// Of [`Frame::curve_shift`]: each pixel has sequences of its own.
+pub const NO_CURVE: u32 = 32;
 
 /// Constants of a dispatch; `Pass` in `frame.inc.wgsl`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]

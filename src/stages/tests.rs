@@ -85,7 +85,8 @@ fn host_structs_lie_as_shaders_read_them() {
             instances = "instances",
             world_origin = "world_origin",
             instance_tree = "instance_tree",
-            instance_count = "instance_count"
+            instance_count = "instance_count",
+            curve_shift = "curve_shift"
         ]
     );
     same_layout!(
