@@ -3,7 +3,7 @@
 use glam::{Affine3A, Vec3};
 use wgpu::util::DeviceExt;
 
-use super::layout::Frame;
+use super::layout::{Frame, NO_CURVE};
 use super::scene_tables::{SceneBuffers, SceneTables, layout_entries};
 use crate::accel::Accel;
 use crate::device::{self, Selection, ShaderChecks, expand};
@@ -80,7 +80,7 @@ fn ask(scene: &Scene, p: Vec3, n: Vec3) -> Vec<Answer> {
     let gpus = device::open(&selection).expect("this test needs an adapter");
     let (gpu, accel) = (&gpus[0], Accel::build(scene).unwrap());
     let tables = SceneTables::new(scene, accel).unwrap();
-    let mut frame = Frame { width: COUNT as u32, height: 1, seed: 5, ..Frame::default() };
+    let mut frame = Frame { width: COUNT as u32, height: 1, seed: 5, curve_shift: NO_CURVE, ..Frame::default() };
     frame.views[0].origin = p;
     frame.views[0].forward = n;
     tables.describe(&mut frame);
