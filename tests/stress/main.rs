@@ -82,7 +82,7 @@ fn every_sample_of_every_row_is_finite() {
 /// However many layers a ray has to look through, on whatever driver: its sample is right, or it is counted.
 #[test]
 fn rays_that_are_cut_short_are_counted() {
-    for count in [100, 500, 1000, 5000] {
+    for count in [100, 1000, 5000] {
         let (scene, camera) = rows::layers(count, AlphaMode::Blend);
         let subject = subject(&format!("{count} layers"), scene, camera);
         for spp in [1, 8] {
