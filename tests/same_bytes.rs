@@ -149,11 +149,9 @@ fn both_halo_plans_give_the_same_bytes() {
 fn every_seed_sampler_and_sample_count_gives_the_bytes_of_one_device() {
     let subject = Subject::load("builtin:checker");
     let mut last: Option<Stereo<RgbImage>> = None;
-    for (seed, spp, sampler, reproject) in [
-        (7, 3, Sampler::Sobol, true),
-        (0xffff_ffff, 3, Sampler::Pcg, false),
-        (12345, 1, Sampler::Pcg, true),
-    ] {
+    for (seed, spp, sampler, reproject) in
+        [(7, 3, Sampler::Sobol, true), (0xffff_ffff, 3, Sampler::Pcg, false), (12345, 1, Sampler::Pcg, true)]
+    {
         let mut settings = subject.denoised(WIDTH, HEIGHT);
         settings.seed = seed;
         settings.stages.spp = spp;
