@@ -1,6 +1,6 @@
 // One auxiliary image per dispatch, from the hit behind the pixel's centre.
 
-//!include frame rng scene lights trace surface pack
+//!include frame rng scene light_tree environment lights trace surface pack
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> albedo_image: array<vec4<f32>>;

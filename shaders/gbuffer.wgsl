@@ -1,7 +1,7 @@
 // Primary visibility of one view: the surface behind each pixel's centre. Where later stages need the mean over the
 // pixel (several samples, and no path tracing to bring it), it is taken here too.
 
-//!include frame rng scene lights trace surface bsdf path pack pixel
+//!include frame rng scene light_tree environment lights trace surface bsdf path pack pixel
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {

@@ -1,12 +1,36 @@
-// Light reflected by the first surfaces of one view.
+// Light reflected by the first surfaces of one view: of the pixels in its rows, or of those that reprojection left open,
+// from their compacted list, so that no lane idles: the divergence that Leria et al. name as the limit of their
+// hole-filling. One pipeline for both, since drivers take seconds to compile it.
 
-//!include frame rng scene lights trace surface bsdf path pack pixel
+//!include frame rng scene light_tree environment lights trace surface bsdf path pack pixel
+
+// Count of holes, then the dispatch's three workgroup counts, then pixel indices.
+@group(1) @binding(6) var<storage, read> holes: array<u32>;
+
+// As pass_.arg2: only the holes.
+const HOLES_ONLY: u32 = 1u;
+const LANES: u32 = 64u;
 
 @compute @workgroup_size(8, 8)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
-        return;
+fn main(
+    @builtin(global_invocation_id) id: vec3<u32>,
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) lane: u32,
+) {
+    let holes_only = pass_.arg2 == HOLES_ONLY;
+    var pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
+    var i = 0u;
+    var end = select(0u, 1u, pixel.x < frame.width && pixel.y < pass_.row_end);
+    if holes_only {
+        i = group.x * LANES + lane;
+        end = holes[0];
     }
-    sample_pixel(pixel, pass_.view);
+    for (; i < end; i += groups.x * LANES) {
+        if holes_only {
+            let at = holes[4u + i];
+            pixel = vec2<u32>(at % frame.width, at / frame.width);
+        }
+        sample_pixel(pixel, pass_.view);
+    }
 }

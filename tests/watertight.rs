@@ -34,7 +34,7 @@ fn aim(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let ray = aimed[id.x];
-    found[id.x] = traverse(ray.origin.xyz, ray.direction.xyz, 3.0e38, BEFORE_ALL, false).prim;
+    found[id.x] = traverse(ray.origin.xyz, ray.direction.xyz, 3.0e38, 0u, false).prim;
 }
 ";
 

@@ -7,7 +7,6 @@
 override HAS_EMISSIVE: bool = true;
 override HAS_LOCAL_LIGHTS: bool = true;
 override HAS_DIRECTIONAL: bool = true;
-override HAS_ENV_MAP: bool = true;
 
 struct Light {
     // Triangle: unused. Local: position. Directional: the way to the light.
@@ -35,18 +34,8 @@ struct Light {
 const LIGHT_SPOT: u32 = 1u;
 const LIGHT_TRIANGLE: u32 = 2u;
 
-// Alias table and density of the environment's grid, see `emitters/env_grid.rs`. Densities are over the map's (u, v)
-// square.
-struct EnvCell {
-    keep: f32,
-    alias_: u32,
-    density: f32,
-}
-
 // Spheres first, then other local lights, then directional ones.
 @group(0) @binding(9) var<storage, read> lights: array<Light>;
-@group(0) @binding(10) var env_map: texture_2d<f32>;
-@group(0) @binding(11) var<storage, read> env_cells: array<EnvCell>;
 
 const NO_LIGHT: u32 = 0xffffffffu;
 const PI: f32 = 3.14159265358979;
@@ -67,132 +56,6 @@ struct LightSample {
 
 fn no_light() -> LightSample {
     return LightSample(vec3<f32>(0.0, 1.0, 0.0), 0.0, vec3<f32>(0.0), 0.0, false, NO_LIGHT, 1.0);
-}
-
-// Nodes of the light tree: (centre, radius), (power, axis, cosines, next). See `emitters/light_tree.rs`.
-const LIGHT_LEAF: u32 = 0x80000000u;
-const LIGHT_TWO_SIDED: u32 = 0x40000000u;
-const LIGHT_INDEX: u32 = 0x3fffffffu;
-const LIGHT_LEVELS: u32 = 32u;
-// Least probability of a child that may bring light: no less than random numbers resolve.
-const LEAST_SHARE: f32 = 0x1p-12;
-// What rounding may take from a cosine.
-const COS_SLACK: f32 = 1e-5;
-
-// What a node of the light tree may bring to a point.
-struct Prospect {
-    // Over the squared distance; 0: nothing.
-    weight: f32,
-    distance2: f32,
-    next: u32,
-}
-
-// Cosine of max(a - b, 0), for angles from 0 to pi.
-fn cos_of_excess(cos_a: f32, sin_a: f32, cos_b: f32, sin_b: f32) -> f32 {
-    return select(cos_a * cos_b + sin_a * sin_b, 1.0, cos_a > cos_b);
-}
-
-fn sine(cosine: f32) -> f32 {
-    return sqrt(max(1.0 - cosine * cosine, 0.0));
-}
-
-// PBRT 4e, 12.6.3, for bounds that are spheres. 0 only where no light of the node reaches the side of `n`.
-fn prospect(p: vec3<f32>, n: vec3<f32>, node: u32) -> Prospect {
-    let place = bitcast<vec4<f32>>(tree_row(frame.light_tree + 2u * node));
-    let kind = tree_row(frame.light_tree + 2u * node + 1u);
-    let power = bitcast<f32>(kind.x);
-    let cosines = unpack2x16snorm(kind.z);
-    let away = p - place.xyz;
-    let radius2 = place.w * place.w;
-    let distance2 = max(dot(away, away), 1e-37);
-    let result = Prospect(power, max(distance2, max(radius2, 1e-37)), kind.w);
-    // Inside the bounds, all directions are open.
-    if distance2 <= radius2 * 1.00001 {
-        return result;
-    }
-    let w = away * inverseSqrt(distance2);
-    let sin2_b = radius2 / distance2;
-    let sin_b = sqrt(sin2_b);
-    let cos_b = sqrt(1.0 - sin2_b);
-    let octahedral = unpack2x16snorm(kind.y);
-    let z = 1.0 - abs(octahedral.x) - abs(octahedral.y);
-    let fold = max(-z, 0.0);
-    let axis = normalize(vec3<f32>(octahedral - select(vec2<f32>(-fold), vec2<f32>(fold), octahedral >= vec2<f32>(0.0)), z));
-    var cos_w = dot(w, axis);
-    if (kind.w & LIGHT_TWO_SIDED) != 0u {
-        cos_w = abs(cos_w);
-    }
-    let off_normals = cos_of_excess(cos_w, sine(cos_w), cosines.x, sine(cosines.x));
-    let off = cos_of_excess(off_normals, sine(off_normals), cos_b, sin_b);
-    var weight = select(0.0, power * max(off, COS_SLACK), off > cosines.y);
-    if any(n != vec3<f32>(0.0)) {
-        let cos_n = -dot(w, n);
-        let facing = cos_of_excess(cos_n, sine(cos_n), cos_b, sin_b);
-        weight *= select(0.0, max(facing, COS_SLACK), facing > -COS_SLACK);
-    }
-    return Prospect(weight, result.distance2, kind.w);
-}
-
-// Of two siblings, the probability of the first; negative if neither may bring light.
-fn first_share(a: Prospect, b: Prospect) -> f32 {
-    if a.weight <= 0.0 && b.weight <= 0.0 {
-        return -1.0;
-    }
-    let nearer = min(a.distance2, b.distance2);
-    let wa = a.weight * (nearer / a.distance2);
-    let wb = b.weight * (nearer / b.distance2);
-    let share = select(0.5, wa / (wa + wb), wa + wb > 0.0);
-    let least = select(0.0, LEAST_SHARE, a.weight > 0.0);
-    let most = select(1.0, 1.0 - LEAST_SHARE, b.weight > 0.0);
-    return clamp(share, least, most);
-}
-
-struct Pick {
-    light: u32,
-    probability: f32,
-}
-
-fn light_root() -> u32 {
-    return tree_row(frame.light_tree + 1u).w;
-}
-
-// Goes down the light tree. Levels take turns in using up the two numbers, so that neither runs out of digits.
-fn pick_from_tree(p: vec3<f32>, n: vec3<f32>, choice: vec2<f32>) -> Pick {
-    var u = choice;
-    var probability = 1.0;
-    var next = light_root();
-    for (var level = 0u; level < LIGHT_LEVELS && (next & LIGHT_LEAF) == 0u; level += 1u) {
-        let a = prospect(p, n, next & LIGHT_INDEX);
-        let b = prospect(p, n, (next & LIGHT_INDEX) + 1u);
-        let share = first_share(a, b);
-        if share < 0.0 {
-            return Pick(0u, 0.0);
-        }
-        let is_first = u.x < share;
-        probability *= select(1.0 - share, share, is_first);
-        let rest = select((u.x - share) / (1.0 - share), u.x / share, is_first);
-        u = vec2<f32>(u.y, min(rest, 0x1.fffffep-1));
-        next = select(b.next, a.next, is_first);
-    }
-    return Pick(next & LIGHT_INDEX, probability);
-}
-
-// Probability with which `pick_from_tree` comes to the light of that trail.
-fn tree_probability(p: vec3<f32>, n: vec3<f32>, trail: u32) -> f32 {
-    var probability = 1.0;
-    var next = light_root();
-    for (var level = 0u; level < LIGHT_LEVELS && (next & LIGHT_LEAF) == 0u; level += 1u) {
-        let a = prospect(p, n, next & LIGHT_INDEX);
-        let b = prospect(p, n, (next & LIGHT_INDEX) + 1u);
-        let share = first_share(a, b);
-        if share < 0.0 {
-            return 0.0;
-        }
-        let is_first = ((trail >> level) & 1u) == 0u;
-        probability *= select(1.0 - share, share, is_first);
-        next = select(b.next, a.next, is_first);
-    }
-    return probability;
 }
 
 // The group's share of the choice.
@@ -332,117 +195,6 @@ fn sample_directional_light(choice: vec2<f32>, u: vec2<f32>) -> LightSample {
     s.radiance = light.strength;
     s.pdf = group_probability() * light.pick;
     s.is_delta = true;
-    return s;
-}
-
-fn env_texel(x: i32, y: i32) -> vec3<f32> {
-    let w = i32(frame.env_width);
-    let column = select(x % w, x % w + w, x % w < 0);
-    return textureLoad(env_map, vec2<i32>(column, clamp(y, 0, i32(frame.env_height) - 1)), 0).rgb;
-}
-
-// Angle of (x, y), -pi to pi, to f32 rounding. The built-in atan2 and acos may be off by 4096 ulp, and on software
-// drivers are: enough to take a direction for one of the next cell, with that cell's density.
-fn angle_of(y: f32, x: f32) -> f32 {
-    let ax = abs(x);
-    let ay = abs(y);
-    let ratio = min(ax, ay) / max(max(ax, ay), 1e-37);
-    // atan(ratio) / ratio in ratio squared, interpolated at 9 Chebyshev nodes; off by less than 1e-8.
-    let t = ratio * ratio;
-    var p = 0.0027662835;
-    p = p * t - 0.0157312491;
-    p = p * t + 0.0421376236;
-    p = p * t - 0.0745685483;
-    p = p * t + 0.106183706;
-    p = p * t - 0.141977978;
-    p = p * t + 0.19991872;
-    p = p * t - 0.333330367;
-    p = p * t + 0.999999982;
-    var angle = ratio * p;
-    angle = select(angle, 0.5 * PI - angle, ay > ax);
-    angle = select(angle, PI - angle, x < 0.0);
-    return select(angle, -angle, y < 0.0);
-}
-
-fn env_uv(direction: vec3<f32>) -> vec2<f32> {
-    let u = 0.5 + angle_of(direction.x, -direction.z) / (2.0 * PI) + frame.env_rotation;
-    return vec2<f32>(u - floor(u), angle_of(length(direction.xz), direction.y) / PI);
-}
-
-fn environment(direction: vec3<f32>) -> vec3<f32> {
-    if !HAS_ENV_MAP || frame.env_width == 0u {
-        return frame.env_radiance;
-    }
-    let at = env_uv(direction) * vec2<f32>(f32(frame.env_width), f32(frame.env_height)) - 0.5;
-    let base = floor(at);
-    let f = at - base;
-    let b = vec2<i32>(base);
-    let top = mix(env_texel(b.x, b.y), env_texel(b.x + 1, b.y), f.x);
-    let bottom = mix(env_texel(b.x, b.y + 1), env_texel(b.x + 1, b.y + 1), f.x);
-    return mix(top, bottom, f.y);
-}
-
-// Density of the environment's grid at column `x`, which wraps, and row `y`, which is clamped.
-fn env_density(x: u32, y: u32) -> f32 {
-    let column = select(x, 0u, x >= frame.env_grid_width);
-    return env_cells[min(y, frame.env_grid_height - 1u) * frame.env_grid_width + column].density;
-}
-
-// Densities at the corners of patch (x, y): above left, above right, below left, below right.
-fn env_patch(x: u32, y: u32) -> vec4<f32> {
-    let above = select(y - 1u, 0u, y == 0u);
-    return vec4<f32>(env_density(x, above), env_density(x + 1u, above), env_density(x, y), env_density(x + 1u, y));
-}
-
-// Density with which `sample_light` takes the direction to the environment.
-fn env_light_pdf(direction: vec3<f32>) -> f32 {
-    if frame.env_grid_width == 0u {
-        return 0.0;
-    }
-    let size = vec2<f32>(f32(frame.env_grid_width), f32(frame.env_grid_height));
-    let at = env_uv(direction) * size + vec2<f32>(size.x - 0.5, 0.5);
-    let base = floor(at);
-    let f = at - base;
-    let corners = env_patch(u32(base.x) % max(frame.env_grid_width, 1u), min(u32(base.y), frame.env_grid_height));
-    let density = mix(mix(corners.x, corners.y, f.x), mix(corners.z, corners.w, f.x), f.y);
-    let sin_theta = length(direction.xz);
-    return group_probability() * density / max(2.0 * PI * PI * sin_theta, 1e-12);
-}
-
-// Where a number in [0, 1) falls under a density that runs linearly from `a` to `b`.
-fn sample_linear(u: f32, a: f32, b: f32) -> f32 {
-    return min(u * (a + b) / max(a + sqrt(mix(a * a, b * b, u)), 1e-37), 0x1.fffffep-1);
-}
-
-fn sample_env_map(choice: vec2<f32>, u: vec2<f32>) -> LightSample {
-    // A number for rows and one for columns: one alone has too few digits for all patches. What remains of both
-    // decides on the alias.
-    let width = max(frame.env_grid_width, 1u);
-    let height = frame.env_grid_height;
-    let scaled = choice * vec2<f32>(f32(width), f32(height + 1u));
-    let column = min(u32(scaled.x), width - 1u);
-    let row = min(u32(scaled.y), height);
-    let rest = scaled - vec2<f32>(f32(column), f32(row));
-    var patch_ = row * width + column;
-    let entry = env_cells[patch_];
-    let keep = fract(rest.x + rest.y * 0x1p-11);
-    patch_ = select(entry.alias_, patch_, keep < entry.keep);
-    let x = patch_ % width;
-    let y = patch_ / width;
-    let corners = env_patch(x, y);
-    // Half of a patch at a pole lies beyond it.
-    var down = sample_linear(u.y, corners.x + corners.y, corners.z + corners.w);
-    down = select(down, 0.5 + 0.5 * u.y, y == 0u);
-    down = select(down, 0.5 * u.y, y == height);
-    let across = sample_linear(u.x, mix(corners.x, corners.z, down), mix(corners.y, corners.w, down));
-    let uv = vec2<f32>((f32(x) + across + 0.5) / f32(width), (f32(y) + down - 0.5) / f32(height));
-    let phi = 2.0 * PI * (uv.x - frame.env_rotation - 0.5);
-    let theta = PI * uv.y;
-    var s = no_light();
-    s.direction = vec3<f32>(sin(theta) * sin(phi), cos(theta), -sin(theta) * cos(phi));
-    s.distance = 3.0e38;
-    s.radiance = environment(s.direction);
-    s.pdf = env_light_pdf(s.direction);
     return s;
 }
 

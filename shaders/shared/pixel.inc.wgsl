@@ -1,4 +1,4 @@
-// All samples of a pixel in one pass: what `path_trace` and `hole_fill` do at theirs.
+// All samples of a pixel in one pass.
 
 @group(1) @binding(0) var<storage, read_write> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read_write> albedo_image: array<vec4<f32>>;

@@ -305,8 +305,7 @@ fn alpha_at(row: u32, bary: vec2<f32>, m: Material) -> f32 {
 
 // Whether a ray meets the surface there, where parts of it are cut out or thin. `key` names the ray: the same ray
 // and triangle always decide alike, in whatever order a traversal meets them.
-fn is_covered(prim: u32, bary: vec2<f32>, key: u32) -> bool {
-    let row = placed(prim).row;
+fn is_covered(row: u32, prim: u32, bary: vec2<f32>, key: u32) -> bool {
     let m = materials[triangles[row].material];
     let alpha = alpha_at(row, bary, m);
     if (m.flags & ALPHA_MASK) != 0u {

@@ -20,17 +20,11 @@ const STACK_SIZE: u32 = 32u;
 // drivers zero an array element by element and lane by lane.
 var<private> stack: array<vec2<u32>, STACK_SIZE>;
 
-// Whether a ray of this invocation was left before its end, by more than MAX_LAYERS uncovered layers or by the driver:
-// Mesa's software driver ends every loop of an invocation once they have made 65,535 rounds together. The sample is
-// dropped and counted.
+// Whether a ray of this invocation was left before its end: Mesa's software driver ends every loop of an invocation once
+// they have made 65,535 rounds together. The sample is dropped and counted.
 var<private> was_cut_short: bool;
 
 override HAS_SPHERES: bool = true;
-
-// No triangle lies before it.
-const BEFORE_ALL: Hit = Hit(-1.0, 0u, vec2<f32>(0.0));
-// Uncovered layers that a ray looks through at most.
-const MAX_LAYERS: u32 = 4096u;
 
 struct Traversal {
     origin: vec3<f32>,
@@ -71,8 +65,8 @@ fn planes(word: u32, scale: f32, offset: f32) -> vec4<f32> {
     return vec4<f32>(unpack4xU8(word)) * scale + offset;
 }
 
-// Which children of a node the ray meets from `t_min` to `t_max`, as a group mask without the imask.
-fn hit_children(ray: Traversal, n0: vec4<u32>, child_meta: vec2<u32>, node: u32, t_min: f32, t_max: f32) -> u32 {
+// Which children of a node the ray meets up to `t_max`, as a group mask without the imask.
+fn hit_children(ray: Traversal, n0: vec4<u32>, child_meta: vec2<u32>, node: u32, t_max: f32) -> u32 {
     let exponents = vec3<u32>(n0.w & 0xffu, (n0.w >> 8u) & 0xffu, (n0.w >> 16u) & 0xffu);
     let unit = bitcast<vec3<f32>>(exponents << vec3<u32>(23u));
     let corner = bitcast<vec3<f32>>(n0.xyz) - ray.origin;
@@ -89,9 +83,9 @@ fn hit_children(ray: Traversal, n0: vec4<u32>, child_meta: vec2<u32>, node: u32,
     let nx = select(x, x.zwxy, ray.direction.x < 0.0);
     let ny = select(y, y.zwxy, ray.direction.y < 0.0);
     let nz = select(z, z.zwxy, ray.direction.z < 0.0);
-    let near0 = max(max(planes(nx.x, scale.x, low.x), planes(ny.x, scale.y, low.y)), max(planes(nz.x, scale.z, low.z), vec4<f32>(t_min)));
+    let near0 = max(max(planes(nx.x, scale.x, low.x), planes(ny.x, scale.y, low.y)), max(planes(nz.x, scale.z, low.z), vec4<f32>(0.0)));
     let far0 = min(min(planes(nx.z, scale.x, high.x), planes(ny.z, scale.y, high.y)), planes(nz.z, scale.z, high.z));
-    let near1 = max(max(planes(nx.y, scale.x, low.x), planes(ny.y, scale.y, low.y)), max(planes(nz.y, scale.z, low.z), vec4<f32>(t_min)));
+    let near1 = max(max(planes(nx.y, scale.x, low.x), planes(ny.y, scale.y, low.y)), max(planes(nz.y, scale.z, low.z), vec4<f32>(0.0)));
     let far1 = min(min(planes(nx.w, scale.x, high.x), planes(ny.w, scale.y, high.y)), planes(nz.w, scale.z, high.z));
     return hit_children4(child_meta.x, ray.octant, near0, min(far0, vec4<f32>(t_max)))
         | hit_children4(child_meta.y, ray.octant, near1, min(far1, vec4<f32>(t_max)));
@@ -130,25 +124,21 @@ fn intersect_triangle(ray: Traversal, row: u32, t_max: f32) -> vec3<f32> {
     return vec3<f32>(t, bary.yz);
 }
 
-// Whether a triangle stops every ray, without a look at its alpha.
-fn is_opaque(row: u32) -> bool {
-    return !HAS_ALPHA || (triangles[row].flags & TRIANGLE_ALPHA) == 0u;
-}
-
-// The first triangle up to `t_max` in the order of (distance, index) that comes after `after`, or any opaque one if
-// `any`: always a literal, so that each call is compiled for its kind.
+// The first covered triangle up to `t_max` in the order of (distance, index), or any if `any`: always a literal, so that
+// each call is compiled for its kind. `key` names the ray to `is_covered`.
 //
-// Alpha is looked at by the callers, between traversals. In here it would be looked at by every lane at every triangle,
-// since software drivers mask branches instead of taking them.
-fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, after: Hit, any: bool) -> Hit {
+// Where a triangle's alpha must be looked at, the walk pauses. Rays of a subgroup then look together: software drivers
+// mask branches instead of taking them, so that a look on the way would be paid for at every triangle.
+fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, key: u32, any: bool) -> Hit {
     var hit = Hit(t_max, NO_PRIM, vec2<f32>(0.0));
+    // What the walk pauses for: a nearer hit, if it is covered.
+    var candidate = hit;
+    var candidate_row = 0u;
     let world = traversal_for(origin, direction, frame_around(direction));
     var ray = world;
-    // What has been looked through is not gone through again: where many layers are, a ray's time would grow with their
-    // square. The margin is what distances are rounded by, drawn out to an angle of 0.001 with a triangle.
-    let t_min = select(0.0, max(after.t * (1.0 - 0x1p-12), 0.0), HAS_ALPHA);
     var top = 0u;
     var group = vec2<u32>(0u, 0x80000000u);
+    var leaf = vec2<u32>(0u);
     var is_done = false;
     // Of the instance that the ray is in. It begins in the first, which is nowhere moved.
     var is_inside = true;
@@ -162,76 +152,93 @@ fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, after: Hit, any
         top = 1u;
         base = 1u;
     }
-    while !is_done {
-        var leaf = group;
-        if group.y > 0x00ffffffu {
-            let bit = firstLeadingBit(group.y);
-            let slot = (bit - 24u) ^ (ray.octant & 7u);
-            let child = group.x + countOneBits(group.y & ~(0xffffffffu << slot) & 0xffu);
-            group.y &= ~(1u << bit);
-            if group.y > 0x00ffffffu && top < STACK_SIZE {
-                stack[top] = group;
-                top += 1u;
+    loop {
+        while !is_done && (!HAS_ALPHA || candidate.prim == NO_PRIM) {
+            if HAS_ALPHA && leaf.y != 0u {
+                // The rest of the triangles among which the walk paused.
+            } else if group.y > 0x00ffffffu {
+                let bit = firstLeadingBit(group.y);
+                let slot = (bit - 24u) ^ (ray.octant & 7u);
+                let child = group.x + countOneBits(group.y & ~(0xffffffffu << slot) & 0xffu);
+                group.y &= ~(1u << bit);
+                if group.y > 0x00ffffffu && top < STACK_SIZE {
+                    stack[top] = group;
+                    top += 1u;
+                }
+                let n0 = node_part(child, 0u);
+                let n1 = node_part(child, 1u);
+                let mask = hit_children(ray, n0, n1.zw, child, hit.t);
+                group = vec2<u32>(n1.x, (mask & 0xff000000u) | (n0.w >> 24u));
+                leaf = vec2<u32>(n1.y, mask & 0x00ffffffu);
+            } else {
+                leaf = group;
+                group = vec2<u32>(0u);
             }
-            let n0 = node_part(child, 0u);
-            let n1 = node_part(child, 1u);
-            let mask = hit_children(ray, n0, n1.zw, child, t_min, hit.t);
-            group = vec2<u32>(n1.x, (mask & 0xff000000u) | (n0.w >> 24u));
-            leaf = vec2<u32>(n1.y, mask & 0x00ffffffu);
-        } else {
-            group = vec2<u32>(0u);
-        }
-        if HAS_INSTANCES && !is_inside {
-            entries = leaf;
-            leaf.y = 0u;
-            if entries.y != 0u && group.y > 0x00ffffffu && top < STACK_SIZE {
-                stack[top] = group;
-                top += 1u;
-                group.y = 0u;
-            }
-        }
-        while leaf.y != 0u {
-            let row = leaf.x + firstTrailingBit(leaf.y);
-            leaf.y &= leaf.y - 1u;
-            let found = intersect_triangle(ray, row, hit.t);
-            let prim = row - row_offset;
-            let is_first = found.x > 0.0 && (found.x < hit.t || prim < hit.prim);
-            let is_after = !HAS_ALPHA || found.x > after.t || (found.x == after.t && prim > after.prim);
-            if is_first && is_after {
-                hit = Hit(found.x, prim, found.yz);
-                if any && is_opaque(row) {
-                    is_done = true;
-                    break;
+            if HAS_INSTANCES && !is_inside {
+                entries = leaf;
+                leaf.y = 0u;
+                if entries.y != 0u && group.y > 0x00ffffffu && top < STACK_SIZE {
+                    stack[top] = group;
+                    top += 1u;
+                    group.y = 0u;
                 }
             }
-        }
-        if HAS_INSTANCES {
-            // Whether the ray leaves an instance, or the tree over them for one.
-            let is_through = select(entries.y != 0u, top == base, is_inside);
-            var is_over = group.y <= 0x00ffffffu && is_through && !is_done;
-            // Once, as a loop: software drivers skip no branch.
-            while is_over {
-                is_over = false;
-                is_inside = entries.y != 0u;
-                if is_inside {
-                    let instance = frame.instances + ROWS_PER_INSTANCE * (entries.x + firstTrailingBit(entries.y));
-                    entries.y &= entries.y - 1u;
-                    let header = instance_header(instance);
-                    row_offset = header.y;
-                    group = vec2<u32>(header.z, 0x80000000u);
-                    base = top;
-                    ray = local_traversal(instance, origin, direction);
-                } else {
-                    base = 0u;
-                    ray = world;
+            while leaf.y != 0u {
+                let row = leaf.x + firstTrailingBit(leaf.y);
+                leaf.y &= leaf.y - 1u;
+                let found = intersect_triangle(ray, row, hit.t);
+                let prim = row - row_offset;
+                let is_first = found.x > 0.0 && (found.x < hit.t || prim < hit.prim);
+                if is_first {
+                    let nearer = Hit(found.x, prim, found.yz);
+                    if HAS_ALPHA && (triangles[row].flags & TRIANGLE_ALPHA) != 0u {
+                        candidate = nearer;
+                        candidate_row = row;
+                        break;
+                    }
+                    hit = nearer;
+                    if any {
+                        is_done = true;
+                        break;
+                    }
                 }
             }
+            if HAS_INSTANCES {
+                // Whether the ray leaves an instance, or the tree over them for one.
+                let is_through = select(entries.y != 0u, top == base, is_inside);
+                var is_over = group.y <= 0x00ffffffu && leaf.y == 0u && is_through && !is_done;
+                // Once, as a loop: software drivers skip no branch.
+                while is_over {
+                    is_over = false;
+                    is_inside = entries.y != 0u;
+                    if is_inside {
+                        let instance = frame.instances + ROWS_PER_INSTANCE * (entries.x + firstTrailingBit(entries.y));
+                        entries.y &= entries.y - 1u;
+                        let header = instance_header(instance);
+                        row_offset = header.y;
+                        group = vec2<u32>(header.z, 0x80000000u);
+                        base = top;
+                        ray = local_traversal(instance, origin, direction);
+                    } else {
+                        base = 0u;
+                        ray = world;
+                    }
+                }
+            }
+            if group.y <= 0x00ffffffu && leaf.y == 0u {
+                is_done = is_done || top == 0u;
+                top = max(top, 1u) - 1u;
+                group = stack[top];
+            }
         }
-        if group.y <= 0x00ffffffu {
-            is_done = is_done || top == 0u;
-            top = max(top, 1u) - 1u;
-            group = stack[top];
+        if !HAS_ALPHA || candidate.prim == NO_PRIM {
+            break;
         }
+        if is_covered(candidate_row, candidate.prim, candidate.bary, key) {
+            hit = candidate;
+            is_done = is_done || any;
+        }
+        candidate.prim = NO_PRIM;
     }
     was_cut_short = was_cut_short || !is_done;
     return hit;
@@ -288,13 +295,7 @@ fn traverse_spheres(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, except:
 }
 
 fn trace_closest(origin: vec3<f32>, direction: vec3<f32>, key: u32) -> Hit {
-    var hit = BEFORE_ALL;
-    var is_settled = false;
-    for (var layer = 0u; layer < MAX_LAYERS && !is_settled; layer += 1u) {
-        hit = traverse(origin, direction, 3.0e38, hit, false);
-        is_settled = !HAS_ALPHA || hit.prim == NO_PRIM || is_opaque(placed(hit.prim).row) || is_covered(hit.prim, hit.bary, key);
-    }
-    was_cut_short = was_cut_short || !is_settled;
+    var hit = traverse(origin, direction, 3.0e38, key, false);
     if hit.prim != NO_PRIM {
         hit.bary = hit_barycentrics(origin, direction, hit);
     }
@@ -314,14 +315,7 @@ fn is_occluded(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, except: u32,
             return true;
         }
     }
-    var hit = BEFORE_ALL;
-    var is_settled = false;
-    for (var layer = 0u; layer < MAX_LAYERS && !is_settled; layer += 1u) {
-        hit = traverse(origin, direction, t_max, hit, true);
-        is_settled = !HAS_ALPHA || hit.prim == NO_PRIM || is_opaque(placed(hit.prim).row) || is_covered(hit.prim, hit.bary, key);
-    }
-    was_cut_short = was_cut_short || !is_settled;
-    return hit.prim != NO_PRIM;
+    return traverse(origin, direction, t_max, key, true).prim != NO_PRIM;
 }
 
 // Whether anything stands between a ray's start near `p` and what `sample_light` has sampled at `p`.

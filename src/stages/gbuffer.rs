@@ -6,13 +6,13 @@ use crate::graph::{PhysicalImage as P, Stage};
 use crate::scene::rig::Eye;
 
 pub(super) const ROOM: Room =
-    Room { stage: Stage::Gbuffer, shader: "gbuffer", reads_scene: true, slots: &SAMPLE_SLOTS, clears: &[], dispatches };
+    Room { stage: Stage::Gbuffer, shader: "gbuffer", reads_scene: true, slots: &SLOTS, clears: &[], dispatches };
 
 /// Primary rays of one dispatch, a pixel.
 const RAYS_PER_DISPATCH: u32 = 64;
 
 /// Group 1 of `pixel.inc.wgsl`.
-pub(super) const SAMPLE_SLOTS: [Slot; 6] = [
+const SLOTS: [Slot; 6] = [
     Slot::Write(P::Hit),
     Slot::Write(P::Albedo),
     Slot::Write(P::Emission),

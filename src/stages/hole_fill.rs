@@ -1,26 +1,17 @@
 //! Path tracing of the holes that reprojection listed.
 
-use super::path_trace::{PATHS_PER_DISPATCH, batches};
-use super::{Dispatch, Of, Room, Slot, Work};
-use crate::graph::{PhysicalImage as P, Stage};
+use super::path_trace::{self, PATHS_PER_DISPATCH, batches};
+use super::{Dispatch, Room, Work};
+use crate::graph::Stage;
 
-pub(super) const ROOM: Room = Room {
-    stage: Stage::HoleFill,
-    shader: "hole_fill",
-    reads_scene: true,
-    slots: &[
-        Slot::Write(P::Hit),
-        Slot::Write(P::Albedo),
-        Slot::Write(P::Emission),
-        Slot::Write(P::Radiance),
-        Slot::Write(P::Tally),
-        Slot::Write(P::Guide),
-        Slot::Read(P::Holes, Of::TaskView),
-    ],
-    clears: &[],
-    dispatches,
-};
+/// Shares its pipeline with path tracing.
+pub(super) const ROOM: Room = Room { stage: Stage::HoleFill, dispatches, ..path_trace::ROOM };
+
+/// `HOLES_ONLY` in the shader.
+const HOLES_ONLY: u32 = 1;
 
 fn dispatches(work: &Work<'_>) -> Vec<Dispatch> {
-    batches(work.spp, PATHS_PER_DISPATCH).map(|args| Dispatch::Holes { args }).collect()
+    batches(work.spp, PATHS_PER_DISPATCH)
+        .map(|[first, end, _]| Dispatch::Holes { args: [first, end, HOLES_ONLY] })
+        .collect()
 }

@@ -178,7 +178,7 @@ pub struct Light {
 pub const LIGHT_SPOT: u32 = 1;
 pub const LIGHT_TRIANGLE: u32 = 2;
 
-/// `EnvCell` in `lights.inc.wgsl`.
+/// `EnvCell` in `environment.inc.wgsl`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct EnvCell {

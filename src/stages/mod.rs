@@ -106,6 +106,7 @@ enum Dispatch {
 /// A stage's sentence.
 struct Room {
     stage: Stage,
+    /// Rooms with the same one share its pipeline, and have the same slots.
     shader: &'static str,
     /// Whether group 0 holds the scene beside the frame's constants.
     reads_scene: bool,

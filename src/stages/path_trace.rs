@@ -1,14 +1,21 @@
 //! Path tracing of one view, in batches of samples.
 
-use super::gbuffer::SAMPLE_SLOTS;
-use super::{Dispatch, Room, Work};
-use crate::graph::Stage;
+use super::{Dispatch, Of, Room, Slot, Work};
+use crate::graph::{PhysicalImage as P, Stage};
 
 pub(super) const ROOM: Room = Room {
     stage: Stage::PathTrace,
     shader: "path_trace",
     reads_scene: true,
-    slots: &SAMPLE_SLOTS,
+    slots: &[
+        Slot::Write(P::Hit),
+        Slot::Write(P::Albedo),
+        Slot::Write(P::Emission),
+        Slot::Write(P::Radiance),
+        Slot::Write(P::Tally),
+        Slot::Write(P::Guide),
+        Slot::Read(P::Holes, Of::TaskView),
+    ],
     clears: &[],
     dispatches,
 };

@@ -138,7 +138,12 @@ impl DeviceStages {
         for room in ROOMS.iter().filter(|r| stages.contains(&r.stage)) {
             let group0 = if room.reads_scene { &scene_layout } else { &frame_layout };
             let _span = tracing::info_span!("build pipeline", stage = room.stage.name()).entered();
-            rooms.push(build(gpu, room, group0, &settings)?);
+            // Rooms that differ in their dispatches alone share a pipeline.
+            let same = rooms.iter().find(|b: &&Built| b.room.shader == room.shader);
+            rooms.push(match same {
+                Some(b) => Built { room, pipeline: b.pipeline.clone(), layout: b.layout.clone() },
+                None => build(gpu, room, group0, &settings)?,
+            });
         }
         let (spp, groups) = (settings.spp, HashMap::new());
         Ok(Self { settings, spp, images, rooms, groups, frame_only, with_scene, frame, previous })

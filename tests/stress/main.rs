@@ -82,7 +82,7 @@ fn every_sample_of_every_row_is_finite() {
 /// However many layers a ray has to look through, on whatever driver: its sample is right, or it is counted.
 #[test]
 fn rays_that_are_cut_short_are_counted() {
-    for count in [100, 1000, 5000] {
+    for count in [1000, 5000, 100_000] {
         let (scene, camera) = rows::layers(count, AlphaMode::Blend);
         let subject = subject(&format!("{count} layers"), scene, camera);
         for spp in [1, 8] {
@@ -93,8 +93,7 @@ fn rays_that_are_cut_short_are_counted() {
             let dropped = frame.report.tallies[0].nonfinite;
             println!("{count} layers, {spp} samples: {wrong} of 64 pixels are not right, {dropped} samples counted");
             assert!(wrong as u64 <= dropped, "{count} layers: {wrong} pixels are wrong and {dropped} samples counted");
-            assert!(count <= 4096 || dropped >= 64, "{count} layers: only {dropped} samples were counted");
-            assert!(count > 100 || dropped == 0, "{count} layers: {dropped} samples were dropped");
+            assert!(count > 5000 || dropped == 0, "{count} layers: {dropped} samples were dropped");
         }
     }
 }

@@ -9,7 +9,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use glam::{DVec3, Vec2, Vec3};
 
-/// `LIGHT_LEAF` and `LIGHT_TWO_SIDED` in `lights.inc.wgsl`.
+/// `LIGHT_LEAF` and `LIGHT_TWO_SIDED` in `light_tree.inc.wgsl`.
 const LEAF: u32 = 1 << 31;
 const TWO_SIDED: u32 = 1 << 30;
 
