@@ -6,11 +6,11 @@ mod reference;
 
 use std::collections::HashMap;
 
-use bytemuck::Zeroable;
-use diptych::accel::{Accel, Node, Triangle};
+use diptych::accel::Accel;
 use diptych::device::{self, GpuDevice, Selection};
 use diptych::scene::Mesh;
 use diptych::stages::layout::Frame;
+use diptych::stages::{SceneBuffers, SceneTables, scene_layout_entries};
 use glam::{Vec3, vec3};
 use reference::sampling::Rng;
 use reference::scenes::{add_matte, empty, icosphere, place};
@@ -42,7 +42,18 @@ type Ray = [[f32; 4]; 2];
 
 struct Tracer {
     gpu: GpuDevice,
+    /// Frame and scene; rays and what they meet.
+    layouts: [wgpu::BindGroupLayout; 2],
     pipeline: wgpu::ComputePipeline,
+}
+
+fn buffer_entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLayoutEntry {
+    wgpu::BindGroupLayoutEntry {
+        binding,
+        visibility: wgpu::ShaderStages::COMPUTE,
+        ty: wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None },
+        count: None,
+    }
 }
 
 impl Tracer {
@@ -56,17 +67,30 @@ impl Tracer {
         let checks = device::ShaderChecks::Fast.runtime_checks();
         // SAFETY: every loop of the traversal ends and no integer is divided; bounds are checked.
         let module = unsafe { gpu.device.create_shader_module_trusted(descriptor, checks) };
+        let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
+        let mut scene_entries = vec![buffer_entry(0, wgpu::BufferBindingType::Uniform)];
+        scene_entries.extend(scene_layout_entries());
+        let layouts = [scene_entries, vec![buffer_entry(8, storage(true)), buffer_entry(9, storage(false))]];
+        let layouts = layouts.map(|entries| {
+            let descriptor = wgpu::BindGroupLayoutDescriptor { label: None, entries: &entries };
+            gpu.device.create_bind_group_layout(&descriptor)
+        });
+        let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: None,
+            bind_group_layouts: &layouts.each_ref().map(Some),
+            immediate_size: 32,
+        });
         let constants = [("HAS_ALPHA", 0.0)];
         let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
             label: None,
-            layout: None,
+            layout: Some(&pipeline_layout),
             module: &module,
             entry_point: Some("aim"),
             compilation_options: wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() },
             cache: None,
         });
         assert_eq!(gpu.failure(), None);
-        Self { gpu, pipeline }
+        Self { gpu, layouts, pipeline }
     }
 
     fn buffer(&self, contents: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
@@ -74,35 +98,9 @@ impl Tracer {
         self.gpu.device.create_buffer_init(&descriptor)
     }
 
-    /// The nodes as the shaders have them, 1024 in a row of texels.
-    fn node_texture(&self, nodes: &[Node]) -> wgpu::TextureView {
-        let rows = nodes.len().div_ceil(1024);
-        let mut texels = bytemuck::cast_slice::<Node, u8>(nodes).to_vec();
-        texels.resize(rows * 1024 * size_of::<Node>(), 0);
-        let descriptor = wgpu::TextureDescriptor {
-            label: None,
-            size: wgpu::Extent3d { width: 5120, height: rows as u32, depth_or_array_layers: 1 },
-            mip_level_count: 1,
-            sample_count: 1,
-            dimension: wgpu::TextureDimension::D2,
-            format: wgpu::TextureFormat::Rgba32Uint,
-            usage: wgpu::TextureUsages::TEXTURE_BINDING,
-            view_formats: &[],
-        };
-        let order = wgpu::util::TextureDataOrder::LayerMajor;
-        let texture = self.gpu.device.create_texture_with_data(&self.gpu.queue, &descriptor, order, &texels);
-        texture.create_view(&Default::default())
-    }
-
-    fn bind(&self, group: u32, resources: &[(u32, wgpu::BindingResource<'_>)]) -> wgpu::BindGroup {
-        self.gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: None,
-            layout: &self.pipeline.get_bind_group_layout(group),
-            entries: &resources
-                .iter()
-                .map(|(binding, resource)| wgpu::BindGroupEntry { binding: *binding, resource: resource.clone() })
-                .collect::<Vec<_>>(),
-        })
+    fn bind(&self, group: usize, entries: &[wgpu::BindGroupEntry<'_>]) -> wgpu::BindGroup {
+        let descriptor = wgpu::BindGroupDescriptor { label: None, layout: &self.layouts[group], entries };
+        self.gpu.device.create_bind_group(&descriptor)
     }
 
     /// For each ray, the first triangle it meets, u32::MAX if there is none.
@@ -111,7 +109,7 @@ impl Tracer {
         let aimed = self.buffer(bytemuck::cast_slice(rays), storage);
         let zeros = vec![0u32; rays.len()];
         let found = self.buffer(bytemuck::cast_slice(&zeros), storage | wgpu::BufferUsages::COPY_SRC);
-        let results = self.bind(1, &[(8, aimed.as_entire_binding()), (9, found.as_entire_binding())]);
+        let results = self.bind(1, &[bound(8, &aimed), bound(9, &found)]);
         let read = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
         let back = self.buffer(bytemuck::cast_slice(&zeros), read);
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
@@ -128,6 +126,10 @@ impl Tracer {
         self.gpu.wait(None).unwrap();
         bytemuck::cast_slice(&back.get_mapped_range(..).unwrap()).to_vec()
     }
+}
+
+fn bound(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
+    wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
 }
 
 /// A closed surface, and from where rays are aimed at it.
@@ -237,27 +239,22 @@ fn leaks(tracer: &Tracer, case: &Case, rays: usize) -> usize {
     add_matte(&mut scene, Vec3::ONE);
     place(&mut scene, case.mesh.clone());
     let centre = case.mesh.positions.iter().sum::<Vec3>() / case.mesh.positions.len() as f32;
-    let accel = Accel::build(&scene).unwrap();
-    let storage = wgpu::BufferUsages::STORAGE;
-    let nodes = tracer.node_texture(&accel.nodes);
-    let triangles = tracer.buffer(bytemuck::cast_slice::<Triangle, u8>(&accel.triangles), storage);
-    // Zeros: no tree but that of the triangles.
-    let frame = tracer.buffer(bytemuck::bytes_of(&Frame::zeroed()), wgpu::BufferUsages::UNIFORM);
-    let tables = [
-        (0, frame.as_entire_binding()),
-        (1, wgpu::BindingResource::TextureView(&nodes)),
-        (2, triangles.as_entire_binding()),
-    ];
-    let tables = tracer.bind(0, &tables);
+    let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
+    let buffers = SceneBuffers::new(&tracer.gpu, &tables).unwrap();
+    let mut frame = Frame::default();
+    tables.describe(&mut frame);
+    let frame = tracer.buffer(bytemuck::bytes_of(&frame), wgpu::BufferUsages::UNIFORM);
+    let entries: Vec<_> = std::iter::once(bound(0, &frame)).chain(buffers.entries()).collect();
+    let group = tracer.bind(0, &entries);
     let mut rng = Rng::new(3, 0);
     let mut missed = 0;
     for begin in (0..rays).step_by(BATCH) {
         let mut batch: Vec<Ray> = (begin..rays.min(begin + BATCH)).map(|_| aim(case, centre, &mut rng)).collect();
         for [origin, _] in &mut batch {
-            let near = Vec3::from_slice(origin).as_dvec3() - accel.origin;
+            let near = Vec3::from_slice(origin).as_dvec3() - tables.origin();
             *origin = near.as_vec3().extend(0.0).to_array();
         }
-        missed += tracer.trace(&tables, &batch).iter().filter(|&&prim| prim == u32::MAX).count();
+        missed += tracer.trace(&group, &batch).iter().filter(|&&prim| prim == u32::MAX).count();
     }
     missed
 }
