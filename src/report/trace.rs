@@ -1,0 +1,142 @@
+//! Traces in words: sums, one frame, and two traces side by side.
+
+use super::text_table;
+use crate::trace::Lane;
+use crate::trace::compare::{Change, Comparison};
+use crate::trace::summary::{DeviceSummary, FrameDetail, PathShare, Summary, median};
+
+/// Parts of the critical path below this share are told as one.
+const SMALL_SHARE: f64 = 0.005;
+
+pub fn summary_text(summary: &Summary) -> String {
+    let mut text = devices_table(&summary.devices) + "\n" + &totals(summary);
+    if !summary.critical_path.is_empty() {
+        text += "\ncritical path, mean of frames\n";
+        text += &path_table(summary);
+    }
+    text + &notes(&summary.warnings)
+}
+
+pub fn frame_text(detail: &FrameDetail) -> String {
+    let summary = &detail.summary;
+    let mut text = devices_table(&summary.devices) + "\n" + &totals(summary);
+    text += "\nstages, all devices together\n";
+    let stages = summary.frames.iter().flat_map(|frame| &frame.stages);
+    let rows: Vec<_> = stages.map(|s| vec![s.stage.clone(), s.lane.name().to_owned(), ms(s.time_ms)]).collect();
+    text += &text_table(&["stage", "lane", "ms"], &rows);
+    text += "\ncritical path, step by step\n";
+    let rows: Vec<_> = detail
+        .steps
+        .iter()
+        .map(|step| {
+            let rows = step.rows.map_or(String::new(), |[begin, end]| format!("{begin}..{end}"));
+            let what = path_name(&step.what, step.lane);
+            vec![ms(step.begin_ms), ms(step.time_ms), device(step.pid, &summary.devices), what, rows]
+        })
+        .collect();
+    text += &text_table(&["at ms", "ms", "device", "what", "rows"], &rows);
+    text += "\ncritical path, summed\n";
+    text += &path_table(summary);
+    text + &notes(&summary.warnings)
+}
+
+pub fn comparison_text(comparison: &Comparison) -> String {
+    let mut text = String::new();
+    for (letter, side) in [("A", &comparison.a), ("B", &comparison.b)] {
+        text += &format!("{letter}: {}, {} device(s), {} frame(s)\n", side.name, side.devices, side.frames);
+    }
+    text += "\nmedian frame\n";
+    text += &changes_table(&comparison.frames);
+    text += "\nstages and transfers, ms in the median frame, all devices together\n";
+    text += &changes_table(&comparison.stages);
+    text + &notes(&comparison.a.warnings) + &notes(&comparison.b.warnings)
+}
+
+fn changes_table(changes: &[Change]) -> String {
+    let rows: Vec<_> = changes
+        .iter()
+        .map(|c| {
+            let ratio = c.ratio.map_or("-".to_owned(), |ratio| format!("{ratio:.3}"));
+            let sign = if c.difference > 0.0 { "+" } else { "" };
+            vec![c.what.clone(), ms(c.a), ms(c.b), format!("{sign}{:.3}", c.difference), ratio]
+        })
+        .collect();
+    text_table(&["", "A", "B", "B - A", "B / A"], &rows)
+}
+
+fn devices_table(devices: &[DeviceSummary]) -> String {
+    let rows: Vec<_> = devices
+        .iter()
+        .map(|d| {
+            let residual = d.clock_residual_us.map_or("-".to_owned(), |us| format!("{us:.1}"));
+            let [busy, transfer, hidden, idle] = [d.busy_ms, d.transfer_ms, d.hidden_transfer_ms, d.idle_ms].map(ms);
+            vec![d.name.clone(), busy, percent(d.busy_share), transfer, hidden, idle, residual]
+        })
+        .collect();
+    text_table(&["device", "busy ms", "busy", "transfer ms", "of it hidden", "idle ms", "clock error µs"], &rows)
+}
+
+fn totals(summary: &Summary) -> String {
+    let mut text = String::new();
+    let mut line = |what: &str, value: String| text += &format!("{what:18}{value}\n");
+    let times_ms: Vec<f64> = summary.frames.iter().map(|frame| frame.makespan_ms).collect();
+    let least_ms = times_ms.iter().copied().fold(f64::INFINITY, f64::min);
+    let most_ms = times_ms.iter().copied().fold(0.0, f64::max);
+    match (&summary.frames[..], median(times_ms)) {
+        ([frame], _) => line("frame", format!("{}, makespan {:.3} ms", frame.frame, frame.makespan_ms)),
+        ([..], Some(median_ms)) => {
+            let count = summary.frames.len();
+            let spread = format!("median {median_ms:.3} ms, least {least_ms:.3}, most {most_ms:.3}");
+            line("frames", format!("{count}, makespan {spread}"));
+        }
+        _ => line("time", format!("{:.3} ms from the first task to the last", summary.total_ms)),
+    }
+    line("overlap", format!("{} with two or more devices busy", percent(summary.overlap_share)));
+    if let Some(share) = summary.hidden_transfer_share {
+        line("hidden transfers", format!("{} of transfer time", percent(share)));
+    }
+    if let Some(imbalance) = summary.imbalance {
+        line("imbalance", format!("{imbalance:.3} (largest over mean busy time)"));
+    }
+    text
+}
+
+fn path_table(summary: &Summary) -> String {
+    let (large, small): (Vec<&PathShare>, Vec<_>) =
+        summary.critical_path.iter().partition(|part| part.share >= SMALL_SHARE);
+    let row = |part: &&PathShare| {
+        let what = path_name(&part.what, part.lane);
+        vec![what, device(part.pid, &summary.devices), ms(part.ms_per_frame), percent(part.share)]
+    };
+    let mut rows: Vec<_> = large.iter().map(row).collect();
+    if !small.is_empty() {
+        let sum = |of: fn(&PathShare) -> f64| small.iter().map(|part| of(part)).sum();
+        let what = format!("{} smaller parts", small.len());
+        rows.push(vec![what, String::new(), ms(sum(|p| p.ms_per_frame)), percent(sum(|p| p.share))]);
+    }
+    text_table(&["what", "device", "ms", "share"], &rows)
+}
+
+fn path_name(what: &str, lane: Option<Lane>) -> String {
+    match lane {
+        Some(lane) => format!("{what} {}", lane.name()),
+        None => format!("wait: {what}"),
+    }
+}
+
+/// The device's number among those of the trace.
+fn device(pid: u32, devices: &[DeviceSummary]) -> String {
+    devices.iter().position(|d| d.pid == pid).map_or(String::new(), |number| number.to_string())
+}
+
+fn notes(warnings: &[String]) -> String {
+    warnings.iter().map(|warning| format!("note: {warning}\n")).collect()
+}
+
+fn ms(value: f64) -> String {
+    format!("{value:.3}")
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.1} %", 100.0 * share)
+}
