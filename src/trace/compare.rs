@@ -98,7 +98,7 @@ fn frames(a: &[FrameSummary], b: &[FrameSummary]) -> Vec<Change> {
         ("idle ms", |f| Some(f.idle_ms)),
         ("waits on critical path ms", |f| Some(f.wait_ms)),
         ("imbalance", |f| f.imbalance),
-        ("bytes moved", |f| Some(f.bytes as f64)),
+        ("rows moved MB", |f| Some(f.bytes as f64 / 1e6)),
     ];
     let changes = MEASURES.into_iter().filter_map(|(what, of)| {
         let middle = |frames: &[FrameSummary]| median(frames.iter().filter_map(of).collect());
@@ -147,7 +147,7 @@ mod tests {
         assert_eq!((comparison.stages[0].difference, comparison.stages[0].ratio), (-11.0, Some(0.5)));
         let of = |what: &str| comparison.frames.iter().find(|c| c.what == what).unwrap();
         assert_eq!((of("makespan ms").a, of("makespan ms").b), (23.0, 12.0));
-        assert_eq!((of("bytes moved").a, of("bytes moved").ratio), (16.0, Some(0.5)));
+        assert_eq!((of("rows moved MB").a, of("rows moved MB").ratio), (16e-6, Some(0.5)));
         assert_eq!((of("idle ms").difference, of("idle ms").ratio), (0.0, None));
         assert_eq!(of("imbalance").ratio, Some(1.0));
         assert!(comparison.frames.is_sorted_by(|x, y| x.factor() >= y.factor()));
