@@ -140,3 +140,79 @@ fn ms(value: f64) -> String {
 fn percent(share: f64) -> String {
     format!("{:.1} %", 100.0 * share)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::trace::work::{Device, FrameTime, Task, Trace};
+
+    /// A frame of 10 ms: 2 ms until it starts, 6 ms of work on the left eye, then an upload.
+    fn trace() -> Trace {
+        let task = |lane, name: &str, begin_us, end_us| Task {
+            pid: 10,
+            lane,
+            name: name.to_owned(),
+            begin_us,
+            end_us,
+            frame: Some(4),
+            rows: Some(0..90),
+            transfer: None,
+            bytes: Some(1000),
+        };
+        Trace {
+            devices: [(10, Device { name: "gpu".to_owned(), clock_residual_us: Some(2.5) })].into(),
+            tasks: vec![task(Lane::Left, "atrous", 2e3, 8e3), task(Lane::Upload, "linear", 9e3, 10e3)],
+            frame_times: vec![FrameTime { frame: 4, begin_us: 0.0, end_us: 10e3, devices: None }],
+            warnings: vec!["odd".to_owned()],
+        }
+    }
+
+    #[test]
+    fn a_summary_says_where_the_time_went() {
+        let expected = "\
+device  busy ms    busy  transfer ms  of it hidden  idle ms  clock error µs
+------  -------  ------  -----------  ------------  -------  --------------
+gpu       6.000  60.0 %        1.000         0.000    3.000             2.5
+
+frame             4, makespan 10.000 ms
+overlap           0.0 % with two or more devices busy
+hidden transfers  0.0 % of transfer time
+imbalance         1.000 (largest over mean busy time)
+
+critical path, mean of frames
+what                  device     ms   share
+--------------------  ------  -----  ------
+atrous left                0  6.000  60.0 %
+wait: start of frame       0  2.000  20.0 %
+linear upload              0  1.000  10.0 %
+wait: read-back            0  1.000  10.0 %
+note: odd
+";
+        assert_eq!(summary_text(&Summary::of(&trace())), expected);
+    }
+
+    #[test]
+    fn a_frame_is_told_step_by_step() {
+        let text = frame_text(&FrameDetail::of(&trace(), 4, "t").unwrap());
+        let expected = "
+critical path, step by step
+at ms     ms  device  what                  rows
+-----  -----  ------  --------------------  -----
+0.000  2.000       0  wait: start of frame
+2.000  6.000       0  atrous left           0..90
+8.000  1.000       0  wait: read-back
+9.000  1.000       0  linear upload         0..90
+";
+        assert!(text.contains(expected), "{text}");
+    }
+
+    #[test]
+    fn a_comparison_says_what_changed_and_by_how_much() {
+        let (a, mut b) = (trace(), trace());
+        b.tasks[0].end_us = 5e3;
+        let text = comparison_text(&Comparison::of([(&a, "a.json"), (&b, "b.json")]).unwrap());
+        for line in ["A: a.json, 1 device(s), 1 frame(s)", "atrous left  6.000  3.000  -3.000  0.500", "note: odd"] {
+            assert!(text.contains(line), "no `{line}` in\n{text}");
+        }
+    }
+}

@@ -171,7 +171,7 @@ mod tests {
     /// Name, device, begin and end in milliseconds of each stretch.
     fn path(tasks: &mut [Task], [begin_ms, end_ms]: [f64; 2]) -> Vec<(String, u32, f64, f64)> {
         tasks.sort_by(|a, b| a.begin_us.total_cmp(&b.begin_us));
-        let time = FrameTime { frame: 0, begin_us: begin_ms * 1e3, end_us: end_ms * 1e3 };
+        let time = FrameTime { frame: 0, begin_us: begin_ms * 1e3, end_us: end_ms * 1e3, devices: None };
         let path = critical_path(&Frame { time, tasks: tasks.iter().collect() });
         for pair in path.windows(2) {
             assert_eq!(pair[0].end_us, pair[1].begin_us);

@@ -24,10 +24,11 @@ pub fn record_frame(recorder: &Recorder, report: &FrameReport, knobs: &FrameKnob
     }
     let mut tasks: Vec<Task> = report.tasks.iter().map(|timing| task_from(timing, report.index)).collect();
     tasks.sort_by(|a, b| a.begin_us.total_cmp(&b.begin_us).then(a.end_us.total_cmp(&b.end_us)));
+    let devices = report.assignment.stripes(Stage::PathTrace, Eye::Left).devices() as u64;
     let (frame, begin_us) = (u64::from(report.index), report.begin_ms * 1e3);
-    let time = FrameTime { frame, begin_us, end_us: begin_us + report.makespan_ms * 1e3 };
+    let time = FrameTime { frame, begin_us, end_us: begin_us + report.makespan_ms * 1e3, devices: Some(devices) };
     let spp = ("spp", f64::from(knobs.spp));
-    recorder.frame(time.begin_us, time.end_us, &[("frame", frame as f64), spp]);
+    recorder.frame(time.begin_us, time.end_us, &[("frame", frame as f64), ("devices", devices as f64), spp]);
     for task in &tasks {
         record_task(recorder, task, spp);
     }

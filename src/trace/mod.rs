@@ -29,6 +29,7 @@ pub const HOST_PID: u32 = 1;
 pub const FIRST_DEVICE_PID: u32 = 10;
 /// Where frames are shown, from their plan to their images on the primary.
 pub const FRAMES_TRACK: Track = Track { pid: HOST_PID, tid: 1 };
+const FRAMES_NAME: &str = "frames";
 
 #[derive(Debug, thiserror::Error)]
 pub enum TraceError {

@@ -9,7 +9,7 @@ use serde_json::{Map, Value};
 
 use super::document::raw_trace_from_bytes;
 use super::work::{Device, FrameTime, Task, Trace};
-use super::{FIRST_DEVICE_PID, HOST_PID, Lane, TraceError};
+use super::{FIRST_DEVICE_PID, FRAMES_NAME, HOST_PID, Lane, TraceError};
 
 /// Rounding of a begin and a duration to f64 microseconds must not make neighbours overlap.
 const OVERLAP_TOLERANCE_US: f64 = 1e-3;
@@ -193,7 +193,7 @@ impl Reader {
     fn is_frame(&self, span: &Span) -> bool {
         span.name == "frame"
             && span.track.0 == HOST_PID.to_string()
-            && self.thread_names.get(&span.track).is_some_and(|name| name == "frames")
+            && self.thread_names.get(&span.track).is_some_and(|name| name == FRAMES_NAME)
     }
 
     fn devices(&self) -> BTreeMap<u32, Device> {
@@ -270,8 +270,9 @@ fn task(pid: u32, lane: Lane, span: Span) -> Result<Task, Wrong> {
 
 /// The frame's time, if it says its number.
 fn frame_time(span: &Span) -> Result<Option<FrameTime>, String> {
+    let devices = whole(&span.args, "devices")?;
     let frame = whole(&span.args, "frame")?;
-    Ok(frame.map(|frame| FrameTime { frame, begin_us: span.begin_us, end_us: span.end_us }))
+    Ok(frame.map(|frame| FrameTime { frame, begin_us: span.begin_us, end_us: span.end_us, devices }))
 }
 
 fn check_finite(args: &Value) -> Result<(), String> {

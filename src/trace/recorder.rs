@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 
 use super::event::{Event, FlowStep, Kind, Track, args_from};
 use super::file::Document;
-use super::{FIRST_DEVICE_PID, FRAMES_TRACK, HOST_PID, Lane, TraceError};
+use super::{FIRST_DEVICE_PID, FRAMES_NAME, FRAMES_TRACK, HOST_PID, Lane, TraceError};
 
 /// Writes to the trace of a run; clones write to the same one, from any thread.
 #[derive(Clone)]
@@ -50,7 +50,7 @@ impl Recorder {
         log.document = Some(document);
         log.push(Event::process_name(HOST_PID, "host"));
         log.push(Event::process_sort_index(HOST_PID, HOST_PID));
-        log.push(Event::thread_name(FRAMES_TRACK, "frames"));
+        log.push(Event::thread_name(FRAMES_TRACK, FRAMES_NAME));
         log.push(Event::thread_sort_index(FRAMES_TRACK, FRAMES_TRACK.tid));
         log.write(false);
     }

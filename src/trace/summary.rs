@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::critical::{What, critical_path};
 use super::intervals::{Interval, length, length_in_two_or_more, shared_length, union};
-use super::work::{Device, Frame, FrameTime, Task, Trace, extent};
+use super::work::{Device, Frame, FrameTime, Trace, extent};
 use super::{Lane, TraceError};
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -20,9 +20,9 @@ pub struct DeviceSummary {
     pub transfer_ms: f64,
     /// Part of `transfer_ms` in which the device was busy as well.
     pub hidden_transfer_ms: f64,
-    /// Rest of the frames: neither busy nor transferring.
+    /// Rest of the frames that it had a share in: neither busy nor transferring.
     pub idle_ms: f64,
-    /// `busy_ms` over the time of all frames.
+    /// `busy_ms` over the time of these frames.
     pub busy_share: f64,
     /// Bound on the error of its times against the host's.
     pub clock_residual_us: Option<f64>,
@@ -120,7 +120,10 @@ impl Summary {
         }
         if frames.is_empty() {
             let (begin_us, end_us) = extent(&trace.tasks).unwrap_or_default();
-            let whole = Frame { time: FrameTime { frame: 0, begin_us, end_us }, tasks: trace.tasks.iter().collect() };
+            let whole = Frame {
+                time: FrameTime { frame: 0, begin_us, end_us, devices: None },
+                tasks: trace.tasks.iter().collect(),
+            };
             return Summary { frames: Vec::new(), critical_path: Vec::new(), ..sum_up(trace, &[whole], warnings) };
         }
         let outside = trace.tasks.iter().filter(|task| task.frame.is_none()).count();
@@ -159,10 +162,10 @@ impl FrameDetail {
 }
 
 fn sum_up(trace: &Trace, frames: &[Frame], warnings: Vec<String>) -> Summary {
-    let total_us: f64 = frames.iter().map(|f| f.time.end_us - f.time.begin_us).sum();
-    let lanes = lanes(trace, frames.iter().flat_map(|f| f.tasks.iter().copied()));
+    let total_us: f64 = frames.iter().map(|f| f.time.length_us()).sum();
+    let lanes = lanes(trace, frames);
     let overlap_us = length_in_two_or_more(lanes.iter().map(|device| &device.busy));
-    let devices: Vec<_> = lanes.iter().map(|device| device.sum_up(total_us)).collect();
+    let devices: Vec<_> = lanes.iter().map(Lanes::sum_up).collect();
     let transfer_ms: f64 = devices.iter().map(|d| d.transfer_ms).sum();
     let hidden_ms: f64 = devices.iter().map(|d| d.hidden_transfer_ms).sum();
     let zero_us = frames.first().map_or(0.0, |f| f.time.begin_us);
@@ -189,16 +192,14 @@ fn imbalance(devices: &[DeviceSummary]) -> Option<f64> {
 }
 
 fn frame_summary(trace: &Trace, frame: &Frame, zero_us: f64) -> FrameSummary {
-    let makespan_us = frame.time.end_us - frame.time.begin_us;
-    let lanes = lanes(trace, frame.tasks.iter().copied());
-    let devices: Vec<_> = lanes.iter().map(|device| device.sum_up(makespan_us)).collect();
+    let devices: Vec<_> = lanes(trace, std::slice::from_ref(frame)).iter().map(Lanes::sum_up).collect();
     let sum = |of: fn(&DeviceSummary) -> f64| devices.iter().map(of).sum();
     let waits = critical_path(frame).into_iter().filter(|stretch| matches!(stretch.what, What::Wait(_)));
     let uploads = frame.tasks.iter().filter(|task| task.lane == Lane::Upload);
     FrameSummary {
         frame: frame.time.frame,
         begin_ms: (frame.time.begin_us - zero_us) / 1000.0,
-        makespan_ms: makespan_us / 1000.0,
+        makespan_ms: frame.time.length_us() / 1000.0,
         busy_ms: sum(|d| d.busy_ms),
         transfer_ms: sum(|d| d.transfer_ms),
         idle_ms: sum(|d| d.idle_ms),
@@ -247,23 +248,28 @@ struct Lanes<'a> {
     device: &'a Device,
     busy: Vec<Interval>,
     transfer: Vec<Interval>,
+    /// Time of the frames that it had a share in.
+    total_us: f64,
 }
 
-fn lanes<'a>(trace: &'a Trace, tasks: impl Iterator<Item = &'a Task>) -> Vec<Lanes<'a>> {
+/// Of devices that had a share in any of the frames.
+fn lanes<'a>(trace: &'a Trace, frames: &[Frame]) -> Vec<Lanes<'a>> {
     let mut by_pid: BTreeMap<u32, [Vec<Interval>; 2]> = BTreeMap::new();
-    for task in tasks {
+    for task in frames.iter().flat_map(|frame| &frame.tasks) {
         let lanes = by_pid.entry(task.pid).or_default();
         lanes[usize::from(task.lane.is_transfer())].push((task.begin_us, task.end_us));
     }
-    let devices = trace.devices.iter().map(|(&pid, device)| {
+    let devices = trace.devices.iter().filter_map(|(&pid, device)| {
+        let shared: Vec<_> = frames.iter().filter(|frame| frame.time.is_shared_by(pid)).collect();
+        let total_us = shared.iter().map(|frame| frame.time.length_us()).sum();
         let [busy, transfer] = by_pid.remove(&pid).unwrap_or_default().map(union);
-        Lanes { pid, device, busy, transfer }
+        (!shared.is_empty()).then_some(Lanes { pid, device, busy, transfer, total_us })
     });
     devices.collect()
 }
 
 impl Lanes<'_> {
-    fn sum_up(&self, total_us: f64) -> DeviceSummary {
+    fn sum_up(&self) -> DeviceSummary {
         let (busy_us, transfer_us) = (length(&self.busy), length(&self.transfer));
         let hidden_us = shared_length(&self.busy, &self.transfer);
         let in_use_us = busy_us + transfer_us - hidden_us;
@@ -273,8 +279,8 @@ impl Lanes<'_> {
             busy_ms: busy_us / 1000.0,
             transfer_ms: transfer_us / 1000.0,
             hidden_transfer_ms: hidden_us / 1000.0,
-            idle_ms: (total_us - in_use_us).max(0.0) / 1000.0,
-            busy_share: share(busy_us, total_us),
+            idle_ms: (self.total_us - in_use_us).max(0.0) / 1000.0,
+            busy_share: share(busy_us, self.total_us),
             clock_residual_us: self.device.clock_residual_us,
         }
     }

@@ -78,6 +78,26 @@ fn a_known_trace_sums_up_to_known_numbers() {
 }
 
 #[test]
+fn a_device_is_not_idle_in_frames_of_others() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("trace.json");
+    let file = TraceFile::start_without_host(&path).unwrap();
+    let recorder = file.recorder();
+    for device in 0..2 {
+        recorder.device(device, "gpu");
+        recorder.task(device, Lane::Left, "gbuffer", 5000.0, 9000.0, &[("frame", 1.0)]);
+    }
+    recorder.frame(0.0, 3000.0, &[("frame", 0.0), ("devices", 1.0)]);
+    recorder.task(0, Lane::Left, "gbuffer", 0.0, 3000.0, &[("frame", 0.0)]);
+    recorder.frame(5000.0, 10_000.0, &[("frame", 1.0), ("devices", 2.0)]);
+    file.finish().unwrap();
+    let summary = sum_up(&path);
+    assert_eq!(summary.devices.iter().map(|d| d.idle_ms).collect::<Vec<_>>(), [1.0, 1.0]);
+    assert_eq!(summary.frames.iter().map(|f| f.idle_ms).collect::<Vec<_>>(), [0.0, 2.0]);
+    close(summary.devices[1].busy_share, 0.8);
+}
+
+#[test]
 fn frames_last_as_long_as_the_trace_says_and_their_path_is_all_of_that() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("trace.json");
@@ -96,7 +116,7 @@ fn frames_last_as_long_as_the_trace_says_and_their_path_is_all_of_that() {
     let steps: Vec<_> = detail.steps.iter().map(|s| (s.what.as_str(), s.pid, s.begin_ms, s.time_ms)).collect();
     let expected = [("start of frame", 11, 0.0, 1.5), ("path trace", 11, 1.5, 2.0), ("end of frame", 11, 3.5, 0.25)];
     assert_eq!(steps, expected);
-    assert_eq!(detail.summary.frames.len(), 1);
+    assert_eq!((detail.summary.frames.len(), detail.summary.devices.len()), (1, 2));
     assert!(matches!(FrameDetail::of(&trace, 2, "t"), Err(TraceError::NoSuchFrame { count: 2, last: 1, .. })));
 }
 

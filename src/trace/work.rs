@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::ops::Range;
 
-use super::Lane;
 use super::intervals::Interval;
+use super::{FIRST_DEVICE_PID, Lane};
 
 /// One piece of device work.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,6 +29,18 @@ pub struct FrameTime {
     pub frame: u64,
     pub begin_us: f64,
     pub end_us: f64,
+    /// How many devices it was shared out over, the first ones; none where that is not known.
+    pub devices: Option<u64>,
+}
+
+impl FrameTime {
+    pub fn length_us(&self) -> f64 {
+        self.end_us - self.begin_us
+    }
+
+    pub fn is_shared_by(&self, pid: u32) -> bool {
+        self.devices.is_none_or(|devices| u64::from(pid - FIRST_DEVICE_PID) < devices)
+    }
 }
 
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -69,7 +81,7 @@ impl Trace {
         let said: BTreeMap<u64, FrameTime> = self.frame_times.iter().map(|time| (time.frame, *time)).collect();
         let frames = by_number.into_iter().filter_map(|(frame, tasks)| {
             let (begin_us, end_us) = extent(tasks.iter().copied())?;
-            let time = said.get(&frame).copied().unwrap_or(FrameTime { frame, begin_us, end_us });
+            let time = said.get(&frame).copied().unwrap_or(FrameTime { frame, begin_us, end_us, devices: None });
             Some(Frame { time, tasks })
         });
         frames.collect()
