@@ -44,7 +44,7 @@ enum Command {
     Bench(bench::Args),
     /// Compare an image with a reference: RMSE, relMSE, PSNR, SSIM, FLIP, mean ratio; by ring and by seam
     Compare(compare::Args),
-    /// Check a trace-file and sum it up: busy, transfer, idle per device, overlap, imbalance
+    /// Check a trace-file and sum it up: busy, transfer, idle per device, critical path; or compare two
     Trace(trace::Args),
     /// List adapters and drivers, their limits, and what each lacks
     Devices(devices::Args),

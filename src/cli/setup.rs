@@ -95,23 +95,20 @@ pub struct Tracing {
 
 impl Tracing {
     pub fn start(options: &RunOptions) -> Result<Self, Failure> {
-        let file = options.trace.as_deref().map(TraceFile::start).transpose().map_err(anyhow::Error::from)?;
+        let file = options.trace.as_deref().map(TraceFile::start).transpose()?;
         let recorder = file.as_ref().map_or_else(Recorder::off, TraceFile::recorder);
         Ok(Self { file, recorder })
     }
 
     pub fn record(&self, options: &RenderOptions, frame: &FrameReport) {
-        let knobs = FrameKnobs { spp: options.spp, iterations: options.iterations(), budget_ms: BUDGET_MS };
+        let knobs = FrameKnobs { spp: options.spp, iterations: options.iterations() };
         record_frame(&self.recorder, frame, &knobs);
     }
 
     pub fn finish(self) -> Result<(), Failure> {
-        self.file.map_or(Ok(()), TraceFile::finish).map_err(|e| Failure::Run(e.into()))
+        Ok(self.file.map_or(Ok(()), TraceFile::finish)?)
     }
 }
-
-/// Frame times of the human critical flicker frequency, 50 to 90 Hz (Leria et al.), which the trace shows as a band.
-const BUDGET_MS: [f64; 2] = [11.0, 20.0];
 
 /// The knobs of every frame.
 pub fn frame_settings(options: &RenderOptions) -> Quality {

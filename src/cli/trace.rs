@@ -1,27 +1,59 @@
 //! `diptych trace`.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
+use diptych::report::trace::{comparison_text, frame_text, summary_text};
 use diptych::trace::TraceError;
-use diptych::trace::summary::Summary;
+use diptych::trace::compare::Comparison;
+use diptych::trace::read::read;
+use diptych::trace::summary::{FrameDetail, Summary};
+use serde::Serialize;
 
 use super::failure::Failure;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// A trace-file (Chrome trace events)
+    /// A trace-file (Chrome trace events), whole or cut off where a run died
     file: PathBuf,
+    /// Another one, to be compared with the first: medians over frames, what changed most first
+    other: Option<PathBuf>,
+    /// One frame in detail, its critical path step by step
+    #[arg(long, value_name = "N", conflicts_with = "other")]
+    frame: Option<u64>,
     /// As JSON
     #[arg(long)]
     json: bool,
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let summary = Summary::read(&args.file).map_err(|e: TraceError| Failure::Input(e.into()))?;
+    let trace = read(&args.file)?;
+    let name = |path: &Path| path.display().to_string();
+    if let Some(path) = &args.other {
+        let other = read(path)?;
+        let comparison = Comparison::of([(&trace, &name(&args.file)), (&other, &name(path))])?;
+        return show(args, &comparison, comparison_text);
+    }
+    match args.frame {
+        Some(frame) => show(args, &FrameDetail::of(&trace, frame, &name(&args.file))?, frame_text),
+        None => show(args, &Summary::of(&trace), summary_text),
+    }
+}
+
+fn show<T: Serialize>(args: &Args, found: &T, text: impl Fn(&T) -> String) -> Result<(), Failure> {
     if args.json {
-        say!("{}", serde_json::to_string_pretty(&summary).map_err(anyhow::Error::from)?);
+        say!("{}", serde_json::to_string_pretty(found).map_err(anyhow::Error::from)?);
     } else {
-        say!("{}", summary.to_string().trim_end());
+        say!("{}", text(found).trim_end());
     }
     Ok(())
+}
+
+/// Trace-files are the user's to mend, but for the one that a run writes.
+impl From<TraceError> for Failure {
+    fn from(error: TraceError) -> Self {
+        match error {
+            TraceError::Write(_) | TraceError::SubscriberTaken => Self::Run(error.into()),
+            _ => Self::Input(error.into()),
+        }
+    }
 }

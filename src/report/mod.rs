@@ -5,6 +5,7 @@ pub mod plot;
 pub mod run;
 pub mod table;
 mod ticks;
+pub mod trace;
 
 pub use plot::{Axis, Chart, Series, line_chart_svg};
 pub use table::text_table;

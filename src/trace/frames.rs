@@ -1,9 +1,11 @@
-//! Frames in a trace: stage tasks and transfers on their devices' lanes, arrows between the two ends of a transfer, and
-//! counters.
+//! Frames in a trace: when they ran, their stage tasks and transfers on the devices' lanes, arrows, and counters.
 
 use std::collections::HashMap;
 
-use super::{HOST_PID, Lane, Recorder};
+use super::critical::{What, critical_path};
+use super::event::Track;
+use super::work::{Frame, FrameTime, Task};
+use super::{FIRST_DEVICE_PID, HOST_PID, Lane, Recorder};
 use crate::exec::{FrameReport, TaskTiming, TimedTask};
 use crate::graph::Stage;
 use crate::scene::rig::Eye;
@@ -13,70 +15,120 @@ use crate::scene::rig::Eye;
 pub struct FrameKnobs {
     pub spp: u32,
     pub iterations: u32,
-    /// Lower and upper bound of the makespan aimed at.
-    pub budget_ms: [f64; 2],
 }
 
-/// Adds a frame. The recorder's origin must be the renderer's.
-pub fn record_frame(recorder: &Recorder, frame: &FrameReport, knobs: &FrameKnobs) {
+/// Adds a frame and brings the file up to date. The recorder's origin must be the renderer's.
+pub fn record_frame(recorder: &Recorder, report: &FrameReport, knobs: &FrameKnobs) {
     if !recorder.is_on() {
         return;
     }
-    for task in &frame.tasks {
-        record_task(recorder, task, frame.index, knobs);
+    let mut tasks: Vec<Task> = report.tasks.iter().map(|timing| task_from(timing, report.index)).collect();
+    tasks.sort_by(|a, b| a.begin_us.total_cmp(&b.begin_us).then(a.end_us.total_cmp(&b.end_us)));
+    let devices = report.assignment.stripes(Stage::PathTrace, Eye::Left).devices() as u64;
+    let (frame, begin_us) = (u64::from(report.index), report.begin_ms * 1e3);
+    let time = FrameTime { frame, begin_us, end_us: begin_us + report.makespan_ms * 1e3, devices: Some(devices) };
+    let spp = ("spp", f64::from(knobs.spp));
+    recorder.frame(time.begin_us, time.end_us, &[("frame", frame as f64), ("devices", devices as f64), spp]);
+    for task in &tasks {
+        record_task(recorder, task, spp);
     }
-    record_flows(recorder, frame);
-    let at_us = frame.begin_ms * 1e3;
-    let [low, high] = knobs.budget_ms;
-    recorder.counter(
-        "frame time (ms)",
-        at_us,
-        &[("makespan", frame.makespan_ms), ("budget low", low), ("budget high", high)],
-    );
-    recorder.counter("spp", at_us, &[("spp", f64::from(knobs.spp))]);
-    recorder.counter("iterations", at_us, &[("iterations", f64::from(knobs.iterations))]);
-    recorder.counter("bytes moved", at_us, &[("bytes", frame.uploaded_bytes() as f64)]);
-    let stripes = frame.assignment.stripes(Stage::PathTrace, Eye::Left);
-    let shares: Vec<(String, f64)> = (0..stripes.devices())
-        .map(|d| (format!("device {d}"), stripes.rows(d).len() as f64 / f64::from(stripes.height())))
-        .collect();
-    let shares: Vec<(&str, f64)> = shares.iter().map(|(n, s)| (n.as_str(), *s)).collect();
-    recorder.counter("share of rows", at_us, &shares);
+    let frame = Frame { time, tasks: tasks.iter().collect() };
+    record_transfers(recorder, &frame);
+    record_critical_path(recorder, &frame);
+    record_counters(recorder, report, knobs);
+    recorder.flush();
 }
 
-fn lane(task: &TaskTiming) -> Lane {
-    match (task.kind, task.view) {
+fn task_from(timing: &TaskTiming, frame: u32) -> Task {
+    let lane = match (timing.kind, timing.view) {
         (TimedTask::Download, _) => Lane::Download,
         (TimedTask::Upload, _) => Lane::Upload,
         (TimedTask::Gpu(_), Eye::Left) => Lane::Left,
         (TimedTask::Gpu(_), Eye::Right) => Lane::Right,
+    };
+    Task {
+        pid: FIRST_DEVICE_PID + timing.device as u32,
+        lane,
+        name: timing.stage.to_owned(),
+        begin_us: timing.begin_ms * 1e3,
+        end_us: timing.end_ms * 1e3,
+        frame: Some(frame.into()),
+        rows: Some(timing.rows.start.into()..timing.rows.end.into()),
+        transfer: timing.transfer.map(u64::from),
+        bytes: timing.bytes,
     }
 }
 
-fn record_task(recorder: &Recorder, task: &TaskTiming, frame: u32, knobs: &FrameKnobs) {
-    let mut args = vec![
-        ("frame", f64::from(frame)),
-        ("row_begin", f64::from(task.rows.start)),
-        ("rows", task.rows.len() as f64),
-        ("spp", f64::from(knobs.spp)),
+fn record_task(recorder: &Recorder, task: &Task, spp: (&str, f64)) {
+    let numbers = [
+        ("frame", task.frame),
+        ("row_begin", task.rows.as_ref().map(|rows| rows.start)),
+        ("rows", task.rows.as_ref().map(|rows| rows.end - rows.start)),
+        ("transfer", task.transfer),
+        ("bytes", task.bytes),
     ];
-    if let Some(bytes) = task.bytes {
-        args.push(("bytes", bytes as f64));
+    let mut args: Vec<(&str, f64)> = numbers.iter().filter_map(|&(name, n)| Some((name, n? as f64))).collect();
+    if !task.lane.is_transfer() {
+        args.push(spp);
     }
-    let (begin, end) = (task.begin_ms * 1e3, task.end_ms * 1e3);
-    recorder.task(task.device as u32, lane(task), task.stage, begin, end, &args);
+    recorder.task(task.pid - FIRST_DEVICE_PID, task.lane, &task.name, task.begin_us, task.end_us, &args);
+}
+
+/// Where an arrow touches a task.
+fn middle(task: &Task) -> (Track, f64) {
+    (task.lane.track(task.pid - FIRST_DEVICE_PID), 0.5 * (task.begin_us + task.end_us))
+}
+
+/// Numbers of arrows: those of transfers are below the path's.
+fn arrow(frame: &Frame, number: u32) -> u64 {
+    frame.time.frame << 32 | u64::from(number)
 }
 
 /// One arrow per transfer, from where the rows left to where they arrived.
-fn record_flows(recorder: &Recorder, frame: &FrameReport) {
-    let sent: HashMap<u32, &TaskTiming> =
-        frame.tasks.iter().filter(|t| t.kind == TimedTask::Download).filter_map(|t| Some((t.transfer?, t))).collect();
-    for task in frame.tasks.iter().filter(|t| t.kind == TimedTask::Upload) {
+fn record_transfers(recorder: &Recorder, frame: &Frame) {
+    let on = |lane| frame.tasks.iter().filter(move |t| t.lane == lane);
+    let sent: HashMap<u64, &Task> = on(Lane::Download).filter_map(|&t| Some((t.transfer?, t))).collect();
+    for task in on(Lane::Upload) {
         let Some((transfer, from)) = task.transfer.and_then(|t| Some((t, sent.get(&t)?))) else { continue };
-        let middle = |t: &TaskTiming| 0.5e3 * (t.begin_ms + t.end_ms);
-        let id = u64::from(frame.index) << 32 | u64::from(transfer);
-        let end = |t: &TaskTiming| (lane(t).track(t.device as u32), middle(t));
-        recorder.flow(id, task.stage, end(from), end(task));
+        recorder.flow(arrow(frame, transfer as u32), "transfer", &[middle(from), middle(task)]);
+    }
+}
+
+fn record_critical_path(recorder: &Recorder, frame: &Frame) {
+    let path = critical_path(frame);
+    let points: Vec<_> = path
+        .iter()
+        .filter_map(|stretch| match stretch.what {
+            What::Task(task) => Some(middle(task)),
+            What::Wait(_) => None,
+        })
+        .collect();
+    recorder.flow(arrow(frame, u32::MAX), "critical path", &points);
+}
+
+fn record_counters(recorder: &Recorder, frame: &FrameReport, knobs: &FrameKnobs) {
+    let at_us = frame.begin_ms * 1e3;
+    recorder.counter("frame time (ms)", at_us, &[("makespan", frame.makespan_ms)]);
+    recorder.counter("spp", at_us, &[("spp", f64::from(knobs.spp))]);
+    recorder.counter("iterations", at_us, &[("iterations", f64::from(knobs.iterations))]);
+    recorder.counter("bytes moved", at_us, &[("bytes", frame.uploaded_bytes() as f64)]);
+    let stripes = frame.assignment.stripes(Stage::PathTrace, Eye::Left);
+    let rows = (0..stripes.devices()).map(|d| stripes.rows(d).len() as f64);
+    record_shares(recorder, "share of rows", at_us, rows.collect());
+    let mut busy_ms = vec![0.0; stripes.devices()];
+    for task in frame.tasks.iter().filter(|t| matches!(t.kind, TimedTask::Gpu(_))) {
+        busy_ms[task.device] += task.end_ms - task.begin_ms;
+    }
+    record_shares(recorder, "share of work", at_us, busy_ms);
+}
+
+/// A series per device, which together make 1.
+fn record_shares(recorder: &Recorder, name: &str, at_us: f64, amounts: Vec<f64>) {
+    let total: f64 = amounts.iter().sum();
+    if total > 0.0 {
+        let names: Vec<String> = (0..amounts.len()).map(|device| format!("device {device}")).collect();
+        let shares: Vec<(&str, f64)> = names.iter().zip(amounts).map(|(n, a)| (n.as_str(), a / total)).collect();
+        recorder.counter(name, at_us, &shares);
     }
 }
 
@@ -87,4 +139,5 @@ pub fn record_devices(recorder: &Recorder, devices: &[crate::device::DeviceInfo]
         recorder.note(&format!("clock_residual_us.device_{}", device.index), device.clock_residual_us);
     }
     recorder.note("host_pid", HOST_PID);
+    recorder.flush();
 }

@@ -7,31 +7,12 @@ use std::path::Path;
 
 use serde_json::{Map, Value};
 
-use super::{FIRST_DEVICE_PID, Lane, TraceError};
+use super::document::raw_trace_from_bytes;
+use super::work::{Device, FrameTime, Task, Trace};
+use super::{FIRST_DEVICE_PID, FRAMES_NAME, HOST_PID, Lane, TraceError};
 
 /// Rounding of a begin and a duration to f64 microseconds must not make neighbours overlap.
 const OVERLAP_TOLERANCE_US: f64 = 1e-3;
-
-/// One piece of device work.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Task {
-    pub pid: u32,
-    pub lane: Lane,
-    pub name: String,
-    pub begin_us: f64,
-    pub end_us: f64,
-    pub frame: Option<u64>,
-}
-
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Trace {
-    /// Name by pid; also of devices that did nothing.
-    pub devices: BTreeMap<u32, String>,
-    /// In order of begin.
-    pub tasks: Vec<Task>,
-    /// What is odd about the trace but no error, each said once.
-    pub warnings: Vec<String>,
-}
 
 /// Reads and checks the trace at `path`.
 ///
@@ -48,22 +29,16 @@ pub fn read(path: &Path) -> Result<Trace, TraceError> {
 /// As [`read`], from memory; `origin` names the trace in messages.
 pub fn parse(bytes: &[u8], origin: &str) -> Result<Trace, TraceError> {
     let not_a_trace = |what: String| TraceError::NotATrace { path: origin.to_owned(), what };
-    let document: Value = serde_json::from_slice(bytes).map_err(|e| not_a_trace(e.to_string()))?;
-    let (events, other_data) = match document {
-        Value::Array(events) => (events, Value::Null),
-        Value::Object(mut object) => match object.remove("traceEvents") {
-            Some(Value::Array(events)) => (events, object.remove("otherData").unwrap_or(Value::Null)),
-            _ => return Err(not_a_trace("it has no list \"traceEvents\"".to_owned())),
-        },
-        _ => return Err(not_a_trace("it is no list of events".to_owned())),
-    };
-    let mut reader = Reader::default();
-    let checked =
-        reader.all(events).map_err(|(index, what)| TraceError::Event { path: origin.to_owned(), index, what });
-    let mut trace = checked?;
-    if other_data["complete"] == Value::Bool(false) {
-        let what = "the run ended early: what came after is missing";
-        trace.warnings.push(what.to_owned());
+    let raw = raw_trace_from_bytes(bytes).map_err(not_a_trace)?;
+    let mut reader = Reader { is_cut: raw.is_cut, ..Reader::default() };
+    let checked = reader.all(raw.events);
+    let mut trace = checked.map_err(|(index, what)| TraceError::Event { path: origin.to_owned(), index, what })?;
+    for (&pid, device) in &mut trace.devices {
+        let note = format!("clock_residual_us.device_{}", pid - FIRST_DEVICE_PID);
+        device.clock_residual_us = raw.other_data[&note].as_f64();
+    }
+    if raw.is_cut || raw.other_data["complete"] == Value::Bool(false) {
+        trace.warnings.push("the run ended early: what came after is missing".to_owned());
     }
     Ok(trace)
 }
@@ -99,6 +74,7 @@ struct Reader {
     flow_starts: HashSet<String>,
     flow_ends: HashSet<String>,
     unknown_phases: BTreeMap<String, usize>,
+    is_cut: bool,
 }
 
 impl Reader {
@@ -111,11 +87,18 @@ impl Reader {
         }
         self.check_balance()?;
         let spans = std::mem::take(&mut self.spans);
-        let (device_spans, foreign): (Vec<_>, Vec<_>) =
-            spans.into_iter().map(|span| (self.device_lane(&span.track), span)).partition(|(lane, _)| lane.is_some());
-        let device_spans = device_spans.into_iter().filter_map(|(lane, span)| Some((lane?, span))).collect();
-        let foreign_pids: BTreeSet<_> = foreign.into_iter().map(|(_, s)| s.track.0).collect();
-        Ok(Trace { devices: self.devices(), tasks: tasks(device_spans)?, warnings: self.warnings(&foreign_pids) })
+        let (mut device_spans, mut frame_times, mut foreign_pids) = (Vec::new(), Vec::new(), BTreeSet::new());
+        for span in spans {
+            if let Some(lane) = self.device_lane(&span.track) {
+                device_spans.push((lane, span));
+            } else if self.is_frame(&span) {
+                frame_times.extend(frame_time(&span).map_err(|what| (span.index, what))?);
+            } else {
+                foreign_pids.insert(span.track.0);
+            }
+        }
+        let warnings = self.warnings(&foreign_pids);
+        Ok(Trace { devices: self.devices(), tasks: tasks(device_spans)?, frame_times, warnings })
     }
 
     fn event(&mut self, index: usize, mut event: Map<String, Value>) -> Result<(), String> {
@@ -192,7 +175,7 @@ impl Reader {
                     return Err((edge.index, "it ends a span that never began".to_owned()));
                 }
             }
-            if let Some(index) = open.pop() {
+            if let Some(index) = open.pop().filter(|_| !self.is_cut) {
                 return Err((index, "the span it begins never ends".to_owned()));
             }
         }
@@ -207,20 +190,27 @@ impl Reader {
         Some((pid, lane))
     }
 
-    fn devices(&self) -> BTreeMap<u32, String> {
+    fn is_frame(&self, span: &Span) -> bool {
+        span.name == "frame"
+            && span.track.0 == HOST_PID.to_string()
+            && self.thread_names.get(&span.track).is_some_and(|name| name == FRAMES_NAME)
+    }
+
+    fn devices(&self) -> BTreeMap<u32, Device> {
         let tracks = self.thread_names.keys();
         tracks
             .filter_map(|track| {
                 let (pid, _) = self.device_lane(track)?;
                 let name = self.process_names.get(&track.0).cloned();
-                Some((pid, name.unwrap_or_else(|| format!("process {pid}"))))
+                let name = name.unwrap_or_else(|| format!("process {pid}"));
+                Some((pid, Device { name, clock_residual_us: None }))
             })
             .collect()
     }
 
     fn warnings(&self, foreign_pids: &BTreeSet<String>) -> Vec<String> {
         let mut warnings = Vec::new();
-        let host = super::HOST_PID.to_string();
+        let host = HOST_PID.to_string();
         let foreign: Vec<_> = foreign_pids.iter().filter(|pid| **pid != host).cloned().collect();
         if !foreign.is_empty() {
             let pids = foreign.join(", ");
@@ -255,23 +245,51 @@ fn tasks(mut spans: Vec<((u32, Lane), Span)>) -> Result<Vec<Task>, Wrong> {
             );
             return Err((span.index, what));
         }
-        let frame = frame(&span.args).map_err(|what| (span.index, what))?;
-        tasks.push(Task { pid, lane, name: span.name, begin_us: span.begin_us, end_us: span.end_us, frame });
+        tasks.push(task(pid, lane, span)?);
     }
     Ok(tasks)
 }
 
-/// The argument `frame` of a task, once all of its arguments are found to be finite.
-fn frame(args: &Value) -> Result<Option<u64>, String> {
+fn task(pid: u32, lane: Lane, span: Span) -> Result<Task, Wrong> {
+    let wrong = |what| (span.index, what);
+    check_finite(&span.args).map_err(wrong)?;
+    let whole = |name| whole(&span.args, name).map_err(wrong);
+    let rows = whole("row_begin")?.zip(whole("rows")?);
+    Ok(Task {
+        pid,
+        lane,
+        begin_us: span.begin_us,
+        end_us: span.end_us,
+        frame: whole("frame")?,
+        rows: rows.map(|(begin, count)| begin..begin.saturating_add(count)),
+        transfer: whole("transfer")?,
+        bytes: whole("bytes")?,
+        name: span.name,
+    })
+}
+
+/// The frame's time, if it says its number.
+fn frame_time(span: &Span) -> Result<Option<FrameTime>, String> {
+    let devices = whole(&span.args, "devices")?;
+    let frame = whole(&span.args, "frame")?;
+    Ok(frame.map(|frame| FrameTime { frame, begin_us: span.begin_us, end_us: span.end_us, devices }))
+}
+
+fn check_finite(args: &Value) -> Result<(), String> {
     for (name, value) in args.as_object().into_iter().flatten() {
         if !is_finite(value) {
             return Err(format!("its argument '{name}' is {value}, no finite number"));
         }
     }
-    match args["frame"].as_f64() {
+    Ok(())
+}
+
+/// The argument `name`, if it is there and a number.
+fn whole(args: &Value, name: &str) -> Result<Option<u64>, String> {
+    match args[name].as_f64() {
         None => Ok(None),
-        Some(frame) if frame >= 0.0 && frame.fract() == 0.0 => Ok(Some(frame as u64)),
-        Some(frame) => Err(format!("its argument 'frame' is {frame}, no frame number")),
+        Some(number) if number >= 0.0 && number.fract() == 0.0 => Ok(Some(number as u64)),
+        Some(number) => Err(format!("its argument '{name}' is {number}, no whole number")),
     }
 }
 

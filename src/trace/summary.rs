@@ -1,14 +1,14 @@
-//! A trace summed up: how busy each device was, how well they worked side by side, and how long frames took.
+//! A trace summed up: how busy each device was, how well they worked side by side, how long frames took, and what their
+//! critical paths consist of.
 
 use std::collections::BTreeMap;
-use std::fmt;
-use std::path::Path;
 
 use serde::{Deserialize, Serialize};
 
-use super::TraceError;
+use super::critical::{What, critical_path};
 use super::intervals::{Interval, length, length_in_two_or_more, shared_length, union};
-use super::read::{self, Task, Trace};
+use super::work::{Device, Frame, FrameTime, Trace, extent};
+use super::{Lane, TraceError};
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct DeviceSummary {
@@ -20,19 +20,55 @@ pub struct DeviceSummary {
     pub transfer_ms: f64,
     /// Part of `transfer_ms` in which the device was busy as well.
     pub hidden_transfer_ms: f64,
-    /// Rest of the makespan: neither busy nor transferring.
+    /// Rest of the frames that it had a share in: neither busy nor transferring.
     pub idle_ms: f64,
-    /// `busy_ms` over the makespan of the whole trace.
+    /// `busy_ms` over the time of these frames.
     pub busy_share: f64,
+    /// Bound on the error of its times against the host's.
+    pub clock_residual_us: Option<f64>,
+}
+
+/// Work of one stage on one eye, or all uploads or downloads, summed over devices.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct StageTime {
+    /// `rows` for transfers.
+    pub stage: String,
+    pub lane: Lane,
+    pub time_ms: f64,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameSummary {
     pub frame: u64,
-    /// After the trace's first device task.
+    /// After the first frame's begin.
     pub begin_ms: f64,
-    /// From the frame's first begin to its last end on any device.
+    /// From its plan to its images on the primary; where the trace does not say, from the first task to the last.
     pub makespan_ms: f64,
+    /// Of all devices together.
+    pub busy_ms: f64,
+    pub transfer_ms: f64,
+    pub idle_ms: f64,
+    /// Largest over mean busy time of the devices; none when nothing was busy.
+    pub imbalance: Option<f64>,
+    /// Waits on the critical path.
+    pub wait_ms: f64,
+    /// Of uploads.
+    pub bytes: u64,
+    pub stages: Vec<StageTime>,
+}
+
+/// What the critical paths of the frames hold of one thing on one device.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PathShare {
+    /// A stage, what was transferred, or what was waited for.
+    pub what: String,
+    /// None for a wait.
+    pub lane: Option<Lane>,
+    pub pid: u32,
+    /// Mean over frames.
+    pub ms_per_frame: f64,
+    /// Of the time of all frames.
+    pub share: f64,
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -40,149 +76,219 @@ pub struct Summary {
     pub devices: Vec<DeviceSummary>,
     /// Of tasks that say their frame.
     pub frames: Vec<FrameSummary>,
-    /// From the first begin to the last end on any device.
-    pub makespan_ms: f64,
-    /// Time in which at least two devices were busy, over the makespan.
+    /// Time of all frames, without what lies between them; of a trace without frames, from the first begin to the last
+    /// end on any device.
+    pub total_ms: f64,
+    /// Time in which at least two devices were busy, over `total_ms`.
     pub overlap_share: f64,
     /// Share of transfer time in which the transferring device was busy as well; none without transfers.
     pub hidden_transfer_share: Option<f64>,
     /// Largest over mean busy time of the devices, 1 is even; none when nothing was busy.
     pub imbalance: Option<f64>,
+    /// Longest first; together they are the frames.
+    pub critical_path: Vec<PathShare>,
     pub warnings: Vec<String>,
 }
 
-impl Summary {
-    /// Reads, checks and sums up the trace at `path`.
-    ///
-    /// # Errors
-    /// Those of [`read::read`].
-    pub fn read(path: &Path) -> Result<Summary, TraceError> {
-        read::read(path).map(|trace| Summary::of(&trace))
-    }
+/// One frame, with its critical path step by step.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct FrameDetail {
+    pub summary: Summary,
+    pub steps: Vec<Step>,
+}
 
+/// A stretch of the critical path.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Step {
+    /// As [`PathShare::what`].
+    pub what: String,
+    pub lane: Option<Lane>,
+    pub pid: u32,
+    /// After the frame's begin.
+    pub begin_ms: f64,
+    pub time_ms: f64,
+    /// First row and the one after the last.
+    pub rows: Option<[u64; 2]>,
+}
+
+impl Summary {
     pub fn of(trace: &Trace) -> Summary {
-        let all = span_of(&trace.tasks);
-        let makespan_us = all.map_or(0.0, |(begin, end)| end - begin);
-        let share = |us: f64| {
-            if makespan_us > 0.0 { us / makespan_us } else { 0.0 }
-        };
-        let lanes: Vec<Lanes> = trace.devices.iter().map(|(&pid, name)| Lanes::of(trace, pid, name)).collect();
-        let busy_us: Vec<f64> = lanes.iter().map(|device| length(&device.busy)).collect();
-        let (total_us, most_us) = busy_us.iter().fold((0.0, 0.0f64), |(sum, max), &us| (sum + us, max.max(us)));
-        let devices: Vec<_> = lanes.iter().map(|device| device.sum_up(makespan_us)).collect();
-        let transfer_ms: f64 = devices.iter().map(|d| d.transfer_ms).sum();
-        let hidden_ms: f64 = devices.iter().map(|d| d.hidden_transfer_ms).sum();
+        let frames = trace.frames();
         let mut warnings = trace.warnings.clone();
         if trace.tasks.is_empty() {
             warnings.push("there is no device work in this trace".to_owned());
         }
-        Summary {
-            frames: frames(&trace.tasks, all.map_or(0.0, |(begin, _)| begin)),
-            makespan_ms: makespan_us / 1000.0,
-            overlap_share: share(length_in_two_or_more(lanes.iter().map(|device| &device.busy))),
-            hidden_transfer_share: (transfer_ms > 0.0).then(|| hidden_ms / transfer_ms),
-            imbalance: (total_us > 0.0).then(|| most_us * busy_us.len() as f64 / total_us),
-            devices,
-            warnings,
+        if frames.is_empty() {
+            let (begin_us, end_us) = extent(&trace.tasks).unwrap_or_default();
+            let whole = Frame {
+                time: FrameTime { frame: 0, begin_us, end_us, devices: None },
+                tasks: trace.tasks.iter().collect(),
+            };
+            return Summary { frames: Vec::new(), critical_path: Vec::new(), ..sum_up(trace, &[whole], warnings) };
         }
+        let outside = trace.tasks.iter().filter(|task| task.frame.is_none()).count();
+        if outside > 0 {
+            warnings.push(format!("{outside} device tasks that say no frame are left out"));
+        }
+        sum_up(trace, &frames, warnings)
     }
 }
 
-/// First begin and last end.
-fn span_of<'a>(tasks: impl IntoIterator<Item = &'a Task>) -> Option<Interval> {
-    tasks.into_iter().map(|task| (task.begin_us, task.end_us)).reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)))
+impl FrameDetail {
+    /// # Errors
+    /// [`TraceError::NoFrames`], [`TraceError::NoSuchFrame`]; `origin` names the trace in them.
+    pub fn of(trace: &Trace, number: u64, origin: &str) -> Result<FrameDetail, TraceError> {
+        let frames = trace.frames();
+        let path = origin.to_owned();
+        let (Some(first), Some(last)) = (frames.first(), frames.last()) else {
+            return Err(TraceError::NoFrames { path });
+        };
+        let Some(frame) = frames.iter().find(|f| f.time.frame == number) else {
+            let (first, last, count) = (first.time.frame, last.time.frame, frames.len());
+            return Err(TraceError::NoSuchFrame { path, frame: number, count, first, last });
+        };
+        let steps = critical_path(frame).into_iter().map(|stretch| {
+            let (what, lane) = name(&stretch.what);
+            let rows = match stretch.what {
+                What::Task(task) => task.rows.as_ref().map(|rows| [rows.start, rows.end]),
+                What::Wait(_) => None,
+            };
+            let begin_ms = (stretch.begin_us - frame.time.begin_us) / 1000.0;
+            Step { what, lane, pid: stretch.pid, begin_ms, time_ms: (stretch.end_us - stretch.begin_us) / 1000.0, rows }
+        });
+        let summary = sum_up(trace, std::slice::from_ref(frame), trace.warnings.clone());
+        Ok(FrameDetail { steps: steps.collect(), summary })
+    }
 }
 
-fn frames(tasks: &[Task], zero_us: f64) -> Vec<FrameSummary> {
-    let mut by_frame: BTreeMap<u64, Vec<&Task>> = BTreeMap::new();
-    for task in tasks {
-        if let Some(frame) = task.frame {
-            by_frame.entry(frame).or_default().push(task);
-        }
+fn sum_up(trace: &Trace, frames: &[Frame], warnings: Vec<String>) -> Summary {
+    let total_us: f64 = frames.iter().map(|f| f.time.length_us()).sum();
+    let lanes = lanes(trace, frames);
+    let overlap_us = length_in_two_or_more(lanes.iter().map(|device| &device.busy));
+    let devices: Vec<_> = lanes.iter().map(Lanes::sum_up).collect();
+    let transfer_ms: f64 = devices.iter().map(|d| d.transfer_ms).sum();
+    let hidden_ms: f64 = devices.iter().map(|d| d.hidden_transfer_ms).sum();
+    let zero_us = frames.first().map_or(0.0, |f| f.time.begin_us);
+    Summary {
+        frames: frames.iter().map(|frame| frame_summary(trace, frame, zero_us)).collect(),
+        total_ms: total_us / 1000.0,
+        overlap_share: share(overlap_us, total_us),
+        hidden_transfer_share: (transfer_ms > 0.0).then(|| hidden_ms / transfer_ms),
+        imbalance: imbalance(&devices),
+        critical_path: path_shares(frames, total_us),
+        devices,
+        warnings,
     }
-    let summaries = by_frame.into_iter().filter_map(|(frame, tasks)| {
-        let (begin_us, end_us) = span_of(tasks)?;
-        Some(FrameSummary { frame, begin_ms: (begin_us - zero_us) / 1000.0, makespan_ms: (end_us - begin_us) / 1000.0 })
+}
+
+fn share(part: f64, whole: f64) -> f64 {
+    if whole > 0.0 { part / whole } else { 0.0 }
+}
+
+fn imbalance(devices: &[DeviceSummary]) -> Option<f64> {
+    let busy_ms = devices.iter().map(|device| device.busy_ms);
+    let (total_ms, most_ms) = busy_ms.fold((0.0, 0.0f64), |(sum, max), ms| (sum + ms, max.max(ms)));
+    (total_ms > 0.0).then(|| most_ms * devices.len() as f64 / total_ms)
+}
+
+fn frame_summary(trace: &Trace, frame: &Frame, zero_us: f64) -> FrameSummary {
+    let devices: Vec<_> = lanes(trace, std::slice::from_ref(frame)).iter().map(Lanes::sum_up).collect();
+    let sum = |of: fn(&DeviceSummary) -> f64| devices.iter().map(of).sum();
+    let waits = critical_path(frame).into_iter().filter(|stretch| matches!(stretch.what, What::Wait(_)));
+    let uploads = frame.tasks.iter().filter(|task| task.lane == Lane::Upload);
+    FrameSummary {
+        frame: frame.time.frame,
+        begin_ms: (frame.time.begin_us - zero_us) / 1000.0,
+        makespan_ms: frame.time.length_us() / 1000.0,
+        busy_ms: sum(|d| d.busy_ms),
+        transfer_ms: sum(|d| d.transfer_ms),
+        idle_ms: sum(|d| d.idle_ms),
+        imbalance: imbalance(&devices),
+        wait_ms: waits.map(|wait| (wait.end_us - wait.begin_us) / 1000.0).sum(),
+        bytes: uploads.filter_map(|task| task.bytes).fold(0, u64::saturating_add),
+        stages: stage_times(frame),
+    }
+}
+
+fn stage_times(frame: &Frame) -> Vec<StageTime> {
+    let mut times_ms: BTreeMap<(&str, Lane), f64> = BTreeMap::new();
+    for task in &frame.tasks {
+        let stage = if task.lane.is_transfer() { "rows" } else { &task.name };
+        *times_ms.entry((stage, task.lane)).or_default() += (task.end_us - task.begin_us) / 1000.0;
+    }
+    let times = times_ms.into_iter();
+    times.map(|((stage, lane), time_ms)| StageTime { stage: stage.to_owned(), lane, time_ms }).collect()
+}
+
+fn name(what: &What) -> (String, Option<Lane>) {
+    match what {
+        What::Task(task) => (task.name.clone(), Some(task.lane)),
+        What::Wait(wait) => (wait.name().to_owned(), None),
+    }
+}
+
+fn path_shares(frames: &[Frame], total_us: f64) -> Vec<PathShare> {
+    let mut times_us: BTreeMap<(String, Option<Lane>, u32), f64> = BTreeMap::new();
+    for stretch in frames.iter().flat_map(critical_path) {
+        let (what, lane) = name(&stretch.what);
+        *times_us.entry((what, lane, stretch.pid)).or_default() += stretch.end_us - stretch.begin_us;
+    }
+    let shares = times_us.into_iter().map(|((what, lane, pid), us)| {
+        let ms_per_frame = us / 1000.0 / frames.len() as f64;
+        PathShare { what, lane, pid, ms_per_frame, share: share(us, total_us) }
     });
-    summaries.collect()
+    let mut shares: Vec<_> = shares.collect();
+    shares.sort_by(|a, b| b.ms_per_frame.total_cmp(&a.ms_per_frame));
+    shares
 }
 
 /// When a device was busy and when it transferred.
 struct Lanes<'a> {
     pid: u32,
-    name: &'a str,
+    device: &'a Device,
     busy: Vec<Interval>,
     transfer: Vec<Interval>,
+    /// Time of the frames that it had a share in.
+    total_us: f64,
+}
+
+/// Of devices that had a share in any of the frames.
+fn lanes<'a>(trace: &'a Trace, frames: &[Frame]) -> Vec<Lanes<'a>> {
+    let mut by_pid: BTreeMap<u32, [Vec<Interval>; 2]> = BTreeMap::new();
+    for task in frames.iter().flat_map(|frame| &frame.tasks) {
+        let lanes = by_pid.entry(task.pid).or_default();
+        lanes[usize::from(task.lane.is_transfer())].push((task.begin_us, task.end_us));
+    }
+    let devices = trace.devices.iter().filter_map(|(&pid, device)| {
+        let shared: Vec<_> = frames.iter().filter(|frame| frame.time.is_shared_by(pid)).collect();
+        let total_us = shared.iter().map(|frame| frame.time.length_us()).sum();
+        let [busy, transfer] = by_pid.remove(&pid).unwrap_or_default().map(union);
+        (!shared.is_empty()).then_some(Lanes { pid, device, busy, transfer, total_us })
+    });
+    devices.collect()
 }
 
 impl Lanes<'_> {
-    fn of<'a>(trace: &Trace, pid: u32, name: &'a str) -> Lanes<'a> {
-        let when = |is_transfer: bool| {
-            let tasks = trace.tasks.iter();
-            let chosen = tasks.filter(|t| t.pid == pid && t.lane.is_transfer() == is_transfer);
-            union(chosen.map(|t| (t.begin_us, t.end_us)).collect())
-        };
-        Lanes { pid, name, busy: when(false), transfer: when(true) }
-    }
-
-    fn sum_up(&self, makespan_us: f64) -> DeviceSummary {
+    fn sum_up(&self) -> DeviceSummary {
         let (busy_us, transfer_us) = (length(&self.busy), length(&self.transfer));
         let hidden_us = shared_length(&self.busy, &self.transfer);
         let in_use_us = busy_us + transfer_us - hidden_us;
         DeviceSummary {
             pid: self.pid,
-            name: self.name.to_owned(),
+            name: self.device.name.clone(),
             busy_ms: busy_us / 1000.0,
             transfer_ms: transfer_us / 1000.0,
             hidden_transfer_ms: hidden_us / 1000.0,
-            idle_ms: (makespan_us - in_use_us).max(0.0) / 1000.0,
-            busy_share: if makespan_us > 0.0 { busy_us / makespan_us } else { 0.0 },
+            idle_ms: (self.total_us - in_use_us).max(0.0) / 1000.0,
+            busy_share: share(busy_us, self.total_us),
+            clock_residual_us: self.device.clock_residual_us,
         }
     }
 }
 
-impl fmt::Display for Summary {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let names = self.devices.iter().map(|device| device.name.chars().count());
-        let width = names.max().unwrap_or(0).max("device".len());
-        writeln!(f, "{:width$}  {:>12}  {:>12}  {:>12}  {:>6}", "device", "busy ms", "transfer ms", "idle ms", "busy")?;
-        for device in &self.devices {
-            writeln!(
-                f,
-                "{:width$}  {:12.3}  {:12.3}  {:12.3}  {:5.1}%",
-                device.name,
-                device.busy_ms,
-                device.transfer_ms,
-                device.idle_ms,
-                device.busy_share * 100.0
-            )?;
-        }
-        writeln!(f)?;
-        writeln!(f, "makespan          {:.3} ms", self.makespan_ms)?;
-        let share = self.overlap_share * 100.0;
-        writeln!(f, "overlap           {share:.1}% with two or more devices busy")?;
-        if let Some(share) = self.hidden_transfer_share {
-            let share = share * 100.0;
-            writeln!(f, "hidden transfers  {share:.1}% of transfer time")?;
-        }
-        if let Some(imbalance) = self.imbalance {
-            writeln!(f, "imbalance         {imbalance:.3} (largest over mean busy time)")?;
-        }
-        self.fmt_frames(f)?;
-        self.warnings.iter().try_for_each(|warning| writeln!(f, "note: {warning}"))
-    }
-}
-
-impl Summary {
-    fn fmt_frames(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let mut times: Vec<f64> = self.frames.iter().map(|frame| frame.makespan_ms).collect();
-        times.sort_by(f64::total_cmp);
-        let (Some(least), Some(most)) = (times.first(), times.last()) else {
-            return Ok(());
-        };
-        let middle = times.len() / 2;
-        let median = (times[middle] + times[(times.len() - 1) / 2]) / 2.0;
-        let count = times.len();
-        writeln!(f, "frames            {count}, makespan median {median:.3} ms, least {least:.3}, most {most:.3}")
-    }
+/// The middle value, of an even number the mean of the two in the middle; none of none.
+pub fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let upper = *values.get(values.len() / 2)?;
+    Some((upper + values[(values.len() - 1) / 2]) / 2.0)
 }

@@ -1,0 +1,274 @@
+//! The critical path of a frame: the chain of tasks and waits that its makespan consists of, reconstructed from times.
+//!
+//! It is walked backwards from the task that ended last. What a task waited for is taken to be what ended last before
+//! its begin among the tasks of its own device and, for an upload, the download at the transfer's other end. The time
+//! between the two is a wait, named after what happens there.
+
+use std::collections::HashMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::work::{Frame, Task};
+
+/// Work on a device and transfers are timed by different clocks, which agree to some tens of microseconds: one may seem
+/// to begin before the other has ended by as much as this.
+const CLOCK_TOLERANCE_US: f64 = 100.0;
+
+/// What a device waits for between two tasks of the critical path.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Wait {
+    /// The frame is planned and its first work submitted.
+    Start,
+    /// The next task of the same device begins.
+    Queue,
+    /// Work is submitted after a transfer.
+    Submission,
+    /// Rows that are done reach the host.
+    ReadBack,
+    /// The worker takes up the next transfer.
+    Worker,
+    /// The other device's worker takes up the rows that were sent.
+    HandOver,
+    /// After the last task until the images are known to be whole.
+    End,
+}
+
+impl Wait {
+    pub fn name(self) -> &'static str {
+        match self {
+            Wait::Start => "start of frame",
+            Wait::Queue => "queue",
+            Wait::Submission => "submission",
+            Wait::ReadBack => "read-back",
+            Wait::Worker => "worker",
+            Wait::HandOver => "hand-over",
+            Wait::End => "end of frame",
+        }
+    }
+
+    fn between(before: &Task, after: &Task) -> Wait {
+        match (before.lane.is_transfer(), after.lane.is_transfer()) {
+            _ if before.pid != after.pid => Wait::HandOver,
+            (false, false) => Wait::Queue,
+            (true, false) => Wait::Submission,
+            (false, true) => Wait::ReadBack,
+            (true, true) => Wait::Worker,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum What<'a> {
+    Task(&'a Task),
+    Wait(Wait),
+}
+
+/// A part of the path. Each begins where the one before ends; together they are the frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Stretch<'a> {
+    pub what: What<'a>,
+    /// Of the device that works or waits.
+    pub pid: u32,
+    pub begin_us: f64,
+    pub end_us: f64,
+}
+
+/// The critical path in order of time; empty without tasks. Waits of no length are left out.
+pub fn critical_path<'a>(frame: &Frame<'a>) -> Vec<Stretch<'a>> {
+    let order = Order::of(&frame.tasks);
+    let Some(mut current) = order.last() else { return Vec::new() };
+    let mut until_us = frame.time.end_us;
+    let mut backwards = Backwards(Vec::new());
+    let last = frame.tasks[current];
+    backwards.push(What::Wait(Wait::End), last.pid, last.end_us, &mut until_us);
+    loop {
+        let task = frame.tasks[current];
+        let before = order.predecessor(current);
+        let earliest_us = before.map_or(frame.time.begin_us, |b| frame.tasks[b].end_us);
+        backwards.push(What::Task(task), task.pid, task.begin_us.max(earliest_us), &mut until_us);
+        let wait = before.map_or(Wait::Start, |b| Wait::between(frame.tasks[b], task));
+        backwards.push(What::Wait(wait), task.pid, earliest_us, &mut until_us);
+        match before {
+            Some(before) => current = before,
+            None => break,
+        }
+    }
+    backwards.0.reverse();
+    backwards.0
+}
+
+struct Backwards<'a>(Vec<Stretch<'a>>);
+
+impl<'a> Backwards<'a> {
+    /// Puts a stretch from `begin_us` before those that are there, and moves their begin.
+    fn push(&mut self, what: What<'a>, pid: u32, begin_us: f64, until_us: &mut f64) {
+        let begin_us = begin_us.min(*until_us);
+        if begin_us < *until_us || matches!(what, What::Task(_)) {
+            self.0.push(Stretch { what, pid, begin_us, end_us: *until_us });
+        }
+        *until_us = begin_us;
+    }
+}
+
+/// Who may have waited for whom. Tasks are numbers into a list in order of begin; nothing waits for a later one.
+struct Order<'a> {
+    tasks: &'a [&'a Task],
+    /// Of each device, in order of end.
+    by_end: HashMap<u32, Vec<usize>>,
+    downloads: HashMap<u64, usize>,
+}
+
+impl<'a> Order<'a> {
+    fn of(tasks: &'a [&'a Task]) -> Self {
+        let mut by_end: HashMap<u32, Vec<usize>> = HashMap::new();
+        let mut downloads = HashMap::new();
+        for (i, task) in tasks.iter().enumerate() {
+            by_end.entry(task.pid).or_default().push(i);
+            if let (super::Lane::Download, Some(transfer)) = (task.lane, task.transfer) {
+                downloads.insert(transfer, i);
+            }
+        }
+        for device in by_end.values_mut() {
+            device.sort_by(|&a, &b| tasks[a].end_us.total_cmp(&tasks[b].end_us));
+        }
+        Self { tasks, by_end, downloads }
+    }
+
+    fn last(&self) -> Option<usize> {
+        (0..self.tasks.len()).max_by(|&a, &b| self.tasks[a].end_us.total_cmp(&self.tasks[b].end_us))
+    }
+
+    fn predecessor(&self, after: usize) -> Option<usize> {
+        let task = self.tasks[after];
+        let is_before = |&before: &usize| {
+            let other = self.tasks[before];
+            let same_clock = other.lane.is_transfer() == task.lane.is_transfer();
+            let tolerance_us = if same_clock { 0.0 } else { CLOCK_TOLERANCE_US };
+            before < after && other.end_us <= task.begin_us + tolerance_us
+        };
+        let own = self.by_end.get(&task.pid)?;
+        let latest = own.partition_point(|&b| self.tasks[b].end_us <= task.begin_us + CLOCK_TOLERANCE_US);
+        let own = own[..latest].iter().rev().copied().find(is_before);
+        let upload = task.transfer.filter(|_| task.lane == super::Lane::Upload);
+        let sent = upload.and_then(|transfer| self.downloads.get(&transfer).copied()).filter(is_before);
+        own.into_iter().chain(sent).max_by(|&a, &b| self.tasks[a].end_us.total_cmp(&self.tasks[b].end_us))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Lane;
+    use super::super::work::FrameTime;
+    use super::*;
+
+    fn task(pid: u32, lane: Lane, name: &str, [begin_ms, end_ms]: [f64; 2], transfer: Option<u64>) -> Task {
+        let (begin_us, end_us) = (begin_ms * 1e3, end_ms * 1e3);
+        let name = name.to_owned();
+        Task { pid, lane, name, begin_us, end_us, frame: Some(0), rows: None, transfer, bytes: None }
+    }
+
+    /// Name, device, begin and end in milliseconds of each stretch.
+    fn path(tasks: &mut [Task], [begin_ms, end_ms]: [f64; 2]) -> Vec<(String, u32, f64, f64)> {
+        tasks.sort_by(|a, b| a.begin_us.total_cmp(&b.begin_us));
+        let time = FrameTime { frame: 0, begin_us: begin_ms * 1e3, end_us: end_ms * 1e3, devices: None };
+        let path = critical_path(&Frame { time, tasks: tasks.iter().collect() });
+        for pair in path.windows(2) {
+            assert_eq!(pair[0].end_us, pair[1].begin_us);
+        }
+        let name = |what| match what {
+            What::Task(task) => task.name.clone(),
+            What::Wait(wait) => format!("wait: {}", wait.name()),
+        };
+        path.iter().map(|s| (name(s.what), s.pid, s.begin_us / 1e3, s.end_us / 1e3)).collect()
+    }
+
+    fn named(parts: &[(&str, u32, f64, f64)]) -> Vec<(String, u32, f64, f64)> {
+        parts
+            .iter()
+            .map(|&(name, pid, begin, end)| (name.to_owned(), pid, begin * 1e3 / 1e3, end * 1e3 / 1e3))
+            .collect()
+    }
+
+    #[test]
+    fn the_path_crosses_devices_where_one_waits_for_the_others_rows() {
+        let mut tasks = [
+            task(10, Lane::Left, "gbuffer", [5.0, 20.0], None),
+            task(10, Lane::Left, "path_trace", [20.0, 50.0], None),
+            task(10, Lane::Download, "guide", [52.0, 54.0], Some(0)),
+            task(10, Lane::Right, "gbuffer", [54.0, 70.0], None),
+            task(11, Lane::Left, "gbuffer", [5.0, 15.0], None),
+            task(11, Lane::Left, "path_trace", [15.0, 40.0], None),
+            task(11, Lane::Upload, "guide", [57.0, 58.0], Some(0)),
+            task(11, Lane::Left, "atrous", [60.0, 80.0], None),
+            task(11, Lane::Left, "tonemap", [80.5, 81.0], None),
+            task(11, Lane::Download, "linear", [81.5, 82.0], Some(1)),
+            task(11, Lane::Download, "display", [82.0, 82.5], Some(2)),
+            task(10, Lane::Upload, "linear", [83.0, 85.0], Some(1)),
+            task(10, Lane::Upload, "display", [86.0, 87.0], Some(2)),
+        ];
+        let expected = [
+            ("wait: start of frame", 10, 0.0, 5.0),
+            ("gbuffer", 10, 5.0, 20.0),
+            ("path_trace", 10, 20.0, 50.0),
+            ("wait: read-back", 10, 50.0, 52.0),
+            ("guide", 10, 52.0, 54.0),
+            ("wait: hand-over", 11, 54.0, 57.0),
+            ("guide", 11, 57.0, 58.0),
+            ("wait: submission", 11, 58.0, 60.0),
+            ("atrous", 11, 60.0, 80.0),
+            ("wait: queue", 11, 80.0, 80.5),
+            ("tonemap", 11, 80.5, 81.0),
+            ("wait: read-back", 11, 81.0, 81.5),
+            ("linear", 11, 81.5, 82.0),
+            ("wait: hand-over", 10, 82.0, 83.0),
+            ("linear", 10, 83.0, 85.0),
+            ("wait: worker", 10, 85.0, 86.0),
+            ("display", 10, 86.0, 87.0),
+            ("wait: end of frame", 10, 87.0, 90.0),
+        ];
+        assert_eq!(path(&mut tasks, [0.0, 90.0]), named(&expected));
+    }
+
+    #[test]
+    fn rows_that_were_there_in_time_are_not_on_the_path() {
+        let mut tasks = [
+            task(11, Lane::Left, "gbuffer", [0.0, 3.0], None),
+            task(11, Lane::Download, "guide", [3.0, 4.0], Some(0)),
+            task(10, Lane::Left, "path_trace", [0.0, 10.0], None),
+            task(10, Lane::Upload, "guide", [5.0, 6.0], Some(0)),
+            task(10, Lane::Left, "atrous", [10.0, 15.0], None),
+        ];
+        assert_eq!(path(&mut tasks, [0.0, 15.0]), named(&[("path_trace", 10, 0.0, 10.0), ("atrous", 10, 10.0, 15.0)]));
+    }
+
+    /// A download seems to begin and to end before the work whose rows it takes has ended.
+    #[test]
+    fn clocks_that_differ_a_little_do_not_break_the_path() {
+        let mut tasks = [
+            task(10, Lane::Left, "gbuffer", [0.0, 1.0], None),
+            task(10, Lane::Left, "path_trace", [1.0, 9.0], None),
+            task(10, Lane::Download, "guide", [8.95, 8.97], Some(0)),
+            task(11, Lane::Upload, "guide", [9.5, 10.0], Some(0)),
+        ];
+        let expected = [
+            ("gbuffer", 10, 0.0, 1.0),
+            ("path_trace", 10, 1.0, 8.97),
+            ("guide", 10, 8.97, 8.97),
+            ("wait: hand-over", 11, 8.97, 9.5),
+            ("guide", 11, 9.5, 10.0),
+        ];
+        assert_eq!(path(&mut tasks, [0.0, 10.0]), named(&expected));
+    }
+
+    #[test]
+    fn work_of_one_clock_that_overlaps_did_not_wait_for_one_another() {
+        let mut tasks =
+            [task(10, Lane::Left, "gbuffer", [0.0, 2.0], None), task(10, Lane::Right, "gbuffer", [1.95, 4.0], None)];
+        assert_eq!(
+            path(&mut tasks, [0.0, 4.0]),
+            named(&[("wait: start of frame", 10, 0.0, 1.95), ("gbuffer", 10, 1.95, 4.0)])
+        );
+        assert!(path(&mut [], [0.0, 4.0]).is_empty());
+    }
+}

@@ -1,0 +1,60 @@
+//! The JSON around a trace's events: a list, or an object with the list in it; whole, or cut off where a run died.
+
+use serde_json::Value;
+
+pub struct RawTrace {
+    pub events: Vec<Value>,
+    pub other_data: Value,
+    /// The end is missing.
+    pub is_cut: bool,
+}
+
+/// Of a document that ends too early, the events that are whole are taken, as the format allows. Errors are messages.
+pub fn raw_trace_from_bytes(bytes: &[u8]) -> Result<RawTrace, String> {
+    let document = match serde_json::from_slice(bytes) {
+        Ok(document) => document,
+        Err(error) => {
+            let events = if error.is_eof() { whole_events(bytes) } else { Vec::new() };
+            if events.is_empty() {
+                return Err(error.to_string());
+            }
+            return Ok(RawTrace { events, other_data: Value::Null, is_cut: true });
+        }
+    };
+    let (events, other_data) = match document {
+        Value::Array(events) => (events, Value::Null),
+        Value::Object(mut object) => match object.remove("traceEvents") {
+            Some(Value::Array(events)) => (events, object.remove("otherData").unwrap_or(Value::Null)),
+            _ => return Err("it has no list \"traceEvents\"".to_owned()),
+        },
+        _ => return Err("it is no list of events".to_owned()),
+    };
+    Ok(RawTrace { events, other_data, is_cut: false })
+}
+
+fn whole_events(bytes: &[u8]) -> Vec<Value> {
+    let mut events = Vec::new();
+    let Some(mut rest) = after_list_begin(bytes) else { return events };
+    loop {
+        let separators = rest.iter().take_while(|b| b.is_ascii_whitespace() || **b == b',').count();
+        rest = &rest[separators..];
+        let mut values = serde_json::Deserializer::from_slice(rest).into_iter::<Value>();
+        match values.next() {
+            Some(Ok(event)) => events.push(event),
+            _ => return events,
+        }
+        rest = &rest[values.byte_offset()..];
+    }
+}
+
+/// What follows the bracket that opens the list of events.
+fn after_list_begin(bytes: &[u8]) -> Option<&[u8]> {
+    const KEY: &[u8] = b"\"traceEvents\"";
+    let bytes = bytes.trim_ascii_start();
+    if bytes.first() == Some(&b'[') {
+        return Some(&bytes[1..]);
+    }
+    let key = bytes.windows(KEY.len()).position(|window| window == KEY)?;
+    let value = bytes[key + KEY.len()..].trim_ascii_start().strip_prefix(b":")?;
+    value.trim_ascii_start().strip_prefix(b"[")
+}

@@ -1,0 +1,208 @@
+//! Takes down device times, host spans, counters and arrows.
+
+use std::collections::{HashMap, HashSet};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
+
+use serde_json::{Map, Value};
+
+use super::event::{Event, FlowStep, Kind, Track, args_from};
+use super::file::Document;
+use super::{FIRST_DEVICE_PID, FRAMES_NAME, FRAMES_TRACK, HOST_PID, Lane, TraceError};
+
+/// Writes to the trace of a run; clones write to the same one, from any thread.
+#[derive(Clone)]
+pub struct Recorder {
+    origin: Instant,
+    log: Option<Arc<Mutex<Log>>>,
+}
+
+/// What is not in the file yet.
+#[derive(Default)]
+pub(super) struct Log {
+    /// None before the trace begins and once it is finished: nothing is taken down then.
+    pub document: Option<Document>,
+    pub events: Vec<Event>,
+    /// Host spans that a thread is in, by the span's number and the thread's.
+    pub open_spans: HashMap<(u64, u32), Event>,
+    pub named_threads: HashSet<u32>,
+    notes: Map<String, Value>,
+    /// Events whose times were not finite or ran backwards.
+    dropped_events: u64,
+    /// Why a write failed; none was tried after.
+    failure: Option<TraceError>,
+}
+
+impl Recorder {
+    /// A recorder that takes nothing down.
+    pub fn off() -> Recorder {
+        Recorder { origin: Instant::now(), log: None }
+    }
+
+    /// A recorder that takes nothing down until it has a document.
+    pub(super) fn new() -> Recorder {
+        Recorder { origin: Instant::now(), log: Some(Arc::default()) }
+    }
+
+    /// Begins the trace.
+    pub(super) fn open(&self, document: Document) {
+        let Some(mut log) = self.lock() else { return };
+        log.document = Some(document);
+        log.push(Event::process_name(HOST_PID, "host"));
+        log.push(Event::process_sort_index(HOST_PID, HOST_PID));
+        log.push(Event::thread_name(FRAMES_TRACK, FRAMES_NAME));
+        log.push(Event::thread_sort_index(FRAMES_TRACK, FRAMES_TRACK.tid));
+        log.write(false);
+    }
+
+    pub fn is_on(&self) -> bool {
+        self.log.is_some()
+    }
+
+    /// Zero of all times.
+    pub fn origin(&self) -> Instant {
+        self.origin
+    }
+
+    /// Microseconds from the origin to `instant`, negative before it.
+    pub fn time_us(&self, instant: Instant) -> f64 {
+        match instant.checked_duration_since(self.origin) {
+            Some(after) => after.as_nanos() as f64 / 1000.0,
+            None => -((self.origin - instant).as_nanos() as f64 / 1000.0),
+        }
+    }
+
+    /// Names device `device` and its lanes.
+    pub fn device(&self, device: u32, name: &str) {
+        let pid = FIRST_DEVICE_PID + device;
+        self.push(|| {
+            let lanes = Lane::ALL.into_iter().flat_map(|lane| {
+                let track = lane.track(device);
+                [Event::thread_name(track, lane.name()), Event::thread_sort_index(track, track.tid)]
+            });
+            let process = [Event::process_name(pid, name), Event::process_sort_index(pid, pid)];
+            process.into_iter().chain(lanes)
+        });
+    }
+
+    /// Work on one lane of a device, from GPU timestamps brought to the origin.
+    pub fn task(&self, device: u32, lane: Lane, name: &str, begin_us: f64, end_us: f64, args: &[(&str, f64)]) {
+        let category = if lane.is_transfer() { "transfer" } else { "device" };
+        self.span(lane.track(device), category, name, begin_us, end_us, args);
+    }
+
+    /// A frame, on the host's track of frames. `args` should hold its number as `frame`.
+    pub fn frame(&self, begin_us: f64, end_us: f64, args: &[(&str, f64)]) {
+        self.span(FRAMES_TRACK, "frame", "frame", begin_us, end_us, args);
+    }
+
+    fn span(&self, track: Track, category: &'static str, name: &str, begin_us: f64, end_us: f64, args: &[(&str, f64)]) {
+        self.push(|| {
+            let kind = Kind::Complete { duration_us: end_us - begin_us };
+            [Event { kind, name: name.to_owned(), category, track, time_us: begin_us, args: args_from(args) }]
+        });
+    }
+
+    /// The values of counter `name` from `time_us` on, each a series of its own.
+    pub fn counter(&self, name: &str, time_us: f64, values: &[(&str, f64)]) {
+        self.push(|| {
+            [Event {
+                kind: Kind::Counter,
+                name: name.to_owned(),
+                category: "counter",
+                track: Track { pid: HOST_PID, tid: 0 },
+                time_us,
+                args: args_from(values),
+            }]
+        });
+    }
+
+    /// Arrows from the span around one time to the span around the next. `id` is unique to the chain; fewer than two
+    /// points are no arrow.
+    pub fn flow(&self, id: u64, category: &'static str, points: &[(Track, f64)]) {
+        let Some(last) = points.len().checked_sub(1).filter(|&last| last > 0) else { return };
+        let step = |i: usize| match i {
+            0 => FlowStep::Start,
+            i if i == last => FlowStep::Finish,
+            _ => FlowStep::Step,
+        };
+        let event = |(i, &(track, time_us)): (usize, &(Track, f64))| {
+            let kind = Kind::Flow { step: step(i), id };
+            Event { kind, name: category.to_owned(), category, track, time_us, args: Default::default() }
+        };
+        self.push(|| points.iter().enumerate().map(event));
+    }
+
+    /// Something about the whole run, such as the residual of a device's clock; lands in `otherData`.
+    pub fn note(&self, key: &str, value: impl Into<Value>) {
+        if let Some(mut log) = self.lock() {
+            log.notes.insert(key.to_owned(), value.into());
+        }
+    }
+
+    /// Brings the file up to date. A failure is told when the trace is finished.
+    pub fn flush(&self) {
+        if let Some(mut log) = self.lock() {
+            log.write(false);
+        }
+    }
+
+    /// Ends the trace.
+    pub(super) fn close(&self, is_complete: bool) -> Result<(), TraceError> {
+        let now_us = self.time_us(Instant::now());
+        let Some(mut log) = self.lock() else { return Ok(()) };
+        for (_, mut event) in std::mem::take(&mut log.open_spans) {
+            event.kind = Kind::Complete { duration_us: now_us - event.time_us };
+            event.args.insert("unfinished".to_owned(), 1.0.into());
+            log.push(event);
+        }
+        log.write(is_complete);
+        log.document = None;
+        log.failure.take().map_or(Ok(()), Err)
+    }
+
+    fn push<E: IntoIterator<Item = Event>>(&self, events: impl FnOnce() -> E) {
+        let Some(mut log) = self.lock() else { return };
+        for event in events() {
+            log.push(event);
+        }
+    }
+
+    pub(super) fn lock(&self) -> Option<MutexGuard<'_, Log>> {
+        let log = self.log.as_ref()?;
+        Some(log.lock().unwrap_or_else(PoisonError::into_inner))
+    }
+}
+
+impl Log {
+    pub fn push(&mut self, event: Event) {
+        if self.document.is_none() {
+            return;
+        }
+        if has_sane_times(&event) {
+            self.events.push(event);
+        } else {
+            self.dropped_events += 1;
+        }
+    }
+
+    fn write(&mut self, is_complete: bool) {
+        let Some(document) = &mut self.document else { return };
+        let mut other_data = self.notes.clone();
+        other_data.insert("complete".to_owned(), is_complete.into());
+        other_data.insert("dropped_events".to_owned(), self.dropped_events.into());
+        other_data.insert("writer".to_owned(), concat!("diptych ", env!("CARGO_PKG_VERSION")).into());
+        if let Err(error) = document.append(std::mem::take(&mut self.events), &other_data) {
+            self.failure = Some(error);
+            self.document = None;
+        }
+    }
+}
+
+fn has_sane_times(event: &Event) -> bool {
+    let duration_us = match event.kind {
+        Kind::Complete { duration_us } => duration_us,
+        _ => 0.0,
+    };
+    event.time_us.is_finite() && duration_us.is_finite() && duration_us >= 0.0
+}
