@@ -43,7 +43,7 @@ pub fn open_devices(options: &RunOptions, virtual_devices: usize) -> Result<Vec<
     let selection = Selection {
         adapters: options.devices.clone(),
         virtual_devices,
-        threads_per_device: options.threads_per_device.map(usize::from),
+        threads_per_device: options.threads_per_device.as_ref().map(|t| t.iter().copied().map(usize::from).collect()),
     };
     let _span = tracing::info_span!("open devices").entered();
     Ok(device::open(&selection)?)
@@ -84,7 +84,9 @@ pub fn renderer(
         exposure_ev: loaded.shot.exposure_ev,
     };
     let _span = tracing::info_span!("start renderer").entered();
-    Ok(Renderer::new(gpus, Arc::clone(&loaded.tables), settings, policy, origin)?)
+    let mut renderer = Renderer::new(gpus, Arc::clone(&loaded.tables), settings, policy, origin)?;
+    options.faults.apply(&mut renderer)?;
+    Ok(renderer)
 }
 
 /// The trace-file of a run and the zero of its times.

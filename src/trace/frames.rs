@@ -4,7 +4,7 @@
 use std::collections::HashMap;
 
 use super::{HOST_PID, Lane, Recorder};
-use crate::exec::{FrameReport, TaskTiming, TimedTask};
+use crate::exec::{Fault, FrameReport, TaskTiming, TimedTask};
 use crate::graph::Stage;
 use crate::scene::rig::Eye;
 
@@ -78,6 +78,13 @@ fn record_flows(recorder: &Recorder, frame: &FrameReport) {
         let end = |t: &TaskTiming| (lane(t).track(t.device as u32), middle(t));
         recorder.flow(id, task.stage, end(from), end(task));
     }
+}
+
+/// Marks where a device was taken out.
+pub fn record_fault(recorder: &Recorder, fault: &Fault) {
+    let frame = fault.frame.to_string();
+    let args = [("frame", frame.as_str()), ("what", &fault.what)];
+    recorder.mark(fault.device as u32, Lane::Both, "device taken out", fault.noticed_ms * 1e3, &args);
 }
 
 /// Names the devices of a run and tells how far their clocks can be trusted.
