@@ -23,25 +23,23 @@ pub struct FaultOptions {
 }
 
 impl FaultOptions {
-    pub fn apply(&self, renderer: &mut Renderer) -> Result<(), Failure> {
-        let devices = renderer.devices().len();
+    /// The trouble to make on so many devices.
+    pub fn trouble(&self, devices: usize) -> Result<Trouble, Failure> {
         let refuse = |what: String| Err(Failure::Input(anyhow::anyhow!(what)));
         if let Some(i) = self.injections.iter().find(|i| i.device >= devices) {
-            return refuse(format!("--inject: there is no device {}: the last of {devices} is {}", i.device, devices - 1));
+            return refuse(format!("--inject: there is no device {}, but only {devices}, from 0 on", i.device));
         }
-        let slowdown = match self.slowdown[..] {
+        let slowdown = match &self.slowdown[..] {
             [] => Vec::new(),
-            [all] => vec![all; devices],
-            ref each if each.len() == devices => each.to_vec(),
-            ref each => {
-                return refuse(format!("--slowdown: {} numbers for {devices} devices: give one per device", each.len()));
-            }
+            [all] => vec![*all; devices],
+            each if each.len() == devices => each.to_vec(),
+            each => return refuse(format!("--slowdown: {} numbers for {devices} devices: give one each", each.len())),
         };
-        renderer.set_trouble(Trouble { injections: self.injections.clone(), slowdown });
-        if let Some(ms) = self.watchdog_ms {
-            renderer.set_watchdog(Duration::from_millis(ms));
-        }
-        Ok(())
+        Ok(Trouble { injections: self.injections.clone(), slowdown })
+    }
+
+    pub fn watchdog(&self) -> Option<Duration> {
+        self.watchdog_ms.map(Duration::from_millis)
     }
 }
 

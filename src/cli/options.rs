@@ -219,7 +219,12 @@ impl RenderOptions {
             self.spp
         );
         if let Some(late) = self.faults.injections.iter().find(|i| i.frame >= self.frames) {
-            anyhow::bail!("--inject: there is no frame {}: the last of {} is {}", late.frame, self.frames, self.frames - 1);
+            anyhow::bail!(
+                "--inject: there is no frame {}: the last of {} is {}",
+                late.frame,
+                self.frames,
+                self.frames - 1
+            );
         }
         self.run.check()
     }

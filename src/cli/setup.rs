@@ -65,6 +65,7 @@ pub fn renderer(
     origin: Instant,
 ) -> Result<Renderer, Failure> {
     let policy = policy(options, gpus.len())?;
+    let trouble = options.faults.trouble(gpus.len())?;
     let stages = StageSettings {
         extent: options.size,
         needs: if options.no_skip { SceneNeeds::ALL } else { loaded.needs },
@@ -85,7 +86,10 @@ pub fn renderer(
     };
     let _span = tracing::info_span!("start renderer").entered();
     let mut renderer = Renderer::new(gpus, Arc::clone(&loaded.tables), settings, policy, origin)?;
-    options.faults.apply(&mut renderer)?;
+    renderer.set_trouble(trouble);
+    if let Some(limit) = options.faults.watchdog() {
+        renderer.set_watchdog(limit);
+    }
     Ok(renderer)
 }
 

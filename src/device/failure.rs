@@ -40,6 +40,8 @@ impl From<wgpu::Error> for DeviceFailure {
             wgpu::Error::OutOfMemory { .. } => FailureKind::Oom,
             wgpu::Error::Validation { .. } | wgpu::Error::Internal { .. } => FailureKind::Error,
         };
-        Self { kind, what: error.to_string() }
+        // wgpu sets its chain of causes in lines.
+        let what: Vec<_> = error.to_string().lines().map(|l| l.trim().to_owned()).filter(|l| !l.is_empty()).collect();
+        Self { kind, what: what.join(" ") }
     }
 }

@@ -98,7 +98,9 @@ impl Crew {
                 }
                 Ok(_) => {}
                 Err(RecvTimeoutError::Timeout) => {
-                    missing.extend(awaited.iter().filter(|&&d| self.members[d].thread.is_finished()).map(|&d| (d, gone())));
+                    missing.extend(
+                        awaited.iter().filter(|&&d| self.members[d].thread.is_finished()).map(|&d| (d, gone())),
+                    );
                 }
                 Err(RecvTimeoutError::Disconnected) => missing.extend(awaited.iter().map(|&d| (d, gone()))),
             }

@@ -255,12 +255,7 @@ impl Renderer {
 
     /// Makes a frame on the devices there are, again whenever one of them fails. The next attempt is the
     /// `first_attempt`th, and faults are its own from the `first_fault`th on.
-    fn carry_out(
-        &mut self,
-        inputs: &Inputs,
-        first_fault: usize,
-        first_attempt: u32,
-    ) -> Result<FrameReport, ExecError> {
+    fn carry_out(&mut self, inputs: &Inputs, first_fault: usize, first_attempt: u32) -> Result<FrameReport, ExecError> {
         let index = inputs.constants.index;
         let _span = tracing::info_span!("frame", frame = index).entered();
         let begin = Instant::now();

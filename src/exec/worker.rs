@@ -130,7 +130,8 @@ impl Worker {
                 Order::Frame(job) => self.frame(&job).map(Answer::Frame),
                 Order::Read(image) => Ok(Answer::Pixels(self.read(image)?)),
             }));
-            let answer = answer.unwrap_or_else(|panic| Err(format!("its worker panicked: {}", panic_text(&*panic)).into()));
+            let answer =
+                answer.unwrap_or_else(|panic| Err(format!("its worker panicked: {}", panic_text(&*panic)).into()));
             if let Err(stop) = &answer {
                 self.give_up(stop);
             }
@@ -213,7 +214,8 @@ impl Worker {
             InjectedKind::Oom => {
                 let size = self.gpu.device.limits().max_buffer_size.saturating_add(4) & !3;
                 let usage = wgpu::BufferUsages::STORAGE;
-                let descriptor = wgpu::BufferDescriptor { label: Some("too large"), size, usage, mapped_at_creation: false };
+                let descriptor =
+                    wgpu::BufferDescriptor { label: Some("too large"), size, usage, mapped_at_creation: false };
                 drop(self.gpu.device.create_buffer(&descriptor));
             }
             // Comes as more runs.

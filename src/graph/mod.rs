@@ -40,10 +40,7 @@ impl Assignment {
     /// `devices[0]` is the primary. `devices` rise.
     pub fn renumbered(&self, devices: &[usize], count: usize) -> Self {
         let spread = |(key, s): &((Stage, Eye), Stripes)| (*key, s.renumbered(devices, count));
-        Self {
-            primary: devices.first().copied().unwrap_or(0),
-            stripes: self.stripes.iter().map(spread).collect(),
-        }
+        Self { primary: devices.first().copied().unwrap_or(0), stripes: self.stripes.iter().map(spread).collect() }
     }
 
     pub fn set(&mut self, stage: Stage, view: Eye, stripes: Stripes) {
