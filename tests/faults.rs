@@ -78,6 +78,19 @@ fn two_devices_may_fail_in_one_frame() {
 }
 
 #[test]
+fn a_frame_whose_primary_is_lost_before_it_was_read_is_made_again() {
+    let subject = Subject::load("builtin:checker");
+    let settings = subject.denoised(WIDTH, HEIGHT);
+    let mut two = Stage::even(&subject, &settings, 2);
+    let expected = two.frame(0).linear;
+    two.renderer().set_trouble(trouble(&["loss:dev0@frame0"], &[]));
+    assert!(two.renderer().read_linear().unwrap() == expected);
+    let seen: Vec<_> = two.renderer().faults().iter().map(|f| (f.device, f.kind, f.attempts)).collect();
+    assert_eq!(seen, [(0, FailureKind::Loss, 2)]);
+    assert!(two.frame(0).linear == expected, "the frame after");
+}
+
+#[test]
 fn slow_devices_change_neither_bytes_nor_counts() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.denoised(WIDTH, HEIGHT);

@@ -20,8 +20,8 @@ pub struct Command {
 
 pub enum Order {
     Frame(Box<FrameJob>),
-    /// Send both eyes' image back.
-    Read(PhysicalImage),
+    /// Send both eyes' image back, once what is to happen to the device has happened.
+    Read(PhysicalImage, Option<InjectedKind>),
 }
 
 pub struct FrameJob {

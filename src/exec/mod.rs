@@ -1,5 +1,6 @@
 //! Makes it happen: one worker thread per device carries out its tasks of the frame graph, rows cross through host
-//! memory, and the whole images end up on the primary, the first device that is left. README.md beside this file has the protocol.
+//! memory, and the whole images end up on the primary, the first device that is left. README.md beside this file has
+//! the protocol.
 
 mod crew;
 mod faults;
@@ -247,9 +248,12 @@ impl Renderer {
         let previous = self.last.map_or(constants.views, |l| l.constants.views);
         let inputs = Inputs { constants, previous };
         self.last = Some(inputs);
-        let report = self.carry_out(&inputs, self.faults.len(), 1)?;
+        let faults = self.faults.len();
+        let report = self.carry_out(&inputs, faults, 1)?;
         self.policy.learn(&costs(&report.tasks, &self.crew.left()));
-        self.watchdog.learn(self.samples(&inputs), report.makespan_ms);
+        if self.faults.len() == faults {
+            self.watchdog.learn(self.samples(&inputs), report.makespan_ms);
+        }
         Ok(report)
     }
 
@@ -382,7 +386,8 @@ impl Renderer {
             let (Some(inputs), Some((_, graph))) = (self.last, &self.planned) else { return Err(ExecError::NoFrame) };
             let primary = graph.primary;
             let limit = self.watchdog.limit(self.samples(&inputs));
-            match self.crew.ask(vec![(primary, Order::Read(image))], limit).pop() {
+            let (_, injected) = self.trouble.take(primary, inputs.constants.index);
+            match self.crew.ask(vec![(primary, Order::Read(image, injected))], limit).pop() {
                 Some((_, Ok(Answer::Pixels([left, right])))) => return Ok(Stereo { left, right }),
                 Some((device, Err(Stop::Device(failure)))) => {
                     let first_fault = self.faults.len();

@@ -61,7 +61,8 @@ impl Pulse {
 /// Slices of a limit in which a worker shows no sign of life before it counts as hung. A worker that waits for its
 /// device gives up after 8 by itself, and can then say why.
 const SILENT_SLICES: u32 = 10;
-const SLICES: u32 = 8;
+/// Of a limit.
+pub const SLICES: u32 = 8;
 
 /// Watches over workers while their answers are awaited. Time is counted in slices, so that a stop of the whole process
 /// counts as one.

@@ -11,7 +11,7 @@ use crossbeam::channel::{Receiver, RecvTimeoutError, Sender};
 use super::faults::InjectedKind;
 use super::messages::{Answer, Command, FrameJob, FrameReply, Order, Parcel, Reply, Stop};
 use super::staging::{Pool, ReadBack, Recorded};
-use super::watchdog::Pulse;
+use super::watchdog::{Pulse, SLICES};
 use super::{ExecError, Tally, TaskTiming, TimedTask, resource_name, total};
 use crate::device::{DeviceFailure, DeviceInfo, GpuClock, GpuDevice};
 use crate::graph::{PhysicalImage, Resource, Stage, Task, TaskKind};
@@ -30,7 +30,7 @@ pub struct Worker {
     replies: Sender<Reply>,
     /// Parcels that came before they were asked for.
     early: HashMap<(u64, u32), Vec<u8>>,
-    /// The attempt being made, and the last that was called off.
+    /// Of the command being carried out, and of the last attempt that was called off.
     ticket: u64,
     aborted: Option<u64>,
     pulse: Arc<Pulse>,
@@ -48,7 +48,7 @@ struct Outgoing {
     timing: TaskTiming,
 }
 
-/// A worker waits for others for this many eighths of a device's limit: longer than it takes to find out that one of
+/// A worker waits for others for this many slices of a device's limit: longer than it takes to find out that one of
 /// them is hung.
 const DEPENDENT_SLICES: u32 = 32;
 
@@ -128,7 +128,10 @@ impl Worker {
             // A panic is a bug; those who wait for this device must hear of it all the same.
             let answer = catch_unwind(AssertUnwindSafe(|| match order {
                 Order::Frame(job) => self.frame(&job).map(Answer::Frame),
-                Order::Read(image) => Ok(Answer::Pixels(self.read(image)?)),
+                Order::Read(image, injected) => {
+                    self.befall(injected);
+                    Ok(Answer::Pixels(self.read(image)?))
+                }
             }));
             let answer =
                 answer.unwrap_or_else(|panic| Err(format!("its worker panicked: {}", panic_text(&*panic)).into()));
@@ -167,8 +170,9 @@ impl Worker {
         let tasks = job.graph.tasks_of(device);
         for (i, task) in tasks.iter().enumerate() {
             self.pulse.beat();
-            if i == tasks.len() / 2 {
-                self.befall(&mut progress, job)?;
+            if i == tasks.len() / 2 && job.injected.is_some() {
+                self.flush(&mut progress, frame)?;
+                self.befall(job.injected);
             }
             // Copies leave together, as soon as the last of a run of them is recorded.
             if !progress.copies.is_empty() && !matches!(task.kind, TaskKind::Download { .. }) {
@@ -185,7 +189,7 @@ impl Worker {
             }
         }
         if tasks.is_empty() {
-            self.befall(&mut progress, job)?;
+            self.befall(job.injected);
         }
         self.flush(&mut progress, frame)?;
         while self.send_oldest(&mut progress, frame)? {}
@@ -202,26 +206,23 @@ impl Worker {
         Ok(FrameReply { tasks: timings, tallies, end_ms })
     }
 
-    /// What is to happen to the device in this frame, happens.
-    fn befall(&mut self, progress: &mut Progress, job: &FrameJob) -> Result<(), Stop> {
-        let Some(kind) = job.injected else { return Ok(()) };
-        self.flush(progress, job.constants.index)?;
-        match kind {
-            InjectedKind::Loss => self.gpu.device.destroy(),
-            InjectedKind::Hang => loop {
+    /// What is to happen to the device, happens.
+    fn befall(&self, injected: Option<InjectedKind>) {
+        match injected {
+            Some(InjectedKind::Loss) => self.gpu.device.destroy(),
+            Some(InjectedKind::Hang) => loop {
                 std::thread::park();
             },
-            InjectedKind::Oom => {
+            Some(InjectedKind::Oom) => {
                 let size = self.gpu.device.limits().max_buffer_size.saturating_add(4) & !3;
                 let usage = wgpu::BufferUsages::STORAGE;
-                let descriptor =
-                    wgpu::BufferDescriptor { label: Some("too large"), size, usage, mapped_at_creation: false };
+                let label = Some("too large");
+                let descriptor = wgpu::BufferDescriptor { label, size, usage, mapped_at_creation: false };
                 drop(self.gpu.device.create_buffer(&descriptor));
             }
-            // Comes as more runs.
-            InjectedKind::Slow => {}
+            // Comes as more runs of dispatches.
+            Some(InjectedKind::Slow) | None => {}
         }
-        Ok(())
     }
 
     fn dispatch(&mut self, progress: &mut Progress, task: &Task, runs: u32) {
@@ -312,7 +313,7 @@ impl Worker {
     /// upload in the common order, so whoever waits for them cannot be waited for here.
     fn receive(&mut self, progress: &mut Progress, frame: u32, transfer: u32) -> Result<Vec<u8>, Stop> {
         let _span = tracing::info_span!("wait for rows of others", frame, transfer).entered();
-        let slice = self.gpu.patience / 8;
+        let slice = self.gpu.patience / SLICES;
         let mut slices = 0;
         loop {
             while let Ok(parcel) = self.inbox.try_recv() {
