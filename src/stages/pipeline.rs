@@ -170,7 +170,7 @@ impl DeviceStages {
     }
 
     /// Records a task; returns the pair of timestamps around it, if any is left. It runs `runs` times, which takes that
-    /// much longer and changes no byte: all stages set what they write, but for the counts that [`adds_counts`].
+    /// much longer and changes no byte: all stages set what they write, but for the counts (`adds_counts`).
     pub fn record(
         &mut self,
         gpu: &GpuDevice,
