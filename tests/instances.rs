@@ -187,7 +187,7 @@ fn what_instances_share_is_stored_once_and_the_rest_flattened() {
 }
 
 /// Values of an image's channels, pixel by pixel, of both eyes.
-fn vectors(stage: &Stage, i: usize) -> Vec<Vec3> {
+fn vectors(stage: &mut Stage, i: usize) -> Vec<Vec3> {
     let aov = stage.aov(i);
     let of = |planes: &[Vec<f32>]| {
         let channel = |c: usize| planes[c.min(planes.len() - 1)].clone();
@@ -207,7 +207,7 @@ fn surfaces_are_where_and_as_they_are_flattened() {
         settings.stages.aovs = aovs.to_vec();
         let mut stage = Stage::alone(&subject, &settings);
         stage.frame(0);
-        (0..aovs.len()).map(|i| vectors(&stage, i)).collect::<Vec<_>>()
+        (0..aovs.len()).map(|i| vectors(&mut stage, i)).collect::<Vec<_>>()
     };
     let (flat, shared) = (seen(Layout::Flat), seen(Layout::TwoLevel));
     // Pixels whose centre is on an edge may show either side.
@@ -331,7 +331,7 @@ fn scenes_load_that_are_too_large_flattened() {
     settings.stages.aovs = vec![Aov::Position, Aov::Depth];
     let mut stage = Stage::alone(&subject, &settings);
     stage.frame(0);
-    let (positions, depths) = (vectors(&stage, 0), vectors(&stage, 1));
+    let (positions, depths) = (vectors(&mut stage, 0), vectors(&mut stage, 1));
     let hits: Vec<Vec3> = positions.into_iter().zip(depths).filter(|(_, d)| d.x > 0.0).map(|(p, _)| p).collect();
     assert!(hits.len() > EXTENT.area());
     // What facets lie within the ball: the sagitta of a quad's diagonal.

@@ -75,6 +75,10 @@ impl Policy for Script {
     fn assign(&mut self) -> Assignment {
         self.frames.next().expect("an assignment for every frame")
     }
+
+    fn remove_device(&mut self, device: usize) {
+        panic!("device {device} failed");
+    }
 }
 
 #[test]

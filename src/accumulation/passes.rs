@@ -1,5 +1,6 @@
 //! The loop: passes until there are enough samples or the time is up.
 
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 use super::{Accumulation, Checkpoint, CheckpointError};
@@ -32,6 +33,8 @@ pub struct Job<'a> {
     /// No pass is begun that would probably end later; one always is.
     pub time_limit: Option<Duration>,
     pub checkpoint: Option<&'a Checkpoint>,
+    /// No other pass is begun once this is set.
+    pub stop: &'a AtomicBool,
 }
 
 /// A pass, done.
@@ -71,8 +74,8 @@ pub fn accumulate(
     let begin = Instant::now();
     let limit_s = job.time_limit.map_or(f64::INFINITY, |l| l.as_secs_f64());
     let (mut saved, mut passes) = (begin, 0);
-    let mut out_of_time = false;
-    while accumulation.samples() < job.spp && !out_of_time {
+    let (mut out_of_time, mut is_stopped) = (false, false);
+    while accumulation.samples() < job.spp && !out_of_time && !is_stopped {
         let pass_begin = Instant::now();
         let first = accumulation.samples();
         let count = job.pass_spp.min(job.spp - first);
@@ -83,7 +86,8 @@ pub fn accumulate(
         let elapsed_s = begin.elapsed().as_secs_f64();
         let missing = job.spp - accumulation.samples();
         out_of_time = missing > 0 && elapsed_s + pass_begin.elapsed().as_secs_f64() > limit_s;
-        let is_last = missing < job.pass_spp || out_of_time;
+        is_stopped = job.stop.load(Ordering::Relaxed);
+        let is_last = missing < job.pass_spp || out_of_time || is_stopped;
         let save = job.checkpoint.filter(|_| count == job.pass_spp && (is_last || saved.elapsed() >= SAVE_INTERVAL));
         if let Some(checkpoint) = save {
             checkpoint.save(&accumulation)?;

@@ -16,6 +16,8 @@ use diptych::report::bench::{Row, Slope, csv, mark_front, slopes, svg, table};
 use diptych::trace::frames::record_devices;
 
 use super::failure::Failure;
+use super::faults::refuse_faults;
+use super::interrupt;
 use super::options::{Denoiser, RenderOptions, RunOptions, Switch};
 use super::output;
 use super::progress::Progress;
@@ -74,6 +76,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let options = &args.options;
     options.check().map_err(Failure::Input)?;
     output::prepare(&options.out, "--out")?;
+    interrupt::watch()?;
     let tracing = Tracing::start(options)?;
     let loaded = setup::load(options)?;
     for warning in &loaded.scene.warnings {
@@ -83,6 +86,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Some(folder) => given(folder, options)?,
         None => own(args, &loaded, &tracing)?,
     };
+    interrupt::check()?;
     let say_origin = serde_json::json!({ "event": "reference", "origin": reference.origin, "noise": reference.noise });
     if options.json {
         say!("{say_origin}");
@@ -186,6 +190,8 @@ impl Grid<'_> {
         let mut found = Stereo { left: Vec::new(), right: Vec::new() };
         for i in 0..args.warm_up + args.repeats {
             let frame = renderer.render(&loaded.shot.rig, options.time, i)?;
+            refuse_faults(&renderer)?;
+            interrupt::check()?;
             let makespan_ms = frame.makespan_ms;
             let event = serde_json::json!({
                 "event": "frame", "denoiser": name, "spp": spp, "makespan_ms": makespan_ms,

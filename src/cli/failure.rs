@@ -9,16 +9,20 @@ use diptych::graph::StripesError;
 use diptych::image::ImageError;
 use diptych::scene::SceneError;
 
+use super::interrupt;
+
 /// Inputs are the user's to mend, runs are not.
 pub enum Failure {
     Input(anyhow::Error),
     Run(anyhow::Error),
+    /// By Ctrl-C.
+    Interrupted,
 }
 
 impl Failure {
     /// One line with the cause, then the chain.
     pub fn message(&self) -> String {
-        let (Self::Input(error) | Self::Run(error)) = self;
+        let (Self::Input(error) | Self::Run(error)) = self else { return "interrupted\n".to_owned() };
         let mut text = format!("error: {error}\n");
         for cause in error.chain().skip(1) {
             text += &format!("  because: {cause}\n");
@@ -30,6 +34,7 @@ impl Failure {
         match self {
             Self::Input(_) => ExitCode::from(2),
             Self::Run(_) => ExitCode::from(1),
+            Self::Interrupted => ExitCode::from(interrupt::EXIT_STATUS),
         }
     }
 }
@@ -56,7 +61,9 @@ input_errors!(SceneError, AccelError, StripesError);
 impl From<DeviceError> for Failure {
     fn from(error: DeviceError) -> Self {
         match error {
-            DeviceError::UnknownAdapter { .. } | DeviceError::TooMany(_) => Self::Input(error.into()),
+            DeviceError::UnknownAdapter { .. } | DeviceError::TooMany(_) | DeviceError::ThreadCounts { .. } => {
+                Self::Input(error.into())
+            }
             _ => Self::Run(error.into()),
         }
     }

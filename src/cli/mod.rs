@@ -1,4 +1,5 @@
-//! One file per command. Exit status: 0 done, 1 it failed, 2 the command line or an input file is wrong.
+//! One file per command. Exit status: 0 done, 1 it failed, 2 the command line or an input file is wrong,
+//! 130 Ctrl-C ended it.
 
 /// `println!` that does not mind a reader who has left, as `head` does.
 macro_rules! say {
@@ -12,6 +13,8 @@ mod bench;
 mod compare;
 mod devices;
 mod failure;
+mod faults;
+mod interrupt;
 mod options;
 mod output;
 mod progress;

@@ -11,6 +11,8 @@ use diptych::image::Extent;
 use diptych::schedule::RatioRule;
 use diptych::stages::{Aov, Sampler};
 
+use super::faults::FaultOptions;
+
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Balance {
@@ -68,9 +70,9 @@ pub struct RunOptions {
     /// Adapters by their number in `diptych devices` [default: all hardware GPUs, else the software one]
     #[arg(long, value_delimiter = ',', value_name = "N,N,…")]
     pub devices: Option<Vec<usize>>,
-    /// Worker threads of each device on a software adapter [default: cores / devices]
-    #[arg(long, value_name = "T", value_parser = clap::value_parser!(u16).range(1..=1024))]
-    pub threads_per_device: Option<u16>,
+    /// Worker threads of software devices, one number for all or one per device [default: cores / devices]
+    #[arg(long, value_delimiter = ',', value_name = "T,T,…", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    pub threads_per_device: Option<Vec<u16>>,
     /// How stripes are cut [default: measured; static with --ratios]
     #[arg(long)]
     pub balance: Option<Balance>,
@@ -111,6 +113,8 @@ pub struct RunOptions {
     /// Run-time checks in shaders
     #[arg(long, default_value = "fast")]
     pub shader_checks: ShaderChecks,
+    #[command(flatten)]
+    pub faults: FaultOptions,
     /// No progress
     #[arg(long)]
     pub quiet: bool,
@@ -214,6 +218,14 @@ impl RenderOptions {
             "--spp {} is more than the {MAX_FRAME_SPP} of one frame: --reference takes them in passes",
             self.spp
         );
+        if let Some(late) = self.faults.injections.iter().find(|i| i.frame >= self.frames) {
+            anyhow::bail!(
+                "--inject: there is no frame {}: the last of {} is {}",
+                late.frame,
+                self.frames,
+                self.frames - 1
+            );
+        }
         self.run.check()
     }
 }

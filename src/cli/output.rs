@@ -33,7 +33,7 @@ pub struct FrameImages {
 }
 
 impl FrameImages {
-    pub fn read(renderer: &Renderer, aovs: &[Aov]) -> Result<Self, Failure> {
+    pub fn read(renderer: &mut Renderer, aovs: &[Aov]) -> Result<Self, Failure> {
         let _span = tracing::info_span!("read images").entered();
         let rgb = |i: Image<[u8; 4]>| Image {
             extent: i.extent,

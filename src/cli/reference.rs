@@ -10,6 +10,7 @@ use diptych::image::stereo;
 use diptych::report::run::ReferenceRow;
 
 use super::failure::Failure;
+use super::interrupt::INTERRUPTED;
 use super::options::{Denoiser, RenderOptions, RunOptions, Switch};
 use super::output;
 use super::progress::Progress;
@@ -140,6 +141,7 @@ impl Plan {
             spp: self.spp,
             time_limit: self.time_limit,
             checkpoint: checkpoint.as_ref(),
+            stop: &INTERRUPTED,
         };
         let mut progress = PassProgress::new(&self.options, self.spp, resumed_spp);
         let (mut report, mut number, mut preview) = (None, 0, Ok(()));

@@ -6,6 +6,8 @@ use diptych::stages::Aov;
 use diptych::trace::frames::record_devices;
 
 use super::failure::Failure;
+use super::faults::FaultLog;
+use super::interrupt;
 use super::options::RenderOptions;
 use super::output::{self, FrameImages};
 use super::progress::Progress;
@@ -44,6 +46,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let options = plan.as_ref().map_or(&args.options, |p| &p.options);
     options.check().map_err(Failure::Input)?;
     output::prepare(&options.out, "--out")?;
+    interrupt::watch()?;
     let tracing = Tracing::start(options)?;
     let progress = Progress::new(u64::from(options.frames), options.quiet, options.json);
     progress.phase("loading");
@@ -58,8 +61,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     progress.phase("warming up");
     let mut renderer = setup::renderer(options, &loaded, gpus, tracing.recorder.origin())?;
     record_devices(&tracing.recorder, renderer.devices());
-    let mut rows = Rows::default();
+    let (mut rows, mut faults) = (Rows::default(), FaultLog::default());
     for i in 0..options.frames {
+        if interrupt::is_set() {
+            break;
+        }
         match &plan {
             None => plain_frame(args, &loaded, &mut renderer, i, &tracing, &progress, &mut rows)?,
             Some(plan) => {
@@ -67,6 +73,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
                 reference_frame(args, plan, &loaded, &mut renderer, i, &tracing, &mut rows)?;
             }
         }
+        faults.say_new(&renderer, &tracing, &progress);
     }
     progress.finish();
     let mut settings = setup::run_settings(options, renderer.policy_name());
@@ -74,10 +81,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let devices = renderer.devices();
     let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, rows.frames);
     report.references = rows.references;
+    report.faults = renderer.faults().to_vec();
     report.write(&options.out.join("run.json"))?;
     tracing.finish()?;
     conclude(options, &report);
-    Ok(())
+    interrupt::check()
 }
 
 fn plain_frame(

@@ -11,6 +11,8 @@ use diptych::report::{Axis, Chart, Series, line_chart_svg, median_of, text_table
 use diptych::trace::frames::record_devices;
 
 use super::failure::Failure;
+use super::faults::refuse_faults;
+use super::interrupt;
 use super::options::RenderOptions;
 use super::output;
 use super::progress::Progress;
@@ -54,6 +56,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let options = &args.options;
     options.check().map_err(Failure::Input)?;
     output::prepare(&options.out, "--out")?;
+    interrupt::watch()?;
     let tracing = Tracing::start(options)?;
     let loaded = setup::load(options)?;
     let timed = options.frames.max(REPEATS);
@@ -96,6 +99,8 @@ fn measure(
         // A sequence moves along the path; a single frame is repeated.
         let step = if options.frames > 1 { f64::from(i.saturating_sub(args.warm_up)) / options.fps } else { 0.0 };
         let frame = renderer.render(&loaded.shot.rig, options.time + step, i)?;
+        refuse_faults(&renderer)?;
+        interrupt::check()?;
         let event = serde_json::json!({ "event": "frame", "devices": devices, "makespan_ms": frame.makespan_ms });
         progress.step(format!("{devices} device(s) {:.1} ms", frame.makespan_ms), &event);
         if i >= args.warm_up {

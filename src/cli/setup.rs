@@ -43,7 +43,7 @@ pub fn open_devices(options: &RunOptions, virtual_devices: usize) -> Result<Vec<
     let selection = Selection {
         adapters: options.devices.clone(),
         virtual_devices,
-        threads_per_device: options.threads_per_device.map(usize::from),
+        threads_per_device: options.threads_per_device.as_ref().map(|t| t.iter().copied().map(usize::from).collect()),
     };
     let _span = tracing::info_span!("open devices").entered();
     Ok(device::open(&selection)?)
@@ -65,6 +65,7 @@ pub fn renderer(
     origin: Instant,
 ) -> Result<Renderer, Failure> {
     let policy = policy(options, gpus.len())?;
+    let trouble = options.faults.trouble(gpus.len())?;
     let stages = StageSettings {
         extent: options.size,
         needs: if options.no_skip { SceneNeeds::ALL } else { loaded.needs },
@@ -84,7 +85,12 @@ pub fn renderer(
         exposure_ev: loaded.shot.exposure_ev,
     };
     let _span = tracing::info_span!("start renderer").entered();
-    Ok(Renderer::new(gpus, Arc::clone(&loaded.tables), settings, policy, origin)?)
+    let mut renderer = Renderer::new(gpus, Arc::clone(&loaded.tables), settings, policy, origin)?;
+    renderer.set_trouble(trouble);
+    if let Some(limit) = options.faults.watchdog() {
+        renderer.set_watchdog(limit);
+    }
+    Ok(renderer)
 }
 
 /// The trace-file of a run and the zero of its times.

@@ -1,8 +1,9 @@
 //! Which adapters there are, and opening devices on them.
 
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
-use super::{DeviceError, GpuDevice};
+use super::{DeviceError, DeviceFailure, FailureKind, GpuDevice};
 
 pub(super) const INSTALL_HINT: &str = "install a Vulkan driver (Debian or Ubuntu: `apt-get install mesa-vulkan-drivers`, \
      which brings a software one too), or update the graphics driver";
@@ -13,6 +14,9 @@ const MAX_DEVICES: usize = 64;
 /// Of the largest stage, hole-filling: 11 of the scene and 7 of its own.
 const STORAGE_BUFFERS_PER_STAGE: u32 = 18;
 const IMMEDIATE_BYTES: u32 = 32;
+
+/// How long a device may take for what is asked of it before the first frame: drivers compile every shader.
+const START_PATIENCE: Duration = Duration::from_secs(300);
 
 /// An opened device, in words.
 #[derive(Clone, Debug, serde::Serialize)]
@@ -55,8 +59,9 @@ pub struct Selection {
     pub adapters: Option<Vec<usize>>,
     /// Devices per adapter.
     pub virtual_devices: usize,
-    /// Worker threads of each device on a software adapter; none: cores / devices.
-    pub threads_per_device: Option<usize>,
+    /// Worker threads of each device on a software adapter, one number for all or one per device; none:
+    /// cores / devices.
+    pub threads_per_device: Option<Vec<usize>>,
 }
 
 fn new_instance() -> wgpu::Instance {
@@ -136,9 +141,14 @@ pub fn open(selection: &Selection) -> Result<Vec<GpuDevice>, DeviceError> {
         return Err(DeviceError::TooMany(count));
     }
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let threads = selection.threads_per_device.unwrap_or(cores / count).max(1);
-    let adapters = chosen.iter().flat_map(|&a| std::iter::repeat_n(a, each));
-    adapters.enumerate().map(|(index, adapter)| open_one(index, &found[adapter], threads)).collect()
+    let threads = match selection.threads_per_device.as_deref() {
+        None => vec![cores / count; count],
+        Some(&[all]) => vec![all; count],
+        Some(each) if each.len() == count => each.to_vec(),
+        Some(each) => return Err(DeviceError::ThreadCounts { given: each.len(), devices: count }),
+    };
+    let adapters = chosen.iter().flat_map(|&a| std::iter::repeat_n(a, each)).zip(threads);
+    adapters.enumerate().map(|(index, (adapter, n))| open_one(index, &found[adapter], n.max(1))).collect()
 }
 
 fn choose(found: &[AdapterReport], selection: &Selection) -> Result<Vec<usize>, DeviceError> {
@@ -183,19 +193,18 @@ fn open_one(index: usize, report: &AdapterReport, threads: usize) -> Result<GpuD
     let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
         .map_err(|source| DeviceError::Open { index: report.index, name: report.name.clone(), source })?;
     let failure = Arc::new(Mutex::new(None));
-    let note = |failure: &Arc<Mutex<Option<String>>>| {
+    let note = |failure: &Arc<Mutex<Option<DeviceFailure>>>| {
         let failure = Arc::clone(failure);
-        move |what: String| {
+        move |what: DeviceFailure| {
             failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(what);
         }
     };
     let (lost, failed) = (note(&failure), note(&failure));
     device.set_device_lost_callback(move |reason, message| {
-        if reason != wgpu::DeviceLostReason::Destroyed {
-            lost(format!("device lost ({reason:?}): {message}"));
-        }
+        let what = format!("device lost ({reason:?}) {message}").trim_end().to_owned();
+        lost(DeviceFailure { kind: FailureKind::Loss, what });
     });
-    device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| failed(error.to_string())));
+    device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| failed(error.into())));
     let info = DeviceInfo {
         index,
         adapter: report.index,
@@ -206,5 +215,5 @@ fn open_one(index: usize, report: &AdapterReport, threads: usize) -> Result<GpuD
         max_storage_bytes: device.limits().max_storage_buffer_binding_size,
         clock_residual_us: 0.0,
     };
-    Ok(GpuDevice { info, device, queue, failure, _instance: instance })
+    Ok(GpuDevice { info, device, queue, patience: START_PATIENCE, failure, _instance: instance })
 }

@@ -5,7 +5,7 @@
 
 use std::time::{Duration, Instant};
 
-use super::GpuDevice;
+use super::{DeviceFailure, GpuDevice};
 
 const TRIES: usize = 24;
 
@@ -20,7 +20,7 @@ pub struct GpuClock {
 
 impl GpuClock {
     /// Measures a device against `origin`.
-    pub fn calibrate(gpu: &GpuDevice, origin: Instant) -> Result<Self, String> {
+    pub fn calibrate(gpu: &GpuDevice, origin: Instant) -> Result<Self, DeviceFailure> {
         let probe = Probe::new(&gpu.device);
         let ms_per_tick = f64::from(gpu.queue.get_timestamp_period()) * 1e-6;
         let mut best = Self { ms_per_tick, offset_ms: 0.0, residual_us: f64::INFINITY };
@@ -70,7 +70,7 @@ impl Probe {
     }
 
     /// A tick, and when the submission that took it began and how long it lasted.
-    fn read(&self, gpu: &GpuDevice) -> Result<(u64, Instant, Duration), String> {
+    fn read(&self, gpu: &GpuDevice) -> Result<(u64, Instant, Duration), DeviceFailure> {
         let mut stamp = gpu.device.create_command_encoder(&Default::default());
         stamp.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some("clock"),
@@ -93,7 +93,7 @@ impl Probe {
         gpu.wait(None)?;
         let tick = {
             let bytes = self.readable.slice(..).get_mapped_range().map_err(|e| e.to_string())?;
-            u64::from_le_bytes(bytes[8..16].try_into().map_err(|_| "a timestamp has 8 bytes")?)
+            u64::from_le_bytes(bytes[8..16].try_into().map_err(|_| "a timestamp has 8 bytes".to_owned())?)
         };
         self.readable.unmap();
         Ok((tick, begin, lasted))

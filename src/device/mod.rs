@@ -5,15 +5,18 @@
 
 mod adapters;
 mod clock;
+mod failure;
 mod shader;
 
 pub use adapters::{AdapterReport, DeviceInfo, Selection, adapters, open};
 pub use clock::GpuClock;
+pub use failure::{DeviceFailure, FailureKind};
 #[cfg(test)]
 pub(crate) use shader::expand;
 pub use shader::{ShaderChecks, override_names, wgsl};
 
 use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
 
 #[derive(Debug, thiserror::Error)]
 pub enum DeviceError {
@@ -27,6 +30,8 @@ pub enum DeviceError {
     Open { index: usize, name: String, source: wgpu::RequestDeviceError },
     #[error("{0} devices are more than the 64 that one run can drive")]
     TooMany(usize),
+    #[error("{given} thread counts for {devices} devices: give one per device, or one for all")]
+    ThreadCounts { given: usize, devices: usize },
 }
 
 /// A logical device with its queue. Polled from one thread only.
@@ -35,20 +40,40 @@ pub struct GpuDevice {
     pub info: DeviceInfo,
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
-    failure: Arc<Mutex<Option<String>>>,
+    /// How long [`Self::wait`] waits.
+    pub patience: Duration,
+    failure: Arc<Mutex<Option<DeviceFailure>>>,
     _instance: wgpu::Instance,
 }
 
+/// Waits are made of slices, so that the time in which the whole process stood still counts as one of them at most.
+const WAIT_SLICES: u32 = 8;
+
 impl GpuDevice {
     /// What went wrong on the device since it was opened, if anything did.
-    pub fn failure(&self) -> Option<String> {
+    pub fn failure(&self) -> Option<DeviceFailure> {
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
     /// Waits for everything submitted so far, or up to `submission`.
-    pub fn wait(&self, submission: Option<wgpu::SubmissionIndex>) -> Result<(), String> {
-        let wait = wgpu::PollType::Wait { submission_index: submission, timeout: None };
-        self.device.poll(wait).map_err(|e| e.to_string())?;
-        self.failure().map_or(Ok(()), Err)
+    ///
+    /// # Errors
+    /// What went wrong on the device, or that it took longer than its patience.
+    pub fn wait(&self, submission: Option<wgpu::SubmissionIndex>) -> Result<(), DeviceFailure> {
+        let slice = Some(self.patience / WAIT_SLICES);
+        let until = |submission_index| wgpu::PollType::Wait { submission_index, timeout: slice };
+        for _ in 0..WAIT_SLICES {
+            match self.device.poll(until(submission.clone())) {
+                Ok(_) => return self.failure().map_or(Ok(()), Err),
+                Err(wgpu::PollError::Timeout) => self.failure().map_or(Ok(()), Err)?,
+                Err(error) => {
+                    // A submission that was refused has no number; why it was comes once the queue is empty.
+                    let _ = self.device.poll(until(None));
+                    return Err(self.failure().unwrap_or_else(|| error.to_string().into()));
+                }
+            }
+        }
+        let what = format!("it did not end its work within {} ms", self.patience.as_millis());
+        Err(DeviceFailure { kind: FailureKind::Hang, what })
     }
 }

@@ -1,29 +1,43 @@
 //! Makes it happen: one worker thread per device carries out its tasks of the frame graph, rows cross through host
-//! memory, and the whole images end up on the primary (device 0). README.md beside this file has the protocol.
+//! memory, and the whole images end up on the primary, the first device that is left. README.md beside this file has
+//! the protocol.
 
+mod crew;
+mod faults;
+mod messages;
 mod staging;
+mod watchdog;
 mod worker;
+
+pub use faults::{Fault, InjectedKind, Injection, Trouble};
 
 use std::ops::Range;
 use std::sync::Arc;
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use crossbeam::channel::{Receiver, Sender, unbounded};
 
-use crate::device::{DeviceInfo, GpuDevice};
+use crate::device::{DeviceFailure, DeviceInfo, GpuDevice};
 use crate::graph::{Assignment, FrameGraph, FrameSpec, PhysicalImage, Resource, Seam, Stage, Views, passes};
 use crate::image::{Extent, Image, RgbImage};
 use crate::scene::rig::{Eye, Rig};
 use crate::schedule::{Policy, StageCost};
 use crate::stages::{Aov, RowTally, SceneTables, StageError, StageSettings, layout};
-use worker::{Command, FrameJob, Parcel, Reply, Worker};
+use crew::Crew;
+use messages::{Answer, FrameJob, Order, Parcel, Stop};
+use watchdog::Watchdog;
+use worker::Worker;
 
 #[derive(Debug, thiserror::Error)]
 pub enum ExecError {
     #[error("device {device} failed: {what}")]
     Device { device: usize, what: String },
-    #[error("the worker of device {device} ended before its frame")]
-    Gone { device: usize },
+    #[error("no device is left: the last one, device {device}, failed: {what}")]
+    NoneLeft { device: usize, what: String },
+    #[error("there is no frame to read yet")]
+    NoFrame,
+    #[error("the devices waited for one another until they gave up")]
+    Stuck,
     #[error(transparent)]
     Stage(#[from] StageError),
     #[error("cannot start a worker thread")]
@@ -122,17 +136,23 @@ pub struct Renderer {
     tables: Arc<SceneTables>,
     policy: Box<dyn Policy>,
     devices: Vec<DeviceInfo>,
-    workers: Vec<Handle>,
-    replies: Receiver<Reply>,
+    crew: Crew,
+    watchdog: Watchdog,
+    trouble: Trouble,
+    faults: Vec<Fault>,
     /// The graph that the last assignment gave.
     planned: Option<(Assignment, Arc<FrameGraph>)>,
-    previous: Option<[layout::View; 2]>,
+    /// What the last frame was made of.
+    last: Option<Inputs>,
     origin: Instant,
 }
 
-struct Handle {
-    commands: Sender<Command>,
-    thread: Option<std::thread::JoinHandle<()>>,
+/// What a frame is made of.
+#[derive(Clone, Copy)]
+struct Inputs {
+    constants: layout::Frame,
+    /// The eyes of the frame before.
+    previous: [layout::View; 2],
 }
 
 impl Renderer {
@@ -165,11 +185,31 @@ impl Renderer {
             let worker =
                 Worker::new(gpu, &settings.stages, &tables, &stages, inbox, outboxes.clone(), reply.clone(), origin)?;
             devices.push(worker.info().clone());
-            workers.push(start(worker)?);
+            workers.push(worker);
         }
-        Ok(Self { settings, spec, tables, policy, devices, workers, replies, planned: None, previous: None, origin })
+        let crew = Crew::start(workers, replies, outboxes)?;
+        let (watchdog, trouble, faults) = (Watchdog::default(), Trouble::default(), Vec::new());
+        let (planned, last) = (None, None);
+        Ok(Self { settings, spec, tables, policy, devices, crew, watchdog, trouble, faults, planned, last, origin })
     }
 
+    /// Takes a device out that gives no sign of life for this long, instead of a limit that follows from what frames
+    /// took.
+    pub fn set_watchdog(&mut self, limit: Duration) {
+        self.watchdog.fixed = Some(limit);
+    }
+
+    /// Trouble to come.
+    pub fn set_trouble(&mut self, trouble: Trouble) {
+        self.trouble = trouble;
+    }
+
+    /// The devices that were taken out, in order.
+    pub fn faults(&self) -> &[Fault] {
+        &self.faults
+    }
+
+    /// All that there were at the start.
     pub fn devices(&self) -> &[DeviceInfo] {
         &self.devices
     }
@@ -204,41 +244,87 @@ impl Renderer {
         samples: Range<u32>,
         curve_shift: u32,
     ) -> Result<FrameReport, ExecError> {
-        let _span = tracing::info_span!("frame", frame = index).entered();
-        let begin = Instant::now();
-        let (assignment, graph) = self.plan();
-        let plan_ms = begin.elapsed().as_secs_f64() * 1e3;
         let constants = layout::Frame { curve_shift, ..self.constants(rig, time_s, index, samples) };
-        let previous = self.previous.unwrap_or(constants.views);
-        self.previous = Some(constants.views);
-        for (device, worker) in self.workers.iter().enumerate() {
-            let job = FrameJob { graph: Arc::clone(&graph), constants, previous };
-            worker.commands.send(Command::Frame(Box::new(job))).map_err(|_| ExecError::Gone { device })?;
+        let previous = self.last.map_or(constants.views, |l| l.constants.views);
+        let inputs = Inputs { constants, previous };
+        self.last = Some(inputs);
+        let faults = self.faults.len();
+        let report = self.carry_out(&inputs, faults, 1)?;
+        self.policy.learn(&costs(&report.tasks, &self.crew.left()));
+        if self.faults.len() == faults {
+            self.watchdog.learn(self.samples(&inputs), report.makespan_ms);
         }
-        let mut report = FrameReport {
-            index,
-            begin_ms: begin.duration_since(self.origin).as_secs_f64() * 1e3,
-            makespan_ms: 0.0,
-            plan_ms,
-            tasks: Vec::new(),
-            tallies: Default::default(),
-            assignment,
-        };
-        self.collect(&mut report)?;
-        report.tasks.sort_by(|a, b| a.device.cmp(&b.device).then(a.begin_ms.total_cmp(&b.begin_ms)));
-        self.policy.learn(&costs(&report.tasks));
         Ok(report)
     }
 
-    /// Stripes and graph of the next frame; the graph is built anew only when the policy has moved a stripe.
+    /// Makes a frame on the devices there are, again whenever one of them fails. The next attempt is the
+    /// `first_attempt`th, and faults are its own from the `first_fault`th on.
+    fn carry_out(&mut self, inputs: &Inputs, first_fault: usize, first_attempt: u32) -> Result<FrameReport, ExecError> {
+        let index = inputs.constants.index;
+        let _span = tracing::info_span!("frame", frame = index).entered();
+        let begin = Instant::now();
+        let mut attempts = first_attempt;
+        loop {
+            let planned = Instant::now();
+            let (assignment, graph) = self.plan();
+            let mut report = FrameReport {
+                index,
+                begin_ms: begin.duration_since(self.origin).as_secs_f64() * 1e3,
+                makespan_ms: 0.0,
+                plan_ms: planned.elapsed().as_secs_f64() * 1e3,
+                tasks: Vec::new(),
+                tallies: Default::default(),
+                assignment,
+            };
+            let failures = self.collect(inputs, &graph, &mut report)?;
+            if failures.is_empty() {
+                self.recovered(first_fault, attempts);
+                report.tasks.sort_by(|a, b| a.device.cmp(&b.device).then(a.begin_ms.total_cmp(&b.begin_ms)));
+                return Ok(report);
+            }
+            self.take_out(index, failures)?;
+            attempts += 1;
+        }
+    }
+
+    /// Of both eyes of a frame, for the watchdog.
+    fn samples(&self, inputs: &Inputs) -> u64 {
+        2 * self.spec.extent.area() as u64 * u64::from(inputs.constants.spp.max(1))
+    }
+
+    /// Stripes and graph of the next frame; the graph is built anew only when a stripe has moved.
     fn plan(&mut self) -> (Assignment, Arc<FrameGraph>) {
-        let assignment = self.policy.assign();
+        let assignment = self.policy.assign().renumbered(&self.crew.left(), self.devices.len());
         let graph = match self.planned.take() {
             Some((old, graph)) if old == assignment => graph,
             _ => Arc::new(FrameGraph::build(&self.spec, &assignment)),
         };
         self.planned = Some((assignment.clone(), Arc::clone(&graph)));
         (assignment, graph)
+    }
+
+    /// Goes on without these devices.
+    fn take_out(&mut self, frame: u32, failures: Vec<(usize, DeviceFailure)>) -> Result<(), ExecError> {
+        let _span = tracing::info_span!("take devices out", frame).entered();
+        let noticed_ms = self.origin.elapsed().as_secs_f64() * 1e3;
+        for (device, DeviceFailure { kind, what }) in failures {
+            let left = self.crew.left();
+            self.crew.take_out(device);
+            if left.len() == 1 {
+                return Err(ExecError::NoneLeft { device, what });
+            }
+            self.policy.remove_device(left.iter().filter(|d| **d < device).count());
+            self.faults.push(Fault { frame, device, kind, what, attempts: 0, recovery_ms: 0.0, noticed_ms });
+        }
+        Ok(())
+    }
+
+    /// The frame that these faults, from the `first`th on, fell into is whole.
+    fn recovered(&mut self, first: usize, attempts: u32) {
+        let now_ms = self.origin.elapsed().as_secs_f64() * 1e3;
+        for fault in &mut self.faults[first..] {
+            (fault.attempts, fault.recovery_ms) = (attempts, now_ms - fault.noticed_ms);
+        }
     }
 
     fn constants(&self, rig: &Rig, time_s: f64, index: u32, samples: Range<u32>) -> layout::Frame {
@@ -262,43 +348,59 @@ impl Renderer {
         frame
     }
 
-    /// Waits until every worker is done with the frame.
-    fn collect(&mut self, report: &mut FrameReport) -> Result<(), ExecError> {
-        let mut failure = None;
-        for _ in 0..self.workers.len() {
-            match self.replies.recv() {
-                Ok(Reply::Frame(reply)) => {
+    /// Has every device do its part of a frame; returns those that failed.
+    fn collect(
+        &mut self,
+        inputs: &Inputs,
+        graph: &Arc<FrameGraph>,
+        report: &mut FrameReport,
+    ) -> Result<Vec<(usize, DeviceFailure)>, ExecError> {
+        let Inputs { constants, previous } = *inputs;
+        let mut orders = Vec::new();
+        for device in self.crew.left() {
+            let (runs, injected) = self.trouble.take(device, constants.index);
+            let job = FrameJob { graph: Arc::clone(graph), constants, previous, runs, injected };
+            orders.push((device, Order::Frame(Box::new(job))));
+        }
+        let (mut failures, mut is_whole) = (Vec::new(), true);
+        for (device, answer) in self.crew.ask(orders, self.watchdog.limit(self.samples(inputs))) {
+            match answer {
+                Ok(Answer::Frame(reply)) => {
                     if let Some(tallies) = reply.tallies {
                         report.makespan_ms = reply.end_ms - report.begin_ms;
                         report.tallies = tallies;
                     }
                     report.tasks.extend(reply.tasks);
                 }
-                // The device that failed first, not those that stopped because of it.
-                Ok(Reply::Failed { device, what, is_cause }) => {
-                    if is_cause || failure.is_none() {
-                        failure = Some(ExecError::Device { device, what });
-                    }
-                }
-                Ok(Reply::Pixels(_)) => {}
-                Err(_) => return Err(ExecError::Gone { device: 0 }),
+                Ok(Answer::Pixels(_)) => {}
+                Err(Stop::Device(failure)) => failures.push((device, failure)),
+                Err(Stop::Aborted) => is_whole = false,
             }
         }
-        failure.map_or(Ok(()), Err)
+        if failures.is_empty() && !is_whole { Err(ExecError::Stuck) } else { Ok(failures) }
     }
 
-    /// An image of the last frame from the primary, raw, both eyes.
-    fn read(&self, image: PhysicalImage) -> Result<Stereo<Vec<u8>>, ExecError> {
-        self.workers[0].commands.send(Command::Read(image)).map_err(|_| ExecError::Gone { device: 0 })?;
-        match self.replies.recv() {
-            Ok(Reply::Pixels([left, right])) => Ok(Stereo { left, right }),
-            Ok(Reply::Failed { device, what, .. }) => Err(ExecError::Device { device, what }),
-            _ => Err(ExecError::Gone { device: 0 }),
+    /// An image of the last frame from the primary, raw, both eyes. If the primary fails, others make the frame again.
+    fn read(&mut self, image: PhysicalImage) -> Result<Stereo<Vec<u8>>, ExecError> {
+        loop {
+            let (Some(inputs), Some((_, graph))) = (self.last, &self.planned) else { return Err(ExecError::NoFrame) };
+            let primary = graph.primary;
+            let limit = self.watchdog.limit(self.samples(&inputs));
+            let (_, injected) = self.trouble.take(primary, inputs.constants.index);
+            match self.crew.ask(vec![(primary, Order::Read(image, injected))], limit).pop() {
+                Some((_, Ok(Answer::Pixels([left, right])))) => return Ok(Stereo { left, right }),
+                Some((device, Err(Stop::Device(failure)))) => {
+                    let first_fault = self.faults.len();
+                    self.take_out(inputs.constants.index, vec![(device, failure)])?;
+                    self.carry_out(&inputs, first_fault, 2)?;
+                }
+                _ => return Err(ExecError::Stuck),
+            }
         }
     }
 
     /// The last frame, scene-referred.
-    pub fn read_linear(&self) -> Result<Stereo<RgbImage>, ExecError> {
+    pub fn read_linear(&mut self) -> Result<Stereo<RgbImage>, ExecError> {
         let raw = self.read(PhysicalImage::Linear)?;
         let image = |bytes: &[u8]| {
             let pixels = bytemuck::pod_collect_to_vec::<u8, [f32; 4]>(bytes);
@@ -308,14 +410,14 @@ impl Renderer {
     }
 
     /// The last frame, tonemapped and encoded on the devices.
-    pub fn read_display(&self) -> Result<Stereo<Image<[u8; 4]>>, ExecError> {
+    pub fn read_display(&mut self) -> Result<Stereo<Image<[u8; 4]>>, ExecError> {
         let raw = self.read(PhysicalImage::Display)?;
         let image = |bytes: &[u8]| Image { extent: self.spec.extent, pixels: bytemuck::pod_collect_to_vec(bytes) };
         Ok(Stereo { left: image(&raw.left), right: image(&raw.right) })
     }
 
     /// The i-th auxiliary image, as many channels as [`Aov::channels`] names.
-    pub fn read_aov(&self, i: usize) -> Result<Stereo<Vec<Vec<f32>>>, ExecError> {
+    pub fn read_aov(&mut self, i: usize) -> Result<Stereo<Vec<Vec<f32>>>, ExecError> {
         let raw = self.read(PhysicalImage::Aov(i as u8))?;
         let aov: Aov = self.settings.stages.aovs[i];
         let channels = |bytes: &[u8]| {
@@ -326,25 +428,6 @@ impl Renderer {
     }
 }
 
-impl Drop for Renderer {
-    fn drop(&mut self) {
-        for worker in &mut self.workers {
-            // A worker that is gone already has nothing left to end.
-            let _ = worker.commands.send(Command::Quit);
-            if let Some(thread) = worker.thread.take() {
-                let _ = thread.join();
-            }
-        }
-    }
-}
-
-fn start(worker: Worker) -> Result<Handle, ExecError> {
-    let (commands, orders) = unbounded();
-    let name = format!("device {}", worker.info().index);
-    let thread = std::thread::Builder::new().name(name).spawn(move || worker.run(orders))?;
-    Ok(Handle { commands, thread: Some(thread) })
-}
-
 /// [`layout::Frame::curve_shift`] for pixels that all take `spp` samples.
 fn curve_shift(extent: Extent, spp: u32) -> u32 {
     let bits_for = |count: u32| u32::BITS - count.saturating_sub(1).leading_zeros();
@@ -353,12 +436,13 @@ fn curve_shift(extent: Extent, spp: u32) -> u32 {
     if numbers > u32::BITS { layout::NO_CURVE } else { shift }
 }
 
-fn costs(tasks: &[TaskTiming]) -> Vec<StageCost> {
+/// For the policy, which counts only the devices that are left.
+fn costs(tasks: &[TaskTiming], left: &[usize]) -> Vec<StageCost> {
     let gpu = |t: &TaskTiming| match t.kind {
         TimedTask::Gpu(stage) => Some(StageCost {
             stage,
             view: t.view,
-            device: t.device,
+            device: left.iter().position(|d| *d == t.device)?,
             rows: t.rows.clone(),
             busy_ms: t.end_ms - t.begin_ms,
         }),

@@ -2,7 +2,7 @@
 
 use std::sync::mpsc;
 
-use crate::device::GpuDevice;
+use crate::device::{DeviceFailure, GpuDevice};
 
 /// Free read-back buffers of one device.
 #[derive(Default)]
@@ -49,9 +49,9 @@ impl Pool {
     }
 
     /// Bytes of a copy whose submission is done.
-    pub fn finish(&mut self, gpu: &GpuDevice, back: ReadBack) -> Result<Vec<u8>, String> {
+    pub fn finish(&mut self, gpu: &GpuDevice, back: ReadBack) -> Result<Vec<u8>, DeviceFailure> {
         gpu.wait(Some(back.submission))?;
-        back.mapped.recv().map_err(|e| e.to_string())?.map_err(|e| e.to_string())?;
+        back.mapped.recv_timeout(gpu.patience).map_err(|e| e.to_string())?.map_err(|e| e.to_string())?;
         let bytes = back.buffer.slice(..back.size).get_mapped_range().map_err(|e| e.to_string())?.to_vec();
         back.buffer.unmap();
         self.free.push(back.buffer);

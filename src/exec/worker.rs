@@ -6,57 +6,17 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Instant;
 
-use crossbeam::channel::{Receiver, Sender};
+use crossbeam::channel::{Receiver, RecvTimeoutError, Sender};
 
+use super::faults::InjectedKind;
+use super::messages::{Answer, Command, FrameJob, FrameReply, Order, Parcel, Reply, Stop};
 use super::staging::{Pool, ReadBack, Recorded};
+use super::watchdog::{Pulse, SLICES};
 use super::{ExecError, Tally, TaskTiming, TimedTask, resource_name, total};
-use crate::device::{DeviceInfo, GpuClock, GpuDevice};
-use crate::graph::{FrameGraph, PhysicalImage, Resource, Stage, Task, TaskKind};
+use crate::device::{DeviceFailure, DeviceInfo, GpuClock, GpuDevice};
+use crate::graph::{PhysicalImage, Resource, Stage, Task, TaskKind};
 use crate::scene::rig::Eye;
-use crate::stages::{DeviceStages, RowTally, SceneTables, StageSettings, StageTask, Stamps, layout};
-
-/// What the renderer tells a worker.
-pub enum Command {
-    Frame(Box<FrameJob>),
-    /// Sends both eyes' image back.
-    Read(PhysicalImage),
-    Quit,
-}
-
-pub struct FrameJob {
-    pub graph: Arc<FrameGraph>,
-    pub constants: layout::Frame,
-    pub previous: [layout::View; 2],
-}
-
-/// What a worker answers.
-pub enum Reply {
-    Frame(FrameReply),
-    Failed { device: usize, what: String, is_cause: bool },
-    Pixels([Vec<u8>; 2]),
-}
-
-/// A device's part of a frame, done.
-pub struct FrameReply {
-    pub tasks: Vec<TaskTiming>,
-    /// Of the whole frame; the primary has them.
-    pub tallies: Option<[Tally; 2]>,
-    /// When the device was done, milliseconds since the origin.
-    pub end_ms: f64,
-}
-
-/// What workers send one another.
-pub enum Parcel {
-    Rows {
-        frame: u32,
-        transfer: u32,
-        bytes: Vec<u8>,
-    },
-    /// The sender cannot go on with this frame, so nobody who waits for it can.
-    Abort {
-        frame: u32,
-    },
-}
+use crate::stages::{DeviceStages, RowTally, SceneTables, StageSettings, StageTask, Stamps};
 
 pub struct Worker {
     gpu: GpuDevice,
@@ -69,9 +29,11 @@ pub struct Worker {
     outboxes: Vec<Sender<Parcel>>,
     replies: Sender<Reply>,
     /// Parcels that came before they were asked for.
-    early: HashMap<(u32, u32), Vec<u8>>,
-    /// Frames that another worker has given up.
-    aborted: Option<u32>,
+    early: HashMap<(u64, u32), Vec<u8>>,
+    /// Of the command being carried out, and of the last attempt that was called off.
+    ticket: u64,
+    aborted: Option<u64>,
+    pulse: Arc<Pulse>,
     origin: Instant,
     /// Lavapipe's queue takes no second submission while the first one runs, but holds its caller up. Rows that others
     /// wait for are sent before that happens, at the price of a short gap; hardware queues need no gap.
@@ -86,6 +48,10 @@ struct Outgoing {
     timing: TaskTiming,
 }
 
+/// A worker waits for others for this many slices of a device's limit: longer than it takes to find out that one of
+/// them is hung.
+const DEPENDENT_SLICES: u32 = 32;
+
 /// State of a frame in the making.
 #[derive(Default)]
 struct Progress {
@@ -95,17 +61,6 @@ struct Progress {
     timings: Vec<TaskTiming>,
     /// Stage tasks with their pairs of timestamps.
     stamped: Vec<(u32, Task, Stage)>,
-}
-
-enum Stop {
-    Device(String),
-    Aborted,
-}
-
-impl From<String> for Stop {
-    fn from(what: String) -> Self {
-        Self::Device(what)
-    }
 }
 
 impl Worker {
@@ -121,7 +76,7 @@ impl Worker {
         origin: Instant,
     ) -> Result<Self, ExecError> {
         let device = gpu.info.index;
-        let failed = |what| ExecError::Device { device, what };
+        let failed = |failure: DeviceFailure| ExecError::Device { device, what: failure.what };
         let clock = GpuClock::calibrate(&gpu, origin).map_err(failed)?;
         gpu.info.clock_residual_us = clock.residual_us;
         let mut stages = DeviceStages::new(&gpu, settings.clone(), tables, stages)?;
@@ -147,7 +102,9 @@ impl Worker {
             outboxes,
             replies,
             early,
+            ticket: 0,
             aborted: None,
+            pulse: Arc::default(),
             origin,
             submit_blocks,
         })
@@ -157,21 +114,44 @@ impl Worker {
         &self.gpu.info
     }
 
-    /// Carries out commands until told to quit.
+    pub fn pulse(&self) -> Arc<Pulse> {
+        Arc::clone(&self.pulse)
+    }
+
+    /// Carries out commands until nobody can give any more.
     pub fn run(mut self, commands: Receiver<Command>) {
         let device = self.gpu.info.index;
-        while let Ok(command) = commands.recv() {
-            let reply = match command {
-                Command::Frame(job) => self.frame(&job),
-                Command::Read(image) => match self.read(image) {
-                    Ok(pixels) => Reply::Pixels(pixels),
-                    Err(what) => Reply::Failed { device, what, is_cause: true },
-                },
-                Command::Quit => break,
-            };
-            if self.replies.send(reply).is_err() {
+        while let Ok(Command { ticket, limit, order }) = commands.recv() {
+            self.pulse.beat();
+            self.ticket = ticket;
+            self.gpu.patience = limit;
+            // A panic is a bug; those who wait for this device must hear of it all the same.
+            let answer = catch_unwind(AssertUnwindSafe(|| match order {
+                Order::Frame(job) => self.frame(&job).map(Answer::Frame),
+                Order::Read(image, injected) => {
+                    self.befall(injected);
+                    Ok(Answer::Pixels(self.read(image)?))
+                }
+            }));
+            let answer =
+                answer.unwrap_or_else(|panic| Err(format!("its worker panicked: {}", panic_text(&*panic)).into()));
+            if let Err(stop) = &answer {
+                self.give_up(stop);
+            }
+            if self.replies.send(Reply { ticket, device, answer }).is_err() {
                 break;
             }
+        }
+    }
+
+    fn give_up(&mut self, stop: &Stop) {
+        self.early.clear();
+        if matches!(stop, Stop::Aborted) {
+            return;
+        }
+        for (_, outbox) in self.outboxes.iter().enumerate().filter(|(i, _)| *i != self.gpu.info.index) {
+            // A worker that is gone waits for nothing.
+            let _ = outbox.send(Parcel::Abort { ticket: self.ticket });
         }
     }
 
@@ -179,43 +159,27 @@ impl Worker {
         self.origin.elapsed().as_secs_f64() * 1e3
     }
 
-    fn frame(&mut self, job: &FrameJob) -> Reply {
-        let device = self.gpu.info.index;
-        let frame = job.constants.index;
-        // A panic is a bug; those who wait for this device's rows must hear of it all the same.
-        let outcome = catch_unwind(AssertUnwindSafe(|| self.try_frame(job)))
-            .unwrap_or_else(|panic| Err(Stop::Device(format!("its worker panicked: {}", panic_text(&*panic)))));
-        match outcome {
-            Ok(reply) => reply,
-            Err(stop) => {
-                self.early.clear();
-                if let Stop::Device(what) = stop {
-                    for (_, outbox) in self.outboxes.iter().enumerate().filter(|(i, _)| *i != device) {
-                        // A worker that is gone waits for nothing.
-                        let _ = outbox.send(Parcel::Abort { frame });
-                    }
-                    return Reply::Failed { device, what, is_cause: true };
-                }
-                Reply::Failed { device, what: "another device failed".into(), is_cause: false }
-            }
-        }
-    }
-
-    fn try_frame(&mut self, job: &FrameJob) -> Result<Reply, Stop> {
+    fn frame(&mut self, job: &FrameJob) -> Result<FrameReply, Stop> {
         let device = self.gpu.info.index;
         let frame = job.constants.index;
         let _span = tracing::info_span!("device frame", frame).entered();
-        self.early.retain(|(f, _), _| *f == frame);
+        self.early.retain(|(ticket, _), _| *ticket == self.ticket);
         self.stamps.reset();
         self.stages.set_frame(&self.gpu, &job.constants, &job.previous);
         let mut progress = Progress::default();
-        for task in job.graph.tasks_of(device) {
+        let tasks = job.graph.tasks_of(device);
+        for (i, task) in tasks.iter().enumerate() {
+            self.pulse.beat();
+            if i == tasks.len() / 2 && job.injected.is_some() {
+                self.flush(&mut progress, frame)?;
+                self.befall(job.injected);
+            }
             // Copies leave together, as soon as the last of a run of them is recorded.
             if !progress.copies.is_empty() && !matches!(task.kind, TaskKind::Download { .. }) {
                 self.flush(&mut progress, frame)?;
             }
             match &task.kind {
-                TaskKind::Dispatch { .. } => self.dispatch(&mut progress, task),
+                TaskKind::Dispatch { .. } => self.dispatch(&mut progress, task, job.runs),
                 TaskKind::Download { resource, .. } => self.download(&mut progress, *resource, task),
                 TaskKind::Upload { resource, transfer, .. } => {
                     self.flush(&mut progress, frame)?;
@@ -223,6 +187,9 @@ impl Worker {
                 }
                 TaskKind::Stitch => {}
             }
+        }
+        if tasks.is_empty() {
+            self.befall(job.injected);
         }
         self.flush(&mut progress, frame)?;
         while self.send_oldest(&mut progress, frame)? {}
@@ -233,13 +200,32 @@ impl Worker {
             self.gpu.wait(None)?;
         }
         let end_ms = self.now_ms();
-        let mut tasks = self.read_stamps(&progress)?;
-        tasks.append(&mut progress.timings);
-        let tallies = if device == 0 { Some(self.read_tallies()?) } else { None };
-        Ok(Reply::Frame(FrameReply { tasks, tallies, end_ms }))
+        let mut timings = self.read_stamps(&progress)?;
+        timings.append(&mut progress.timings);
+        let tallies = if device == job.graph.primary { Some(self.read_tallies()?) } else { None };
+        Ok(FrameReply { tasks: timings, tallies, end_ms })
     }
 
-    fn dispatch(&mut self, progress: &mut Progress, task: &Task) {
+    /// What is to happen to the device, happens.
+    fn befall(&self, injected: Option<InjectedKind>) {
+        match injected {
+            Some(InjectedKind::Loss) => self.gpu.device.destroy(),
+            Some(InjectedKind::Hang) => loop {
+                std::thread::park();
+            },
+            Some(InjectedKind::Oom) => {
+                let size = self.gpu.device.limits().max_buffer_size.saturating_add(4) & !3;
+                let usage = wgpu::BufferUsages::STORAGE;
+                let label = Some("too large");
+                let descriptor = wgpu::BufferDescriptor { label, size, usage, mapped_at_creation: false };
+                drop(self.gpu.device.create_buffer(&descriptor));
+            }
+            // Comes as more runs of dispatches.
+            Some(InjectedKind::Slow) | None => {}
+        }
+    }
+
+    fn dispatch(&mut self, progress: &mut Progress, task: &Task, runs: u32) {
         let TaskKind::Dispatch { stage, index, valid, filter } = &task.kind else { return };
         let stage_task = StageTask {
             stage: *stage,
@@ -251,7 +237,7 @@ impl Worker {
         };
         let encoder =
             progress.encoder.get_or_insert_with(|| self.gpu.device.create_command_encoder(&Default::default()));
-        if let Some(pair) = self.stages.record(&self.gpu, encoder, &mut self.stamps, &stage_task) {
+        if let Some(pair) = self.stages.record(&self.gpu, encoder, &mut self.stamps, &stage_task, runs) {
             progress.stamped.push((pair, task.clone(), *stage));
         }
     }
@@ -289,10 +275,11 @@ impl Worker {
             let _span = tracing::info_span!("wait for own rows", frame).entered();
             self.gpu.wait(Some(out.back.submission()))?;
         }
+        self.pulse.beat();
         out.timing.begin_ms = self.now_ms();
         let bytes = self.pool.finish(&self.gpu, out.back)?;
         out.timing.bytes = Some(bytes.len() as u64);
-        let parcel = Parcel::Rows { frame, transfer: out.transfer, bytes };
+        let parcel = Parcel::Rows { ticket: self.ticket, transfer: out.transfer, bytes };
         self.outboxes[out.to].send(parcel).map_err(|_| Stop::Aborted)?;
         out.timing.end_ms = self.now_ms();
         progress.timings.push(out.timing);
@@ -313,7 +300,7 @@ impl Worker {
         let image = resource.physical();
         let (offset, size) = self.stages.images.span(image, &task.rows);
         if bytes.len() as u64 != size {
-            return Err(Stop::Device(format!("transfer {transfer} brought {} bytes of {size}", bytes.len())));
+            return Err(format!("transfer {transfer} brought {} bytes of {size}", bytes.len()).into());
         }
         self.gpu.queue.write_buffer(self.stages.images.buffer(image, task.view), offset, &bytes);
         timing.bytes = Some(size);
@@ -326,33 +313,41 @@ impl Worker {
     /// upload in the common order, so whoever waits for them cannot be waited for here.
     fn receive(&mut self, progress: &mut Progress, frame: u32, transfer: u32) -> Result<Vec<u8>, Stop> {
         let _span = tracing::info_span!("wait for rows of others", frame, transfer).entered();
+        let slice = self.gpu.patience / SLICES;
+        let mut slices = 0;
         loop {
             while let Ok(parcel) = self.inbox.try_recv() {
                 self.take_in(parcel);
             }
-            if self.aborted == Some(frame) {
+            if self.aborted == Some(self.ticket) {
                 return Err(Stop::Aborted);
             }
-            if let Some(bytes) = self.early.remove(&(frame, transfer)) {
+            if let Some(bytes) = self.early.remove(&(self.ticket, transfer)) {
                 return Ok(bytes);
             }
-            if !self.send_oldest(progress, frame)? {
-                let parcel = self.inbox.recv().map_err(|_| Stop::Aborted)?;
-                self.take_in(parcel);
+            if self.send_oldest(progress, frame)? {
+                continue;
+            }
+            match self.pulse.depending(|| self.inbox.recv_timeout(slice)) {
+                Ok(parcel) => self.take_in(parcel),
+                Err(RecvTimeoutError::Timeout) if slices < DEPENDENT_SLICES => slices += 1,
+                Err(_) => return Err(Stop::Aborted),
             }
         }
     }
 
     fn take_in(&mut self, parcel: Parcel) {
         match parcel {
-            Parcel::Rows { frame, transfer, bytes } => {
-                self.early.insert((frame, transfer), bytes);
+            // Rows of an attempt that was called off come late.
+            Parcel::Rows { ticket, .. } if ticket < self.ticket => {}
+            Parcel::Rows { ticket, transfer, bytes } => {
+                self.early.insert((ticket, transfer), bytes);
             }
-            Parcel::Abort { frame } => self.aborted = Some(frame),
+            Parcel::Abort { ticket } => self.aborted = self.aborted.max(Some(ticket)),
         }
     }
 
-    fn read_back(&mut self, source: &wgpu::Buffer, offset: u64, size: u64) -> Result<Vec<u8>, String> {
+    fn read_back(&mut self, source: &wgpu::Buffer, offset: u64, size: u64) -> Result<Vec<u8>, DeviceFailure> {
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         let copy = self.pool.record(&self.gpu, &mut encoder, source, offset, size);
         let submission = self.gpu.queue.submit([encoder.finish()]);
@@ -360,7 +355,7 @@ impl Worker {
     }
 
     /// Times of the frame's stage tasks, on the host's clock.
-    fn read_stamps(&mut self, progress: &Progress) -> Result<Vec<TaskTiming>, String> {
+    fn read_stamps(&mut self, progress: &Progress) -> Result<Vec<TaskTiming>, DeviceFailure> {
         let written = self.stamps.written();
         if written == 0 {
             return Ok(Vec::new());
@@ -385,12 +380,12 @@ impl Worker {
         Ok(progress.stamped.iter().map(timing).collect())
     }
 
-    fn read_tallies(&mut self) -> Result<[Tally; 2], String> {
+    fn read_tallies(&mut self) -> Result<[Tally; 2], DeviceFailure> {
         let [left, right] = self.read(PhysicalImage::RowTally)?;
         Ok([left, right].map(|bytes| total(&bytemuck::pod_collect_to_vec::<u8, RowTally>(&bytes))))
     }
 
-    fn read(&mut self, image: PhysicalImage) -> Result<[Vec<u8>; 2], String> {
+    fn read(&mut self, image: PhysicalImage) -> Result<[Vec<u8>; 2], DeviceFailure> {
         let rows = 0..self.stages.extent().height;
         let (offset, size) = self.stages.images.span(image, &rows);
         let [left, right] = Eye::ALL.map(|eye| self.stages.images.buffer(image, eye).clone());

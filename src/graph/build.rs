@@ -60,6 +60,8 @@ pub struct Task {
 #[derive(Debug)]
 pub struct FrameGraph {
     pub dag: DiGraph<Task, Resource>,
+    /// The device that ends up with the whole images.
+    pub primary: usize,
     /// Per device, in the order of keys.
     orders: Vec<Vec<Task>>,
 }
@@ -71,13 +73,13 @@ impl FrameGraph {
         for (i, pass) in passes.iter().enumerate() {
             builder.add_pass(i as u32, pass, spec, assignment);
         }
-        builder.stitch(passes.len() as u32, spec);
+        builder.stitch(passes.len() as u32, spec, assignment.primary());
         let mut orders = vec![Vec::new(); spec.devices];
         for task in builder.dag.node_weights() {
             orders[task.device].push(task.clone());
         }
         orders.iter_mut().for_each(|tasks| tasks.sort_by_key(|t| t.key));
-        Self { dag: builder.dag, orders }
+        Self { dag: builder.dag, primary: assignment.primary(), orders }
     }
 
     /// A device's tasks in the order it carries them out.
@@ -203,11 +205,11 @@ impl Builder {
         version.copies.push(Holding { rows, device: to, node: up });
     }
 
-    /// Brings what leaves the frame to the primary, device 0.
-    fn stitch(&mut self, pass: u32, spec: &FrameSpec) {
+    /// Brings what leaves the frame to the primary.
+    fn stitch(&mut self, pass: u32, spec: &FrameSpec, primary: usize) {
         let key = Key { pass, phase: DISPATCH, serial: u32::MAX };
         let rows = spec.extent.rows();
-        let task = Task { kind: TaskKind::Stitch, view: Eye::Left, device: 0, rows: rows.clone(), key };
+        let task = Task { kind: TaskKind::Stitch, view: Eye::Left, device: primary, rows: rows.clone(), key };
         let node = self.dag.add_node(task);
         let aovs = (0..spec.aovs).map(Resource::Aov);
         let outputs: Vec<_> =

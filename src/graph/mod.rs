@@ -20,6 +20,8 @@ use crate::scene::rig::Eye;
 /// Stages that leave device-local lists behind (reprojection's holes) hand their stripes on; see [`Stage::ratio_group`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct Assignment {
+    /// The device that ends up with the whole images.
+    primary: usize,
     stripes: Vec<((Stage, Eye), Stripes)>,
 }
 
@@ -27,7 +29,18 @@ impl Assignment {
     /// The same stripes everywhere.
     pub fn uniform(stripes: Stripes) -> Self {
         let all = Stage::RATIO_GROUPS.iter().flat_map(|&s| Eye::ALL.map(|e| ((s, e), stripes.clone())));
-        Self { stripes: all.collect() }
+        Self { primary: 0, stripes: all.collect() }
+    }
+
+    pub fn primary(&self) -> usize {
+        self.primary
+    }
+
+    /// The same rows for other numbers: device i becomes `devices[i]` of `count`, those between have no rows, and
+    /// `devices[0]` is the primary. `devices` rise.
+    pub fn renumbered(&self, devices: &[usize], count: usize) -> Self {
+        let spread = |(key, s): &((Stage, Eye), Stripes)| (*key, s.renumbered(devices, count));
+        Self { primary: devices.first().copied().unwrap_or(0), stripes: self.stripes.iter().map(spread).collect() }
     }
 
     pub fn set(&mut self, stage: Stage, view: Eye, stripes: Stripes) {

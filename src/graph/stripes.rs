@@ -51,6 +51,13 @@ impl Stripes {
         Self { edges }
     }
 
+    /// See [`super::Assignment::renumbered`].
+    pub(super) fn renumbered(&self, devices: &[usize], count: usize) -> Self {
+        // Above device d stand the stripes of those with smaller numbers.
+        let edge = |d: usize| self.edges[devices.iter().filter(|&&other| other < d).count()];
+        Self { edges: (0..=count).map(edge).collect() }
+    }
+
     pub fn devices(&self) -> usize {
         self.edges.len() - 1
     }
@@ -91,6 +98,14 @@ mod tests {
         assert!(Stripes::from_weights(10, &[0.0, 0.0]).is_err());
         assert!(Stripes::from_weights(10, &[1.0, -1.0]).is_err());
         assert!(Stripes::from_weights(10, &[f64::NAN]).is_err());
+    }
+
+    #[test]
+    fn devices_that_are_out_have_no_rows() {
+        let s = Stripes::from_edges(10, &[4]).renumbered(&[1, 3], 5);
+        let rows: Vec<_> = (0..5).map(|d| s.rows(d)).collect();
+        assert_eq!(rows, [0..0, 0..4, 4..4, 4..10, 10..10]);
+        assert_eq!(s.iter().collect::<Vec<_>>(), [(1, 0..4), (3, 4..10)]);
     }
 
     #[test]

@@ -8,7 +8,7 @@ use serde::Serialize;
 
 use crate::accumulation::Noise;
 use crate::device::DeviceInfo;
-use crate::exec::{FrameReport, Stereo, TaskTiming};
+use crate::exec::{Fault, FrameReport, Stereo, TaskTiming};
 use crate::graph::Stage;
 use crate::image::file::atomic_write;
 use crate::image::{Extent, ImageError};
@@ -169,6 +169,8 @@ pub struct RunReport {
     /// Largest resident memory of the process so far, MiB; absent where the system does not tell.
     pub peak_resident_mib: Option<f64>,
     pub frames: Vec<FrameRow>,
+    /// Devices that were taken out.
+    pub faults: Vec<Fault>,
     /// Of frames that were accumulated.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub references: Vec<ReferenceRow>,
@@ -201,6 +203,7 @@ impl RunReport {
             },
             peak_resident_mib: peak_resident_mib(),
             frames,
+            faults: Vec::new(),
             references: Vec::new(),
         }
     }

@@ -13,18 +13,22 @@ pub trait Policy: Send {
     /// Stripes of the next frame.
     fn assign(&mut self) -> Assignment;
 
+    /// Device `device` is out; those above it move down by one. At least one is left.
+    fn remove_device(&mut self, device: usize);
+
     /// What the last frame cost.
     fn learn(&mut self, _costs: &[StageCost]) {}
 }
 
 /// The same number of rows for every device.
 pub struct Even {
-    assignment: Assignment,
+    height: u32,
+    devices: usize,
 }
 
 impl Even {
     pub fn new(height: u32, devices: usize) -> Self {
-        Self { assignment: Assignment::uniform(Stripes::even(height, devices)) }
+        Self { height, devices }
     }
 }
 
@@ -34,7 +38,11 @@ impl Policy for Even {
     }
 
     fn assign(&mut self) -> Assignment {
-        self.assignment.clone()
+        Assignment::uniform(Stripes::even(self.height, self.devices))
+    }
+
+    fn remove_device(&mut self, _device: usize) {
+        self.devices -= 1;
     }
 }
 
@@ -85,6 +93,9 @@ fn parse_view(name: &str) -> Result<Option<Eye>, String> {
 
 /// Fixed ratios, per stage and view where rules say so; later rules win.
 pub struct Static {
+    height: u32,
+    devices: usize,
+    rules: Vec<RatioRule>,
     assignment: Assignment,
 }
 
@@ -102,7 +113,7 @@ impl Static {
                 }
             }
         }
-        Ok(Self { assignment })
+        Ok(Self { height, devices, rules: rules.to_vec(), assignment })
     }
 }
 
@@ -113,6 +124,20 @@ impl Policy for Static {
 
     fn assign(&mut self) -> Assignment {
         self.assignment.clone()
+    }
+
+    /// The others keep their ratios; where only zeros are left, rows are shared out evenly.
+    fn remove_device(&mut self, device: usize) {
+        self.devices -= 1;
+        for rule in &mut self.rules {
+            rule.ratios.remove(device);
+            if rule.ratios.iter().all(|r| *r == 0.0) {
+                rule.ratios.fill(1.0);
+            }
+        }
+        if let Ok(fewer) = Self::new(self.height, self.devices, &self.rules) {
+            *self = fewer;
+        }
     }
 }
 
@@ -182,6 +207,14 @@ impl Policy for Measured {
             assignment.set(Stage::Tonemap, view, even.clone());
         }
         assignment
+    }
+
+    /// What rows cost is still known.
+    fn remove_device(&mut self, _device: usize) {
+        self.devices -= 1;
+        let cut = self.cut();
+        let is_whole = !self.row_cost.is_empty() && cut.devices() == self.devices;
+        self.tracing = if is_whole { cut } else { Stripes::even(self.height, self.devices) };
     }
 
     fn learn(&mut self, costs: &[StageCost]) {

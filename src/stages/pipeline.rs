@@ -88,6 +88,8 @@ pub struct DeviceStages {
     with_scene: wgpu::BindGroup,
     frame: wgpu::Buffer,
     previous: wgpu::Buffer,
+    /// The counts that a repeated task begins with.
+    kept: Option<wgpu::Buffer>,
 }
 
 fn buffer_entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLayoutEntry {
@@ -146,7 +148,8 @@ impl DeviceStages {
             });
         }
         let (spp, groups) = (settings.spp, HashMap::new());
-        Ok(Self { settings, spp, images, rooms, groups, frame_only, with_scene, frame, previous })
+        let kept = None;
+        Ok(Self { settings, spp, images, rooms, groups, frame_only, with_scene, frame, previous, kept })
     }
 
     /// Sets the constants that the next submission's tasks see.
@@ -166,19 +169,53 @@ impl DeviceStages {
         for stage in self.rooms.iter().map(|b| b.room.stage).collect::<Vec<_>>() {
             let filter = Some((Resource::Filtered(1), Resource::Filtered(2)));
             let task = StageTask { stage, view: Eye::Right, index: 0, rows: 0..0, valid: 0..0, filter };
-            self.record(gpu, &mut encoder, stamps, &task);
+            self.record(gpu, &mut encoder, stamps, &task, 1);
         }
         gpu.queue.submit([encoder.finish()]);
     }
 
-    /// Records a task; returns the pair of timestamps around it, if any is left.
+    /// Records a task; returns the pair of timestamps around it, if any is left. It runs `runs` times, which takes that
+    /// much longer and changes no byte: all stages set what they write, but for the counts (`adds_counts`).
     pub fn record(
         &mut self,
         gpu: &GpuDevice,
         encoder: &mut wgpu::CommandEncoder,
         stamps: &mut Stamps,
         task: &StageTask,
+        runs: u32,
     ) -> Option<u32> {
+        self.rooms.iter().find(|b| b.room.stage == task.stage)?;
+        let pair = stamps.next();
+        let queries = |at: Option<u32>| at.map(|_| &stamps.queries);
+        let counted = (runs > 1 && adds_counts(task.stage)).then(|| {
+            let counts = self.images.buffer(PhysicalImage::Tally, task.view).clone();
+            let kept = self.kept.get_or_insert_with(|| scratch(gpu, counts.size())).clone();
+            encoder.copy_buffer_to_buffer(&counts, 0, &kept, 0, counts.size());
+            (counts, kept)
+        });
+        for run in 0..runs {
+            if let Some((counts, kept)) = counted.as_ref().filter(|_| run > 0) {
+                encoder.copy_buffer_to_buffer(kept, 0, counts, 0, counts.size());
+            }
+            let begin = pair.filter(|_| run == 0).map(|p| 2 * p);
+            let end = pair.filter(|_| run + 1 == runs).map(|p| 2 * p + 1);
+            let times = queries(begin.or(end)).map(|query_set| wgpu::ComputePassTimestampWrites {
+                query_set,
+                beginning_of_pass_write_index: begin,
+                end_of_pass_write_index: end,
+            });
+            self.record_once(gpu, encoder, times, task)?;
+        }
+        pair
+    }
+
+    fn record_once(
+        &mut self,
+        gpu: &GpuDevice,
+        encoder: &mut wgpu::CommandEncoder,
+        times: Option<wgpu::ComputePassTimestampWrites<'_>>,
+        task: &StageTask,
+    ) -> Option<()> {
         let built = self.rooms.iter().find(|b| b.room.stage == task.stage)?;
         let key = GroupKey {
             stage: task.stage,
@@ -191,14 +228,9 @@ impl DeviceStages {
         for &(image, bytes) in built.room.clears {
             encoder.clear_buffer(self.images.buffer(image, task.view), 0, bytes);
         }
-        let pair = stamps.next();
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some(task.stage.name()),
-            timestamp_writes: pair.map(|p| wgpu::ComputePassTimestampWrites {
-                query_set: &stamps.queries,
-                beginning_of_pass_write_index: Some(2 * p),
-                end_of_pass_write_index: Some(2 * p + 1),
-            }),
+            timestamp_writes: times,
         });
         pass.set_pipeline(&built.pipeline);
         pass.set_bind_group(0, if built.room.reads_scene { &self.with_scene } else { &self.frame_only }, &[]);
@@ -236,8 +268,23 @@ impl DeviceStages {
                 }
             }
         }
-        pair
+        Some(())
     }
+}
+
+/// Whether a stage adds to the pixels' counts instead of setting them. The other images that it reads and writes, it
+/// sets at its first sample, or sets bits of that are the same every time.
+fn adds_counts(stage: Stage) -> bool {
+    matches!(stage, Stage::PathTrace | Stage::HoleFill)
+}
+
+fn scratch(gpu: &GpuDevice, size: u64) -> wgpu::Buffer {
+    gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("kept counts"),
+        size,
+        usage: wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    })
 }
 
 /// One stage on one view and one run of rows.

@@ -6,7 +6,7 @@ use super::critical::{What, critical_path};
 use super::event::Track;
 use super::work::{Frame, FrameTime, Task};
 use super::{FIRST_DEVICE_PID, HOST_PID, Lane, Recorder};
-use crate::exec::{FrameReport, TaskTiming, TimedTask};
+use crate::exec::{Fault, FrameReport, TaskTiming, TimedTask};
 use crate::graph::Stage;
 use crate::scene::rig::Eye;
 
@@ -130,6 +130,13 @@ fn record_shares(recorder: &Recorder, name: &str, at_us: f64, amounts: Vec<f64>)
         let shares: Vec<(&str, f64)> = names.iter().zip(amounts).map(|(n, a)| (n.as_str(), a / total)).collect();
         recorder.counter(name, at_us, &shares);
     }
+}
+
+/// Marks where a device was taken out.
+pub fn record_fault(recorder: &Recorder, fault: &Fault) {
+    let frame = fault.frame.to_string();
+    let args = [("frame", frame.as_str()), ("what", &fault.what)];
+    recorder.mark(fault.device as u32, Lane::Both, "device taken out", fault.noticed_ms * 1e3, &args);
 }
 
 /// Names the devices of a run and tells how far their clocks can be trusted.

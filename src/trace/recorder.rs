@@ -103,6 +103,15 @@ impl Recorder {
         });
     }
 
+    /// A moment on one lane of a device, with what there is to say about it.
+    pub fn mark(&self, device: u32, lane: Lane, name: &str, time_us: f64, args: &[(&str, &str)]) {
+        self.push(|| {
+            let args = args.iter().map(|&(name, text)| (name.to_owned(), text.into())).collect();
+            let track = lane.track(device);
+            [Event { kind: Kind::Instant, name: name.to_owned(), category: "device", track, time_us, args }]
+        });
+    }
+
     /// The values of counter `name` from `time_us` on, each a series of its own.
     pub fn counter(&self, name: &str, time_us: f64, values: &[(&str, f64)]) {
         self.push(|| {

@@ -109,8 +109,11 @@ impl<'a> Stage<'a> {
         // The first adapter that can do it: the same one for every count of devices.
         let adapter = device::adapters().into_iter().find(|a| a.missing.is_empty());
         let adapter = adapter.expect("these tests need an adapter: on Linux, install mesa-vulkan-drivers");
-        let selection =
-            Selection { adapters: Some(vec![adapter.index]), virtual_devices: devices, threads_per_device: threads };
+        let selection = Selection {
+            adapters: Some(vec![adapter.index]),
+            virtual_devices: devices,
+            threads_per_device: threads.map(|t| vec![t]),
+        };
         let gpus = device::open(&selection).unwrap_or_else(|e| panic!("these tests need a device: {e}"));
         let tables = Arc::clone(&subject.tables);
         let renderer = Renderer::new(gpus, tables, settings.clone(), policy, Instant::now())
@@ -144,13 +147,17 @@ impl<'a> Stage<'a> {
         self.frame_at(0.0, index)
     }
 
+    pub fn renderer(&mut self) -> &mut Renderer {
+        &mut self.renderer
+    }
+
     /// The last frame as the devices encoded it for display.
-    pub fn display(&self) -> Stereo<Image<[u8; 4]>> {
+    pub fn display(&mut self) -> Stereo<Image<[u8; 4]>> {
         self.renderer.read_display().unwrap_or_else(|e| panic!("{}: {e}", self.subject.name))
     }
 
     /// The i-th auxiliary image that the settings ask for.
-    pub fn aov(&self, i: usize) -> Stereo<Vec<Vec<f32>>> {
+    pub fn aov(&mut self, i: usize) -> Stereo<Vec<Vec<f32>>> {
         self.renderer.read_aov(i).unwrap_or_else(|e| panic!("{}: {e}", self.subject.name))
     }
 }

@@ -66,3 +66,25 @@ fn ratio_rules_narrow_to_stage_and_view() {
     assert!("1,x".parse::<RatioRule>().is_err());
     assert!(Static::new(80, 2, &["1,2,3".parse().unwrap()]).is_err());
 }
+
+#[test]
+fn devices_that_are_left_cover_every_row() {
+    for mut policy in all_policies(4) {
+        for (left, gone) in [(3, 0), (2, 2), (1, 0)] {
+            let before = policy.assign();
+            policy.learn(&costs_of(&before, left + 1, |row| f64::from(row) + 1.0));
+            policy.remove_device(gone);
+            let stripes = policy.assign().stripes(Stage::PathTrace, Eye::Left).clone();
+            assert_eq!((stripes.devices(), stripes.height()), (left, HEIGHT), "{}", policy.name());
+        }
+    }
+}
+
+#[test]
+fn ratios_of_those_left_stay() {
+    let mut policy = Static::new(80, 3, &["5,1,2".parse().unwrap(), "atrous=0,1,0".parse().unwrap()]).unwrap();
+    policy.remove_device(1);
+    let assignment = policy.assign();
+    assert_eq!(assignment.stripes(Stage::PathTrace, Eye::Left).inner_edges(), &[57]);
+    assert_eq!(assignment.stripes(Stage::Atrous, Eye::Left).inner_edges(), &[40]);
+}

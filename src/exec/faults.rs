@@ -1,0 +1,119 @@
+//! What befalls devices: the record of a fault, and faults made on purpose to see a frame survive them.
+
+use std::str::FromStr;
+
+use crate::device::FailureKind;
+
+/// A device that was taken out, and how the frame went on without it.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct Fault {
+    pub frame: u32,
+    /// Its number in the run; numbers of others do not change.
+    pub device: usize,
+    pub kind: FailureKind,
+    pub what: String,
+    /// How often the frame was begun until it was whole.
+    pub attempts: u32,
+    /// From when the fault was noticed until the frame was whole.
+    pub recovery_ms: f64,
+    /// When it was noticed, milliseconds since the renderer's origin.
+    #[serde(skip)]
+    pub noticed_ms: f64,
+}
+
+/// What is done to a device in the middle of a frame.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum InjectedKind {
+    /// The device is destroyed.
+    Loss,
+    /// Its worker goes to sleep for good.
+    Hang,
+    /// Its dispatches run twice.
+    Slow,
+    /// It is asked for more memory than it can have.
+    Oom,
+}
+
+/// `KIND:devI@frameF`, once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Injection {
+    pub kind: InjectedKind,
+    pub device: usize,
+    pub frame: u32,
+}
+
+impl FromStr for Injection {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts = text.split_once(":dev").and_then(|(kind, place)| Some((kind, place.split_once("@frame")?)));
+        let Some((kind, (device, frame))) = parts else {
+            return Err("write KIND:devI@frameF, as loss:dev1@frame3".to_owned());
+        };
+        let kind = match kind {
+            "loss" => InjectedKind::Loss,
+            "hang" => InjectedKind::Hang,
+            "slow" => InjectedKind::Slow,
+            "oom" => InjectedKind::Oom,
+            other => return Err(format!("'{other}' is no fault: choose loss, hang, slow or oom")),
+        };
+        let device = device.parse().map_err(|_| format!("'{device}' is not the number of a device"))?;
+        let frame = frame.parse().map_err(|_| format!("'{frame}' is not the number of a frame"))?;
+        Ok(Self { kind, device, frame })
+    }
+}
+
+/// Trouble made on purpose.
+#[derive(Clone, Debug, Default)]
+pub struct Trouble {
+    /// Each happens once.
+    pub injections: Vec<Injection>,
+    /// How often each device runs its dispatches, in every frame; once where nothing is said.
+    pub slowdown: Vec<u32>,
+}
+
+impl Trouble {
+    /// How often a device runs its dispatches of a frame, and what else is to happen to it there. What has happened is
+    /// forgotten.
+    pub fn take(&mut self, device: usize, frame: u32) -> (u32, Option<InjectedKind>) {
+        let mut runs = self.slowdown.get(device).copied().unwrap_or(1);
+        let mut fault = None;
+        self.injections.retain(|i| {
+            let is_due = i.device == device && i.frame == frame && (i.kind == InjectedKind::Slow || fault.is_none());
+            match i.kind {
+                InjectedKind::Slow if is_due => runs *= 2,
+                kind if is_due => fault = Some(kind),
+                _ => {}
+            }
+            !is_due
+        });
+        (runs, fault)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn injections_are_read_as_they_are_written() {
+        let hang = Injection { kind: InjectedKind::Hang, device: 12, frame: 345 };
+        assert_eq!("hang:dev12@frame345".parse(), Ok(hang));
+        for wrong in ["", "loss", "loss:dev1", "loss:1@3", "melt:dev1@frame3", "loss:devx@frame3", "oom:dev1@frame-3"] {
+            assert!(wrong.parse::<Injection>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn each_injection_happens_once() {
+        let all = ["loss:dev1@frame3", "slow:dev1@frame3", "oom:dev1@frame3", "hang:dev0@frame3"];
+        let injections = all.iter().map(|i| i.parse().unwrap()).collect();
+        let mut trouble = Trouble { injections, slowdown: vec![1, 3] };
+        assert_eq!(trouble.take(1, 2), (3, None));
+        assert_eq!(trouble.take(1, 3), (6, Some(InjectedKind::Loss)));
+        assert_eq!(trouble.take(1, 3), (3, Some(InjectedKind::Oom)));
+        assert_eq!(trouble.take(1, 3), (3, None));
+        assert_eq!(trouble.take(0, 3), (1, Some(InjectedKind::Hang)));
+        assert_eq!(trouble.take(2, 3), (1, None));
+    }
+}

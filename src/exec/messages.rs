@@ -1,0 +1,89 @@
+//! What renderer and workers say to one another.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use super::faults::InjectedKind;
+use super::{Tally, TaskTiming};
+use crate::device::DeviceFailure;
+use crate::graph::{FrameGraph, PhysicalImage};
+use crate::stages::layout;
+
+/// What the renderer tells a worker.
+pub struct Command {
+    /// Comes back with the answer; no two commands of a run have the same but those of one attempt at a frame.
+    pub ticket: u64,
+    /// How long the device may take.
+    pub limit: Duration,
+    pub order: Order,
+}
+
+pub enum Order {
+    Frame(Box<FrameJob>),
+    /// Send both eyes' image back, once what is to happen to the device has happened.
+    Read(PhysicalImage, Option<InjectedKind>),
+}
+
+pub struct FrameJob {
+    pub graph: Arc<FrameGraph>,
+    pub constants: layout::Frame,
+    pub previous: [layout::View; 2],
+    /// How often dispatches run; more than once only to try slow devices out.
+    pub runs: u32,
+    /// What is to happen to the device half-way.
+    pub injected: Option<InjectedKind>,
+}
+
+/// What a worker answers.
+pub struct Reply {
+    pub ticket: u64,
+    pub device: usize,
+    pub answer: Result<Answer, Stop>,
+}
+
+pub enum Answer {
+    Frame(FrameReply),
+    Pixels([Vec<u8>; 2]),
+}
+
+/// Why a worker did not do what it was told.
+pub enum Stop {
+    /// Its own device failed.
+    Device(DeviceFailure),
+    /// Another's did.
+    Aborted,
+}
+
+impl From<DeviceFailure> for Stop {
+    fn from(failure: DeviceFailure) -> Self {
+        Self::Device(failure)
+    }
+}
+
+impl From<String> for Stop {
+    fn from(what: String) -> Self {
+        Self::Device(what.into())
+    }
+}
+
+/// A device's part of a frame, done.
+pub struct FrameReply {
+    pub tasks: Vec<TaskTiming>,
+    /// Of the whole frame; the primary has them.
+    pub tallies: Option<[Tally; 2]>,
+    /// When the device was done, milliseconds since the origin.
+    pub end_ms: f64,
+}
+
+/// What workers send one another.
+pub enum Parcel {
+    Rows {
+        ticket: u64,
+        transfer: u32,
+        bytes: Vec<u8>,
+    },
+    /// A device cannot go on with this attempt, so nobody who waits for it can.
+    Abort {
+        ticket: u64,
+    },
+}

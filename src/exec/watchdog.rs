@@ -1,0 +1,137 @@
+//! How long devices may take, and telling which of them stands still.
+
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
+use std::time::{Duration, Instant};
+
+/// Before there is a frame to go by: far slower than any device that is worth its place, and half a minute more.
+const UNKNOWN_SAMPLE: Duration = Duration::from_micros(20);
+const UNKNOWN_BASE: Duration = Duration::from_secs(30);
+/// Later: this many times what the slowest frame took for each sample, and this at least.
+const TOLERANCE: f64 = 16.0;
+const FLOOR: Duration = Duration::from_secs(10);
+
+/// Limit of the time that a device takes for its part of a frame.
+#[derive(Clone, Debug, Default)]
+pub struct Watchdog {
+    /// Asked for; else it follows from what frames took.
+    pub fixed: Option<Duration>,
+    /// Of the slowest frame.
+    ms_per_sample: Option<f64>,
+}
+
+impl Watchdog {
+    /// For a frame of so many samples, both eyes.
+    pub fn limit(&self, samples: u64) -> Duration {
+        self.fixed.unwrap_or_else(|| match self.ms_per_sample {
+            None => UNKNOWN_BASE + UNKNOWN_SAMPLE.mul_f64(samples as f64),
+            Some(ms) => FLOOR.max(Duration::from_secs_f64(TOLERANCE * ms * samples as f64 * 1e-3)),
+        })
+    }
+
+    /// A frame's makespan.
+    pub fn learn(&mut self, samples: u64, makespan_ms: f64) {
+        let ms = makespan_ms.max(0.0) / samples.max(1) as f64;
+        self.ms_per_sample = Some(self.ms_per_sample.map_or(ms, |slowest| slowest.max(ms)));
+    }
+}
+
+/// Signs of life of a worker.
+#[derive(Debug, Default)]
+pub struct Pulse {
+    beats: AtomicU64,
+    /// Its silence is another's.
+    depends: AtomicBool,
+}
+
+impl Pulse {
+    pub fn beat(&self) {
+        self.beats.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// A wait for other workers.
+    pub fn depending<T>(&self, wait: impl FnOnce() -> T) -> T {
+        self.depends.store(true, Ordering::Relaxed);
+        let found = wait();
+        self.depends.store(false, Ordering::Relaxed);
+        self.beat();
+        found
+    }
+}
+
+/// Slices of a limit in which a worker shows no sign of life before it counts as hung. A worker that waits for its
+/// device gives up after 8 by itself, and can then say why.
+const SILENT_SLICES: u32 = 10;
+/// Of a limit.
+pub const SLICES: u32 = 8;
+
+/// Watches over workers while their answers are awaited. Time is counted in slices, so that a stop of the whole process
+/// counts as one.
+pub struct Vigil {
+    slice: Duration,
+    slice_begin: Instant,
+    /// Per worker: beats seen last, and for how many slices.
+    seen: Vec<(u64, u32)>,
+}
+
+impl Vigil {
+    pub fn new(limit: Duration, pulses: &[&Pulse]) -> Self {
+        let seen = pulses.iter().map(|p| (p.beats.load(Ordering::Relaxed), 0)).collect();
+        Self { slice: limit / SLICES, slice_begin: Instant::now(), seen }
+    }
+
+    /// How long to wait for an answer before the next look.
+    pub fn slice(&self) -> Duration {
+        self.slice
+    }
+
+    /// The workers, by their place in `pulses`, that have been silent for too long on their own account.
+    pub fn silent(&mut self, pulses: &[&Pulse]) -> Vec<usize> {
+        if self.slice_begin.elapsed() < self.slice {
+            return Vec::new();
+        }
+        self.slice_begin = Instant::now();
+        let mut silent = Vec::new();
+        for (i, (pulse, (beats, slices))) in pulses.iter().zip(&mut self.seen).enumerate() {
+            let now = pulse.beats.load(Ordering::Relaxed);
+            *slices = if now != *beats || pulse.depends.load(Ordering::Relaxed) { 0 } else { *slices + 1 };
+            *beats = now;
+            if *slices > SILENT_SLICES {
+                silent.push(i);
+            }
+        }
+        silent
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn limits_follow_the_slowest_frame() {
+        let mut dog = Watchdog::default();
+        assert_eq!(dog.limit(1_000_000), Duration::from_secs(50));
+        dog.learn(1000, 100.0);
+        dog.learn(1000, 50.0);
+        assert_eq!(dog.limit(1000), FLOOR);
+        assert_eq!(dog.limit(1_000_000), Duration::from_secs(1600));
+        dog.fixed = Some(Duration::from_millis(5));
+        assert_eq!(dog.limit(1_000_000), Duration::from_millis(5));
+    }
+
+    #[test]
+    fn only_who_stands_still_on_his_own_account_is_hung() {
+        let pulses = [Pulse::default(), Pulse::default(), Pulse::default()];
+        let all: Vec<&Pulse> = pulses.iter().collect();
+        let mut vigil = Vigil::new(Duration::from_millis(8), &all);
+        pulses[1].depends.store(true, Ordering::Relaxed);
+        let mut found = Vec::new();
+        for _ in 0..=SILENT_SLICES {
+            assert_eq!(found, [0; 0]);
+            pulses[2].beat();
+            std::thread::sleep(vigil.slice());
+            found = vigil.silent(&all);
+        }
+        assert_eq!(found, [0]);
+    }
+}
