@@ -1,6 +1,7 @@
 //! Makes it happen: one worker thread per device carries out its tasks of the frame graph, rows cross through host
 //! memory, and the whole images end up on the primary (device 0). README.md beside this file has the protocol.
 
+mod costs;
 mod staging;
 mod worker;
 
@@ -14,7 +15,7 @@ use crate::device::{DeviceInfo, GpuDevice};
 use crate::graph::{Assignment, FrameGraph, FrameSpec, PhysicalImage, Resource, Seam, Stage, Views, passes};
 use crate::image::{Extent, Image, RgbImage};
 use crate::scene::rig::{Eye, Rig};
-use crate::schedule::{Policy, StageCost};
+use crate::schedule::{CostModel, Policy, simulate};
 use crate::stages::{Aov, RowTally, SceneTables, StageError, StageSettings, layout};
 use worker::{Command, FrameJob, Parcel, Reply, Worker};
 
@@ -79,11 +80,15 @@ pub struct FrameReport {
     pub begin_ms: f64,
     /// From there to the whole images on the primary.
     pub makespan_ms: f64,
+    /// The makespan that the cost model foretold; none before it has learned from a frame.
+    pub predicted_ms: Option<f64>,
     /// Host time to make stripes and graph, milliseconds.
     pub plan_ms: f64,
     pub tasks: Vec<TaskTiming>,
     /// Per eye, summed over rows.
     pub tallies: [Tally; 2],
+    /// Per eye and row.
+    pub row_tallies: [Vec<RowTally>; 2],
     pub assignment: Assignment,
 }
 
@@ -121,6 +126,7 @@ pub struct Renderer {
     spec: FrameSpec,
     tables: Arc<SceneTables>,
     policy: Box<dyn Policy>,
+    costs: CostModel,
     devices: Vec<DeviceInfo>,
     workers: Vec<Handle>,
     replies: Receiver<Reply>,
@@ -167,11 +173,18 @@ impl Renderer {
             devices.push(worker.info().clone());
             workers.push(start(worker)?);
         }
-        Ok(Self { settings, spec, tables, policy, devices, workers, replies, planned: None, previous: None, origin })
+        let costs = CostModel::new(&spec);
+        let (planned, previous) = (None, None);
+        Ok(Self { settings, spec, tables, policy, costs, devices, workers, replies, planned, previous, origin })
     }
 
     pub fn devices(&self) -> &[DeviceInfo] {
         &self.devices
+    }
+
+    /// What has been learned of the devices and the frame.
+    pub fn costs(&self) -> &CostModel {
+        &self.costs
     }
 
     pub fn policy_name(&self) -> &'static str {
@@ -207,6 +220,7 @@ impl Renderer {
         let _span = tracing::info_span!("frame", frame = index).entered();
         let begin = Instant::now();
         let (assignment, graph) = self.plan();
+        let predicted = self.costs.has_learned().then(|| simulate(&graph, &self.costs).ok()).flatten();
         let plan_ms = begin.elapsed().as_secs_f64() * 1e3;
         let constants = layout::Frame { curve_shift, ..self.constants(rig, time_s, index, samples) };
         let previous = self.previous.unwrap_or(constants.views);
@@ -219,20 +233,22 @@ impl Renderer {
             index,
             begin_ms: begin.duration_since(self.origin).as_secs_f64() * 1e3,
             makespan_ms: 0.0,
+            predicted_ms: predicted.map(|p| p.makespan_ms),
             plan_ms,
             tasks: Vec::new(),
             tallies: Default::default(),
+            row_tallies: Default::default(),
             assignment,
         };
         self.collect(&mut report)?;
         report.tasks.sort_by(|a, b| a.device.cmp(&b.device).then(a.begin_ms.total_cmp(&b.begin_ms)));
-        self.policy.learn(&costs(&report.tasks));
+        self.costs.learn(&costs::frame_costs(&report, self.devices.len()));
         Ok(report)
     }
 
     /// Stripes and graph of the next frame; the graph is built anew only when the policy has moved a stripe.
     fn plan(&mut self) -> (Assignment, Arc<FrameGraph>) {
-        let assignment = self.policy.assign();
+        let assignment = self.policy.assign(&self.costs);
         let graph = match self.planned.take() {
             Some((old, graph)) if old == assignment => graph,
             _ => Arc::new(FrameGraph::build(&self.spec, &assignment)),
@@ -268,9 +284,10 @@ impl Renderer {
         for _ in 0..self.workers.len() {
             match self.replies.recv() {
                 Ok(Reply::Frame(reply)) => {
-                    if let Some(tallies) = reply.tallies {
+                    if let Some(rows) = reply.row_tallies {
                         report.makespan_ms = reply.end_ms - report.begin_ms;
-                        report.tallies = tallies;
+                        report.tallies = rows.each_ref().map(|r| total(r));
+                        report.row_tallies = rows;
                     }
                     report.tasks.extend(reply.tasks);
                 }
@@ -351,20 +368,6 @@ fn curve_shift(extent: Extent, spp: u32) -> u32 {
     let shift = bits_for(spp);
     let numbers = 2 * bits_for(extent.width.max(extent.height)) + shift;
     if numbers > u32::BITS { layout::NO_CURVE } else { shift }
-}
-
-fn costs(tasks: &[TaskTiming]) -> Vec<StageCost> {
-    let gpu = |t: &TaskTiming| match t.kind {
-        TimedTask::Gpu(stage) => Some(StageCost {
-            stage,
-            view: t.view,
-            device: t.device,
-            rows: t.rows.clone(),
-            busy_ms: t.end_ms - t.begin_ms,
-        }),
-        TimedTask::Download | TimedTask::Upload => None,
-    };
-    tasks.iter().filter_map(gpu).collect()
 }
 
 /// Sums the primary's row tallies.

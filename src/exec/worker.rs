@@ -9,7 +9,7 @@ use std::time::Instant;
 use crossbeam::channel::{Receiver, Sender};
 
 use super::staging::{Pool, ReadBack, Recorded};
-use super::{ExecError, Tally, TaskTiming, TimedTask, resource_name, total};
+use super::{ExecError, TaskTiming, TimedTask, resource_name};
 use crate::device::{DeviceInfo, GpuClock, GpuDevice};
 use crate::graph::{FrameGraph, PhysicalImage, Resource, Stage, Task, TaskKind};
 use crate::scene::rig::Eye;
@@ -40,7 +40,7 @@ pub enum Reply {
 pub struct FrameReply {
     pub tasks: Vec<TaskTiming>,
     /// Of the whole frame; the primary has them.
-    pub tallies: Option<[Tally; 2]>,
+    pub row_tallies: Option<[Vec<RowTally>; 2]>,
     /// When the device was done, milliseconds since the origin.
     pub end_ms: f64,
 }
@@ -235,8 +235,8 @@ impl Worker {
         let end_ms = self.now_ms();
         let mut tasks = self.read_stamps(&progress)?;
         tasks.append(&mut progress.timings);
-        let tallies = if device == 0 { Some(self.read_tallies()?) } else { None };
-        Ok(Reply::Frame(FrameReply { tasks, tallies, end_ms }))
+        let row_tallies = if device == 0 { Some(self.read_tallies()?) } else { None };
+        Ok(Reply::Frame(FrameReply { tasks, row_tallies, end_ms }))
     }
 
     fn dispatch(&mut self, progress: &mut Progress, task: &Task) {
@@ -385,9 +385,8 @@ impl Worker {
         Ok(progress.stamped.iter().map(timing).collect())
     }
 
-    fn read_tallies(&mut self) -> Result<[Tally; 2], String> {
-        let [left, right] = self.read(PhysicalImage::RowTally)?;
-        Ok([left, right].map(|bytes| total(&bytemuck::pod_collect_to_vec::<u8, RowTally>(&bytes))))
+    fn read_tallies(&mut self) -> Result<[Vec<RowTally>; 2], String> {
+        Ok(self.read(PhysicalImage::RowTally)?.map(|bytes| bytemuck::pod_collect_to_vec(&bytes)))
     }
 
     fn read(&mut self, image: PhysicalImage) -> Result<[Vec<u8>; 2], String> {

@@ -253,4 +253,4 @@ fn subtract(from: &Range<u32>, hole: &Range<u32>) -> impl Iterator<Item = Range<
 }
 
 #[cfg(test)]
-mod tests;
+pub mod tests;

@@ -1,0 +1,40 @@
+//! What a finished frame tells the cost model.
+
+use super::{FrameReport, TaskTiming, TimedTask};
+use crate::schedule::{FrameCosts, StageCost, TransferCost};
+
+/// Costs of a frame on this many devices.
+pub fn frame_costs(report: &FrameReport, devices: usize) -> FrameCosts {
+    let ms = |t: &TaskTiming| t.end_ms - t.begin_ms;
+    let mut costs = FrameCosts {
+        rays: report.row_tallies.each_ref().map(|rows| rows.iter().map(|r| r.rays).collect()),
+        ..Default::default()
+    };
+    for task in &report.tasks {
+        match task.kind {
+            TimedTask::Gpu(stage) => costs.stages.push(StageCost {
+                stage,
+                view: task.view,
+                device: task.device,
+                rows: task.rows.clone(),
+                busy_ms: ms(task),
+            }),
+            TimedTask::Download | TimedTask::Upload => costs.transfers.push(TransferCost {
+                device: task.device,
+                is_upload: task.kind == TimedTask::Upload,
+                bytes: task.bytes.unwrap_or(0),
+                ms: ms(task),
+            }),
+        }
+    }
+    for device in 0..devices {
+        let stages = report.tasks.iter().filter(|t| t.device == device && matches!(t.kind, TimedTask::Gpu(_)));
+        if let Some(first_ms) = stages.map(|t| t.begin_ms).reduce(f64::min) {
+            costs.lead_ms.push((device, first_ms - report.begin_ms));
+        }
+    }
+    let primary = report.tasks.iter().filter(|t| t.device == 0).map(|t| t.end_ms).reduce(f64::max);
+    let end_ms = report.begin_ms + report.makespan_ms;
+    costs.tail_ms = primary.map_or(0.0, |last_ms| end_ms - last_ms);
+    costs
+}
