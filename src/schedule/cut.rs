@@ -14,7 +14,7 @@ pub fn step_rows(height: u32) -> u32 {
 }
 
 /// Predicted gain, as a share of the dearest stripe, below which edges stay where they are.
-const HYSTERESIS: f64 = 0.01;
+const HYSTERESIS: f64 = 0.02;
 /// Halvings of the interval that holds the dearest stripe's cost: to a millionth.
 const HALVINGS: u32 = 20;
 

@@ -42,7 +42,6 @@ const LEAST_BLOCKS: usize = 64;
 /// A block of one group.
 struct Block {
     group: usize,
-    rows: Range<u32>,
     /// Per device.
     ms: Vec<f64>,
     /// Mean time from here to the frame's end, along the longest way.
@@ -92,7 +91,7 @@ fn ranked(costs: &[StripeCosts<'_>], count: usize, reach: usize, transfer_ms: f6
         blocks.extend((0..count).map(|b| {
             let rows = rows.rows(b);
             let ms = (0..costs.devices()).map(|d| costs.own_ms(d, &rows)).collect();
-            Block { group, rows, ms, rank_ms: 0.0, placed: None }
+            Block { group, ms, rank_ms: 0.0, placed: None }
         }));
     }
     for index in (0..blocks.len()).rev() {
