@@ -28,9 +28,17 @@ pub fn frame_costs(report: &FrameReport, devices: usize) -> FrameCosts {
         }
     }
     for device in 0..devices {
-        let stages = report.tasks.iter().filter(|t| t.device == device && matches!(t.kind, TimedTask::Gpu(_)));
-        if let Some(first_ms) = stages.map(|t| t.begin_ms).reduce(f64::min) {
-            costs.lead_ms.push((device, first_ms - report.begin_ms));
+        let is_stage = |t: &&TaskTiming| t.device == device && matches!(t.kind, TimedTask::Gpu(_));
+        let mut stages: Vec<&TaskTiming> = report.tasks.iter().filter(is_stage).collect();
+        stages.sort_by(|a, b| a.begin_ms.total_cmp(&b.begin_ms));
+        if let Some(first) = stages.first() {
+            costs.lead_ms.push((device, first.begin_ms - report.begin_ms));
+        }
+        let mut gaps_ms: Vec<f64> = stages.windows(2).map(|pair| pair[1].begin_ms - pair[0].end_ms).collect();
+        gaps_ms.sort_by(f64::total_cmp);
+        // Few stages wait for transfers, so the middle one does not.
+        if let Some(&middle_ms) = gaps_ms.get(gaps_ms.len() / 2) {
+            costs.gap_ms.push((device, middle_ms));
         }
     }
     let primary = report.tasks.iter().filter(|t| t.device == 0).map(|t| t.end_ms).reduce(f64::max);

@@ -40,6 +40,8 @@ pub struct FrameCosts {
     pub rays: [Vec<u32>; 2],
     /// Per device that computed anything, from the frame's begin to its first stage.
     pub lead_ms: Vec<(usize, f64)>,
+    /// Per device that computed several stages, between two of them that nothing held up.
+    pub gap_ms: Vec<(usize, f64)>,
     /// From the primary's last task to the frame's end.
     pub tail_ms: f64,
 }
@@ -65,6 +67,7 @@ struct DeviceCost {
     download: Transfer,
     upload: Transfer,
     lead: Mean,
+    gap: Mean,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -141,6 +144,9 @@ impl CostModel {
         for &(device, ms) in &costs.lead_ms {
             self.devices[device].lead.learn(ms);
         }
+        for &(device, ms) in &costs.gap_ms {
+            self.devices[device].gap.learn(ms);
+        }
         self.tail.learn(costs.tail_ms);
         self.frames = self.frames.saturating_add(1);
     }
@@ -177,19 +183,20 @@ impl CostModel {
             down.add(&device.download.line);
             up.add(&device.upload.line);
         }
-        let lead = Mean::known(self.mean_lead_ms());
+        let [lead, gap] = [self.mean_ms(|d| d.lead), self.mean_ms(|d| d.gap)].map(Mean::known);
         let on = |speed: &f64| DeviceCost {
             ms_per_unit: mean.iter().map(|(&k, (sum, count))| (k, Mean::known(sum / count / speed))).collect(),
             download: Transfer::of(down),
             upload: Transfer::of(up),
             lead,
+            gap,
         };
         let spec = FrameSpec { devices: speeds.len(), ..self.spec.clone() };
         Self { passes: passes(&spec), spec, devices: speeds.iter().map(on).collect(), ..self.clone() }
     }
 
-    fn mean_lead_ms(&self) -> f64 {
-        let known: Vec<f64> = self.devices.iter().filter_map(|d| d.lead.value()).collect();
+    fn mean_ms(&self, of: impl Fn(&DeviceCost) -> Mean) -> f64 {
+        let known: Vec<f64> = self.devices.iter().filter_map(|d| of(d).value()).collect();
         known.iter().sum::<f64>() / known.len().max(1) as f64
     }
 
@@ -229,7 +236,12 @@ impl CostModel {
 
     /// From a frame's begin to the device's first stage.
     pub fn lead_ms(&self, device: usize) -> f64 {
-        self.devices[device].lead.value().unwrap_or_else(|| self.mean_lead_ms())
+        self.devices[device].lead.value().unwrap_or_else(|| self.mean_ms(|d| d.lead))
+    }
+
+    /// Between two stages that a device runs one after the other.
+    pub fn gap_ms(&self, device: usize) -> f64 {
+        self.devices[device].gap.value().unwrap_or_else(|| self.mean_ms(|d| d.gap))
     }
 
     /// From the primary's last task to the frame's end.

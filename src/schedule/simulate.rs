@@ -22,7 +22,7 @@ pub struct Prediction {
     pub limit: Limit,
 }
 
-/// A task of the critical path.
+/// A task of the critical path; a stage with the gap before it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
     pub kind: StepKind,
@@ -51,7 +51,7 @@ pub enum Limit {
     Margins,
     /// Transfers that others wait for.
     Transfers,
-    /// The host's time before the first stage and after the last task.
+    /// The host's time before the first stage and after the last task, and gaps between stages.
     Overhead,
 }
 
@@ -161,7 +161,8 @@ impl<'a> Play<'a> {
             },
         };
         let ms = self.task_ms(device, task);
-        let end_ms = from.at_ms + ms;
+        let gap_ms = if matches!(task.kind, TaskKind::Dispatch { .. }) { self.model.gap_ms(device) } else { 0.0 };
+        let end_ms = from.at_ms + gap_ms + ms;
         let end = Free { at_ms: end_ms, cause: Some((device, position)) };
         let clock = &mut self.clocks[device];
         clock.played.push(Played { begin_ms: from.at_ms, end_ms, cause: from.cause });
@@ -244,7 +245,7 @@ impl<'a> Play<'a> {
         let (mut stages_ms, mut transfers_ms) = (0.0, 0.0);
         for step in path {
             match step.kind {
-                StepKind::Stage(_) => stages_ms += step.end_ms - step.begin_ms,
+                StepKind::Stage(_) => stages_ms += step.end_ms - step.begin_ms - self.model.gap_ms(step.device),
                 _ => transfers_ms += step.end_ms - step.begin_ms,
             }
         }

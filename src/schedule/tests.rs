@@ -28,6 +28,7 @@ const LATENCY_MS: f64 = 0.02;
 const MS_PER_BYTE: f64 = 1e-6;
 const LEAD_MS: f64 = 0.3;
 const TAIL_MS: f64 = 0.1;
+const GAP_MS: f64 = 0.01;
 
 impl World {
     /// Sky over a city that takes ever more rays towards the bottom.
@@ -63,6 +64,7 @@ impl World {
         let mut costs = FrameCosts { rays: self.rays.clone(), tail_ms: TAIL_MS, ..Default::default() };
         for device in 0..self.spec.devices {
             costs.lead_ms.push((device, LEAD_MS));
+            costs.gap_ms.push((device, GAP_MS));
             for task in graph.tasks_of(device) {
                 let rows = task.rows.clone();
                 match task.kind {
@@ -207,7 +209,7 @@ fn one_device_takes_the_sum_of_its_work() {
     let world = World::sky_over_city(spec(180, 1, 5, Seam::None), &[2.0]);
     let (assignments, model) = world.play(&mut Even::new(180, 1), 3);
     let graph = FrameGraph::build(&world.spec, &assignments[2]);
-    let work_ms: f64 = world.costs(&graph).stages.iter().map(|c| c.busy_ms).sum();
+    let work_ms: f64 = world.costs(&graph).stages.iter().map(|c| c.busy_ms + GAP_MS).sum();
     let played = simulate(&graph, &model).unwrap();
     assert!((played.makespan_ms - work_ms - LEAD_MS - TAIL_MS).abs() < 1e-9 * work_ms, "{played:?}");
     assert_eq!((played.limit, played.critical_path.len()), (Limit::Work, graph.tasks_of(0).len()));
