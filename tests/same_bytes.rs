@@ -8,7 +8,7 @@ use diptych::exec::{RenderSettings, Stereo};
 use diptych::graph::{Assignment, HaloPlan, Seam};
 use diptych::image::RgbImage;
 use diptych::scene::needs::SceneNeeds;
-use diptych::schedule::{Measured, Policy, Static};
+use diptych::schedule::{CostModel, Heft, Measured, Policy, Static};
 use diptych::stages::Sampler;
 
 const WIDTH: u32 = 128;
@@ -62,9 +62,9 @@ fn two_three_and_four_devices_give_the_bytes_of_one() {
     }
 }
 
-/// One assignment per frame, in turn.
+/// One policy per frame, in turn.
 struct Script {
-    frames: std::vec::IntoIter<Assignment>,
+    frames: std::vec::IntoIter<Box<dyn Policy>>,
 }
 
 impl Policy for Script {
@@ -72,8 +72,8 @@ impl Policy for Script {
         "script"
     }
 
-    fn assign(&mut self) -> Assignment {
-        self.frames.next().expect("an assignment for every frame")
+    fn assign(&mut self, model: &CostModel) -> Assignment {
+        self.frames.next().expect("a policy for every frame").assign(model)
     }
 
     fn remove_device(&mut self, device: usize) {
@@ -87,7 +87,7 @@ fn uneven_and_empty_stripes_give_the_bytes_of_one_device() {
     let settings = subject.denoised(WIDTH, HEIGHT);
     let one = Stage::even(&subject, &settings, 1).frame(0).linear;
     let all = ["5,1,2", "1,0,1", "0,0,1", "1,70,1"];
-    let script: Vec<_> = all.iter().map(|rules| ratios(3, &[rules]).assign()).collect();
+    let script: Vec<_> = all.iter().map(|rules| ratios(3, &[rules])).collect();
     let mut three = Stage::with(&subject, &settings, 3, Box::new(Script { frames: script.into_iter() }));
     for rules in all {
         assert_same(&format!("ratios {rules}"), &one, &three.frame(0).linear);
@@ -119,20 +119,27 @@ fn stripes_may_differ_between_stages_and_views() {
 }
 
 #[test]
-fn measured_stripes_that_move_along_the_camera_path_give_the_bytes_of_one_device() {
+fn learned_stripes_that_move_along_the_camera_path_give_the_bytes_of_one_device() {
     let subject = Subject::load("builtin:atrium");
     let settings = subject.denoised(WIDTH, HEIGHT);
-    let frames = |devices: usize| {
-        let mut stage = Stage::with(&subject, &settings, devices, Box::new(Measured::new(HEIGHT, devices)));
+    let frames = |devices: usize, policy: Box<dyn Policy>| {
+        let mut stage = Stage::with(&subject, &settings, devices, policy);
         (0..5).map(|i| stage.frame_at(f64::from(i) * 0.7, i)).collect::<Vec<_>>()
     };
-    let (one, three) = (frames(1), frames(3));
-    for (a, b) in one.iter().zip(&three) {
-        assert_same(&format!("frame {}", a.report.index), &a.linear, &b.linear);
-    }
-    let edges: Vec<_> = three.iter().map(|f| f.report.stripe_edges()).collect();
-    assert!(edges.iter().any(|e| *e != edges[0]), "no stripe moved: {edges:?}");
+    let one = frames(1, Box::new(Measured::new(HEIGHT, 1)));
     assert!(one[0].linear.left != one[1].linear.left, "the camera stood still");
+    let policies: [Box<dyn Policy>; 2] = [Box::new(Measured::new(HEIGHT, 3)), Box::new(Heft::new(HEIGHT, 3))];
+    for policy in policies {
+        let name = policy.name();
+        let three = frames(3, policy);
+        for (a, b) in one.iter().zip(&three) {
+            assert_same(&format!("{name}, frame {}", a.report.index), &a.linear, &b.linear);
+        }
+        let edges: Vec<_> = three.iter().map(|f| f.report.stripe_edges()).collect();
+        assert!(edges.iter().any(|e| *e != edges[0]), "{name}: no stripe moved: {edges:?}");
+        let foretold: Vec<_> = three.iter().map(|f| f.report.predicted_ms).collect();
+        assert!(foretold[0].is_none() && foretold[1..].iter().all(|p| p.is_some_and(|ms| ms > 0.0)), "{foretold:?}");
+    }
 }
 
 #[test]

@@ -23,6 +23,7 @@ mod render;
 mod scale;
 mod scenes;
 mod setup;
+mod simulate;
 mod trace;
 
 use std::process::ExitCode;

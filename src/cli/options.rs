@@ -22,6 +22,8 @@ pub enum Balance {
     Static,
     /// By what past frames cost
     Measured,
+    /// ... by list scheduling of blocks of rows
+    Heft,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, serde::Serialize)]

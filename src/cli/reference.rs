@@ -187,6 +187,7 @@ pub struct Accumulated {
 fn fold(total: &mut Option<FrameReport>, mut pass: FrameReport) {
     if let Some(before) = total {
         pass.makespan_ms += before.makespan_ms;
+        pass.predicted_ms = pass.predicted_ms.zip(before.predicted_ms).map(|(a, b)| a + b);
         pass.plan_ms += before.plan_ms;
         for (tally, b) in pass.tallies.iter_mut().zip(before.tallies) {
             tally.rays += b.rays;

@@ -8,6 +8,7 @@ use serde::Serialize;
 use diptych::exec::{FrameReport, TimedTask};
 use diptych::image::file::atomic_write;
 use diptych::report::{Axis, Chart, Series, line_chart_svg, median_of, text_table};
+use diptych::schedule::CostModel;
 use diptych::trace::frames::record_devices;
 
 use super::failure::Failure;
@@ -17,6 +18,7 @@ use super::options::RenderOptions;
 use super::output;
 use super::progress::Progress;
 use super::setup::{self, Loaded, Tracing};
+use super::simulate;
 
 #[derive(clap::Args, Debug)]
 pub struct Args {
@@ -28,6 +30,8 @@ pub struct Args {
     /// Frames before those that are timed: drivers compile, stripes settle
     #[arg(long, default_value_t = 3)]
     warm_up: u32,
+    #[command(flatten)]
+    simulation: simulate::Args,
 }
 
 /// Timed frames when `--frames` does not ask for more.
@@ -55,6 +59,7 @@ struct Row {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let options = &args.options;
     options.check().map_err(Failure::Input)?;
+    args.simulation.check()?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
     let tracing = Tracing::start(options)?;
@@ -63,18 +68,34 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let steps = args.counts.len() as u64 * u64::from(timed + args.warm_up);
     let progress = Progress::new(steps, options.quiet, options.json);
     let mut rows: Vec<Row> = Vec::new();
+    let mut model: Option<CostModel> = None;
     for &count in &args.counts {
         let base = rows.first().map(|r: &Row| (r.devices, r.makespan_ms));
-        rows.push(measure(args, &loaded, usize::from(count), timed, base, &progress, &tracing)?);
+        let (row, costs) = measure(args, &loaded, usize::from(count), timed, base, &progress, &tracing)?;
+        if !row.oversubscribed && model.as_ref().is_none_or(|m| m.spec().devices < row.devices) || model.is_none() {
+            model = Some(costs);
+        }
+        rows.push(row);
     }
     progress.finish();
     write_results(args, &rows)?;
     tracing.finish()?;
+    let simulated = match model.filter(|_| args.simulation.is_wanted()) {
+        Some(model) => {
+            let measured: Vec<_> = rows.iter().map(|r| (r.devices, r.makespan_ms)).collect();
+            args.simulation.run(options, &model, &measured)?
+        }
+        None => Vec::new(),
+    };
     if options.json {
-        say!("{}", serde_json::json!({ "event": "result", "rows": rows }));
+        say!("{}", serde_json::json!({ "event": "result", "rows": rows, "simulated": simulated }));
     } else if !options.quiet {
         print_table(&rows);
         say!("scale.csv and scale.svg: {}", options.out.display());
+        if args.simulation.is_wanted() {
+            simulate::print_table(&simulated);
+            say!("simulate.csv: {}", options.out.display());
+        }
     }
     Ok(())
 }
@@ -87,7 +108,7 @@ fn measure(
     base: Option<(usize, f64)>,
     progress: &Progress,
     tracing: &Tracing,
-) -> Result<Row, Failure> {
+) -> Result<(Row, CostModel), Failure> {
     let options = &args.options;
     let gpus = setup::open_devices(options, count)?;
     let threads: usize = gpus.iter().filter_map(|g| g.info.threads).sum();
@@ -114,7 +135,7 @@ fn measure(
     let makespan_ms = median(&|f| f.makespan_ms);
     let (base_devices, base_ms) = base.unwrap_or((devices, makespan_ms));
     let speedup = base_ms / makespan_ms;
-    Ok(Row {
+    let row = Row {
         devices,
         makespan_ms,
         makespan_ms_min: frames.iter().map(|f| f.makespan_ms).fold(f64::INFINITY, f64::min),
@@ -128,7 +149,8 @@ fn measure(
         transfer_share: median(&|f| transfer_ms(f) / (f.makespan_ms * devices as f64)),
         oversubscribed: threads > std::thread::available_parallelism().map_or(1, usize::from),
         idle_share: median(&|f| 1.0 - busy_ms(f, devices).iter().sum::<f64>() / (f.makespan_ms * devices as f64)),
-    })
+    };
+    Ok((row, renderer.costs().clone()))
 }
 
 fn busy_ms(frame: &FrameReport, devices: usize) -> Vec<f64> {

@@ -11,7 +11,7 @@ use diptych::scene::Scene;
 use diptych::scene::load::load_shot;
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::shot::Shot;
-use diptych::schedule::{Even, Measured, Policy, Static};
+use diptych::schedule::{Even, Heft, Measured, Policy, Static};
 use diptych::stages::{SceneTables, StageSettings};
 use diptych::trace::frames::{FrameKnobs, record_frame};
 use diptych::trace::{Recorder, TraceFile};
@@ -49,12 +49,14 @@ pub fn open_devices(options: &RunOptions, virtual_devices: usize) -> Result<Vec<
     Ok(device::open(&selection)?)
 }
 
-fn policy(options: &RunOptions, devices: usize) -> Result<Box<dyn Policy>, Failure> {
+/// The policy that the options ask for.
+pub fn policy(options: &RunOptions, devices: usize) -> Result<Box<dyn Policy>, Failure> {
     let height = options.size.height;
     Ok(match options.balance() {
         Balance::Even => Box::new(Even::new(height, devices)),
         Balance::Static => Box::new(Static::new(height, devices, &options.ratios)?),
         Balance::Measured => Box::new(Measured::new(height, devices)),
+        Balance::Heft => Box::new(Heft::new(height, devices)),
     })
 }
 

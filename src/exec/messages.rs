@@ -3,11 +3,11 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use super::TaskTiming;
 use super::faults::InjectedKind;
-use super::{Tally, TaskTiming};
 use crate::device::DeviceFailure;
 use crate::graph::{FrameGraph, PhysicalImage};
-use crate::stages::layout;
+use crate::stages::{RowTally, layout};
 
 /// What the renderer tells a worker.
 pub struct Command {
@@ -70,7 +70,7 @@ impl From<String> for Stop {
 pub struct FrameReply {
     pub tasks: Vec<TaskTiming>,
     /// Of the whole frame; the primary has them.
-    pub tallies: Option<[Tally; 2]>,
+    pub row_tallies: Option<[Vec<RowTally>; 2]>,
     /// When the device was done, milliseconds since the origin.
     pub end_ms: f64,
 }

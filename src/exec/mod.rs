@@ -2,6 +2,7 @@
 //! memory, and the whole images end up on the primary, the first device that is left. README.md beside this file has
 //! the protocol.
 
+mod costs;
 mod crew;
 mod faults;
 mod messages;
@@ -11,6 +12,7 @@ mod worker;
 
 pub use faults::{Fault, InjectedKind, Injection, Trouble};
 
+use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
@@ -21,7 +23,7 @@ use crate::device::{DeviceFailure, DeviceInfo, GpuDevice};
 use crate::graph::{Assignment, FrameGraph, FrameSpec, PhysicalImage, Resource, Seam, Stage, Views, passes};
 use crate::image::{Extent, Image, RgbImage};
 use crate::scene::rig::{Eye, Rig};
-use crate::schedule::{Policy, StageCost};
+use crate::schedule::{CostModel, Policy, simulate};
 use crate::stages::{Aov, RowTally, SceneTables, StageError, StageSettings, layout};
 use crew::Crew;
 use messages::{Answer, FrameJob, Order, Parcel, Stop};
@@ -93,11 +95,15 @@ pub struct FrameReport {
     pub begin_ms: f64,
     /// From there to the whole images on the primary.
     pub makespan_ms: f64,
+    /// The makespan that the cost model foretold; none before it has learned from a frame.
+    pub predicted_ms: Option<f64>,
     /// Host time to make stripes and graph, milliseconds.
     pub plan_ms: f64,
     pub tasks: Vec<TaskTiming>,
     /// Per eye, summed over rows.
     pub tallies: [Tally; 2],
+    /// Per eye and row.
+    pub row_tallies: [Vec<RowTally>; 2],
     pub assignment: Assignment,
 }
 
@@ -135,6 +141,7 @@ pub struct Renderer {
     spec: FrameSpec,
     tables: Arc<SceneTables>,
     policy: Box<dyn Policy>,
+    costs: CostModel,
     devices: Vec<DeviceInfo>,
     crew: Crew,
     watchdog: Watchdog,
@@ -188,9 +195,24 @@ impl Renderer {
             workers.push(worker);
         }
         let crew = Crew::start(workers, replies, outboxes)?;
+        let costs = CostModel::new(&spec);
         let (watchdog, trouble, faults) = (Watchdog::default(), Trouble::default(), Vec::new());
         let (planned, last) = (None, None);
-        Ok(Self { settings, spec, tables, policy, devices, crew, watchdog, trouble, faults, planned, last, origin })
+        Ok(Self {
+            settings,
+            spec,
+            tables,
+            policy,
+            costs,
+            devices,
+            crew,
+            watchdog,
+            trouble,
+            faults,
+            planned,
+            last,
+            origin,
+        })
     }
 
     /// Takes a device out that gives no sign of life for this long, instead of a limit that follows from what frames
@@ -212,6 +234,11 @@ impl Renderer {
     /// All that there were at the start.
     pub fn devices(&self) -> &[DeviceInfo] {
         &self.devices
+    }
+
+    /// What has been learned of the devices and the frame.
+    pub fn costs(&self) -> &CostModel {
+        &self.costs
     }
 
     pub fn policy_name(&self) -> &'static str {
@@ -250,7 +277,7 @@ impl Renderer {
         self.last = Some(inputs);
         let faults = self.faults.len();
         let report = self.carry_out(&inputs, faults, 1)?;
-        self.policy.learn(&costs(&report.tasks, &self.crew.left()));
+        self.costs.learn(&costs::frame_costs(&report, self.devices.len()));
         if self.faults.len() == faults {
             self.watchdog.learn(self.samples(&inputs), report.makespan_ms);
         }
@@ -267,13 +294,16 @@ impl Renderer {
         loop {
             let planned = Instant::now();
             let (assignment, graph) = self.plan();
+            let predicted = self.costs.has_learned().then(|| simulate(&graph, &self.costs).ok()).flatten();
             let mut report = FrameReport {
                 index,
                 begin_ms: begin.duration_since(self.origin).as_secs_f64() * 1e3,
                 makespan_ms: 0.0,
+                predicted_ms: predicted.map(|p| p.makespan_ms),
                 plan_ms: planned.elapsed().as_secs_f64() * 1e3,
                 tasks: Vec::new(),
                 tallies: Default::default(),
+                row_tallies: Default::default(),
                 assignment,
             };
             let failures = self.collect(inputs, &graph, &mut report)?;
@@ -294,7 +324,13 @@ impl Renderer {
 
     /// Stripes and graph of the next frame; the graph is built anew only when a stripe has moved.
     fn plan(&mut self) -> (Assignment, Arc<FrameGraph>) {
-        let assignment = self.policy.assign().renumbered(&self.crew.left(), self.devices.len());
+        let left = self.crew.left();
+        let model = if left.len() == self.devices.len() {
+            Cow::Borrowed(&self.costs)
+        } else {
+            Cow::Owned(self.costs.of_devices(&left))
+        };
+        let assignment = self.policy.assign(&model).renumbered(&left, self.devices.len());
         let graph = match self.planned.take() {
             Some((old, graph)) if old == assignment => graph,
             _ => Arc::new(FrameGraph::build(&self.spec, &assignment)),
@@ -366,9 +402,10 @@ impl Renderer {
         for (device, answer) in self.crew.ask(orders, self.watchdog.limit(self.samples(inputs))) {
             match answer {
                 Ok(Answer::Frame(reply)) => {
-                    if let Some(tallies) = reply.tallies {
+                    if let Some(rows) = reply.row_tallies {
                         report.makespan_ms = reply.end_ms - report.begin_ms;
-                        report.tallies = tallies;
+                        report.tallies = rows.each_ref().map(|r| total(r));
+                        report.row_tallies = rows;
                     }
                     report.tasks.extend(reply.tasks);
                 }
@@ -434,21 +471,6 @@ fn curve_shift(extent: Extent, spp: u32) -> u32 {
     let shift = bits_for(spp);
     let numbers = 2 * bits_for(extent.width.max(extent.height)) + shift;
     if numbers > u32::BITS { layout::NO_CURVE } else { shift }
-}
-
-/// For the policy, which counts only the devices that are left.
-fn costs(tasks: &[TaskTiming], left: &[usize]) -> Vec<StageCost> {
-    let gpu = |t: &TaskTiming| match t.kind {
-        TimedTask::Gpu(stage) => Some(StageCost {
-            stage,
-            view: t.view,
-            device: left.iter().position(|d| *d == t.device)?,
-            rows: t.rows.clone(),
-            busy_ms: t.end_ms - t.begin_ms,
-        }),
-        TimedTask::Download | TimedTask::Upload => None,
-    };
-    tasks.iter().filter_map(gpu).collect()
 }
 
 /// Sums the primary's row tallies.

@@ -12,7 +12,7 @@ use super::faults::InjectedKind;
 use super::messages::{Answer, Command, FrameJob, FrameReply, Order, Parcel, Reply, Stop};
 use super::staging::{Pool, ReadBack, Recorded};
 use super::watchdog::{Pulse, SLICES};
-use super::{ExecError, Tally, TaskTiming, TimedTask, resource_name, total};
+use super::{ExecError, TaskTiming, TimedTask, resource_name};
 use crate::device::{DeviceFailure, DeviceInfo, GpuClock, GpuDevice};
 use crate::graph::{PhysicalImage, Resource, Stage, Task, TaskKind};
 use crate::scene::rig::Eye;
@@ -202,8 +202,8 @@ impl Worker {
         let end_ms = self.now_ms();
         let mut timings = self.read_stamps(&progress)?;
         timings.append(&mut progress.timings);
-        let tallies = if device == job.graph.primary { Some(self.read_tallies()?) } else { None };
-        Ok(FrameReply { tasks: timings, tallies, end_ms })
+        let row_tallies = if device == job.graph.primary { Some(self.read_tallies()?) } else { None };
+        Ok(FrameReply { tasks: timings, row_tallies, end_ms })
     }
 
     /// What is to happen to the device, happens.
@@ -380,9 +380,8 @@ impl Worker {
         Ok(progress.stamped.iter().map(timing).collect())
     }
 
-    fn read_tallies(&mut self) -> Result<[Tally; 2], DeviceFailure> {
-        let [left, right] = self.read(PhysicalImage::RowTally)?;
-        Ok([left, right].map(|bytes| total(&bytemuck::pod_collect_to_vec::<u8, RowTally>(&bytes))))
+    fn read_tallies(&mut self) -> Result<[Vec<RowTally>; 2], DeviceFailure> {
+        Ok(self.read(PhysicalImage::RowTally)?.map(|bytes| bytemuck::pod_collect_to_vec(&bytes)))
     }
 
     fn read(&mut self, image: PhysicalImage) -> Result<[Vec<u8>; 2], DeviceFailure> {

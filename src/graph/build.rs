@@ -255,4 +255,4 @@ fn subtract(from: &Range<u32>, hole: &Range<u32>) -> impl Iterator<Item = Range<
 }
 
 #[cfg(test)]
-mod tests;
+pub mod tests;

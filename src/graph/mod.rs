@@ -8,6 +8,8 @@ mod resource;
 mod stripes;
 mod table;
 
+#[cfg(test)]
+pub(crate) use build::tests as build_tests;
 pub use build::{FrameGraph, Key, Task, TaskKind};
 pub use resource::{PhysicalImage, Resource};
 pub use stripes::{Stripes, StripesError};

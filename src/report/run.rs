@@ -104,6 +104,8 @@ impl fmt::Display for ReferenceRow {
 pub struct FrameRow {
     pub index: u32,
     pub makespan_ms: f64,
+    /// What the cost model foretold; `null` before it had learned from a frame.
+    pub predicted_ms: Option<f64>,
     pub plan_ms: f64,
     #[serde(flatten)]
     pub quality: Quality,
@@ -142,6 +144,7 @@ impl FrameRow {
         Self {
             index: frame.index,
             makespan_ms: frame.makespan_ms,
+            predicted_ms: frame.predicted_ms,
             plan_ms: frame.plan_ms,
             quality: *quality,
             rays: frame.tallies.iter().map(|t| t.rays).sum(),

@@ -1,18 +1,22 @@
-//! Who does it, when: policies that cut each view into stripes, stage by stage.
+//! Who does it, when: what work costs, policies that cut each view into stripes, and a virtual clock to play a frame on.
 //!
-//! A policy sees what past frames cost and answers with an [`crate::graph::Assignment`]; it knows neither devices nor wgpu. No result
-//! may depend on its answer, only the time it takes to get there.
+//! A policy asks the [`CostModel`] and answers with an [`crate::graph::Assignment`]; it knows neither devices nor wgpu. No
+//! result may depend on its answer, only the time it takes to get there.
 
+mod cost;
+mod cut;
+mod heft;
+mod learned;
+mod measured;
 mod policy;
+mod simulate;
 
-pub use policy::{Even, Measured, Policy, RatioRule, Static};
+pub use cost::{CostModel, FrameCosts, StageCost, StripeCosts, TransferCost};
+pub use cut::step_rows;
+pub use heft::Heft;
+pub use measured::Measured;
+pub use policy::{Even, Policy, RatioRule, Static};
+pub use simulate::{Limit, Prediction, Step, StepKind, Stuck, simulate};
 
-/// What one stage cost one device in a frame.
-#[derive(Clone, Debug, PartialEq)]
-pub struct StageCost {
-    pub stage: crate::graph::Stage,
-    pub view: crate::scene::rig::Eye,
-    pub device: usize,
-    pub rows: std::ops::Range<u32>,
-    pub busy_ms: f64,
-}
+#[cfg(test)]
+mod tests;

@@ -1,8 +1,8 @@
-//! `even`, `static` and `measured` stripes.
+//! What a policy is, and those that take no measurements: `even` and `static` stripes.
 
 use std::str::FromStr;
 
-use super::StageCost;
+use super::cost::CostModel;
 use crate::graph::{Assignment, Stage, Stripes, StripesError};
 use crate::scene::rig::Eye;
 
@@ -10,14 +10,11 @@ use crate::scene::rig::Eye;
 pub trait Policy: Send {
     fn name(&self) -> &'static str;
 
-    /// Stripes of the next frame.
-    fn assign(&mut self) -> Assignment;
+    /// Stripes of the next frame, by what `model` has learned from those before.
+    fn assign(&mut self, model: &CostModel) -> Assignment;
 
     /// Device `device` is out; those above it move down by one. At least one is left.
     fn remove_device(&mut self, device: usize);
-
-    /// What the last frame cost.
-    fn learn(&mut self, _costs: &[StageCost]) {}
 }
 
 /// The same number of rows for every device.
@@ -37,7 +34,7 @@ impl Policy for Even {
         "even"
     }
 
-    fn assign(&mut self) -> Assignment {
+    fn assign(&mut self, _model: &CostModel) -> Assignment {
         Assignment::uniform(Stripes::even(self.height, self.devices))
     }
 
@@ -122,7 +119,7 @@ impl Policy for Static {
         "static"
     }
 
-    fn assign(&mut self) -> Assignment {
+    fn assign(&mut self, _model: &CostModel) -> Assignment {
         self.assignment.clone()
     }
 
@@ -140,101 +137,3 @@ impl Policy for Static {
         }
     }
 }
-
-/// Stripes cut so that what past frames measured, spread over the rows it was measured on, is shared evenly.
-///
-/// The tracing stages are cut together by their whole cost, so that a row's G-buffer, radiance and reprojection stay on
-/// one device. The filter, whose rows all cost alike, is cut evenly on its own: its stripes cost a transfer of the rows
-/// between the two cuts, but every device then ends it at the same time.
-pub struct Measured {
-    height: u32,
-    devices: usize,
-    /// Milliseconds per row of the tracing stages, per unit of a device's speed.
-    row_cost: Vec<f64>,
-    tracing: Stripes,
-}
-
-/// Share of a new measurement in the running mean of a row's cost.
-const LEARNING_RATE: f64 = 0.5;
-/// Predicted gain below which edges stay where they are.
-const HYSTERESIS: f64 = 0.01;
-
-impl Measured {
-    pub fn new(height: u32, devices: usize) -> Self {
-        Self { height, devices, row_cost: Vec::new(), tracing: Stripes::even(height, devices) }
-    }
-
-    /// Edges that share the predicted cost evenly.
-    fn cut(&self) -> Stripes {
-        let total: f64 = self.row_cost.iter().sum();
-        let mut edges = Vec::with_capacity(self.devices - 1);
-        let (mut sum, mut device) = (0.0, 1);
-        for (row, cost) in self.row_cost.iter().enumerate() {
-            let share = total * device as f64 / self.devices as f64;
-            if device < self.devices && sum + 0.5 * cost >= share {
-                edges.push(row as u32);
-                device += 1;
-            }
-            sum += cost;
-        }
-        Stripes::from_edges(self.height, &edges)
-    }
-
-    /// Cost of the dearest stripe over the mean.
-    fn imbalance(&self, stripes: &Stripes) -> f64 {
-        let cost = |d| self.row_cost[stripes.rows(d).start as usize..stripes.rows(d).end as usize].iter().sum::<f64>();
-        let dearest = (0..self.devices).map(cost).fold(0.0, f64::max);
-        dearest * self.devices as f64 / self.row_cost.iter().sum::<f64>().max(1e-12)
-    }
-}
-
-impl Policy for Measured {
-    fn name(&self) -> &'static str {
-        "measured"
-    }
-
-    fn assign(&mut self) -> Assignment {
-        if self.devices > 1 && !self.row_cost.is_empty() {
-            let cut = self.cut();
-            if cut.devices() == self.devices && self.imbalance(&cut) < self.imbalance(&self.tracing) - HYSTERESIS {
-                self.tracing = cut;
-            }
-        }
-        let mut assignment = Assignment::uniform(self.tracing.clone());
-        let even = Stripes::even(self.height, self.devices);
-        for view in Eye::ALL {
-            assignment.set(Stage::Atrous, view, even.clone());
-            assignment.set(Stage::Tonemap, view, even.clone());
-        }
-        assignment
-    }
-
-    /// What rows cost is still known.
-    fn remove_device(&mut self, _device: usize) {
-        self.devices -= 1;
-        let cut = self.cut();
-        let is_whole = !self.row_cost.is_empty() && cut.devices() == self.devices;
-        self.tracing = if is_whole { cut } else { Stripes::even(self.height, self.devices) };
-    }
-
-    fn learn(&mut self, costs: &[StageCost]) {
-        let mut now = vec![0.0; self.height as usize];
-        for cost in costs {
-            let is_tracing = matches!(cost.stage.ratio_group(), Stage::Gbuffer | Stage::PathTrace | Stage::Reproject);
-            if is_tracing && !cost.rows.is_empty() {
-                let per_row = cost.busy_ms / f64::from(cost.rows.end - cost.rows.start);
-                now[cost.rows.start as usize..cost.rows.end as usize].iter_mut().for_each(|r| *r += per_row);
-            }
-        }
-        if self.row_cost.is_empty() {
-            self.row_cost = now;
-        } else {
-            for (old, new) in self.row_cost.iter_mut().zip(now) {
-                *old += (new - *old) * LEARNING_RATE;
-            }
-        }
-    }
-}
-
-#[cfg(test)]
-mod tests;

@@ -1,0 +1,129 @@
+//! Time that a frame's planning takes the host, without a device: learn, assign and predict, for each policy that learns.
+//!
+//! `cargo bench --bench schedule -- [--reps N] [--devices N] [--height ROWS]`
+//!
+//! Costs change a little from frame to frame, so that stripes move now and then; the graph is built anew only when they
+//! have, as the renderer does, and that is timed apart.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use diptych::graph::{Assignment, FrameGraph, FrameSpec, HaloPlan, Seam, TaskKind, Views};
+use diptych::image::Extent;
+use diptych::schedule::{CostModel, FrameCosts, Heft, Measured, Policy, StageCost, TransferCost, simulate};
+
+struct Options {
+    reps: usize,
+    devices: usize,
+    height: u32,
+}
+
+fn options() -> Options {
+    let mut options = Options { reps: 2000, devices: 8, height: 720 };
+    let mut args = std::env::args().skip(1).filter(|a| a != "--bench");
+    while let Some(arg) = args.next() {
+        let value = args.next().unwrap_or_else(|| panic!("{arg} takes a value"));
+        match arg.as_str() {
+            "--reps" => options.reps = value.parse().expect("--reps takes a number"),
+            "--devices" => options.devices = value.parse().expect("--devices takes a number"),
+            "--height" => options.height = value.parse().expect("--height takes a number of rows"),
+            _ => panic!("{arg} is no option of this benchmark"),
+        }
+    }
+    options
+}
+
+/// Costs of a graph in a picture whose upper half is sky, on devices of equal speed.
+fn costs(spec: &FrameSpec, graph: &FrameGraph, frame: usize) -> FrameCosts {
+    let Extent { width, height } = spec.extent;
+    let rays = |per_pixel: u32| (0..height).map(|y| width * (1 + per_pixel * (y / (height / 2).max(1)))).collect();
+    let mut costs = FrameCosts { rays: [rays(8), rays(1)], tail_ms: 0.1, ..Default::default() };
+    for device in 0..spec.devices {
+        costs.lead_ms.push((device, 0.3));
+        // Devices are held up in turns.
+        let slowness = if frame % spec.devices == device { 1.03 } else { 1.0 };
+        for task in graph.tasks_of(device) {
+            let (view, rows) = (task.view, task.rows.clone());
+            match task.kind {
+                TaskKind::Dispatch { stage, .. } => {
+                    let busy_ms = 0.01 * rows.len() as f64 * slowness;
+                    costs.stages.push(StageCost { stage, view, device, rows, busy_ms });
+                }
+                TaskKind::Download { .. } | TaskKind::Upload { .. } => {
+                    let is_upload = matches!(task.kind, TaskKind::Upload { .. });
+                    let bytes = 16 * u64::from(width) * rows.len() as u64;
+                    costs.transfers.push(TransferCost { device, is_upload, bytes, ms: 0.02 + 1e-6 * bytes as f64 });
+                }
+                TaskKind::Stitch => {}
+            }
+        }
+    }
+    costs
+}
+
+fn median(values: &mut [f64]) -> f64 {
+    values.sort_by(f64::total_cmp);
+    values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+fn main() {
+    let Options { reps, devices, height } = options();
+    let spec = FrameSpec {
+        extent: Extent::new(height * 16 / 9, height),
+        devices,
+        views: Views::Reprojected,
+        iterations: 5,
+        seam: Seam::Halo(HaloPlan::Recompute),
+        aovs: 0,
+        has_surfaces: true,
+    };
+    println!("ms per frame, medians of {reps} frames, {devices} devices, {height} rows");
+    let policies: [Box<dyn Policy>; 2] =
+        [Box::new(Measured::new(height, devices)), Box::new(Heft::new(height, devices))];
+    for policy in policies {
+        measure(policy, &spec, reps);
+    }
+}
+
+fn measure(mut policy: Box<dyn Policy>, spec: &FrameSpec, reps: usize) {
+    let mut model = CostModel::new(spec);
+    let mut planned: Option<(Assignment, Arc<FrameGraph>)> = None;
+    let [mut learn, mut assign, mut predict, mut plan, mut build] = [const { Vec::new() }; 5];
+    let ms = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
+    for frame in 0..reps {
+        let begin = Instant::now();
+        let assignment = policy.assign(&model);
+        let assign_ms = ms(begin);
+        let begin = Instant::now();
+        let graph = match planned.take() {
+            Some((old, graph)) if old == assignment => graph,
+            _ => {
+                let graph = Arc::new(FrameGraph::build(spec, &assignment));
+                build.push(ms(begin));
+                graph
+            }
+        };
+        planned = Some((assignment, Arc::clone(&graph)));
+        let begin = Instant::now();
+        std::hint::black_box(simulate(&graph, &model).expect("a graph of the builder"));
+        let predict_ms = ms(begin);
+        let costs = costs(spec, &graph, frame);
+        let begin = Instant::now();
+        model.learn(&costs);
+        let learn_ms = ms(begin);
+        learn.push(learn_ms);
+        assign.push(assign_ms);
+        predict.push(predict_ms);
+        plan.push(assign_ms + predict_ms + learn_ms);
+    }
+    println!(
+        "  {:<8} {:.4}: assign {:.4}, predict {:.4}, learn {:.4}; graph {:.4}, built {} times",
+        policy.name(),
+        median(&mut plan),
+        median(&mut assign),
+        median(&mut predict),
+        median(&mut learn),
+        median(&mut build),
+        build.len()
+    );
+}

@@ -1,0 +1,327 @@
+//! What work costs: time per unit of counted work for each stage, view and device, learned from the frames before.
+//!
+//! Path tracing and hole filling count rays, which a row of the next frame is taken to need as many of as it did in the
+//! last one; all other stages count rows. A device's own time per unit is learned from its own stripes, so devices of
+//! unequal speed need no description.
+
+use std::collections::HashMap;
+use std::ops::Range;
+
+use super::learned::{Line, Mean};
+use crate::graph::{FrameSpec, Pass, Stage, passes};
+use crate::scene::rig::Eye;
+
+/// What one task of a stage cost one device in a frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct StageCost {
+    pub stage: Stage,
+    pub view: Eye,
+    pub device: usize,
+    /// Rows computed, margins included.
+    pub rows: Range<u32>,
+    pub busy_ms: f64,
+}
+
+/// What one end of a transfer cost the host's thread of its device.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TransferCost {
+    pub device: usize,
+    pub is_upload: bool,
+    pub bytes: u64,
+    pub ms: f64,
+}
+
+/// What a frame cost.
+#[derive(Clone, Debug, Default)]
+pub struct FrameCosts {
+    pub stages: Vec<StageCost>,
+    pub transfers: Vec<TransferCost>,
+    /// Rays counted, per eye and row of the frame.
+    pub rays: [Vec<u32>; 2],
+    /// Per device that computed anything, from the frame's begin to its first stage.
+    pub lead_ms: Vec<(usize, f64)>,
+    /// Per device that computed several stages, between two of them that nothing held up.
+    pub gap_ms: Vec<(usize, f64)>,
+    /// From the primary's last task to the frame's end.
+    pub tail_ms: f64,
+}
+
+/// A pixel that starts no path costs path tracing and hole filling this many rays: it is looked at.
+const RAYS_PER_IDLE_PIXEL: f64 = 1.0 / 32.0;
+
+#[derive(Clone, Debug)]
+pub struct CostModel {
+    spec: FrameSpec,
+    passes: Vec<Pass>,
+    devices: Vec<DeviceCost>,
+    /// Per eye, rays of all rows above; `height + 1` entries.
+    rays_above: [Vec<f64>; 2],
+    tail: Mean,
+    frames: u32,
+}
+
+/// One device's own times.
+#[derive(Clone, Debug, Default)]
+struct DeviceCost {
+    ms_per_unit: HashMap<(Stage, Eye), Mean>,
+    download: Transfer,
+    upload: Transfer,
+    lead: Mean,
+    gap: Mean,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Transfer {
+    line: Line,
+    latency_ms: f64,
+    ms_per_byte: f64,
+}
+
+impl Transfer {
+    fn of(line: Line) -> Self {
+        let (latency_ms, ms_per_byte) = line.fit();
+        Self { line, latency_ms, ms_per_byte }
+    }
+
+    fn ms(&self, bytes: u64) -> f64 {
+        self.latency_ms + self.ms_per_byte * bytes as f64
+    }
+}
+
+/// Unit in which a stage's work is counted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Unit {
+    Rays(Eye),
+    Rows,
+}
+
+impl Unit {
+    fn of(stage: Stage, view: Eye) -> Self {
+        match stage {
+            Stage::PathTrace | Stage::HoleFill => Self::Rays(view),
+            _ => Self::Rows,
+        }
+    }
+}
+
+impl CostModel {
+    /// A model that has learned nothing yet.
+    pub fn new(spec: &FrameSpec) -> Self {
+        let height = spec.extent.height as usize;
+        Self {
+            spec: spec.clone(),
+            passes: passes(spec),
+            devices: vec![DeviceCost::default(); spec.devices],
+            rays_above: [vec![0.0; height + 1], vec![0.0; height + 1]],
+            tail: Mean::default(),
+            frames: 0,
+        }
+    }
+
+    pub fn spec(&self) -> &FrameSpec {
+        &self.spec
+    }
+
+    /// Whether a frame has been learned from; before, all costs are 0.
+    pub fn has_learned(&self) -> bool {
+        self.frames > 0
+    }
+
+    pub fn learn(&mut self, costs: &FrameCosts) {
+        for (above, rays) in self.rays_above.iter_mut().zip(&costs.rays) {
+            sum_rows(above, rays, self.spec.extent.width);
+        }
+        let mut sums: HashMap<(usize, Stage, Eye), (f64, f64)> = HashMap::new();
+        for cost in &costs.stages {
+            let (ms, units) = sums.entry((cost.device, cost.stage, cost.view)).or_default();
+            *ms += cost.busy_ms;
+            *units += self.units(Unit::of(cost.stage, cost.view), &cost.rows);
+        }
+        for ((device, stage, view), (ms, units)) in sums {
+            self.devices[device].ms_per_unit.entry((stage, view)).or_default().learn(ms / units);
+        }
+        self.learn_transfers(&costs.transfers);
+        for &(device, ms) in &costs.lead_ms {
+            self.devices[device].lead.learn(ms);
+        }
+        for &(device, ms) in &costs.gap_ms {
+            self.devices[device].gap.learn(ms);
+        }
+        self.tail.learn(costs.tail_ms);
+        self.frames = self.frames.saturating_add(1);
+    }
+
+    /// The first frame's transfers, which make their buffers, count for nothing once the second is there.
+    fn learn_transfers(&mut self, transfers: &[TransferCost]) {
+        for (index, device) in self.devices.iter_mut().enumerate() {
+            for (is_upload, transfer) in [(false, &mut device.download), (true, &mut device.upload)] {
+                let mut new = transfers.iter().filter(|t| t.device == index && t.is_upload == is_upload).peekable();
+                if new.peek().is_none() {
+                    continue;
+                }
+                let mut line = if self.frames == 1 { Line::default() } else { transfer.line };
+                line.fade();
+                new.for_each(|t| line.learn(t.bytes as f64, t.ms));
+                *transfer = Transfer::of(line);
+            }
+        }
+    }
+
+    /// A model of as many devices as there are `speeds`: each like the mean of the measured ones, times its speed.
+    /// Transfers, which are the host's work, cost the same at any speed.
+    pub fn on_devices(&self, speeds: &[f64]) -> Self {
+        let mut mean: HashMap<(Stage, Eye), (f64, f64)> = HashMap::new();
+        let (mut down, mut up) = (Line::default(), Line::default());
+        for device in &self.devices {
+            for (&key, rate) in &device.ms_per_unit {
+                if let Some(ms) = rate.value() {
+                    let (sum, count) = mean.entry(key).or_default();
+                    *sum += ms;
+                    *count += 1.0;
+                }
+            }
+            down.add(&device.download.line);
+            up.add(&device.upload.line);
+        }
+        let [lead, gap] = [self.mean_ms(|d| d.lead), self.mean_ms(|d| d.gap)].map(Mean::known);
+        let on = |speed: &f64| DeviceCost {
+            ms_per_unit: mean.iter().map(|(&k, (sum, count))| (k, Mean::known(sum / count / speed))).collect(),
+            download: Transfer::of(down),
+            upload: Transfer::of(up),
+            lead,
+            gap,
+        };
+        let spec = FrameSpec { devices: speeds.len(), ..self.spec.clone() };
+        Self { passes: passes(&spec), spec, devices: speeds.iter().map(on).collect(), ..self.clone() }
+    }
+
+    /// The model of these devices alone, numbered anew in this order.
+    pub fn of_devices(&self, devices: &[usize]) -> Self {
+        let spec = FrameSpec { devices: devices.len(), ..self.spec.clone() };
+        let devices = devices.iter().map(|&d| self.devices[d].clone()).collect();
+        Self { passes: passes(&spec), spec, devices, ..self.clone() }
+    }
+
+    fn mean_ms(&self, of: impl Fn(&DeviceCost) -> Mean) -> f64 {
+        let known: Vec<f64> = self.devices.iter().filter_map(|d| of(d).value()).collect();
+        known.iter().sum::<f64>() / known.len().max(1) as f64
+    }
+
+    fn units(&self, unit: Unit, rows: &Range<u32>) -> f64 {
+        match unit {
+            Unit::Rows => f64::from(rows.end - rows.start),
+            Unit::Rays(view) => {
+                let above = &self.rays_above[view as usize];
+                above[rows.end as usize] - above[rows.start as usize]
+            }
+        }
+    }
+
+    /// A device that never did this stage is taken to be like the mean of those that did.
+    fn ms_per_unit(&self, stage: Stage, view: Eye, device: usize) -> f64 {
+        let of = |d: &DeviceCost| d.ms_per_unit.get(&(stage, view)).and_then(Mean::value);
+        of(&self.devices[device]).unwrap_or_else(|| {
+            let known: Vec<f64> = self.devices.iter().filter_map(of).collect();
+            known.iter().sum::<f64>() / known.len().max(1) as f64
+        })
+    }
+
+    /// Predicted time of a stage on these rows.
+    pub fn stage_ms(&self, stage: Stage, view: Eye, device: usize, rows: &Range<u32>) -> f64 {
+        self.ms_per_unit(stage, view, device) * self.units(Unit::of(stage, view), rows)
+    }
+
+    /// Predicted host time to take rows off a device.
+    pub fn download_ms(&self, device: usize, bytes: u64) -> f64 {
+        self.devices[device].download.ms(bytes)
+    }
+
+    /// Predicted host time to hand rows to a device.
+    pub fn upload_ms(&self, device: usize, bytes: u64) -> f64 {
+        self.devices[device].upload.ms(bytes)
+    }
+
+    /// From a frame's begin to the device's first stage.
+    pub fn lead_ms(&self, device: usize) -> f64 {
+        self.devices[device].lead.value().unwrap_or_else(|| self.mean_ms(|d| d.lead))
+    }
+
+    /// Between two stages that a device runs one after the other.
+    pub fn gap_ms(&self, device: usize) -> f64 {
+        self.devices[device].gap.value().unwrap_or_else(|| self.mean_ms(|d| d.gap))
+    }
+
+    /// From the primary's last task to the frame's end.
+    pub fn tail_ms(&self) -> f64 {
+        self.tail.value().unwrap_or(0.0)
+    }
+
+    /// Costs of stripes that take all passes of these ratio groups, on both views.
+    pub fn stripes_of(&self, groups: &[Stage]) -> StripeCosts<'_> {
+        let mut parts: Vec<Part> = Vec::new();
+        for pass in self.passes.iter().filter(|p| groups.contains(&p.stage.ratio_group())) {
+            let unit = Unit::of(pass.stage, pass.view);
+            let ms = (0..self.spec.devices).map(|d| self.ms_per_unit(pass.stage, pass.view, d));
+            match parts.iter_mut().find(|p| p.unit == unit && p.margin_rows == pass.margin_rows) {
+                Some(part) => part.ms_per_unit.iter_mut().zip(ms).for_each(|(sum, ms)| *sum += ms),
+                None => parts.push(Part { unit, margin_rows: pass.margin_rows, ms_per_unit: ms.collect() }),
+            }
+        }
+        StripeCosts { model: self, parts }
+    }
+}
+
+/// Prefix sums of a frame's rays beyond those of the G-buffer, one a pixel.
+fn sum_rows(above: &mut [f64], rays: &[u32], width: u32) {
+    let mut sum = 0.0;
+    for (entry, &rays) in above[1..].iter_mut().zip(rays) {
+        sum += f64::from(rays.saturating_sub(width)) + f64::from(width) * RAYS_PER_IDLE_PIXEL;
+        *entry = sum;
+    }
+}
+
+/// Predicted costs of stripes of some stages together.
+pub struct StripeCosts<'a> {
+    model: &'a CostModel,
+    parts: Vec<Part>,
+}
+
+/// Passes that count the same unit on the same margin.
+struct Part {
+    unit: Unit,
+    margin_rows: u32,
+    /// Per device.
+    ms_per_unit: Vec<f64>,
+}
+
+impl StripeCosts<'_> {
+    pub fn devices(&self) -> usize {
+        self.model.spec.devices
+    }
+
+    pub fn height(&self) -> u32 {
+        self.model.spec.extent.height
+    }
+
+    /// Time that a device takes for a stripe, with the margins it computes beside its own rows.
+    pub fn ms(&self, device: usize, rows: &Range<u32>) -> f64 {
+        self.sum(device, rows, true)
+    }
+
+    /// ... without margins: what a part of a larger stripe adds to it.
+    pub fn own_ms(&self, device: usize, rows: &Range<u32>) -> f64 {
+        self.sum(device, rows, false)
+    }
+
+    fn sum(&self, device: usize, rows: &Range<u32>, with_margins: bool) -> f64 {
+        if rows.is_empty() {
+            return 0.0;
+        }
+        let part_ms = |part: &Part| {
+            let margin = if with_margins { part.margin_rows } else { 0 };
+            let rows = rows.start.saturating_sub(margin)..(rows.end + margin).min(self.height());
+            part.ms_per_unit[device] * self.model.units(part.unit, &rows)
+        };
+        self.parts.iter().map(part_ms).sum()
+    }
+}

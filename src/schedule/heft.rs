@@ -1,0 +1,141 @@
+//! `heft` stripes: list scheduling of blocks of rows by upward rank and earliest finish time.
+//!
+//! After Topcuoglu, Hariri & Wu 2002, "Performance-effective and low-complexity task scheduling for heterogeneous
+//! computing". Departures:
+//! - The tasks are blocks of rows of each group of stages that is cut together (tracing, filter), finer than stripes.
+//! - A device owns contiguous rows. HEFT places blocks anywhere, so it decides what share of a group each device gets:
+//!   the stripes are then cut to the time that its blocks took there.
+//! - Blocks are appended, not inserted into gaps: a device has none before its last tracing block.
+
+use std::ops::Range;
+
+use super::cost::{CostModel, StripeCosts};
+use super::cut::{MovingStripes, cut, groups};
+use super::policy::Policy;
+use crate::graph::{Assignment, Pass, PhysicalImage, Stage, Stripes, passes};
+
+pub struct Heft {
+    stripes: MovingStripes,
+}
+
+impl Heft {
+    pub fn new(height: u32, devices: usize) -> Self {
+        Self { stripes: MovingStripes::new(height, devices) }
+    }
+}
+
+impl Policy for Heft {
+    fn name(&self) -> &'static str {
+        "heft"
+    }
+
+    fn assign(&mut self, model: &CostModel) -> Assignment {
+        let shares = if model.has_learned() && model.spec().devices > 1 { place(model) } else { Vec::new() };
+        self.stripes.follow(model, |group, costs| cut(costs, &shares[group]))
+    }
+
+    fn remove_device(&mut self, _device: usize) {
+        self.stripes.remove_device();
+    }
+}
+
+/// Blocks per device and group: finer than the balance that is asked for, coarse enough to place in a blink.
+const BLOCKS_PER_DEVICE: usize = 16;
+const LEAST_BLOCKS: usize = 64;
+
+/// A block of one group.
+struct Block {
+    group: usize,
+    /// Per device.
+    ms: Vec<f64>,
+    /// Mean time from here to the frame's end, along the longest way.
+    rank_ms: f64,
+    /// Where and when it ends, once placed.
+    placed: Option<(usize, f64)>,
+}
+
+impl Block {
+    fn mean_ms(&self) -> f64 {
+        self.ms.iter().sum::<f64>() / self.ms.len() as f64
+    }
+}
+
+/// Milliseconds that blocks of each group take on each device, by HEFT.
+fn place(model: &CostModel) -> Vec<Vec<f64>> {
+    let spec = model.spec();
+    let costs: Vec<StripeCosts<'_>> = groups(spec).iter().map(|g| model.stripes_of(g)).collect();
+    let count = (spec.devices * BLOCKS_PER_DEVICE).max(LEAST_BLOCKS).min(spec.extent.height as usize);
+    let reach_rows = filter_reach_rows(&passes(spec));
+    let reach = (reach_rows as usize * count).div_ceil(spec.extent.height as usize);
+    let transfer_ms = crossing_ms(model, reach_rows);
+    let mut blocks = ranked(&costs, count, reach, transfer_ms);
+    let mut order: Vec<usize> = (0..blocks.len()).collect();
+    // Stable: equal ranks keep their place, from the first group's first row on.
+    order.sort_by(|&a, &b| blocks[b].rank_ms.total_cmp(&blocks[a].rank_ms));
+    let mut free_ms = vec![0.0; spec.devices];
+    let mut shares = vec![vec![0.0; spec.devices]; costs.len()];
+    for index in order {
+        let ready = ready_ms(&blocks, index, count, reach, spec.devices, transfer_ms);
+        let end = |d: usize| f64::max(free_ms[d], ready[d]) + blocks[index].ms[d];
+        // There is at least one device.
+        let device = (0..spec.devices).min_by(|&a, &b| end(a).total_cmp(&end(b))).unwrap_or(0);
+        let end_ms = end(device);
+        blocks[index].placed = Some((device, end_ms));
+        free_ms[device] = end_ms;
+        shares[blocks[index].group][device] += blocks[index].ms[device];
+    }
+    shares
+}
+
+/// All blocks, group by group, with their upward ranks: a block's mean time, and the longest of what must follow it.
+fn ranked(costs: &[StripeCosts<'_>], count: usize, reach: usize, transfer_ms: f64) -> Vec<Block> {
+    let mut blocks: Vec<Block> = Vec::with_capacity(costs.len() * count);
+    for (group, costs) in costs.iter().enumerate() {
+        let rows = Stripes::even(costs.height(), count);
+        blocks.extend((0..count).map(|b| {
+            let rows = rows.rows(b);
+            let ms = (0..costs.devices()).map(|d| costs.own_ms(d, &rows)).collect();
+            Block { group, ms, rank_ms: 0.0, placed: None }
+        }));
+    }
+    for index in (0..blocks.len()).rev() {
+        let after = |i: usize| transfer_ms + blocks[i].rank_ms;
+        let next = neighbours(index + count, count, reach).filter(|&i| i < blocks.len()).map(after);
+        blocks[index].rank_ms = blocks[index].mean_ms() + next.fold(0.0, f64::max);
+    }
+    blocks
+}
+
+/// Blocks of one group within `reach` of block `index`, which may stand beyond the last group.
+fn neighbours(index: usize, count: usize, reach: usize) -> Range<usize> {
+    let first = index / count * count;
+    index.saturating_sub(reach).max(first)..(index + reach + 1).min(first + count)
+}
+
+/// When what a block reads is there, per device.
+fn ready_ms(blocks: &[Block], index: usize, count: usize, reach: usize, devices: usize, transfer_ms: f64) -> Vec<f64> {
+    let mut ready = vec![0.0; devices];
+    if index < count {
+        return ready;
+    }
+    for (device, end_ms) in neighbours(index - count, count, reach).filter_map(|i| blocks[i].placed) {
+        for (d, ready) in ready.iter_mut().enumerate() {
+            *ready = f64::max(*ready, if d == device { end_ms } else { end_ms + transfer_ms });
+        }
+    }
+    ready
+}
+
+/// Rows that the filter reads beyond its own.
+fn filter_reach_rows(passes: &[Pass]) -> u32 {
+    let filter = passes.iter().filter(|p| p.stage == Stage::Atrous);
+    filter.flat_map(|p| &p.reads).map(|r| r.halo_rows).max().unwrap_or(0)
+}
+
+/// Mean time to bring the filter's halo, position and radiance, from one device to another.
+fn crossing_ms(model: &CostModel, rows: u32) -> f64 {
+    let spec = model.spec();
+    let bytes = PhysicalImage::Radiance.row_bytes(spec.extent.width) * u64::from(rows);
+    let image_ms = |d| model.download_ms(d, bytes) + model.upload_ms(d, bytes);
+    2.0 * (0..spec.devices).map(image_ms).sum::<f64>() / spec.devices as f64
+}

@@ -1,0 +1,140 @@
+//! Quantities learned from measurements that are noisy, and cold at first: a mean and a line.
+
+/// Share of a new measurement in a running mean.
+const LEARNING_RATE: f64 = 0.5;
+/// One measurement counts as at most this many times the mean, or this part of it: a device that was held up once must
+/// not move stripes, one that has become slower still does within a few frames.
+const LEAP: f64 = 2.0;
+/// Weight that a frame's transfers keep in the next frame.
+const MEMORY: f64 = 0.9;
+
+/// Exponential mean. The first measurement is replaced by the second: the first frame meets cold caches.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Mean {
+    value: f64,
+    measurements: u32,
+}
+
+impl Mean {
+    /// Takes in a measurement; what is not a number above 0 tells nothing and is left out.
+    pub fn learn(&mut self, measured: f64) {
+        if !measured.is_finite() || measured <= 0.0 {
+            return;
+        }
+        self.value = if self.measurements < 2 {
+            measured
+        } else {
+            let bounded = measured.clamp(self.value / LEAP, self.value * LEAP);
+            self.value + (bounded - self.value) * LEARNING_RATE
+        };
+        self.measurements = self.measurements.saturating_add(1);
+    }
+
+    pub fn value(&self) -> Option<f64> {
+        (self.measurements > 0).then_some(self.value)
+    }
+
+    /// A quantity known beforehand.
+    pub fn known(value: f64) -> Self {
+        Self { value, measurements: 2 }
+    }
+}
+
+/// Milliseconds of a transfer over its bytes: latency + bytes / bandwidth, by least squares over past frames that fade.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Line {
+    count: f64,
+    bytes: f64,
+    ms: f64,
+    bytes_bytes: f64,
+    bytes_ms: f64,
+}
+
+impl Line {
+    pub fn learn(&mut self, bytes: f64, ms: f64) {
+        self.add(&Self { count: 1.0, bytes, ms, bytes_bytes: bytes * bytes, bytes_ms: bytes * ms });
+    }
+
+    /// Takes in all that another line has learned.
+    pub fn add(&mut self, other: &Self) {
+        self.count += other.count;
+        self.bytes += other.bytes;
+        self.ms += other.ms;
+        self.bytes_bytes += other.bytes_bytes;
+        self.bytes_ms += other.bytes_ms;
+    }
+
+    /// Lets what was learned so far count for less.
+    pub fn fade(&mut self) {
+        for sum in [&mut self.count, &mut self.bytes, &mut self.ms, &mut self.bytes_bytes, &mut self.bytes_ms] {
+            *sum *= MEMORY;
+        }
+    }
+
+    /// Latency in milliseconds and milliseconds per byte, neither below 0; both 0 before anything was learned.
+    ///
+    /// Where the sizes are too much alike for a slope, or the best line has a latency below 0, it goes through the
+    /// origin; where it falls, all is latency.
+    pub fn fit(&self) -> (f64, f64) {
+        if self.count <= 0.0 {
+            return (0.0, 0.0);
+        }
+        let (mean_bytes, mean_ms) = (self.bytes / self.count, self.ms / self.count);
+        if self.bytes_bytes <= 0.0 {
+            return (mean_ms, 0.0);
+        }
+        let through_origin = (0.0, self.bytes_ms / self.bytes_bytes);
+        let variance = self.bytes_bytes / self.count - mean_bytes * mean_bytes;
+        if variance <= 1e-6 * mean_bytes * mean_bytes {
+            return through_origin;
+        }
+        let slope = (self.bytes_ms / self.count - mean_bytes * mean_ms) / variance;
+        let latency = mean_ms - slope * mean_bytes;
+        match (slope < 0.0, latency < 0.0) {
+            (true, _) => (mean_ms, 0.0),
+            (_, true) => through_origin,
+            _ => (latency, slope),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cold_first_frame_and_one_hiccup_leave_little_trace() {
+        let mut mean = Mean::default();
+        [50.0, 2.0, 2.0, 100.0].iter().for_each(|&ms| mean.learn(ms));
+        assert!(mean.value().unwrap() <= 2.0 + LEARNING_RATE * 2.0);
+        mean.learn(f64::NAN);
+        mean.learn(0.0);
+        assert!(mean.value().unwrap() <= 2.0 + LEARNING_RATE * 2.0);
+    }
+
+    #[test]
+    fn a_line_is_found_again() {
+        let mut line = Line::default();
+        for bytes in [1e3, 5e4, 2e5, 1e6] {
+            line.learn(bytes, 0.05 + bytes * 1e-6);
+            line.fade();
+        }
+        let (latency, slope) = line.fit();
+        assert!((latency - 0.05).abs() < 1e-9 && (slope - 1e-6).abs() < 1e-12, "{latency} {slope}");
+    }
+
+    #[test]
+    fn lines_of_degenerate_measurements_are_usable() {
+        let fit = |points: &[(f64, f64)]| {
+            let mut line = Line::default();
+            points.iter().for_each(|&(bytes, ms)| line.learn(bytes, ms));
+            line.fit()
+        };
+        assert_eq!(fit(&[]), (0.0, 0.0));
+        assert_eq!(fit(&[(0.0, 2.0)]), (2.0, 0.0));
+        assert_eq!(fit(&[(100.0, 2.0), (100.0, 4.0)]), (0.0, 0.03));
+        assert_eq!(fit(&[(100.0, 4.0), (300.0, 2.0)]), (3.0, 0.0));
+        let (latency, slope) = fit(&[(100.0, 0.1), (200.0, 1.0)]);
+        assert!(latency == 0.0 && slope > 0.0);
+    }
+}

@@ -1,0 +1,317 @@
+//! What holds for every policy, and that predictions come true in a world that keeps to the model.
+
+use proptest::prelude::*;
+
+use super::*;
+use crate::graph::{Assignment, FrameGraph, FrameSpec, HaloPlan, Seam, Stage, Stripes, TaskKind, Views, build_tests};
+use crate::image::Extent;
+use crate::scene::rig::Eye;
+
+const WIDTH: u32 = 64;
+
+fn spec(height: u32, devices: usize, iterations: u32, seam: Seam) -> FrameSpec {
+    let extent = Extent::new(WIDTH, height);
+    FrameSpec { extent, devices, views: Views::Reprojected, iterations, seam, aovs: 0, has_surfaces: true }
+}
+
+/// A scene and devices whose true costs are known.
+#[derive(Debug)]
+struct World {
+    spec: FrameSpec,
+    rays: [Vec<u32>; 2],
+    /// Time per ray of each row; rays cost more where they scatter.
+    ms_per_ray: Vec<f64>,
+    speeds: Vec<f64>,
+}
+
+const LATENCY_MS: f64 = 0.02;
+const MS_PER_BYTE: f64 = 1e-6;
+const LEAD_MS: f64 = 0.3;
+const TAIL_MS: f64 = 0.1;
+const GAP_MS: f64 = 0.01;
+
+impl World {
+    /// Sky over a city that takes ever more rays towards the bottom.
+    fn sky_over_city(spec: FrameSpec, speeds: &[f64]) -> Self {
+        let height = spec.extent.height;
+        let rays = |per_pixel: u32| {
+            let row =
+                move |y| if y < height * 3 / 5 { WIDTH } else { WIDTH * (1 + per_pixel + y * per_pixel / height) };
+            (0..height).map(row).collect::<Vec<u32>>()
+        };
+        let ms_per_ray = (0..height).map(|y| if y < height * 4 / 5 { 2e-4 } else { 3e-4 }).collect();
+        Self { spec, rays: [rays(8), rays(2)], ms_per_ray, speeds: speeds.to_vec() }
+    }
+
+    fn stage_ms(&self, stage: Stage, view: Eye, device: usize, rows: &std::ops::Range<u32>) -> f64 {
+        let ms: f64 = match stage {
+            Stage::PathTrace | Stage::HoleFill => {
+                let row_ms = |y: u32| {
+                    let paths = f64::from(self.rays[view as usize][y as usize] - WIDTH);
+                    (paths + f64::from(WIDTH) / 32.0) * self.ms_per_ray[y as usize]
+                };
+                rows.clone().map(row_ms).sum()
+            }
+            Stage::Gbuffer => 0.01 * rows.len() as f64,
+            Stage::Atrous => 0.02 * rows.len() as f64,
+            _ => 0.002 * rows.len() as f64,
+        };
+        ms / self.speeds[device]
+    }
+
+    /// What a frame of this graph costs here.
+    fn costs(&self, graph: &FrameGraph) -> FrameCosts {
+        let mut costs = FrameCosts { rays: self.rays.clone(), tail_ms: TAIL_MS, ..Default::default() };
+        for device in 0..self.spec.devices {
+            costs.lead_ms.push((device, LEAD_MS));
+            costs.gap_ms.push((device, GAP_MS));
+            for task in graph.tasks_of(device) {
+                let rows = task.rows.clone();
+                match task.kind {
+                    TaskKind::Dispatch { stage, .. } => {
+                        let busy_ms = self.stage_ms(stage, task.view, device, &rows);
+                        costs.stages.push(StageCost { stage, view: task.view, device, rows, busy_ms });
+                    }
+                    TaskKind::Download { resource, .. } | TaskKind::Upload { resource, .. } => {
+                        let bytes = resource.physical().row_bytes(WIDTH) * rows.len() as u64;
+                        let is_upload = matches!(task.kind, TaskKind::Upload { .. });
+                        let ms = LATENCY_MS + MS_PER_BYTE * bytes as f64;
+                        costs.transfers.push(TransferCost { device, is_upload, bytes, ms });
+                    }
+                    TaskKind::Stitch => {}
+                }
+            }
+        }
+        costs
+    }
+
+    /// Largest over mean of the devices' busy times.
+    fn imbalance(&self, graph: &FrameGraph) -> f64 {
+        let mut busy = vec![0.0; self.spec.devices];
+        self.costs(graph).stages.iter().for_each(|c| busy[c.device] += c.busy_ms);
+        busy.iter().copied().fold(0.0, f64::max) * busy.len() as f64 / busy.iter().sum::<f64>()
+    }
+
+    /// Renders frames, learning from each; returns the assignments and the model.
+    fn play(&self, policy: &mut dyn Policy, frames: usize) -> (Vec<Assignment>, CostModel) {
+        let mut model = CostModel::new(&self.spec);
+        let mut assignments = Vec::new();
+        for _ in 0..frames {
+            let assignment = policy.assign(&model);
+            model.learn(&self.costs(&FrameGraph::build(&self.spec, &assignment)));
+            assignments.push(assignment);
+        }
+        (assignments, model)
+    }
+}
+
+fn all_policies(height: u32, devices: usize) -> Vec<Box<dyn Policy>> {
+    let rules = [RatioRule { stage: None, view: None, ratios: (1..=devices).map(|i| i as f64).collect() }];
+    vec![
+        Box::new(Even::new(height, devices)),
+        Box::new(Static::new(height, devices, &rules).unwrap()),
+        Box::new(Measured::new(height, devices)),
+        Box::new(Heft::new(height, devices)),
+    ]
+}
+
+fn learning_policies(height: u32, devices: usize) -> [Box<dyn Policy>; 2] {
+    [Box::new(Measured::new(height, devices)), Box::new(Heft::new(height, devices))]
+}
+
+fn seams() -> impl Strategy<Value = Seam> {
+    proptest::sample::select(
+        &[Seam::None, Seam::Filter, Seam::Halo(HaloPlan::Recompute), Seam::Halo(HaloPlan::Exchange)][..],
+    )
+}
+
+prop_compose! {
+    fn worlds()(
+        devices in 1..=6usize,
+        height in 20..=240u32,
+        iterations in 0..=5u32,
+        seam in seams(),
+    )(
+        left in proptest::collection::vec(0..40u32, height as usize),
+        right in proptest::collection::vec(0..4u32, height as usize),
+        speeds in proptest::collection::vec(0.25..4.0f64, devices),
+        spec in Just(spec(height, devices, iterations, seam)),
+    ) -> World {
+        let rays = [left, right].map(|rows| rows.iter().map(|per_pixel| WIDTH * (1 + per_pixel)).collect());
+        World { ms_per_ray: vec![2e-4; spec.extent.height as usize], spec, rays, speeds }
+    }
+}
+
+fn edges(assignment: &Assignment, stage: Stage, view: Eye) -> &[u32] {
+    assignment.stripes(stage, view).inner_edges()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    #[test]
+    fn every_policy_gives_sound_frames(world in worlds()) {
+        let FrameSpec { devices, extent, .. } = world.spec;
+        let twins = all_policies(extent.height, devices).into_iter().zip(all_policies(extent.height, devices));
+        for (mut policy, mut twin) in twins {
+            let (assignments, model) = world.play(policy.as_mut(), 5);
+            prop_assert_eq!(&assignments, &world.play(twin.as_mut(), 5).0, "{} is not deterministic", policy.name());
+            for (frame, assignment) in assignments.iter().enumerate() {
+                for (stage, view) in Stage::RATIO_GROUPS.into_iter().flat_map(|s| Eye::ALL.map(|v| (s, v))) {
+                    let stripes = assignment.stripes(stage, view);
+                    prop_assert_eq!((stripes.devices(), stripes.height()), (devices, extent.height));
+                    let rows: Vec<u32> = (0..devices).flat_map(|d| stripes.rows(d)).collect();
+                    prop_assert!(rows.into_iter().eq(extent.rows()), "{}: rows of {stage:?}", policy.name());
+                    let before = edges(&assignments[frame.saturating_sub(1)], stage, view);
+                    for (old, new) in before.iter().zip(stripes.inner_edges()) {
+                        prop_assert!(old.abs_diff(*new) <= step_rows(extent.height), "{}: {old} to {new}", policy.name());
+                    }
+                }
+            }
+            let graph = FrameGraph::build(&world.spec, &assignments[4]);
+            build_tests::check_order(&graph);
+            build_tests::replay(&world.spec, &graph);
+            let played = simulate(&graph, &model);
+            prop_assert!(played.as_ref().is_ok_and(|p| p.makespan_ms.is_finite()), "{}: {played:?}", policy.name());
+            prop_assert_eq!(played, simulate(&graph, &model));
+        }
+    }
+}
+
+#[test]
+fn learning_policies_even_out_scenes_and_devices() {
+    const HEIGHT: u32 = 720;
+    let halo = Seam::Halo(HaloPlan::Recompute);
+    for speeds in [&[1.0, 1.0][..], &[1.0, 2.0], &[3.0, 1.0], &[1.0; 4], &[1.0, 2.0, 3.0, 2.0], &[1.0; 8]] {
+        for iterations in [0, 5] {
+            let world = World::sky_over_city(spec(HEIGHT, speeds.len(), iterations, halo), speeds);
+            for mut policy in learning_policies(HEIGHT, speeds.len()) {
+                let (assignments, _) = world.play(policy.as_mut(), 9);
+                let graph = FrameGraph::build(&world.spec, &assignments[8]);
+                let imbalance = world.imbalance(&graph);
+                assert!(imbalance <= 1.05, "{} on {speeds:?}, {iterations} iterations: {imbalance}", policy.name());
+            }
+        }
+    }
+}
+
+#[test]
+fn stripes_come_to_rest() {
+    let world = World::sky_over_city(spec(360, 4, 5, Seam::Halo(HaloPlan::Recompute)), &[1.0, 1.0, 2.0, 1.0]);
+    for mut policy in learning_policies(360, 4) {
+        let (assignments, _) = world.play(policy.as_mut(), 30);
+        assert!(assignments[20..].iter().all(|a| *a == assignments[20]), "{}", policy.name());
+    }
+}
+
+#[test]
+fn one_device_takes_the_sum_of_its_work() {
+    let world = World::sky_over_city(spec(180, 1, 5, Seam::None), &[2.0]);
+    let (assignments, model) = world.play(&mut Even::new(180, 1), 3);
+    let graph = FrameGraph::build(&world.spec, &assignments[2]);
+    let work_ms: f64 = world.costs(&graph).stages.iter().map(|c| c.busy_ms + GAP_MS).sum();
+    let played = simulate(&graph, &model).unwrap();
+    assert!((played.makespan_ms - work_ms - LEAD_MS - TAIL_MS).abs() < 1e-9 * work_ms, "{played:?}");
+    assert_eq!((played.limit, played.critical_path.len()), (Limit::Work, graph.tasks_of(0).len()));
+}
+
+#[test]
+fn a_critical_path_has_no_gaps_and_spans_the_makespan() {
+    let world = World::sky_over_city(spec(180, 3, 5, Seam::Halo(HaloPlan::Exchange)), &[1.0, 2.0, 1.0]);
+    let (assignments, model) = world.play(&mut Even::new(180, 3), 3);
+    let played = simulate(&FrameGraph::build(&world.spec, &assignments[2]), &model).unwrap();
+    let path = &played.critical_path;
+    assert_eq!((path[0].begin_ms, path[path.len() - 1].kind), (LEAD_MS, StepKind::Stitch));
+    assert!(path.windows(2).all(|pair| pair[0].end_ms == pair[1].begin_ms), "{path:?}");
+    assert!((path[path.len() - 1].end_ms + TAIL_MS - played.makespan_ms).abs() < 1e-9);
+    assert_eq!(played.limit, Limit::Imbalance);
+}
+
+#[test]
+fn dear_transfers_limit_a_frame() {
+    let world = World::sky_over_city(spec(180, 2, 5, Seam::Halo(HaloPlan::Exchange)), &[1.0, 1.0]);
+    let mut policy = Measured::new(180, 2);
+    let mut model = CostModel::new(&world.spec);
+    for _ in 0..8 {
+        let mut costs = world.costs(&FrameGraph::build(&world.spec, &policy.assign(&model)));
+        costs.transfers.iter_mut().for_each(|t| t.ms *= 200.0);
+        model.learn(&costs);
+    }
+    let played = simulate(&FrameGraph::build(&world.spec, &policy.assign(&model)), &model).unwrap();
+    assert_eq!(played.limit, Limit::Transfers);
+}
+
+/// The model of one pair of devices foretells others that are in the same world.
+#[test]
+fn simulated_devices_take_as_long_as_real_ones() {
+    let halo = Seam::Halo(HaloPlan::Recompute);
+    let uniform = |spec| World { ms_per_ray: vec![2e-4; 360], ..World::sky_over_city(spec, &[1.0; 5]) };
+    let (_, measured) = uniform(spec(360, 2, 5, halo)).play(&mut Measured::new(360, 2), 6);
+    for speeds in [&[1.0][..], &[1.0, 1.0], &[1.0, 2.0], &[1.0, 1.0, 2.0, 0.5]] {
+        let world = World { speeds: speeds.to_vec(), ..uniform(spec(360, speeds.len(), 5, halo)) };
+        let (assignments, own) = world.play(&mut Measured::new(360, speeds.len()), 12);
+        let graph = FrameGraph::build(&world.spec, &assignments[11]);
+        let expected = simulate(&graph, &own).unwrap().makespan_ms;
+        let foretold = simulate(&graph, &measured.on_devices(speeds)).unwrap().makespan_ms;
+        assert!((foretold / expected - 1.0).abs() < 0.01, "{speeds:?}: {foretold} for {expected}");
+    }
+}
+
+#[test]
+fn a_device_without_a_stripe_is_taken_to_be_like_the_others() {
+    let world = World::sky_over_city(spec(40, 2, 0, Seam::None), &[1.0, 1.0]);
+    let mut model = CostModel::new(&world.spec);
+    assert!(!model.has_learned());
+    let all_to_one = Assignment::uniform(Stripes::from_edges(40, &[40]));
+    model.learn(&world.costs(&FrameGraph::build(&world.spec, &all_to_one)));
+    assert!(model.has_learned());
+    let ms = |device| model.stage_ms(Stage::PathTrace, Eye::Left, device, &(0..40));
+    assert!(ms(0) > 0.0 && ms(0) == ms(1));
+}
+
+#[test]
+fn ratio_rules_narrow_to_stage_and_view() {
+    let rule: RatioRule = "path_trace.left=5,1,2".parse().unwrap();
+    assert_eq!((rule.stage, rule.view), (Some(Stage::PathTrace), Some(Eye::Left)));
+    let a = Static::new(80, 3, &[rule]).unwrap().assign(&CostModel::new(&spec(80, 3, 5, Seam::None)));
+    assert_eq!(a.stripes(Stage::PathTrace, Eye::Left).inner_edges(), &[50, 60]);
+    assert_eq!(a.stripes(Stage::PathTrace, Eye::Right).inner_edges(), &[26, 53]);
+    assert!("shade=1,2".parse::<RatioRule>().is_err());
+    assert!("1,x".parse::<RatioRule>().is_err());
+    assert!(Static::new(80, 2, &["1,2,3".parse().unwrap()]).is_err());
+}
+
+#[test]
+fn devices_that_are_left_cover_every_row_and_even_out_again() {
+    let of = |devices, speeds: &[f64]| World::sky_over_city(spec(160, devices, 2, Seam::None), speeds);
+    for mut policy in all_policies(160, 4) {
+        let mut world = of(4, &[1.0, 2.0, 1.0, 3.0]);
+        let (_, mut model) = world.play(&mut *policy, 6);
+        for (gone, left) in [(0, vec![2.0, 1.0, 3.0]), (2, vec![2.0, 1.0]), (1, vec![2.0])] {
+            policy.remove_device(gone);
+            let others: Vec<usize> = (0..left.len() + 1).filter(|d| *d != gone).collect();
+            model = model.of_devices(&others);
+            world = of(left.len(), &left);
+            let mut graph = FrameGraph::build(&world.spec, &policy.assign(&model));
+            for _ in 0..8 {
+                model.learn(&world.costs(&graph));
+                let assignment = policy.assign(&model);
+                let stripes = assignment.stripes(Stage::PathTrace, Eye::Left);
+                assert_eq!((stripes.devices(), stripes.height()), (left.len(), 160), "{}", policy.name());
+                graph = FrameGraph::build(&world.spec, &assignment);
+            }
+            let learns = ["measured", "heft"].contains(&policy.name());
+            let imbalance = world.imbalance(&graph);
+            assert!(!learns || imbalance < 1.1, "{}: {imbalance} on {left:?}", policy.name());
+        }
+    }
+}
+
+#[test]
+fn ratios_of_those_left_stay() {
+    let mut policy = Static::new(80, 3, &["5,1,2".parse().unwrap(), "atrous=0,1,0".parse().unwrap()]).unwrap();
+    policy.remove_device(1);
+    let assignment = policy.assign(&CostModel::new(&spec(80, 2, 0, Seam::None)));
+    assert_eq!(assignment.stripes(Stage::PathTrace, Eye::Left).inner_edges(), &[57]);
+    assert_eq!(assignment.stripes(Stage::Atrous, Eye::Left).inner_edges(), &[40]);
+}
