@@ -165,7 +165,7 @@ fn own(args: &Args, loaded: &Loaded, tracing: &Tracing) -> Result<Reference, Fai
 
 /// One frame of a setting.
 fn single(run: RunOptions, denoiser: Denoiser, spp: u32) -> RenderOptions {
-    RenderOptions { run, spp, denoiser, frames: 1, fps: 1.0, aov: Vec::new() }
+    RenderOptions { run, spp, denoiser, frames: 1, fps: 1.0, frames_in_flight: 1, aov: Vec::new() }
 }
 
 /// What all settings have in common.

@@ -177,6 +177,9 @@ pub struct RenderOptions {
     /// Frames per second of the camera path
     #[arg(long, default_value_t = 72.0)]
     pub fps: f64,
+    /// Frames on the devices at a time: more keep them busy, and each takes longer
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=3))]
+    pub frames_in_flight: u8,
     /// Auxiliary images to write
     #[arg(long, value_delimiter = ',', value_name = "LIST")]
     pub aov: Vec<Aov>,

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 
 use diptych::exec::{Renderer, Stereo};
+use diptych::graph::PhysicalImage;
 use diptych::image::display::{DisplayImage, write_png};
 use diptych::image::{Image, RgbImage, exr, stereo};
 use diptych::stages::Aov;
@@ -33,6 +34,12 @@ pub struct FrameImages {
 }
 
 impl FrameImages {
+    /// What [`Self::read`] reads.
+    pub fn on_devices(aovs: &[Aov]) -> Vec<PhysicalImage> {
+        let aovs = (0..aovs.len()).map(|i| PhysicalImage::Aov(i as u8));
+        [PhysicalImage::Linear, PhysicalImage::Display].into_iter().chain(aovs).collect()
+    }
+
     pub fn read(renderer: &mut Renderer, aovs: &[Aov]) -> Result<Self, Failure> {
         let _span = tracing::info_span!("read images").entered();
         let rgb = |i: Image<[u8; 4]>| Image {

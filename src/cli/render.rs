@@ -59,23 +59,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
     progress.phase("warming up");
-    let mut renderer = setup::renderer(options, &loaded, gpus, tracing.recorder.origin())?;
+    let renderer = setup::renderer(options, &loaded, gpus, tracing.recorder.origin())?;
     record_devices(&tracing.recorder, renderer.devices());
-    let (mut rows, mut faults) = (Rows::default(), FaultLog::default());
-    for i in 0..options.frames {
-        if interrupt::is_set() {
-            break;
-        }
-        match &plan {
-            None => plain_frame(args, &loaded, &mut renderer, i, &tracing, &progress, &mut rows)?,
-            Some(plan) => {
-                progress.finish();
-                reference_frame(args, plan, &loaded, &mut renderer, i, &tracing, &mut rows)?;
-            }
-        }
-        faults.say_new(&renderer, &tracing, &progress);
+    let mut run = Run { args, loaded: &loaded, renderer, tracing: &tracing, progress, begun: 0, rows: Rows::default() };
+    match &plan {
+        None => run.frames()?,
+        Some(plan) => run.references(plan)?,
     }
-    progress.finish();
+    run.progress.finish();
+    let Run { renderer, rows, .. } = run;
     let mut settings = setup::run_settings(options, renderer.policy_name());
     settings.reference = args.reference;
     let devices = renderer.devices();
@@ -88,29 +80,70 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::check()
 }
 
-fn plain_frame(
-    args: &Args,
-    loaded: &Loaded,
-    renderer: &mut Renderer,
-    index: u32,
-    tracing: &Tracing,
-    progress: &Progress,
-    rows: &mut Rows,
-) -> Result<(), Failure> {
-    let options = &args.options;
-    let time_s = options.time + f64::from(index) / options.fps;
-    let frame = renderer.render(&loaded.shot.rig, time_s, index)?;
-    tracing.record(options, &frame);
-    let mut images = FrameImages::read(renderer, &options.aovs())?;
-    if args.overlay {
-        images.overlay(frame.stripe_edges());
+/// A run in the making.
+struct Run<'a> {
+    args: &'a Args,
+    loaded: &'a Loaded,
+    renderer: Renderer,
+    tracing: &'a Tracing,
+    progress: Progress,
+    /// Frames handed to the devices.
+    begun: u32,
+    rows: Rows,
+}
+
+impl Run<'_> {
+    fn frames(&mut self) -> Result<(), Failure> {
+        let options = &self.args.options;
+        let mut faults = FaultLog::default();
+        self.begin_frames()?;
+        while let Some(frame) = self.renderer.finish()? {
+            let mut images = FrameImages::read(&mut self.renderer, &options.aovs())?;
+            // A frame that is alone on the devices is timed without the host at its files.
+            if options.frames_in_flight > 1 {
+                self.begin_frames()?;
+            }
+            self.tracing.record(options, &frame);
+            if self.args.overlay {
+                images.overlay(frame.stripe_edges());
+            }
+            images.write(&options.out, (options.frames > 1).then_some(frame.index), self.args.anaglyph)?;
+            let row = FrameRow::new(&frame, &setup::frame_settings(options), options.size);
+            let event = serde_json::json!({ "event": "frame", "index": row.index, "makespan_ms": row.makespan_ms });
+            self.progress.step(format!("{:.1} ms", row.makespan_ms), &event);
+            self.rows.frames.push(row);
+            faults.say_new(&self.renderer, self.tracing, &self.progress);
+            self.begin_frames()?;
+        }
+        Ok(())
     }
-    images.write(&options.out, (options.frames > 1).then_some(index), args.anaglyph)?;
-    let row = FrameRow::new(&frame, &setup::frame_settings(options), options.size);
-    let event = serde_json::json!({ "event": "frame", "index": index, "makespan_ms": row.makespan_ms });
-    progress.step(format!("{:.1} ms", row.makespan_ms), &event);
-    rows.frames.push(row);
-    Ok(())
+
+    /// Gives the devices as many frames as they may have at a time.
+    fn begin_frames(&mut self) -> Result<(), Failure> {
+        let options = &self.args.options;
+        let most = usize::from(options.frames_in_flight);
+        // Frames that follow one another are read when they are whole, those that overlap come with their images.
+        let reads = if most > 1 { FrameImages::on_devices(&options.aovs()) } else { Vec::new() };
+        while self.begun < options.frames && self.renderer.in_flight() < most && !interrupt::is_set() {
+            let time_s = options.time + f64::from(self.begun) / options.fps;
+            self.renderer.begin(&self.loaded.shot.rig, time_s, self.begun, &reads)?;
+            self.begun += 1;
+        }
+        Ok(())
+    }
+
+    fn references(&mut self, plan: &Plan) -> Result<(), Failure> {
+        let mut faults = FaultLog::default();
+        self.progress.finish();
+        for i in 0..plan.options.frames {
+            if interrupt::is_set() {
+                break;
+            }
+            reference_frame(self.args, plan, self.loaded, &mut self.renderer, i, self.tracing, &mut self.rows)?;
+            faults.say_new(&self.renderer, self.tracing, &self.progress);
+        }
+        Ok(())
+    }
 }
 
 /// Auxiliary images are those of the first pass, whatever was there before.
@@ -154,7 +187,7 @@ fn reference_frame(
 fn conclude(options: &RenderOptions, report: &RunReport) {
     let median = report.median_makespan_ms();
     let rays: u64 = report.frames.iter().map(|f| f.rays).sum();
-    let total_s: f64 = report.frames.iter().map(|f| f.makespan_ms).sum::<f64>() * 1e-3;
+    let total_s = report.rendering_s();
     if options.json {
         let out = options.out.display().to_string();
         let mut result = serde_json::json!({ "event": "result", "out": out, "median_makespan_ms": median });
@@ -170,8 +203,12 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
             }
         }
         if total_s > 0.0 {
+            let pace = match report.median_interval_ms().filter(|_| options.frames_in_flight > 1) {
+                Some(interval_ms) => format!(", a frame every {interval_ms:.1} ms"),
+                None => String::new(),
+            };
             say!(
-                "{} frame(s) of {} on {} device(s): median makespan {median:.1} ms, {:.2} Mrays/s, holes {:.1} %",
+                "{} frame(s) of {} on {} device(s): median makespan {median:.1} ms{pace}, {:.2} Mrays/s, holes {:.1} %",
                 report.frames.len(),
                 report.scene.name,
                 report.devices.len(),

@@ -76,6 +76,7 @@ pub fn renderer(
         iterations: options.iterations(),
         reproject: options.reprojects(),
         aovs: options.aovs(),
+        frames_in_flight: usize::from(options.frames_in_flight),
         checks: options.shader_checks,
     };
     let settings = RenderSettings {
@@ -137,6 +138,7 @@ pub fn run_settings(options: &RenderOptions, policy: &'static str) -> RunSetting
         reference: false,
         time_s: options.time,
         fps: options.fps,
+        frames_in_flight: options.frames_in_flight,
         indirect_clamp: options.clamp,
         shader_checks: name(&options.shader_checks),
     }

@@ -55,6 +55,21 @@ impl GpuDevice {
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
+    /// Whether the device has done everything up to `submission`.
+    ///
+    /// # Errors
+    /// What went wrong on the device.
+    pub fn has_ended(&self, submission: &wgpu::SubmissionIndex) -> Result<bool, DeviceFailure> {
+        let now = wgpu::PollType::Wait { submission_index: Some(submission.clone()), timeout: Some(Duration::ZERO) };
+        let polled = self.device.poll(now);
+        self.failure().map_or(Ok(()), Err)?;
+        match polled {
+            Ok(_) => Ok(true),
+            Err(wgpu::PollError::Timeout) => Ok(false),
+            Err(error) => Err(error.to_string().into()),
+        }
+    }
+
     /// Waits for everything submitted so far, or up to `submission`.
     ///
     /// # Errors

@@ -31,7 +31,7 @@ pub fn frame_costs(report: &FrameReport, devices: usize) -> FrameCosts {
         let is_stage = |t: &&TaskTiming| t.device == device && matches!(t.kind, TimedTask::Gpu(_));
         let mut stages: Vec<&TaskTiming> = report.tasks.iter().filter(is_stage).collect();
         stages.sort_by(|a, b| a.begin_ms.total_cmp(&b.begin_ms));
-        if let Some(first) = stages.first() {
+        if let Some(first) = stages.first().filter(|_| !report.overlapped) {
             costs.lead_ms.push((device, first.begin_ms - report.begin_ms));
         }
         let mut gaps_ms: Vec<f64> = stages.windows(2).map(|pair| pair[1].begin_ms - pair[0].end_ms).collect();

@@ -21,6 +21,8 @@ pub struct Crew {
     replies: Receiver<Reply>,
     /// Of the workers, to call a frame off.
     inboxes: Vec<Sender<Parcel>>,
+    /// Oldest first.
+    asked: Vec<Asked>,
     ticket: u64,
 }
 
@@ -51,6 +53,13 @@ impl Member {
 /// What came of what was asked, by device.
 pub type Answers = Vec<(usize, Result<Answer, Stop>)>;
 
+/// Orders under one ticket, and what has come of them.
+struct Asked {
+    ticket: u64,
+    awaited: Vec<usize>,
+    answers: Answers,
+}
+
 impl Crew {
     pub fn start(
         workers: Vec<Worker>,
@@ -58,7 +67,7 @@ impl Crew {
         inboxes: Vec<Sender<Parcel>>,
     ) -> Result<Self, ExecError> {
         let members = workers.into_iter().map(Member::start).collect::<Result<_, _>>()?;
-        Ok(Self { members, replies, inboxes, ticket: 0 })
+        Ok(Self { members, replies, inboxes, asked: Vec::new(), ticket: 0 })
     }
 
     /// The devices that were not taken out.
@@ -71,61 +80,80 @@ impl Crew {
         self.members[device].commands = None;
     }
 
-    /// Has the orders carried out, under a ticket of their own, and waits for an answer to each. A device that shows no
-    /// sign of life for longer than `limit` is answered for, and the others are told not to wait for it.
-    pub fn ask(&mut self, orders: Vec<(usize, Order)>, limit: Duration) -> Answers {
+    /// Has the orders carried out, under a ticket of their own; `limit` is what a device may take for each thing that is
+    /// waited for.
+    pub fn ask(&mut self, orders: Vec<(usize, Order)>, limit: Duration) -> u64 {
         self.ticket += 1;
-        let mut answers = Answers::new();
-        let mut awaited = Vec::new();
+        let ticket = self.ticket;
+        let mut gone_devices = Vec::new();
+        let mut asked = Asked { ticket, awaited: Vec::new(), answers: Answers::new() };
         for (device, order) in orders {
-            let command = Command { ticket: self.ticket, limit, order };
-            if self.members[device].commands.as_ref().is_some_and(|c| c.send(command).is_ok()) {
-                awaited.push(device);
-            } else {
-                self.answer_for(device, gone(), &mut answers);
+            let command = Command { ticket, limit, order };
+            asked.awaited.push(device);
+            if !self.members[device].commands.as_ref().is_some_and(|c| c.send(command).is_ok()) {
+                gone_devices.push(device);
             }
         }
+        self.asked.push(asked);
+        gone_devices.into_iter().for_each(|d| self.answer_for(d, gone()));
+        ticket
+    }
+
+    /// Tells the workers not to wait for rows of this ticket.
+    pub fn call_off(&self, ticket: u64) {
+        for inbox in &self.inboxes {
+            // Who is gone waits for nothing.
+            let _ = inbox.send(Parcel::Abort { ticket });
+        }
+    }
+
+    /// Waits for the answers to what was asked under this ticket. A device that shows no sign of life for longer than
+    /// `limit` is answered for, and the others are told not to wait for it.
+    pub fn answers(&mut self, ticket: u64, limit: Duration) -> Answers {
         let pulses: Vec<_> = self.members.iter().map(|m| Arc::clone(&m.pulse)).collect();
         let pulses: Vec<&Pulse> = pulses.iter().map(|p| &**p).collect();
         let mut vigil = Vigil::new(limit, &pulses);
-        while !awaited.is_empty() {
-            let mut missing = Vec::new();
+        loop {
+            let Some(place) = self.asked.iter().position(|a| a.ticket == ticket) else { return Answers::new() };
+            if self.asked[place].awaited.is_empty() {
+                return self.asked.remove(place).answers;
+            }
+            let awaited = self.asked[place].awaited.clone();
             match self.replies.recv_timeout(vigil.slice()) {
-                // Devices that were answered for may answer after all, too late.
-                Ok(reply) if reply.ticket == self.ticket && awaited.contains(&reply.device) => {
-                    awaited.retain(|d| *d != reply.device);
-                    answers.push((reply.device, reply.answer));
-                }
-                Ok(_) => {}
+                Ok(reply) => self.take_in(reply),
                 Err(RecvTimeoutError::Timeout) => {
-                    missing.extend(
-                        awaited.iter().filter(|&&d| self.members[d].thread.is_finished()).map(|&d| (d, gone())),
-                    );
+                    let ended: Vec<_> =
+                        awaited.iter().filter(|&&d| self.members[d].thread.is_finished()).copied().collect();
+                    ended.into_iter().for_each(|d| self.answer_for(d, gone()));
                 }
-                Err(RecvTimeoutError::Disconnected) => missing.extend(awaited.iter().map(|&d| (d, gone()))),
+                Err(RecvTimeoutError::Disconnected) => awaited.iter().for_each(|&d| self.answer_for(d, gone())),
             }
             for device in vigil.silent(&pulses).into_iter().filter(|d| awaited.contains(d)) {
                 self.members[device].is_hung = true;
                 let what = format!("its worker gave no sign of life for more than {} ms", limit.as_millis());
-                missing.push((device, DeviceFailure { kind: FailureKind::Hang, what }));
-            }
-            for (device, failure) in missing {
-                awaited.retain(|d| *d != device);
-                self.answer_for(device, failure, &mut answers);
+                self.answer_for(device, DeviceFailure { kind: FailureKind::Hang, what });
             }
         }
-        answers
     }
 
-    fn answer_for(&self, device: usize, failure: DeviceFailure, answers: &mut Answers) {
-        if answers.iter().any(|(d, _)| *d == device) {
-            return;
+    /// Devices that were answered for may answer after all, too late.
+    fn take_in(&mut self, Reply { ticket, device, answer }: Reply) {
+        let is_awaited = |a: &&mut Asked| a.ticket == ticket && a.awaited.contains(&device);
+        if let Some(asked) = self.asked.iter_mut().find(is_awaited) {
+            asked.awaited.retain(|d| *d != device);
+            asked.answers.push((device, answer));
         }
-        for inbox in &self.inboxes {
-            // Who is gone waits for nothing.
-            let _ = inbox.send(Parcel::Abort { ticket: self.ticket });
+    }
+
+    /// Answers all that a device was asked.
+    fn answer_for(&mut self, device: usize, failure: DeviceFailure) {
+        let mut called_off = Vec::new();
+        for asked in self.asked.iter_mut().filter(|a| a.awaited.contains(&device)) {
+            asked.awaited.retain(|d| *d != device);
+            asked.answers.push((device, Err(Stop::Device(failure.clone()))));
+            called_off.push(asked.ticket);
         }
-        answers.push((device, Err(Stop::Device(failure))));
+        called_off.into_iter().for_each(|ticket| self.call_off(ticket));
     }
 }
 

@@ -7,27 +7,32 @@ use super::TaskTiming;
 use super::faults::InjectedKind;
 use crate::device::DeviceFailure;
 use crate::graph::{FrameGraph, PhysicalImage};
-use crate::stages::{RowTally, layout};
+use crate::stages::layout;
 
 /// What the renderer tells a worker.
 pub struct Command {
     /// Comes back with the answer; no two commands of a run have the same but those of one attempt at a frame.
     pub ticket: u64,
-    /// How long the device may take.
+    /// How long the device may take for one thing that is waited for.
     pub limit: Duration,
     pub order: Order,
 }
 
 pub enum Order {
     Frame(Box<FrameJob>),
-    /// Send both eyes' image back, once what is to happen to the device has happened.
-    Read(PhysicalImage, Option<InjectedKind>),
+    /// Send both eyes' image in this slot back, once what is to happen to the device has happened.
+    Read { image: PhysicalImage, slot: usize, injected: Option<InjectedKind> },
 }
 
+#[derive(Clone)]
 pub struct FrameJob {
     pub graph: Arc<FrameGraph>,
     pub constants: layout::Frame,
     pub previous: [layout::View; 2],
+    /// Where its outputs go.
+    pub slot: usize,
+    /// Outputs that the primary sends back with its answer, beside the row tallies.
+    pub reads: Arc<[PhysicalImage]>,
     /// How often dispatches run; more than once only to try slow devices out.
     pub runs: u32,
     /// What is to happen to the device half-way.
@@ -43,10 +48,14 @@ pub struct Reply {
 
 pub enum Answer {
     Frame(FrameReply),
-    Pixels([Vec<u8>; 2]),
+    Pixels(Pixels),
 }
 
+/// An image of both eyes, as it lies on the device.
+pub type Pixels = [Vec<u8>; 2];
+
 /// Why a worker did not do what it was told.
+#[derive(Clone)]
 pub enum Stop {
     /// Its own device failed.
     Device(DeviceFailure),
@@ -69,10 +78,11 @@ impl From<String> for Stop {
 /// A device's part of a frame, done.
 pub struct FrameReply {
     pub tasks: Vec<TaskTiming>,
-    /// Of the whole frame; the primary has them.
-    pub row_tallies: Option<[Vec<RowTally>; 2]>,
-    /// When the device was done, milliseconds since the origin.
+    /// When the device turned to the frame, and when it was done; milliseconds since the origin.
+    pub begin_ms: f64,
     pub end_ms: f64,
+    /// From the primary: the row tallies of the whole frame, and what was to be read.
+    pub images: Vec<(PhysicalImage, Pixels)>,
 }
 
 /// What workers send one another.

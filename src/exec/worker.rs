@@ -1,22 +1,26 @@
 //! The thread that drives one device.
 
+mod part;
+
 use std::any::Any;
-use std::collections::{HashMap, VecDeque};
+use std::collections::VecDeque;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
 use std::time::Instant;
 
-use crossbeam::channel::{Receiver, RecvTimeoutError, Sender};
+use crossbeam::channel::{Receiver, Sender};
 
+use super::ExecError;
 use super::faults::InjectedKind;
-use super::messages::{Answer, Command, FrameJob, FrameReply, Order, Parcel, Reply, Stop};
-use super::staging::{Pool, ReadBack, Recorded};
-use super::watchdog::{Pulse, SLICES};
-use super::{ExecError, TaskTiming, TimedTask, resource_name};
+use super::messages::{Answer, Command, Order, Pixels, Reply, Stop};
+use super::post::Post;
+use super::staging::{Pool, ReadBack};
+use super::watchdog::Pulse;
 use crate::device::{DeviceFailure, DeviceInfo, GpuClock, GpuDevice};
-use crate::graph::{PhysicalImage, Resource, Stage, Task, TaskKind};
+use crate::graph::{PhysicalImage, Stage};
 use crate::scene::rig::Eye;
-use crate::stages::{DeviceStages, RowTally, SceneTables, StageSettings, StageTask, Stamps};
+use crate::stages::{DeviceStages, SceneTables, StageSettings, Stamps};
+use part::{Outgoing, Part};
 
 pub struct Worker {
     gpu: GpuDevice,
@@ -25,14 +29,14 @@ pub struct Worker {
     stamp_buffer: wgpu::Buffer,
     clock: GpuClock,
     pool: Pool,
-    inbox: Receiver<Parcel>,
-    outboxes: Vec<Sender<Parcel>>,
+    post: Post,
     replies: Sender<Reply>,
-    /// Parcels that came before they were asked for.
-    early: HashMap<(u64, u32), Vec<u8>>,
-    /// Of the command being carried out, and of the last attempt that was called off.
-    ticket: u64,
-    aborted: Option<u64>,
+    /// Frames that are not answered for, oldest first. All but the last one are submitted.
+    open: VecDeque<Part>,
+    /// Rows whose copy has been submitted, of all these frames, in order of submission.
+    outgoing: VecDeque<Outgoing>,
+    /// Why the device can no longer be used.
+    failure: Option<DeviceFailure>,
     pulse: Arc<Pulse>,
     origin: Instant,
     /// Lavapipe's queue takes no second submission while the first one runs, but holds its caller up. Rows that others
@@ -40,38 +44,13 @@ pub struct Worker {
     submit_blocks: bool,
 }
 
-/// Rows whose copy has been submitted, in order of submission.
-struct Outgoing {
-    back: ReadBack,
-    to: usize,
-    transfer: u32,
-    timing: TaskTiming,
-}
-
-/// A worker waits for others for this many slices of a device's limit: longer than it takes to find out that one of
-/// them is hung.
-const DEPENDENT_SLICES: u32 = 32;
-
-/// State of a frame in the making.
-#[derive(Default)]
-struct Progress {
-    encoder: Option<wgpu::CommandEncoder>,
-    copies: Vec<(Recorded, Task)>,
-    outgoing: VecDeque<Outgoing>,
-    timings: Vec<TaskTiming>,
-    /// Stage tasks with their pairs of timestamps.
-    stamped: Vec<(u32, Task, Stage)>,
-}
-
 impl Worker {
-    #[allow(clippy::too_many_arguments)]
     pub fn new(
         mut gpu: GpuDevice,
         settings: &StageSettings,
         tables: &SceneTables,
         stages: &[Stage],
-        inbox: Receiver<Parcel>,
-        outboxes: Vec<Sender<Parcel>>,
+        post: Post,
         replies: Sender<Reply>,
         origin: Instant,
     ) -> Result<Self, ExecError> {
@@ -90,20 +69,18 @@ impl Worker {
             mapped_at_creation: false,
         });
         let submit_blocks = gpu.info.threads.is_some();
-        let (pool, early) = (Pool::default(), HashMap::new());
         Ok(Self {
             gpu,
             stages,
             stamps,
             stamp_buffer,
             clock,
-            pool,
-            inbox,
-            outboxes,
+            pool: Pool::default(),
+            post,
             replies,
-            early,
-            ticket: 0,
-            aborted: None,
+            open: VecDeque::new(),
+            outgoing: VecDeque::new(),
+            failure: None,
             pulse: Arc::default(),
             origin,
             submit_blocks,
@@ -118,92 +95,75 @@ impl Worker {
         Arc::clone(&self.pulse)
     }
 
-    /// Carries out commands until nobody can give any more.
+    /// Carries out commands until nobody can give any more. A new frame goes before what is left of older ones: the
+    /// device has something to do while the host waits for their rows.
     pub fn run(mut self, commands: Receiver<Command>) {
-        let device = self.gpu.info.index;
-        while let Ok(Command { ticket, limit, order }) = commands.recv() {
+        loop {
+            let oldest = self.open.front().map(|p| p.ticket);
+            let command = match oldest {
+                None => commands.recv().ok(),
+                Some(_) => commands.try_recv().ok(),
+            };
             self.pulse.beat();
-            self.ticket = ticket;
-            self.gpu.patience = limit;
-            // A panic is a bug; those who wait for this device must hear of it all the same.
-            let answer = catch_unwind(AssertUnwindSafe(|| match order {
-                Order::Frame(job) => self.frame(&job).map(Answer::Frame),
-                Order::Read(image, injected) => {
-                    self.befall(injected);
-                    Ok(Answer::Pixels(self.read(image)?))
-                }
-            }));
-            let answer =
-                answer.unwrap_or_else(|panic| Err(format!("its worker panicked: {}", panic_text(&*panic)).into()));
-            if let Err(stop) = &answer {
-                self.give_up(stop);
-            }
-            if self.replies.send(Reply { ticket, device, answer }).is_err() {
-                break;
+            match (command, oldest) {
+                (Some(command), _) => self.attempt(command.ticket, |worker| worker.obey(command)),
+                (None, Some(ticket)) => self.attempt(ticket, |worker| worker.advance(true).map(drop)),
+                (None, None) => break,
             }
         }
     }
 
-    fn give_up(&mut self, stop: &Stop) {
-        self.early.clear();
-        if matches!(stop, Stop::Aborted) {
-            return;
+    /// Does something for the attempt with this ticket, and answers that it came to nothing if it does.
+    fn attempt(&mut self, ticket: u64, what: impl FnOnce(&mut Self) -> Result<(), Stop>) {
+        let done = match self.failure.clone() {
+            Some(failure) => Err(failure.into()),
+            // A panic is a bug; those who wait for this device must hear of it all the same.
+            None => catch_unwind(AssertUnwindSafe(|| what(self)))
+                .unwrap_or_else(|panic| Err(format!("its worker panicked: {}", panic_text(&*panic)).into())),
+        };
+        if let Err(stop) = done {
+            self.give_up(ticket, stop);
         }
-        for (_, outbox) in self.outboxes.iter().enumerate().filter(|(i, _)| *i != self.gpu.info.index) {
-            // A worker that is gone waits for nothing.
-            let _ = outbox.send(Parcel::Abort { ticket: self.ticket });
+    }
+
+    /// Nothing comes of this attempt; nor of any other, if it is the device that failed.
+    fn give_up(&mut self, ticket: u64, stop: Stop) {
+        let mut lost = vec![ticket];
+        if let Stop::Device(failure) = &stop {
+            self.failure = Some(failure.clone());
+            lost.extend(self.open.iter().map(|p| p.ticket).filter(|t| *t != ticket));
+            lost.iter().for_each(|t| self.post.call_off(*t));
+        }
+        self.open.retain(|p| !lost.contains(&p.ticket));
+        self.outgoing.retain(|o| !lost.contains(&o.ticket));
+        lost.into_iter().for_each(|t| self.answer(t, Err(stop.clone())));
+    }
+
+    fn answer(&self, ticket: u64, answer: Result<Answer, Stop>) {
+        // Nobody listens any more if the run has ended.
+        let _ = self.replies.send(Reply { ticket, device: self.gpu.info.index, answer });
+    }
+
+    fn obey(&mut self, Command { ticket, limit, order }: Command) -> Result<(), Stop> {
+        self.gpu.patience = limit;
+        self.post.forget_below(self.open.front().map_or(ticket, |p| p.ticket));
+        match order {
+            Order::Frame(job) => {
+                let begin_ms = self.now_ms();
+                self.open.push_back(Part::new(ticket, *job, begin_ms));
+                self.carry_out()
+            }
+            Order::Read { image, slot, injected } => {
+                self.befall(injected);
+                let pixels = self.read(image, slot)?;
+                self.answer(ticket, Ok(Answer::Pixels(pixels)));
+                Ok(())
+            }
         }
     }
 
     fn now_ms(&self) -> f64 {
         self.origin.elapsed().as_secs_f64() * 1e3
-    }
-
-    fn frame(&mut self, job: &FrameJob) -> Result<FrameReply, Stop> {
-        let device = self.gpu.info.index;
-        let frame = job.constants.index;
-        let _span = tracing::info_span!("device frame", frame).entered();
-        self.early.retain(|(ticket, _), _| *ticket == self.ticket);
-        self.stamps.reset();
-        self.stages.set_frame(&self.gpu, &job.constants, &job.previous);
-        let mut progress = Progress::default();
-        let tasks = job.graph.tasks_of(device);
-        for (i, task) in tasks.iter().enumerate() {
-            self.pulse.beat();
-            if i == tasks.len() / 2 && job.injected.is_some() {
-                self.flush(&mut progress, frame)?;
-                self.befall(job.injected);
-            }
-            // Copies leave together, as soon as the last of a run of them is recorded.
-            if !progress.copies.is_empty() && !matches!(task.kind, TaskKind::Download { .. }) {
-                self.flush(&mut progress, frame)?;
-            }
-            match &task.kind {
-                TaskKind::Dispatch { .. } => self.dispatch(&mut progress, task, job.runs),
-                TaskKind::Download { resource, .. } => self.download(&mut progress, *resource, task),
-                TaskKind::Upload { resource, transfer, .. } => {
-                    self.flush(&mut progress, frame)?;
-                    self.upload(&mut progress, frame, *resource, *transfer, task)?;
-                }
-                TaskKind::Stitch => {}
-            }
-        }
-        if tasks.is_empty() {
-            self.befall(job.injected);
-        }
-        self.flush(&mut progress, frame)?;
-        while self.send_oldest(&mut progress, frame)? {}
-        {
-            let _span = tracing::info_span!("wait for device", frame).entered();
-            // Uploads that no dispatch follows, as those of the stitch, are carried out by an empty submission.
-            self.gpu.queue.submit([]);
-            self.gpu.wait(None)?;
-        }
-        let end_ms = self.now_ms();
-        let mut timings = self.read_stamps(&progress)?;
-        timings.append(&mut progress.timings);
-        let row_tallies = if device == job.graph.primary { Some(self.read_tallies()?) } else { None };
-        Ok(FrameReply { tasks: timings, row_tallies, end_ms })
     }
 
     /// What is to happen to the device, happens.
@@ -225,187 +185,28 @@ impl Worker {
         }
     }
 
-    fn dispatch(&mut self, progress: &mut Progress, task: &Task, runs: u32) {
-        let TaskKind::Dispatch { stage, index, valid, filter } = &task.kind else { return };
-        let stage_task = StageTask {
-            stage: *stage,
-            view: task.view,
-            index: *index,
-            rows: task.rows.clone(),
-            valid: valid.clone(),
-            filter: *filter,
-        };
-        let encoder =
-            progress.encoder.get_or_insert_with(|| self.gpu.device.create_command_encoder(&Default::default()));
-        if let Some(pair) = self.stages.record(&self.gpu, encoder, &mut self.stamps, &stage_task, runs) {
-            progress.stamped.push((pair, task.clone(), *stage));
-        }
-    }
-
-    fn download(&mut self, progress: &mut Progress, resource: Resource, task: &Task) {
-        let image = resource.physical();
-        let (offset, size) = self.stages.images.span(image, &task.rows);
-        let encoder =
-            progress.encoder.get_or_insert_with(|| self.gpu.device.create_command_encoder(&Default::default()));
-        let source = self.stages.images.buffer(image, task.view);
-        let copy = self.pool.record(&self.gpu, encoder, source, offset, size);
-        progress.copies.push((copy, task.clone()));
-    }
-
-    /// Submits what is recorded.
-    fn flush(&mut self, progress: &mut Progress, frame: u32) -> Result<(), Stop> {
-        let Some(encoder) = progress.encoder.take() else { return Ok(()) };
-        if self.submit_blocks {
-            while self.send_oldest(progress, frame)? {}
-        }
-        let _span = tracing::info_span!("submit").entered();
-        let submission = self.gpu.queue.submit([encoder.finish()]);
-        for (copy, task) in progress.copies.drain(..) {
-            let TaskKind::Download { resource, transfer, to } = task.kind else { continue };
-            let timing = transfer_timing(&task, TimedTask::Download, resource, transfer);
-            progress.outgoing.push_back(Outgoing { back: copy.submitted(submission.clone()), to, transfer, timing });
-        }
-        Ok(())
-    }
-
-    /// Hands on the copy that was submitted first, if there is one.
-    fn send_oldest(&mut self, progress: &mut Progress, frame: u32) -> Result<bool, Stop> {
-        let Some(mut out) = progress.outgoing.pop_front() else { return Ok(false) };
-        {
-            let _span = tracing::info_span!("wait for own rows", frame).entered();
-            self.gpu.wait(Some(out.back.submission()))?;
-        }
-        self.pulse.beat();
-        out.timing.begin_ms = self.now_ms();
-        let bytes = self.pool.finish(&self.gpu, out.back)?;
-        out.timing.bytes = Some(bytes.len() as u64);
-        let parcel = Parcel::Rows { ticket: self.ticket, transfer: out.transfer, bytes };
-        self.outboxes[out.to].send(parcel).map_err(|_| Stop::Aborted)?;
-        out.timing.end_ms = self.now_ms();
-        progress.timings.push(out.timing);
-        Ok(true)
-    }
-
-    fn upload(
-        &mut self,
-        progress: &mut Progress,
-        frame: u32,
-        resource: Resource,
-        transfer: u32,
-        task: &Task,
-    ) -> Result<(), Stop> {
-        let bytes = self.receive(progress, frame, transfer)?;
-        let mut timing = transfer_timing(task, TimedTask::Upload, resource, transfer);
-        timing.begin_ms = self.now_ms();
-        let image = resource.physical();
-        let (offset, size) = self.stages.images.span(image, &task.rows);
-        if bytes.len() as u64 != size {
-            return Err(format!("transfer {transfer} brought {} bytes of {size}", bytes.len()).into());
-        }
-        self.gpu.queue.write_buffer(self.stages.images.buffer(image, task.view), offset, &bytes);
-        timing.bytes = Some(size);
-        timing.end_ms = self.now_ms();
-        progress.timings.push(timing);
-        Ok(())
-    }
-
-    /// Waits for a parcel; keeps others for later. Rows that others wait for go out first: all of them stand before this
-    /// upload in the common order, so whoever waits for them cannot be waited for here.
-    fn receive(&mut self, progress: &mut Progress, frame: u32, transfer: u32) -> Result<Vec<u8>, Stop> {
-        let _span = tracing::info_span!("wait for rows of others", frame, transfer).entered();
-        let slice = self.gpu.patience / SLICES;
-        let mut slices = 0;
-        loop {
-            while let Ok(parcel) = self.inbox.try_recv() {
-                self.take_in(parcel);
-            }
-            if self.aborted == Some(self.ticket) {
-                return Err(Stop::Aborted);
-            }
-            if let Some(bytes) = self.early.remove(&(self.ticket, transfer)) {
-                return Ok(bytes);
-            }
-            if self.send_oldest(progress, frame)? {
-                continue;
-            }
-            match self.pulse.depending(|| self.inbox.recv_timeout(slice)) {
-                Ok(parcel) => self.take_in(parcel),
-                Err(RecvTimeoutError::Timeout) if slices < DEPENDENT_SLICES => slices += 1,
-                Err(_) => return Err(Stop::Aborted),
-            }
-        }
-    }
-
-    fn take_in(&mut self, parcel: Parcel) {
-        match parcel {
-            // Rows of an attempt that was called off come late.
-            Parcel::Rows { ticket, .. } if ticket < self.ticket => {}
-            Parcel::Rows { ticket, transfer, bytes } => {
-                self.early.insert((ticket, transfer), bytes);
-            }
-            Parcel::Abort { ticket } => self.aborted = self.aborted.max(Some(ticket)),
-        }
-    }
-
-    fn read_back(&mut self, source: &wgpu::Buffer, offset: u64, size: u64) -> Result<Vec<u8>, DeviceFailure> {
-        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        let copy = self.pool.record(&self.gpu, &mut encoder, source, offset, size);
-        let submission = self.gpu.queue.submit([encoder.finish()]);
-        self.pool.finish(&self.gpu, copy.submitted(submission))
-    }
-
-    /// Times of the frame's stage tasks, on the host's clock.
-    fn read_stamps(&mut self, progress: &Progress) -> Result<Vec<TaskTiming>, DeviceFailure> {
-        let written = self.stamps.written();
-        if written == 0 {
-            return Ok(Vec::new());
-        }
-        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-        encoder.resolve_query_set(&self.stamps.queries, 0..written, &self.stamp_buffer, 0);
-        self.gpu.queue.submit([encoder.finish()]);
-        let buffer = self.stamp_buffer.clone();
-        let bytes = self.read_back(&buffer, 0, u64::from(written) * 8)?;
-        let ticks = bytemuck::pod_collect_to_vec::<u8, u64>(&bytes);
-        let timing = |(pair, task, stage): &(u32, Task, Stage)| TaskTiming {
-            stage: stage.name(),
-            kind: TimedTask::Gpu(*stage),
-            view: task.view,
-            device: task.device,
-            rows: task.rows.clone(),
-            begin_ms: self.clock.host_ms(ticks[2 * *pair as usize]),
-            end_ms: self.clock.host_ms(ticks[2 * *pair as usize + 1]),
-            bytes: None,
-            transfer: None,
-        };
-        Ok(progress.stamped.iter().map(timing).collect())
-    }
-
-    fn read_tallies(&mut self) -> Result<[Vec<RowTally>; 2], DeviceFailure> {
-        Ok(self.read(PhysicalImage::RowTally)?.map(|bytes| bytemuck::pod_collect_to_vec(&bytes)))
-    }
-
-    fn read(&mut self, image: PhysicalImage) -> Result<[Vec<u8>; 2], DeviceFailure> {
+    /// Asks for an image, both eyes.
+    fn request(&mut self, image: PhysicalImage, slot: usize) -> [ReadBack; 2] {
         let rows = 0..self.stages.extent().height;
         let (offset, size) = self.stages.images.span(image, &rows);
-        let [left, right] = Eye::ALL.map(|eye| self.stages.images.buffer(image, eye).clone());
-        Ok([self.read_back(&left, offset, size)?, self.read_back(&right, offset, size)?])
+        Eye::ALL.map(|eye| {
+            let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
+            let source = self.stages.images.buffer(image, eye, slot);
+            let copy = self.pool.record(&self.gpu, &mut encoder, source, offset, size);
+            copy.submitted(self.gpu.queue.submit([encoder.finish()]))
+        })
+    }
+
+    fn finish(&mut self, [left, right]: [ReadBack; 2]) -> Result<Pixels, DeviceFailure> {
+        Ok([self.pool.finish(&self.gpu, left)?, self.pool.finish(&self.gpu, right)?])
+    }
+
+    fn read(&mut self, image: PhysicalImage, slot: usize) -> Result<Pixels, DeviceFailure> {
+        let backs = self.request(image, slot);
+        self.finish(backs)
     }
 }
 
 fn panic_text(panic: &(dyn Any + Send)) -> &str {
     panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied()).unwrap_or("no message")
-}
-
-fn transfer_timing(task: &Task, kind: TimedTask, resource: Resource, transfer: u32) -> TaskTiming {
-    TaskTiming {
-        stage: resource_name(resource),
-        kind,
-        view: task.view,
-        device: task.device,
-        rows: task.rows.clone(),
-        begin_ms: 0.0,
-        end_ms: 0.0,
-        bytes: None,
-        transfer: Some(transfer),
-    }
 }

@@ -62,6 +62,8 @@ pub struct FrameGraph {
     pub dag: DiGraph<Task, Resource>,
     /// The device that ends up with the whole images.
     pub primary: usize,
+    /// The pass that no other waits for, after all others.
+    stitch_pass: u32,
     /// Per device, in the order of keys.
     orders: Vec<Vec<Task>>,
 }
@@ -73,13 +75,21 @@ impl FrameGraph {
         for (i, pass) in passes.iter().enumerate() {
             builder.add_pass(i as u32, pass, spec, assignment);
         }
-        builder.stitch(passes.len() as u32, spec, assignment.primary());
+        let stitch_pass = passes.len() as u32;
+        builder.stitch(stitch_pass, spec, assignment.primary());
         let mut orders = vec![Vec::new(); spec.devices];
         for task in builder.dag.node_weights() {
             orders[task.device].push(task.clone());
         }
         orders.iter_mut().for_each(|tasks| tasks.sort_by_key(|t| t.key));
-        Self { dag: builder.dag, primary: assignment.primary(), orders }
+        Self { dag: builder.dag, primary: assignment.primary(), stitch_pass, orders }
+    }
+
+    /// A device's tasks in the order it carries them out: first those that others may wait for, then those of the
+    /// stitch, which it may put off.
+    pub fn parts_of(&self, device: usize) -> (&[Task], &[Task]) {
+        let tasks = &self.orders[device];
+        tasks.split_at(tasks.partition_point(|t| t.key.pass < self.stitch_pass))
     }
 
     /// A device's tasks in the order it carries them out.

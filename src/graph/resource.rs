@@ -78,6 +78,12 @@ impl PhysicalImage {
         per_pixel * u64::from(width)
     }
 
+    /// Whether it leaves the frame. Frames in flight have such images each for itself; all others they follow one
+    /// another in.
+    pub fn is_output(self) -> bool {
+        matches!(self, Self::RowTally | Self::Linear | Self::Display | Self::Aov(_))
+    }
+
     /// Bytes before the first row.
     pub fn header_bytes(self) -> u64 {
         if self == Self::Holes { 16 } else { 0 }

@@ -34,6 +34,7 @@ pub struct RunSettings {
     pub reference: bool,
     pub time_s: f64,
     pub fps: f64,
+    pub frames_in_flight: u8,
     pub indirect_clamp: Option<f32>,
     pub shader_checks: String,
 }
@@ -104,7 +105,9 @@ impl fmt::Display for ReferenceRow {
 pub struct FrameRow {
     pub index: u32,
     pub makespan_ms: f64,
-    /// What the cost model foretold; `null` before it had learned from a frame.
+    /// From the end of the frame before to the end of this one; `null` for the first.
+    pub interval_ms: Option<f64>,
+    /// What the cost model foretold; `null` before it had learned from a frame, and for frames in flight together.
     pub predicted_ms: Option<f64>,
     pub plan_ms: f64,
     #[serde(flatten)]
@@ -144,6 +147,7 @@ impl FrameRow {
         Self {
             index: frame.index,
             makespan_ms: frame.makespan_ms,
+            interval_ms: frame.interval_ms,
             predicted_ms: frame.predicted_ms,
             plan_ms: frame.plan_ms,
             quality: *quality,
@@ -216,6 +220,18 @@ impl RunReport {
             serde_json::to_writer_pretty(&mut *file, self)?;
             file.write_all(b"\n")
         })
+    }
+
+    /// Time in which devices were at frames: their makespans, or what of them was not the frame before's as well.
+    pub fn rendering_s(&self) -> f64 {
+        let own_ms = |f: &FrameRow| f.interval_ms.map_or(f.makespan_ms, |i| i.min(f.makespan_ms));
+        self.frames.iter().map(own_ms).sum::<f64>() * 1e-3
+    }
+
+    /// Median time between the ends of frames that follow one another, ms.
+    pub fn median_interval_ms(&self) -> Option<f64> {
+        let intervals: Vec<f64> = self.frames.iter().filter_map(|f| f.interval_ms).collect();
+        (!intervals.is_empty()).then(|| median_of(intervals))
     }
 
     /// Median of the frames' makespans, ms.

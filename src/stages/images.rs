@@ -1,5 +1,6 @@
 //! The images of a frame on one device. Every image spans the whole frame, whatever the device owns of it: stripes may
-//! move from frame to frame, and a row has the same address everywhere.
+//! move from frame to frame, and a row has the same address everywhere. What leaves a frame is there once per frame in
+//! flight, in slots.
 
 use std::collections::HashMap;
 use std::ops::Range;
@@ -11,7 +12,7 @@ use crate::scene::rig::Eye;
 
 pub struct Images {
     extent: Extent,
-    buffers: HashMap<(PhysicalImage, Eye), wgpu::Buffer>,
+    buffers: HashMap<(PhysicalImage, Eye, usize), wgpu::Buffer>,
 }
 
 const PER_VIEW: [PhysicalImage; 12] = [
@@ -41,7 +42,7 @@ pub struct TooLarge {
 }
 
 impl Images {
-    pub fn new(gpu: &GpuDevice, extent: Extent, aovs: u8) -> Result<Self, TooLarge> {
+    pub fn new(gpu: &GpuDevice, extent: Extent, aovs: u8, slots: usize) -> Result<Self, TooLarge> {
         let all = PER_VIEW.into_iter().chain((0..aovs).map(PhysicalImage::Aov));
         let mut buffers = HashMap::new();
         for image in all {
@@ -50,22 +51,25 @@ impl Images {
             if size > limit {
                 return Err(TooLarge { extent, mib: size >> 20, limit: limit >> 20, device: gpu.info.index });
             }
-            for eye in Eye::ALL {
+            let slots = if image.is_output() { slots } else { 1 };
+            for (eye, slot) in Eye::ALL.into_iter().flat_map(|e| (0..slots).map(move |s| (e, s))) {
                 let buffer = new_buffer(gpu, image, size);
                 if image == PhysicalImage::Holes {
                     // Hole-filling runs as many workgroups in x as reprojection counts; y and z are always 1.
                     gpu.queue.write_buffer(&buffer, 8, bytemuck::cast_slice(&[1u32, 1]));
                 }
-                buffers.insert((image, eye), buffer);
+                buffers.insert((image, eye, slot), buffer);
             }
         }
         Ok(Self { extent, buffers })
     }
 
+    /// The image of the frame in this slot.
+    ///
     /// # Panics
-    /// On an auxiliary image that was not asked for.
-    pub fn buffer(&self, image: PhysicalImage, eye: Eye) -> &wgpu::Buffer {
-        &self.buffers[&(image, eye)]
+    /// On an auxiliary image that was not asked for, and a slot that is not there.
+    pub fn buffer(&self, image: PhysicalImage, eye: Eye, slot: usize) -> &wgpu::Buffer {
+        &self.buffers[&(image, eye, if image.is_output() { slot } else { 0 })]
     }
 
     /// Bytes of rows `rows` of an image: offset and size.

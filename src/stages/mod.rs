@@ -57,6 +57,8 @@ pub struct StageSettings {
     /// Whether the right eye is reprojected.
     pub reproject: bool,
     pub aovs: Vec<Aov>,
+    /// Frames that may be on the devices at a time, 1 at least.
+    pub frames_in_flight: usize,
     pub checks: ShaderChecks,
 }
 

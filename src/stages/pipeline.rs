@@ -74,13 +74,15 @@ struct GroupKey {
     view: Eye,
     filter: Option<(PhysicalImage, PhysicalImage)>,
     index: u32,
+    slot: usize,
 }
 
 /// What one device needs to carry out any task.
 pub struct DeviceStages {
     settings: StageSettings,
-    /// Samples per pixel of the frame that is set.
+    /// Samples per pixel and slot of the frame that is set.
     spp: u32,
+    slot: usize,
     pub images: Images,
     rooms: Vec<Built>,
     groups: HashMap<GroupKey, wgpu::BindGroup>,
@@ -119,7 +121,7 @@ impl DeviceStages {
         stages: &[Stage],
     ) -> Result<Self, StageError> {
         settings.needs.instances |= tables.has_instances();
-        let images = Images::new(gpu, settings.extent, settings.aovs.len() as u8)?;
+        let images = Images::new(gpu, settings.extent, settings.aovs.len() as u8, settings.frames_in_flight)?;
         let scene = SceneBuffers::new(gpu, tables)?;
         let frame = uniform(gpu, "frame", size_of::<Frame>());
         let previous = uniform(gpu, "previous views", 2 * size_of::<View>());
@@ -147,14 +149,14 @@ impl DeviceStages {
                 None => build(gpu, room, group0, &settings)?,
             });
         }
-        let (spp, groups) = (settings.spp, HashMap::new());
+        let (spp, slot, groups) = (settings.spp, 0, HashMap::new());
         let kept = None;
-        Ok(Self { settings, spp, images, rooms, groups, frame_only, with_scene, frame, previous, kept })
+        Ok(Self { settings, spp, slot, images, rooms, groups, frame_only, with_scene, frame, previous, kept })
     }
 
-    /// Sets the constants that the next submission's tasks see.
-    pub fn set_frame(&mut self, gpu: &GpuDevice, frame: &Frame, previous: &[View; 2]) {
-        self.spp = frame.spp;
+    /// Sets the constants that the next submission's tasks see, and the slot of their outputs.
+    pub fn set_frame(&mut self, gpu: &GpuDevice, frame: &Frame, previous: &[View; 2], slot: usize) {
+        (self.spp, self.slot) = (frame.spp, slot);
         gpu.queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(frame));
         gpu.queue.write_buffer(&self.previous, 0, bytemuck::cast_slice(previous));
     }
@@ -188,7 +190,7 @@ impl DeviceStages {
         let pair = stamps.next();
         let queries = |at: Option<u32>| at.map(|_| &stamps.queries);
         let counted = (runs > 1 && adds_counts(task.stage)).then(|| {
-            let counts = self.images.buffer(PhysicalImage::Tally, task.view).clone();
+            let counts = self.images.buffer(PhysicalImage::Tally, task.view, self.slot).clone();
             let kept = self.kept.get_or_insert_with(|| scratch(gpu, counts.size())).clone();
             encoder.copy_buffer_to_buffer(&counts, 0, &kept, 0, counts.size());
             (counts, kept)
@@ -222,11 +224,12 @@ impl DeviceStages {
             view: task.view,
             filter: task.filter.map(|(a, b)| (a.physical(), b.physical())),
             index: if task.stage == Stage::Aov { task.index } else { 0 },
+            slot: self.slot,
         };
         let (images, previous) = (&self.images, &self.previous);
         let group = self.groups.entry(key).or_insert_with_key(|k| bind_slots(gpu, built, images, previous, k));
         for &(image, bytes) in built.room.clears {
-            encoder.clear_buffer(self.images.buffer(image, task.view), 0, bytes);
+            encoder.clear_buffer(self.images.buffer(image, task.view, self.slot), 0, bytes);
         }
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some(task.stage.name()),
@@ -264,7 +267,7 @@ impl DeviceStages {
                 // The list is empty as long as nothing was reprojected.
                 None if task.rows.is_empty() => pass.dispatch_workgroups(1, 1, 1),
                 None => {
-                    pass.dispatch_workgroups_indirect(self.images.buffer(PhysicalImage::Holes, task.view), 4);
+                    pass.dispatch_workgroups_indirect(self.images.buffer(PhysicalImage::Holes, task.view, self.slot), 4);
                 }
             }
         }
@@ -362,11 +365,11 @@ fn bind_slots(
 ) -> wgpu::BindGroup {
     let filter = key.filter.unwrap_or((PhysicalImage::Radiance, PhysicalImage::Ping));
     let buffer = |slot: Slot| match slot {
-        Slot::Read(image, Of::TaskView) | Slot::Write(image) => images.buffer(image, key.view),
-        Slot::Read(image, Of::Left) => images.buffer(image, Eye::Left),
-        Slot::FilterSource => images.buffer(filter.0, key.view),
-        Slot::FilterTarget => images.buffer(filter.1, key.view),
-        Slot::AovTarget => images.buffer(PhysicalImage::Aov(key.index as u8), key.view),
+        Slot::Read(image, Of::TaskView) | Slot::Write(image) => images.buffer(image, key.view, key.slot),
+        Slot::Read(image, Of::Left) => images.buffer(image, Eye::Left, key.slot),
+        Slot::FilterSource => images.buffer(filter.0, key.view, key.slot),
+        Slot::FilterTarget => images.buffer(filter.1, key.view, key.slot),
+        Slot::AovTarget => images.buffer(PhysicalImage::Aov(key.index as u8), key.view, key.slot),
         Slot::PreviousViews => previous,
     };
     let slots = built.room.slots.iter().enumerate();

@@ -1,0 +1,120 @@
+//! What a frame took and found.
+
+use std::ops::Range;
+
+use crate::graph::{Assignment, Resource, Stage};
+use crate::scene::rig::Eye;
+use crate::stages::RowTally;
+
+/// Time of one task on one device, milliseconds since the renderer's origin.
+#[derive(Clone, Debug, serde::Serialize)]
+pub struct TaskTiming {
+    pub stage: &'static str,
+    #[serde(skip)]
+    pub kind: TimedTask,
+    pub view: Eye,
+    pub device: usize,
+    pub rows: Range<u32>,
+    pub begin_ms: f64,
+    pub end_ms: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bytes: Option<u64>,
+    /// Number of the transfer within its frame; both of its ends have it.
+    #[serde(skip)]
+    pub transfer: Option<u32>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TimedTask {
+    /// On the device's own clock.
+    Gpu(Stage),
+    /// Rows taken from the device's memory to the host's.
+    Download,
+    /// Rows handed to the device.
+    Upload,
+}
+
+#[derive(Clone, Debug)]
+pub struct FrameReport {
+    pub index: u32,
+    /// When the first task was handed out, or the first device turned to the frame if it was busy with another;
+    /// milliseconds since the renderer's origin.
+    pub begin_ms: f64,
+    /// From there to the whole images on the primary: the frame's latency.
+    pub makespan_ms: f64,
+    /// Between its end and that of the frame before, which is what throughput follows from; none for a first frame.
+    pub interval_ms: Option<f64>,
+    /// Other frames that were on the devices with it.
+    pub overlapped: bool,
+    /// The makespan that the cost model foretold; none before it has learned from a frame, and none for frames that
+    /// overlap.
+    pub predicted_ms: Option<f64>,
+    /// Host time to make stripes and graph, milliseconds.
+    pub plan_ms: f64,
+    pub tasks: Vec<TaskTiming>,
+    /// Per eye, summed over rows.
+    pub tallies: [Tally; 2],
+    /// Per eye and row.
+    pub row_tallies: [Vec<RowTally>; 2],
+    pub assignment: Assignment,
+}
+
+impl FrameReport {
+    /// Rows at which one device's part of the left eye's path tracing ends and the next one's begins.
+    pub fn stripe_edges(&self) -> &[u32] {
+        self.assignment.stripes(Stage::PathTrace, Eye::Left).inner_edges()
+    }
+
+    /// Bytes that crossed from device to device.
+    pub fn uploaded_bytes(&self) -> u64 {
+        self.tasks.iter().filter(|t| t.kind == TimedTask::Upload).filter_map(|t| t.bytes).sum()
+    }
+}
+
+/// Totals of one view.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Tally {
+    pub rays: u64,
+    pub nonfinite: u64,
+    /// By [`crate::stages::HoleReason`].
+    pub holes: [u64; 6],
+}
+
+impl Tally {
+    pub fn of(rows: &[RowTally]) -> Self {
+        let mut sum = Self::default();
+        for row in rows {
+            sum.rays += u64::from(row.rays);
+            sum.nonfinite += u64::from(row.nonfinite);
+            for (s, h) in sum.holes.iter_mut().zip(row.holes) {
+                *s += u64::from(h);
+            }
+        }
+        sum
+    }
+}
+
+/// Both eyes.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Stereo<T> {
+    pub left: T,
+    pub right: T,
+}
+
+/// Name of a resource in reports.
+pub(super) fn resource_name(resource: Resource) -> &'static str {
+    match resource {
+        Resource::Hit => "hit",
+        Resource::Guide => "guide",
+        Resource::Albedo => "albedo",
+        Resource::Emission => "emission",
+        Resource::Radiance => "radiance",
+        Resource::Filtered(_) => "filtered",
+        Resource::Tally => "tally",
+        Resource::Holes => "holes",
+        Resource::RowTally => "row_tally",
+        Resource::Linear => "linear",
+        Resource::Display => "display",
+        Resource::Aov(_) => "aov",
+    }
+}
