@@ -73,7 +73,7 @@ fn main() {
         devices,
         views: Views::Reprojected,
         iterations: 5,
-        seam: Seam::Halo(HaloPlan::Recompute),
+        seam: Seam::Halo(HaloPlan::RECOMPUTE),
         aovs: 0,
         has_surfaces: true,
     };

@@ -110,7 +110,7 @@ fn stripes_may_differ_between_stages_and_views() {
         let mut settings = subject.denoised(WIDTH, HEIGHT);
         settings.stages.reproject = reproject;
         let one = Stage::even(&subject, &settings, 1).frame(0).linear;
-        for plan in [HaloPlan::Recompute, HaloPlan::Exchange] {
+        for plan in [HaloPlan::RECOMPUTE, HaloPlan::EXCHANGE] {
             settings.seam = Seam::Halo(plan);
             let found = Stage::with(&subject, &settings, 3, ratios(3, &rules)).frame(0).linear;
             assert_same(&format!("reproject {reproject}, {plan:?}"), &one, &found);
@@ -150,8 +150,8 @@ fn both_halo_plans_give_the_same_bytes() {
         settings.seam = Seam::Halo(plan);
         Stage::even(&subject, &settings, devices).frame(0).linear
     };
-    let one = render(HaloPlan::Recompute, 1);
-    for plan in [HaloPlan::Recompute, HaloPlan::Exchange] {
+    let one = render(HaloPlan::RECOMPUTE, 1);
+    for plan in [HaloPlan::RECOMPUTE, HaloPlan::EXCHANGE] {
         assert_same(&format!("{plan:?} on 4"), &one, &render(plan, 4));
     }
 }

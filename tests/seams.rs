@@ -110,7 +110,7 @@ fn the_seam_filter_changes_the_rows_at_the_seam_and_no_others() {
 #[test]
 fn the_halo_leaves_no_seam() {
     let subject = Subject::load("builtin:checker");
-    for plan in [HaloPlan::Recompute, HaloPlan::Exchange] {
+    for plan in [HaloPlan::RECOMPUTE, HaloPlan::EXCHANGE] {
         let images = render(&subject, Seam::Halo(plan));
         for (one, three) in eyes(&images) {
             assert_eq!(rows_that_differ(one, three), Vec::<u32>::new(), "{plan:?}");
@@ -122,7 +122,7 @@ fn the_halo_leaves_no_seam() {
 #[test]
 fn a_stripe_narrower_than_the_halo_leaves_no_seam() {
     let subject = Subject::load("builtin:checker");
-    for plan in [HaloPlan::Recompute, HaloPlan::Exchange] {
+    for plan in [HaloPlan::RECOMPUTE, HaloPlan::EXCHANGE] {
         let settings = RenderSettings { seam: Seam::Halo(plan), ..subject.denoised(WIDTH, 200) };
         let one = Stage::even(&subject, &settings, 1).frame(0).linear;
         let narrow = Static::new(200, 3, &["95,10,95".parse().unwrap()]).unwrap();

@@ -45,6 +45,8 @@ pub enum SeamOption {
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum HaloOption {
+    /// Whatever costs less, for each iteration
+    Cost,
     /// Receive a wide margin once, filter it oneself
     Recompute,
     /// Receive a narrow margin before every iteration
@@ -95,7 +97,7 @@ pub struct RunOptions {
     #[arg(long, default_value = "halo")]
     pub seam: SeamOption,
     /// How halo rows come about
-    #[arg(long, default_value = "recompute")]
+    #[arg(long, default_value = "cost")]
     pub halo: HaloOption,
     /// off: both eyes are fully traced
     #[arg(long, default_value = "on")]
@@ -134,8 +136,8 @@ impl RunOptions {
         match (self.seam, self.halo) {
             (SeamOption::None, _) => Seam::None,
             (SeamOption::Filter, _) => Seam::Filter,
-            (SeamOption::Halo, HaloOption::Recompute) => Seam::Halo(HaloPlan::Recompute),
-            (SeamOption::Halo, HaloOption::Exchange) => Seam::Halo(HaloPlan::Exchange),
+            (SeamOption::Halo, HaloOption::Cost | HaloOption::Recompute) => Seam::Halo(HaloPlan::RECOMPUTE),
+            (SeamOption::Halo, HaloOption::Exchange) => Seam::Halo(HaloPlan::EXCHANGE),
         }
     }
 

@@ -17,7 +17,7 @@ use diptych::trace::frames::{FrameKnobs, record_frame};
 use diptych::trace::{Recorder, TraceFile};
 
 use super::failure::Failure;
-use super::options::{Balance, RenderOptions, RunOptions};
+use super::options::{Balance, HaloOption, RenderOptions, RunOptions};
 
 /// A scene ready to be put on devices.
 pub struct Loaded {
@@ -82,6 +82,7 @@ pub fn renderer(
     let settings = RenderSettings {
         stages,
         seam: options.seam(),
+        adapts_halo: options.halo == HaloOption::Cost,
         seed: options.seed,
         bounces: options.bounces,
         indirect_clamp: options.clamp.unwrap_or(0.0),

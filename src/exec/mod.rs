@@ -43,6 +43,8 @@ pub enum ExecError {
 pub struct RenderSettings {
     pub stages: StageSettings,
     pub seam: Seam,
+    /// Whether the halo plan follows what it costs; else it stays as `seam` has it.
+    pub adapts_halo: bool,
     pub seed: u32,
     /// Light reaches the eye through at most max(bounces, 1) reflections.
     pub bounces: u32,

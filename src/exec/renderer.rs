@@ -1,6 +1,5 @@
 //! Frames planned, handed out, and taken in again.
 
-use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::ops::Range;
 use std::sync::Arc;
@@ -15,10 +14,10 @@ use super::watchdog::Watchdog;
 use super::worker::Worker;
 use super::{ExecError, Fault, FrameReport, RenderSettings, Tally, Trouble, costs};
 use crate::device::{DeviceFailure, DeviceInfo, GpuDevice};
-use crate::graph::{Assignment, FrameGraph, FrameSpec, PhysicalImage, Stage, Views, passes};
+use crate::graph::{Assignment, FrameGraph, FrameSpec, PhysicalImage, Seam, Stage, Views, passes};
 use crate::image::Extent;
 use crate::scene::rig::{Eye, Rig};
-use crate::schedule::{CostModel, Policy, simulate};
+use crate::schedule::{CostModel, Policy, choose_halo, simulate};
 use crate::stages::{SceneTables, layout};
 
 /// Renders frames on a set of devices.
@@ -283,6 +282,7 @@ impl Renderer {
             tallies: Default::default(),
             row_tallies: Default::default(),
             assignment,
+            seam: self.spec.seam,
         };
         let mut orders = Vec::new();
         for device in self.crew.left() {
@@ -309,21 +309,29 @@ impl Renderer {
         2 * self.spec.extent.area() as u64 * u64::from(inputs.constants.spp.max(1))
     }
 
-    /// Stripes and graph of the next frame; the graph is built anew only when a stripe has moved.
+    /// Stripes and graph of the next frame; the graph is built anew only when a stripe or the halo plan has changed.
     fn plan(&mut self) -> (Assignment, Arc<FrameGraph>) {
         let left = self.crew.left();
-        let model = if left.len() == self.devices.len() {
-            Cow::Borrowed(&self.costs)
-        } else {
-            Cow::Owned(self.costs.of_devices(&left))
-        };
-        let assignment = self.policy.assign(&model).renumbered(&left, self.devices.len());
+        self.plan_halo(&left);
+        let assignment = self.policy.assign(&self.costs.of_devices(&left)).renumbered(&left, self.devices.len());
         let graph = match self.planned.take() {
             Some((old, graph)) if old == assignment => graph,
             _ => Arc::new(FrameGraph::build(&self.spec, &assignment)),
         };
         self.planned = Some((assignment.clone(), Arc::clone(&graph)));
         (assignment, graph)
+    }
+
+    fn plan_halo(&mut self, left: &[usize]) {
+        let Seam::Halo(now) = self.spec.seam else { return };
+        if self.settings.adapts_halo {
+            let next = Seam::Halo(choose_halo(&self.costs.of_devices(left), now));
+            if next != self.spec.seam {
+                self.spec.seam = next;
+                self.costs.set_seam(next);
+                self.planned = None;
+            }
+        }
     }
 
     /// Collects a frame's answers; returns the devices that failed. A whole frame is learned from.

@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::graph::{Assignment, Resource, Stage};
+use crate::graph::{Assignment, Resource, Seam, Stage};
 use crate::scene::rig::Eye;
 use crate::stages::RowTally;
 
@@ -57,6 +57,7 @@ pub struct FrameReport {
     /// Per eye and row.
     pub row_tallies: [Vec<RowTally>; 2],
     pub assignment: Assignment,
+    pub seam: Seam,
 }
 
 impl FrameReport {

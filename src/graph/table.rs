@@ -2,6 +2,8 @@
 //!
 //! A new stage is a new variant of [`Stage`], its sentences in [`passes`], and a room in [`crate::stages`].
 
+use std::ops::Range;
+
 use super::resource::Resource::{self, *};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
@@ -59,19 +61,37 @@ pub enum Views {
     Reprojected,
 }
 
-/// How filtered rows come to agree with one device's.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum HaloPlan {
-    /// Receive the first pass's rows once and filter the shrinking margin oneself.
-    Recompute,
-    /// Receive the neighbour's rows before every pass.
-    Exchange,
+/// How filtered rows come to agree with one device's: before which iterations rows come from neighbours. For those in
+/// between, a device filters a margin around its stripe as well, as wide as they reach together. The first one always
+/// receives.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct HaloPlan(u32);
+
+impl HaloPlan {
+    /// Receive a wide margin once and filter it oneself.
+    pub const RECOMPUTE: Self = Self(1);
+    /// Receive narrow margins before every iteration.
+    pub const EXCHANGE: Self = Self(u32::MAX);
+
+    /// All plans that differ for this many iterations.
+    pub fn all(iterations: u32) -> impl Iterator<Item = Self> {
+        (0..1 << iterations.saturating_sub(1)).map(|later| Self(later << 1 | 1))
+    }
+
+    pub fn receives_before(self, iteration: u32) -> bool {
+        self.0 >> iteration & 1 == 1
+    }
+
+    /// The iterations in runs, each after rows were received.
+    pub fn runs(self, iterations: u32) -> Vec<Range<u32>> {
+        let begins = (0..iterations).filter(|i| *i == 0 || self.receives_before(*i));
+        let end = |begin: u32| (begin + 1..iterations).find(|i| self.receives_before(*i)).unwrap_or(iterations);
+        begins.map(|begin| begin..end(begin)).collect()
+    }
 }
 
 /// What happens where stripes meet.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Seam {
     /// Stripes are filtered apart.
     None,
@@ -94,6 +114,17 @@ pub struct FrameSpec {
     pub aovs: u8,
     /// Whether anything can reflect light; without, only emission is seen.
     pub has_surfaces: bool,
+}
+
+impl FrameSpec {
+    /// The filter's iterations in runs between which rows are exchanged; one run without any if nothing is filtered.
+    fn runs(&self) -> Vec<Range<u32>> {
+        match self.seam {
+            _ if self.iterations == 0 || !self.has_surfaces => vec![0..0],
+            Seam::Halo(plan) => plan.runs(self.iterations),
+            Seam::None | Seam::Filter => vec![0..self.iterations],
+        }
+    }
 }
 
 /// Rows of a resource around one's own.
@@ -172,52 +203,60 @@ pub fn passes(spec: &FrameSpec) -> Vec<Pass> {
             );
         }
     }
-    for view in Eye::ALL {
-        let last = if spec.has_surfaces { denoise(spec, view, &mut out) } else { Radiance };
-        let mut tonemap = Pass::new(Stage::Tonemap, view).reads(&[last, Albedo, Emission]).writes(&[Linear, Display]);
-        tonemap.filter = Some((last, last));
-        out.push(tonemap);
-        out.push(Pass::new(Stage::Tally, view).reads(&[Tally]).writes(&[RowTally]));
-        for i in 0..spec.aovs {
-            let mut pass = Pass::new(Stage::Aov, view).reads(&[Hit, Albedo, Emission, Tally]).writes(&[Aov(i)]);
-            pass.index = u32::from(i);
-            out.push(pass);
+    let runs = spec.runs();
+    // The views take turns: while one's rows are on their way, the other is filtered.
+    for run in &runs {
+        for view in Eye::ALL {
+            out.extend(run.clone().map(|index| atrous(spec, view, index, run.end)));
+            if Some(run) == runs.last() {
+                finish(spec, view, &mut out);
+            }
         }
     }
     out
 }
 
-/// À-trous iterations and what the seam policy adds; returns the image they end in.
-fn denoise(spec: &FrameSpec, view: Eye, out: &mut Vec<Pass>) -> Resource {
-    let mut last = Radiance;
-    let count = spec.iterations;
-    for index in 0..count {
-        let next = Filtered(index as u8 + 1);
-        let reach = 2 * atrous_step(index, count);
-        let (halo, margin) = match spec.seam {
-            Seam::Halo(HaloPlan::Exchange) => (reach, 0),
-            Seam::Halo(HaloPlan::Recompute) => {
-                let later: u32 = (index + 1..count).map(|i| 2 * atrous_step(i, count)).sum();
-                (reach + later, later)
-            }
-            Seam::None | Seam::Filter => (0, 0),
-        };
-        let mut pass = Pass::new(Stage::Atrous, view).reads_of(view, &[Guide, last], halo).writes(&[next]);
-        pass.index = index;
-        pass.margin_rows = margin;
-        pass.filter = Some((last, next));
-        out.push(pass);
-        last = next;
-    }
-    if spec.seam == Seam::Filter && count > 0 && spec.devices > 1 {
-        let next = Filtered(count as u8 + 1);
+/// Radiance after this many filter passes.
+fn filtered(passes: u32) -> Resource {
+    if passes == 0 { Radiance } else { Filtered(passes as u8) }
+}
+
+fn atrous(spec: &FrameSpec, view: Eye, index: u32, run_end: u32) -> Pass {
+    let reach = |i: u32| 2 * atrous_step(i, spec.iterations);
+    let later: u32 = (index + 1..run_end).map(reach).sum();
+    let (halo, margin) = match spec.seam {
+        Seam::Halo(_) => (reach(index) + later, later),
+        Seam::None | Seam::Filter => (0, 0),
+    };
+    let (source, target) = (filtered(index), filtered(index + 1));
+    let mut pass = Pass::new(Stage::Atrous, view).reads_of(view, &[Guide, source], halo).writes(&[target]);
+    pass.index = index;
+    pass.margin_rows = margin;
+    pass.filter = Some((source, target));
+    pass
+}
+
+/// What follows the filter's last iteration.
+fn finish(spec: &FrameSpec, view: Eye, out: &mut Vec<Pass>) {
+    let iterations = spec.runs().last().map_or(0, |run| run.end);
+    let mut last = filtered(iterations);
+    if spec.seam == Seam::Filter && iterations > 0 && spec.devices > 1 {
+        let next = filtered(iterations + 1);
         let mut pass =
             Pass::new(Stage::SeamFilter, view).reads_of(view, &[Guide, last], SEAM_FILTER_REACH_ROWS).writes(&[next]);
         pass.filter = Some((last, next));
         out.push(pass);
         last = next;
     }
-    last
+    let mut tonemap = Pass::new(Stage::Tonemap, view).reads(&[last, Albedo, Emission]).writes(&[Linear, Display]);
+    tonemap.filter = Some((last, last));
+    out.push(tonemap);
+    out.push(Pass::new(Stage::Tally, view).reads(&[Tally]).writes(&[RowTally]));
+    for i in 0..spec.aovs {
+        let mut pass = Pass::new(Stage::Aov, view).reads(&[Hit, Albedo, Emission, Tally]).writes(&[Aov(i)]);
+        pass.index = u32::from(i);
+        out.push(pass);
+    }
 }
 
 /// Rows that the seam filter reads beyond its stripe: `REACH` in its shader.

@@ -9,7 +9,7 @@ use serde::Serialize;
 use crate::accumulation::Noise;
 use crate::device::DeviceInfo;
 use crate::exec::{Fault, FrameReport, Stereo, TaskTiming};
-use crate::graph::Stage;
+use crate::graph::{Seam, Stage};
 use crate::image::file::atomic_write;
 use crate::image::{Extent, ImageError};
 use crate::scene::Scene;
@@ -123,6 +123,8 @@ pub struct FrameRow {
     /// Rows per device of every stage and view whose stripes can be chosen.
     pub stage_stripes: serde_json::Map<String, serde_json::Value>,
     pub transferred_bytes: u64,
+    /// The filter's iterations before which rows come from neighbours.
+    pub halo_exchanges: Vec<u32>,
     pub stages: Vec<TaskTiming>,
 }
 
@@ -161,6 +163,10 @@ impl FrameRow {
             stripes: rows_of(Stage::PathTrace, Eye::Left),
             stage_stripes,
             transferred_bytes: frame.uploaded_bytes(),
+            halo_exchanges: match frame.seam {
+                Seam::Halo(plan) => (0..quality.iterations).filter(|i| plan.receives_before(*i)).collect(),
+                Seam::None | Seam::Filter => Vec::new(),
+            },
             stages,
         }
     }

@@ -4,11 +4,12 @@
 //! last one; all other stages count rows. A device's own time per unit is learned from its own stripes, so devices of
 //! unequal speed need no description.
 
+use std::borrow::Cow;
 use std::collections::HashMap;
 use std::ops::Range;
 
 use super::learned::{Line, Mean};
-use crate::graph::{FrameSpec, Pass, Stage, passes};
+use crate::graph::{FrameSpec, Pass, Seam, Stage, passes};
 use crate::scene::rig::Eye;
 
 /// What one task of a stage cost one device in a frame.
@@ -122,6 +123,12 @@ impl CostModel {
         &self.spec
     }
 
+    /// Filters that come to agree in another way have other margins.
+    pub fn set_seam(&mut self, seam: Seam) {
+        self.spec.seam = seam;
+        self.passes = passes(&self.spec);
+    }
+
     /// Whether a frame has been learned from; before, all costs are 0.
     pub fn has_learned(&self) -> bool {
         self.frames > 0
@@ -195,11 +202,14 @@ impl CostModel {
         Self { passes: passes(&spec), spec, devices: speeds.iter().map(on).collect(), ..self.clone() }
     }
 
-    /// The model of these devices alone, numbered anew in this order.
-    pub fn of_devices(&self, devices: &[usize]) -> Self {
+    /// The model of these devices alone, numbered anew in this order, which rises.
+    pub fn of_devices(&self, devices: &[usize]) -> Cow<'_, Self> {
+        if devices.len() == self.devices.len() {
+            return Cow::Borrowed(self);
+        }
         let spec = FrameSpec { devices: devices.len(), ..self.spec.clone() };
         let devices = devices.iter().map(|&d| self.devices[d].clone()).collect();
-        Self { passes: passes(&spec), spec, devices, ..self.clone() }
+        Cow::Owned(Self { passes: passes(&spec), spec, devices, ..self.clone() })
     }
 
     fn mean_ms(&self, of: impl Fn(&DeviceCost) -> Mean) -> f64 {

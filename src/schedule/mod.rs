@@ -5,6 +5,7 @@
 
 mod cost;
 mod cut;
+mod halo;
 mod heft;
 mod learned;
 mod measured;
@@ -13,6 +14,7 @@ mod simulate;
 
 pub use cost::{CostModel, FrameCosts, StageCost, StripeCosts, TransferCost};
 pub use cut::step_rows;
+pub use halo::choose_halo;
 pub use heft::Heft;
 pub use measured::Measured;
 pub use policy::{Even, Policy, RatioRule, Static};

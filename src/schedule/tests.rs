@@ -121,7 +121,7 @@ fn learning_policies(height: u32, devices: usize) -> [Box<dyn Policy>; 2] {
 
 fn seams() -> impl Strategy<Value = Seam> {
     proptest::sample::select(
-        &[Seam::None, Seam::Filter, Seam::Halo(HaloPlan::Recompute), Seam::Halo(HaloPlan::Exchange)][..],
+        &[Seam::None, Seam::Filter, Seam::Halo(HaloPlan::RECOMPUTE), Seam::Halo(HaloPlan::EXCHANGE)][..],
     )
 }
 
@@ -181,7 +181,7 @@ proptest! {
 #[test]
 fn learning_policies_even_out_scenes_and_devices() {
     const HEIGHT: u32 = 720;
-    let halo = Seam::Halo(HaloPlan::Recompute);
+    let halo = Seam::Halo(HaloPlan::RECOMPUTE);
     for speeds in [&[1.0, 1.0][..], &[1.0, 2.0], &[3.0, 1.0], &[1.0; 4], &[1.0, 2.0, 3.0, 2.0], &[1.0; 8]] {
         for iterations in [0, 5] {
             let world = World::sky_over_city(spec(HEIGHT, speeds.len(), iterations, halo), speeds);
@@ -197,7 +197,7 @@ fn learning_policies_even_out_scenes_and_devices() {
 
 #[test]
 fn stripes_come_to_rest() {
-    let world = World::sky_over_city(spec(360, 4, 5, Seam::Halo(HaloPlan::Recompute)), &[1.0, 1.0, 2.0, 1.0]);
+    let world = World::sky_over_city(spec(360, 4, 5, Seam::Halo(HaloPlan::RECOMPUTE)), &[1.0, 1.0, 2.0, 1.0]);
     for mut policy in learning_policies(360, 4) {
         let (assignments, _) = world.play(policy.as_mut(), 30);
         assert!(assignments[20..].iter().all(|a| *a == assignments[20]), "{}", policy.name());
@@ -217,7 +217,7 @@ fn one_device_takes_the_sum_of_its_work() {
 
 #[test]
 fn a_critical_path_has_no_gaps_and_spans_the_makespan() {
-    let world = World::sky_over_city(spec(180, 3, 5, Seam::Halo(HaloPlan::Exchange)), &[1.0, 2.0, 1.0]);
+    let world = World::sky_over_city(spec(180, 3, 5, Seam::Halo(HaloPlan::EXCHANGE)), &[1.0, 2.0, 1.0]);
     let (assignments, model) = world.play(&mut Even::new(180, 3), 3);
     let played = simulate(&FrameGraph::build(&world.spec, &assignments[2]), &model).unwrap();
     let path = &played.critical_path;
@@ -229,7 +229,7 @@ fn a_critical_path_has_no_gaps_and_spans_the_makespan() {
 
 #[test]
 fn dear_transfers_limit_a_frame() {
-    let world = World::sky_over_city(spec(180, 2, 5, Seam::Halo(HaloPlan::Exchange)), &[1.0, 1.0]);
+    let world = World::sky_over_city(spec(180, 2, 5, Seam::Halo(HaloPlan::EXCHANGE)), &[1.0, 1.0]);
     let mut policy = Measured::new(180, 2);
     let mut model = CostModel::new(&world.spec);
     for _ in 0..8 {
@@ -244,7 +244,7 @@ fn dear_transfers_limit_a_frame() {
 /// The model of one pair of devices foretells others that are in the same world.
 #[test]
 fn simulated_devices_take_as_long_as_real_ones() {
-    let halo = Seam::Halo(HaloPlan::Recompute);
+    let halo = Seam::Halo(HaloPlan::RECOMPUTE);
     let uniform = |spec| World { ms_per_ray: vec![2e-4; 360], ..World::sky_over_city(spec, &[1.0; 5]) };
     let (_, measured) = uniform(spec(360, 2, 5, halo)).play(&mut Measured::new(360, 2), 6);
     for speeds in [&[1.0][..], &[1.0, 1.0], &[1.0, 2.0], &[1.0, 1.0, 2.0, 0.5]] {

@@ -56,7 +56,7 @@ impl Subject {
             aovs: Vec::new(),
             checks: ShaderChecks::Fast,
         };
-        let seam = Seam::Halo(HaloPlan::Recompute);
+        let seam = Seam::Halo(HaloPlan::RECOMPUTE);
         RenderSettings { stages, seam, seed: 0, bounces: 6, indirect_clamp: 0.0, exposure_ev: 0.0 }
     }
 

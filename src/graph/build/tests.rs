@@ -82,7 +82,7 @@ fn pass_rows(task: &Task, pass: &Pass, spec: &FrameSpec) -> Range<u32> {
 
 #[test]
 fn every_read_finds_its_rows_on_its_device() {
-    let seams = [Seam::None, Seam::Filter, Seam::Halo(HaloPlan::Recompute), Seam::Halo(HaloPlan::Exchange)];
+    let seams = [Seam::None, Seam::Filter, Seam::Halo(HaloPlan::RECOMPUTE), Seam::Halo(HaloPlan::EXCHANGE)];
     for devices in 1..=5 {
         for seam in seams {
             for assignment in [Assignment::uniform(Stripes::even(180, devices)), ragged(devices)] {
@@ -104,7 +104,7 @@ pub fn check_order(graph: &FrameGraph) {
 
 #[test]
 fn every_edge_follows_the_common_order() {
-    for plan in [HaloPlan::Recompute, HaloPlan::Exchange] {
+    for plan in [HaloPlan::RECOMPUTE, HaloPlan::EXCHANGE] {
         let spec = spec(4, Seam::Halo(plan));
         check_order(&FrameGraph::build(&spec, &ragged(4)));
     }

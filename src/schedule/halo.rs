@@ -1,0 +1,52 @@
+//! Whether rows around a stripe are received or filtered by the device itself, by what either costs.
+
+use super::cost::CostModel;
+use crate::graph::{HaloPlan, Resource, Seam, Stage, passes};
+
+/// A plan must promise to save this part of what the present one costs.
+const HYSTERESIS: f64 = 0.2;
+
+/// The halo plan of the next frame.
+pub fn choose_halo(model: &CostModel, now: HaloPlan) -> HaloPlan {
+    let spec = model.spec();
+    if !model.has_learned() || spec.devices < 2 || spec.iterations < 2 {
+        return now;
+    }
+    let plans = HaloPlan::all(spec.iterations).map(|plan| (plan, halo_ms(model, plan)));
+    let Some((best, best_ms)) = plans.min_by(|a, b| a.1.total_cmp(&b.1)) else { return now };
+    if best_ms < (1.0 - HYSTERESIS) * halo_ms(model, now) { best } else { now }
+}
+
+/// What a plan costs a device in the middle of the frame, the mean of all: margins filtered, and rows received and sent
+/// on both sides. Rows that come late cost nothing here, as the other view is filtered meanwhile.
+fn halo_ms(model: &CostModel, plan: HaloPlan) -> f64 {
+    let mut spec = model.spec().clone();
+    spec.seam = Seam::Halo(plan);
+    let devices = spec.devices;
+    let mean = |of: &dyn Fn(usize) -> f64| (0..devices).map(of).sum::<f64>() / devices as f64;
+    // A device at the frame's border has one neighbour.
+    let sides = 2.0 * (devices - 1) as f64 / devices as f64;
+    let mut ms = 0.0;
+    let mut guide_rows = [0; 2];
+    for pass in passes(&spec).iter().filter(|p| p.stage == Stage::Atrous) {
+        ms += sides * mean(&|d| model.stage_ms(Stage::Atrous, pass.view, d, &(0..pass.margin_rows)));
+        if !plan.receives_before(pass.index) {
+            continue;
+        }
+        for read in &pass.reads {
+            let held = match read.resource {
+                Resource::Guide => &mut guide_rows[pass.view as usize],
+                _ => &mut 0,
+            };
+            let rows = read.halo_rows.saturating_sub(*held);
+            *held = read.halo_rows.max(*held);
+            let bytes = u64::from(rows) * read.resource.physical().row_bytes(spec.extent.width);
+            if rows > 0 {
+                ms += sides * mean(&|d| model.download_ms(d, bytes) + model.upload_ms(d, bytes));
+            }
+        }
+        // Work is submitted in parts around a transfer.
+        ms += mean(&|d| 2.0 * model.gap_ms(d));
+    }
+    ms
+}
