@@ -62,6 +62,30 @@ fn frames_keep_their_bytes_until_no_device_is_left() {
     }
 }
 
+/// What is in flight behind a frame that a device fails in is begun again as well.
+#[test]
+fn frames_in_flight_keep_their_bytes_when_devices_fail() {
+    let subject = Subject::load("builtin:checker");
+    let mut settings = subject.denoised(WIDTH, HEIGHT);
+    let times_s: Vec<f64> = (0..8).map(|i| f64::from(i) * 0.3).collect();
+    let alone = Stage::alone(&subject, &settings).frames_in_flight(&times_s);
+    settings.stages.frames_in_flight = 3;
+    let mut four = Stage::with(&subject, &settings, 4, Box::new(Measured::new(HEIGHT, 4)));
+    four.renderer().set_watchdog(Duration::from_secs(3));
+    four.renderer().set_trouble(trouble(&["loss:dev0@frame1", "hang:dev2@frame4", "oom:dev1@frame5"], &[]));
+    let frames = four.frames_in_flight(&times_s);
+    assert_eq!(frames.len(), alone.len());
+    for (one, other) in alone.iter().zip(&frames) {
+        assert_eq!(one.report.index, other.report.index);
+        assert!(one.linear == other.linear, "frame {} differs", one.report.index);
+    }
+    let faults = four.renderer().faults();
+    let mut failed: Vec<_> = faults.iter().map(|f| f.device).collect();
+    failed.sort_unstable();
+    assert_eq!(failed, [0, 1, 2]);
+    assert!(faults.iter().all(|f| f.recovery_ms > 0.0 && f.attempts > 1), "{faults:?}");
+}
+
 #[test]
 fn two_devices_may_fail_in_one_frame() {
     let subject = Subject::load("builtin:checker");

@@ -143,15 +143,38 @@ fn learned_stripes_that_move_along_the_camera_path_give_the_bytes_of_one_device(
 }
 
 #[test]
-fn both_halo_plans_give_the_same_bytes() {
+fn frames_in_flight_give_the_bytes_of_frames_one_by_one() {
+    let subject = Subject::load("builtin:checker");
+    let times_s: Vec<f64> = (0..7).map(|i| f64::from(i) * 0.4).collect();
+    let mut settings = subject.denoised(WIDTH, HEIGHT);
+    let alone = Stage::with(&subject, &settings, 1, Box::new(Measured::new(HEIGHT, 1))).frames_in_flight(&times_s);
+    assert!(alone.iter().all(|f| !f.report.overlapped));
+    for (in_flight, devices) in [(2, 1), (3, 3)] {
+        settings.stages.frames_in_flight = in_flight;
+        let policy = Box::new(Measured::new(HEIGHT, devices));
+        let frames = Stage::with(&subject, &settings, devices, policy).frames_in_flight(&times_s);
+        assert_eq!(frames.len(), alone.len());
+        for (one, other) in alone.iter().zip(&frames) {
+            assert!(other.report.overlapped);
+            assert_eq!(one.report.index, other.report.index);
+            assert_same(&format!("frame {} of {in_flight} in flight", one.report.index), &one.linear, &other.linear);
+        }
+    }
+}
+
+#[test]
+fn all_halo_plans_give_the_same_bytes() {
     let subject = Subject::load("builtin:cornell");
+    const ITERATIONS: u32 = 3;
     let render = |plan, devices| {
         let mut settings = subject.denoised(WIDTH, HEIGHT);
+        settings.stages.iterations = ITERATIONS;
         settings.seam = Seam::Halo(plan);
+        settings.adapts_halo = false;
         Stage::even(&subject, &settings, devices).frame(0).linear
     };
     let one = render(HaloPlan::RECOMPUTE, 1);
-    for plan in [HaloPlan::RECOMPUTE, HaloPlan::EXCHANGE] {
+    for plan in HaloPlan::all(ITERATIONS) {
         assert_same(&format!("{plan:?} on 4"), &one, &render(plan, 4));
     }
 }

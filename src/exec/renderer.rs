@@ -12,7 +12,7 @@ use super::messages::{Answer, FrameJob, Order, Parcel, Pixels, Stop};
 use super::post::Post;
 use super::watchdog::Watchdog;
 use super::worker::Worker;
-use super::{ExecError, Fault, FrameReport, RenderSettings, Tally, Trouble, costs};
+use super::{ExecError, Fault, FrameReport, Injection, RenderSettings, Tally, Trouble, costs};
 use crate::device::{DeviceFailure, DeviceInfo, GpuDevice};
 use crate::graph::{Assignment, FrameGraph, FrameSpec, PhysicalImage, Seam, Stage, Views, passes};
 use crate::image::Extent;
@@ -60,6 +60,8 @@ struct InFlight {
     ticket: u64,
     report: FrameReport,
     primary: usize,
+    /// What is to happen to devices in it.
+    injections: Vec<Injection>,
     /// Faults are the frame's own from here on.
     first_fault: usize,
     attempts: u32,
@@ -255,7 +257,11 @@ impl Renderer {
         let (first_fault, attempts, begin_ms) = (frame.first_fault, frame.attempts, frame.report.begin_ms);
         self.take_out(index, failed)?;
         self.hand_out(frame.inputs, Some((first_fault, attempts + 1, begin_ms)));
-        behind.into_iter().for_each(|f| self.hand_out(f.inputs, None));
+        for frame in behind {
+            // What was to happen may not have come to pass when it was called off.
+            self.trouble.injections.extend(frame.injections);
+            self.hand_out(frame.inputs, None);
+        }
         Ok(())
     }
 
@@ -284,9 +290,10 @@ impl Renderer {
             assignment,
             seam: self.spec.seam,
         };
-        let mut orders = Vec::new();
+        let (mut orders, mut injections) = (Vec::new(), Vec::new());
         for device in self.crew.left() {
             let (runs, injected) = self.trouble.take(device, index);
+            injections.extend(injected.map(|kind| Injection { kind, device, frame: index }));
             let Inputs { constants, previous, slot, reads } = inputs.clone();
             let job = FrameJob { graph: Arc::clone(&graph), constants, previous, slot, reads, runs, injected };
             orders.push((device, Order::Frame(Box::new(job))));
@@ -296,7 +303,7 @@ impl Renderer {
             (before.report.overlapped, before.report.predicted_ms) = (true, None);
         }
         let primary = graph.primary;
-        self.in_flight.push_back(InFlight { inputs, ticket, report, primary, first_fault, attempts });
+        self.in_flight.push_back(InFlight { inputs, ticket, report, primary, injections, first_fault, attempts });
     }
 
     /// What a device may take for one thing that is waited for. Frames that were begun before may come first.

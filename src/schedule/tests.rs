@@ -120,9 +120,8 @@ fn learning_policies(height: u32, devices: usize) -> [Box<dyn Policy>; 2] {
 }
 
 fn seams() -> impl Strategy<Value = Seam> {
-    proptest::sample::select(
-        &[Seam::None, Seam::Filter, Seam::Halo(HaloPlan::RECOMPUTE), Seam::Halo(HaloPlan::EXCHANGE)][..],
-    )
+    let halos = HaloPlan::all(5).map(Seam::Halo);
+    proptest::sample::select([Seam::None, Seam::Filter].into_iter().chain(halos).collect::<Vec<_>>())
 }
 
 prop_compose! {
@@ -290,7 +289,7 @@ fn devices_that_are_left_cover_every_row_and_even_out_again() {
         for (gone, left) in [(0, vec![2.0, 1.0, 3.0]), (2, vec![2.0, 1.0]), (1, vec![2.0])] {
             policy.remove_device(gone);
             let others: Vec<usize> = (0..left.len() + 1).filter(|d| *d != gone).collect();
-            model = model.of_devices(&others);
+            model = model.of_devices(&others).into_owned();
             world = of(left.len(), &left);
             let mut graph = FrameGraph::build(&world.spec, &policy.assign(&model));
             for _ in 0..8 {
@@ -314,4 +313,29 @@ fn ratios_of_those_left_stay() {
     let assignment = policy.assign(&CostModel::new(&spec(80, 2, 0, Seam::None)));
     assert_eq!(assignment.stripes(Stage::PathTrace, Eye::Left).inner_edges(), &[57]);
     assert_eq!(assignment.stripes(Stage::Atrous, Eye::Left).inner_edges(), &[40]);
+}
+
+#[test]
+fn halo_rows_are_received_where_that_costs_less() {
+    let world = World::sky_over_city(spec(360, 4, 5, Seam::Halo(HaloPlan::RECOMPUTE)), &[1.0; 4]);
+    let costs = world.costs(&FrameGraph::build(&world.spec, &Assignment::uniform(Stripes::even(360, 4))));
+    let model_at = |factor: f64| {
+        let mut costs = costs.clone();
+        costs.transfers.iter_mut().for_each(|t| t.ms *= factor);
+        costs.gap_ms.iter_mut().for_each(|(_, ms)| *ms *= factor);
+        let mut model = CostModel::new(&world.spec);
+        model.learn(&costs);
+        model
+    };
+    let exchanges = |factor: f64| {
+        let model = model_at(factor);
+        let plan = choose_halo(&model, HaloPlan::RECOMPUTE);
+        assert_eq!(choose_halo(&model, plan), plan, "it does not come to rest");
+        (0..5).filter(|i| plan.receives_before(*i)).collect::<Vec<_>>()
+    };
+    assert_eq!(exchanges(1e-6), [0, 1, 2, 3, 4]);
+    assert_eq!(exchanges(100.0), [0]);
+    let between: Vec<usize> = [1e-6, 0.1, 1.0, 10.0, 100.0].map(|f| exchanges(f).len()).into();
+    assert!(between.is_sorted_by(|a, b| a >= b) && between.iter().any(|n| (2..5).contains(n)), "{between:?}");
+    assert_eq!(choose_halo(&CostModel::new(&world.spec), HaloPlan::EXCHANGE), HaloPlan::EXCHANGE);
 }

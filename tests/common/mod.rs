@@ -9,7 +9,7 @@ use std::time::Instant;
 use diptych::accel::{Accel, Layout};
 use diptych::device::{self, Selection, ShaderChecks};
 use diptych::exec::{FrameReport, RenderSettings, Renderer, Stereo};
-use diptych::graph::{HaloPlan, Seam};
+use diptych::graph::{HaloPlan, PhysicalImage, Seam};
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::scene::Scene;
 use diptych::scene::load::load_shot;
@@ -54,10 +54,11 @@ impl Subject {
             iterations: 0,
             reproject: false,
             aovs: Vec::new(),
+            frames_in_flight: 1,
             checks: ShaderChecks::Fast,
         };
         let seam = Seam::Halo(HaloPlan::RECOMPUTE);
-        RenderSettings { stages, seam, seed: 0, bounces: 6, indirect_clamp: 0.0, exposure_ev: 0.0 }
+        RenderSettings { stages, seam, adapts_halo: true, seed: 0, bounces: 6, indirect_clamp: 0.0, exposure_ev: 0.0 }
     }
 
     /// [`Self::settings`] with the right eye reprojected and five filter iterations.
@@ -78,6 +79,7 @@ pub struct Stage<'a> {
     subject: &'a Subject,
     renderer: Renderer,
     devices: usize,
+    frames_in_flight: usize,
     _turn: MutexGuard<'static, ()>,
 }
 
@@ -118,7 +120,7 @@ impl<'a> Stage<'a> {
         let tables = Arc::clone(&subject.tables);
         let renderer = Renderer::new(gpus, tables, settings.clone(), policy, Instant::now())
             .unwrap_or_else(|e| panic!("{}: {e}", subject.name));
-        Self { subject, renderer, devices, _turn: turn }
+        Self { subject, renderer, devices, frames_in_flight: settings.stages.frames_in_flight, _turn: turn }
     }
 
     /// Renders a frame without a sample that is not finite.
@@ -135,6 +137,23 @@ impl<'a> Stage<'a> {
         let report = self.renderer.render(&self.subject.rig, time_s, index).unwrap_or_else(|e| panic!("{self}: {e}"));
         let linear = self.renderer.read_linear().unwrap_or_else(|e| panic!("{self}: {e}"));
         Frame { linear, report }
+    }
+
+    /// Frames at these times, as many on the devices at a time as the settings allow.
+    pub fn frames_in_flight(&mut self, times_s: &[f64]) -> Vec<Frame> {
+        let mut times = (0..).zip(times_s);
+        let mut frames = Vec::new();
+        loop {
+            while self.renderer.in_flight() < self.frames_in_flight
+                && let Some((index, &time_s)) = times.next()
+            {
+                let linear = [PhysicalImage::Linear];
+                self.renderer.begin(&self.subject.rig, time_s, index, &linear).unwrap_or_else(|e| panic!("{e}"));
+            }
+            let Some(report) = self.renderer.finish().unwrap_or_else(|e| panic!("{e}")) else { return frames };
+            let linear = self.renderer.read_linear().unwrap_or_else(|e| panic!("{self}: {e}"));
+            frames.push(Frame { linear, report });
+        }
     }
 
     /// A frame whose samples may have been dropped.
