@@ -63,7 +63,7 @@ impl HostSpans {
     pub fn end(mut self, now_us: f64) -> Vec<Event> {
         let mut events = self.take();
         for (_, mut event) in self.spans.open {
-            event.kind = Kind::Complete { duration_us: now_us - event.time_us };
+            event.kind = Kind::Complete { duration_us: (now_us - event.time_us).max(0.0) };
             event.args.insert("unfinished".to_owned(), 1.0.into());
             events.push(event);
         }
