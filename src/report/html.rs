@@ -19,7 +19,7 @@ h1 { font-size: 1.6rem } h2 { font-size: 1.2rem; margin-top: 2.5rem }
 .wide { overflow-x: auto }
 table { border-collapse: collapse; font-size: 0.875rem; font-variant-numeric: tabular-nums }
 th, td { padding: 0.2rem 0.75rem 0.2rem 0; text-align: left; vertical-align: top; border-bottom: 1px solid #e1e1e1 }
-th { border-color: #282828 } .number { text-align: right }
+th { border-color: #282828 } .number { text-align: right } td.number { white-space: nowrap }
 svg { max-width: 100%; height: auto } footer { margin-top: 2.5rem; color: #787878 }
 ";
 
