@@ -78,6 +78,9 @@ fn a_grid_has_its_rows_its_plot_and_its_reference() {
     let svg = std::fs::read_to_string(out.join("bench.svg")).unwrap();
     assert!(["atrous", "none", "noise of the reference"].iter().all(|text| svg.contains(text)));
 
+    let page = std::fs::read_to_string(out.join("bench.html")).unwrap();
+    assert!(["builtin:cornell", "virtual_devices", "noise of the reference"].iter().all(|text| page.contains(text)));
+
     // The kept reference is an image like any other's.
     let kept = std::fs::read_dir(out.join("reference")).unwrap().next().unwrap().unwrap().path();
     let again = folder.path().join("again");

@@ -45,6 +45,7 @@ fn host_spans_are_recorded_on_the_traces_clock() {
     let second = folder.path().join("second.json");
     assert!(matches!(TraceFile::start(&second), Err(TraceError::SubscriberTaken)));
     assert!(!second.exists());
+    tracing::info_span!("after the refusal", text = "\"7\" \n {}").in_scope(|| ());
 
     file.finish().unwrap();
     drop(open);
@@ -68,6 +69,7 @@ fn host_spans_are_recorded_on_the_traces_clock() {
     assert!(begin_us + duration_us <= after_us);
 
     assert_eq!(named("cut")["args"]["share"], 0.25);
+    assert_eq!(named("after the refusal")["args"]["text"], "\"7\" \n {}");
     assert_eq!(named("stripes moved")["ph"], "i");
     assert_eq!(named("never closed")["args"]["unfinished"], 1.0);
     let worker_tid = &named("work")["tid"];

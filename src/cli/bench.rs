@@ -1,6 +1,5 @@
 //! `diptych bench`: run time against error over a grid of settings.
 
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -8,11 +7,13 @@ use anyhow::Context;
 use clap::ValueEnum;
 
 use diptych::accumulation::Noise;
+use diptych::device::DeviceInfo;
 use diptych::exec::{FrameReport, Stereo};
-use diptych::image::file::atomic_write;
 use diptych::image::{RgbImage, exr};
 use diptych::metrics;
+use diptych::report::Table;
 use diptych::report::bench::{Row, Slope, csv, mark_front, slopes, svg, table};
+use diptych::report::html::Section;
 use diptych::trace::frames::record_devices;
 
 use super::failure::Failure;
@@ -100,24 +101,26 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let steps = (denoisers.len() * args.spp.len()) as u64 * u64::from(args.warm_up + args.repeats);
     let progress = Progress::new(steps, options.quiet, options.json);
     let grid = Grid { args, loaded: &loaded, reference: &reference.images, progress: &progress, tracing: &tracing };
-    let mut rows = Vec::new();
+    let (mut rows, mut devices) = (Vec::new(), Vec::new());
     for &denoiser in denoisers {
         for &spp in &args.spp {
-            rows.push(grid.measure(rows.len() as u32, denoiser, spp)?);
+            let (row, used) = grid.measure(rows.len() as u32, denoiser, spp)?;
+            rows.push(row);
+            devices = used;
         }
     }
     progress.finish();
     mark_front(&mut rows);
     let slopes = slopes(&rows, reference.noise.as_ref());
-    write_results(args, &rows, reference.noise.as_ref())?;
+    write_results(args, &rows, &slopes, &reference, &devices)?;
     tracing.finish()?;
     if options.json {
         let result = serde_json::json!({ "event": "result", "rows": rows, "slopes": slopes });
         say!("{result}");
     } else if !options.quiet {
-        say!("{}", table(&rows, reference.noise.as_ref()).trim_end());
-        slopes.iter().for_each(print_slope);
-        say!("bench.csv and bench.svg: {}", options.out.display());
+        say!("{}", table(&rows, reference.noise.as_ref()).text().trim_end());
+        slopes.iter().for_each(|slope| say!("{slope}"));
+        say!("bench.html, bench.csv and bench.svg: {}", options.out.display());
     }
     Ok(())
 }
@@ -178,8 +181,8 @@ struct Grid<'a> {
 }
 
 impl Grid<'_> {
-    /// Times and errors of a setting, the `number`th.
-    fn measure(&self, number: u32, denoiser: Denoiser, spp: u32) -> Result<Row, Failure> {
+    /// Times and errors of a setting, the `number`th, and the devices it ran on.
+    fn measure(&self, number: u32, denoiser: Denoiser, spp: u32) -> Result<(Row, Vec<DeviceInfo>), Failure> {
         let Self { args, loaded, reference, progress, tracing } = self;
         let options = single(args.options.clone(), denoiser, spp);
         let name = setup::name(&denoiser);
@@ -206,11 +209,18 @@ impl Grid<'_> {
                 found.right.push(metrics::compare(&reference.right, &image.right)?);
             }
         }
-        Ok(Row::new(name, options.iterations(), spp, times_ms, &found))
+        let row = Row::new(name, options.iterations(), spp, times_ms, &found);
+        Ok((row, renderer.devices().to_vec()))
     }
 }
 
-fn write_results(args: &Args, rows: &[Row], noise: Option<&Stereo<Noise>>) -> Result<(), Failure> {
+fn write_results(
+    args: &Args,
+    rows: &[Row],
+    slopes: &[Slope],
+    reference: &Reference,
+    devices: &[DeviceInfo],
+) -> Result<(), Failure> {
     let options = &args.options;
     let reproject = if options.reproject == Switch::On { "on" } else { "off" };
     let shared = vec![
@@ -220,15 +230,26 @@ fn write_results(args: &Args, rows: &[Row], noise: Option<&Stereo<Noise>>) -> Re
         ("reproject", reproject.to_owned()),
         ("virtual_devices", args.virtual_devices.to_string()),
     ];
-    atomic_write(&options.out.join("bench.csv"), |file| file.write_all(csv(&shared, rows).as_bytes()))?;
+    output::write_text(&options.out, "bench.csv", &csv(&shared, rows))?;
+    let noise = reference.noise.as_ref();
     let title = format!("Time against error, {} at {}", options.shot, options.size);
-    let drawn = svg(title, rows, noise).context("cannot draw the plot")?;
-    atomic_write(&options.out.join("bench.svg"), |file| file.write_all(drawn.as_bytes()))?;
-    Ok(())
-}
-
-fn print_slope(slope: &Slope) {
-    let Slope { denoiser, eye, slope, standard_error, points } = slope;
-    let error = standard_error.map_or(String::new(), |e| format!(" ± {e:.3}"));
-    say!("{denoiser}, {eye} eye: √relMSE ∝ spp^{slope:.3}{error} over {points} settings (independent samples: -0.5)");
+    let figure = svg(title.clone(), rows, noise).context("cannot draw the plot")?;
+    output::write_text(&options.out, "bench.svg", &figure)?;
+    let mut notes = vec![format!("Reference: {}.", reference.origin)];
+    notes.extend(noise.map(|noise| format!("Its own noise, below which no error is real: {noise}.")));
+    let settings = shared.into_iter().map(|(name, value)| vec![name.to_owned(), value]);
+    let settings = Some(Table { headers: vec!["setting", "value"], rows: settings.collect() });
+    let errors = "Means over frames, by eye. Front: no other setting is both faster and better by relMSE.".to_owned();
+    let falls = slopes.iter().map(ToString::to_string);
+    let sections = [
+        Section { heading: "Settings", notes, table: settings, figure: None },
+        Section { heading: "Devices", table: Some(Table::of_devices([devices])), ..Section::default() },
+        Section {
+            heading: "Time against error",
+            notes: [errors].into_iter().chain(falls).collect(),
+            table: Some(table(rows, noise)),
+            figure: Some(figure),
+        },
+    ];
+    output::write_page(&options.out, "bench.html", &title, &sections)
 }

@@ -1,5 +1,6 @@
 //! What lands in `--out`.
 
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
@@ -7,7 +8,9 @@ use anyhow::Context;
 use diptych::exec::{Renderer, Stereo};
 use diptych::graph::PhysicalImage;
 use diptych::image::display::{DisplayImage, write_png};
+use diptych::image::file::atomic_write;
 use diptych::image::{Image, RgbImage, exr, stereo};
+use diptych::report::html::{Section, page};
 use diptych::stages::Aov;
 
 use super::failure::Failure;
@@ -24,6 +27,16 @@ fn tempfile_in(dir: &Path) -> std::io::Result<()> {
     let probe = dir.join(format!(".diptych-{}", std::process::id()));
     std::fs::write(&probe, b"")?;
     std::fs::remove_file(&probe)
+}
+
+pub fn write_text(dir: &Path, name: &str, text: &str) -> Result<(), Failure> {
+    Ok(atomic_write(&dir.join(name), |file| file.write_all(text.as_bytes()))?)
+}
+
+/// A page about what this command line gave.
+pub fn write_page(dir: &Path, name: &str, title: &str, sections: &[Section]) -> Result<(), Failure> {
+    let command: Vec<String> = std::env::args().collect();
+    write_text(dir, name, &page(title, &command.join(" "), sections))
 }
 
 /// A frame's images, off the devices.

@@ -1,13 +1,13 @@
 //! `diptych scale`: the same frames at several device counts.
 
-use std::io::Write;
-
 use anyhow::Context;
-use serde::Serialize;
 
-use diptych::exec::{FrameReport, TimedTask};
-use diptych::image::file::atomic_write;
-use diptych::report::{Axis, Chart, Series, line_chart_svg, median_of, text_table};
+use diptych::device::DeviceInfo;
+use diptych::exec::{FrameReport, Renderer};
+use diptych::report::Table;
+use diptych::report::html::Section;
+use diptych::report::scale::{Row, scale_csv, scale_sections, scale_svg, scale_table};
+use diptych::report::simulation::{self, simulation_csv, simulation_svg, simulation_table};
 use diptych::schedule::CostModel;
 use diptych::trace::frames::record_devices;
 
@@ -37,25 +37,6 @@ pub struct Args {
 /// Timed frames when `--frames` does not ask for more.
 const REPEATS: u32 = 5;
 
-/// One row of `scale.csv`.
-#[derive(Clone, Debug, Serialize)]
-struct Row {
-    devices: usize,
-    makespan_ms: f64,
-    makespan_ms_min: f64,
-    makespan_ms_max: f64,
-    speedup: f64,
-    efficiency: f64,
-    /// Busy time of the busiest device over the mean.
-    imbalance: f64,
-    /// Host time in transfers over the makespan times the devices.
-    transfer_share: f64,
-    /// More worker threads than cores.
-    oversubscribed: bool,
-    /// Share of the makespan in which a device's queue ran no stage, mean over devices.
-    idle_share: f64,
-}
-
 pub fn run(args: &Args) -> Result<(), Failure> {
     let options = &args.options;
     options.check().map_err(Failure::Input)?;
@@ -67,35 +48,38 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let timed = options.frames.max(REPEATS);
     let steps = args.counts.len() as u64 * u64::from(timed + args.warm_up);
     let progress = Progress::new(steps, options.quiet, options.json);
-    let mut rows: Vec<Row> = Vec::new();
+    let mut found = Found::default();
     let mut model: Option<CostModel> = None;
     for &count in &args.counts {
-        let base = rows.first().map(|r: &Row| (r.devices, r.makespan_ms));
-        let (row, costs) = measure(args, &loaded, usize::from(count), timed, base, &progress, &tracing)?;
+        let first = found.rows.first();
+        let (row, renderer) = measure(args, &loaded, usize::from(count), timed, first, &progress, &tracing)?;
         if !row.oversubscribed && model.as_ref().is_none_or(|m| m.spec().devices < row.devices) || model.is_none() {
-            model = Some(costs);
+            model = Some(renderer.costs().clone());
         }
-        rows.push(row);
+        found.rows.push(row);
+        found.devices.push(renderer.devices().to_vec());
+        found.policy = renderer.policy_name();
     }
     progress.finish();
-    write_results(args, &rows)?;
+    let figure = found.write_rows(options)?;
     tracing.finish()?;
-    let simulated = match model.filter(|_| args.simulation.is_wanted()) {
-        Some(model) => {
-            let measured: Vec<_> = rows.iter().map(|r| (r.devices, r.makespan_ms)).collect();
-            args.simulation.run(options, &model, &measured)?
-        }
-        None => Vec::new(),
-    };
+    let mut files = "scale.html, scale.csv and scale.svg";
+    if let Some(model) = model.filter(|_| args.simulation.is_wanted()) {
+        files = "scale.html, scale.csv, scale.svg and simulate.csv";
+        let measured: Vec<_> = found.rows.iter().map(|r| (r.devices, r.makespan_ms)).collect();
+        found.simulated = args.simulation.run(options, &model, &measured)?;
+        output::write_text(&options.out, "simulate.csv", &simulation_csv(&found.simulated))?;
+    }
+    found.write_page(args, figure)?;
+    let Found { rows, simulated, .. } = &found;
     if options.json {
         say!("{}", serde_json::json!({ "event": "result", "rows": rows, "simulated": simulated }));
     } else if !options.quiet {
-        print_table(&rows);
-        say!("scale.csv and scale.svg: {}", options.out.display());
-        if args.simulation.is_wanted() {
-            simulate::print_table(&simulated);
-            say!("simulate.csv: {}", options.out.display());
+        say!("{}", scale_table(rows).text().trim_end());
+        if !simulated.is_empty() {
+            say!("{}", simulation_table(simulated).text().trim_end());
         }
+        say!("{files}: {}", options.out.display());
     }
     Ok(())
 }
@@ -105,10 +89,10 @@ fn measure(
     loaded: &Loaded,
     count: usize,
     timed: u32,
-    base: Option<(usize, f64)>,
+    first: Option<&Row>,
     progress: &Progress,
     tracing: &Tracing,
-) -> Result<(Row, CostModel), Failure> {
+) -> Result<(Row, Renderer), Failure> {
     let options = &args.options;
     let gpus = setup::open_devices(options, count)?;
     let threads: usize = gpus.iter().filter_map(|g| g.info.threads).sum();
@@ -131,100 +115,65 @@ fn measure(
             frames.push(frame);
         }
     }
-    let median = |f: &dyn Fn(&FrameReport) -> f64| median_of(frames.iter().map(f).collect());
-    let makespan_ms = median(&|f| f.makespan_ms);
-    let (base_devices, base_ms) = base.unwrap_or((devices, makespan_ms));
-    let speedup = base_ms / makespan_ms;
-    let row = Row {
-        devices,
-        makespan_ms,
-        makespan_ms_min: frames.iter().map(|f| f.makespan_ms).fold(f64::INFINITY, f64::min),
-        makespan_ms_max: frames.iter().map(|f| f.makespan_ms).fold(0.0, f64::max),
-        speedup,
-        efficiency: speedup * base_devices as f64 / devices as f64,
-        imbalance: median(&|f| {
-            let busy = busy_ms(f, devices);
-            busy.iter().copied().fold(0.0, f64::max) * devices as f64 / busy.iter().sum::<f64>().max(1e-9)
-        }),
-        transfer_share: median(&|f| transfer_ms(f) / (f.makespan_ms * devices as f64)),
-        oversubscribed: threads > std::thread::available_parallelism().map_or(1, usize::from),
-        idle_share: median(&|f| 1.0 - busy_ms(f, devices).iter().sum::<f64>() / (f.makespan_ms * devices as f64)),
-    };
-    Ok((row, renderer.costs().clone()))
+    let oversubscribed = threads > std::thread::available_parallelism().map_or(1, usize::from);
+    Ok((Row::new(devices, &frames, oversubscribed, first), renderer))
 }
 
-fn busy_ms(frame: &FrameReport, devices: usize) -> Vec<f64> {
-    let mut busy = vec![0.0; devices];
-    for task in frame.tasks.iter().filter(|t| matches!(t.kind, TimedTask::Gpu(_))) {
-        busy[task.device] += task.end_ms - task.begin_ms;
+/// What there is to tell.
+#[derive(Default)]
+struct Found {
+    rows: Vec<Row>,
+    /// Of each row.
+    devices: Vec<Vec<DeviceInfo>>,
+    policy: &'static str,
+    simulated: Vec<simulation::Row>,
+}
+
+impl Found {
+    /// Table and plot; returns the latter.
+    fn write_rows(&self, options: &RenderOptions) -> Result<String, Failure> {
+        output::write_text(&options.out, "scale.csv", &scale_csv(&self.rows))?;
+        let title = format!("Speed-up of {} at {}", options.shot, options.size);
+        let figure = scale_svg(title, &self.rows).context("cannot draw the plot")?;
+        output::write_text(&options.out, "scale.svg", &figure)?;
+        Ok(figure)
     }
-    busy
-}
 
-fn transfer_ms(frame: &FrameReport) -> f64 {
-    let transfers = frame.tasks.iter().filter(|t| !matches!(t.kind, TimedTask::Gpu(_)));
-    transfers.map(|t| t.end_ms - t.begin_ms).fold(0.0, |sum, ms| sum + ms)
-}
-
-fn write_results(args: &Args, rows: &[Row]) -> Result<(), Failure> {
-    let out = &args.options.out;
-    atomic_write(&out.join("scale.csv"), |file| {
-        writeln!(
-            file,
-            "devices,makespan_ms,makespan_ms_min,makespan_ms_max,speedup,efficiency,imbalance,transfer_share,oversubscribed,idle_share"
-        )?;
-        for r in rows {
-            writeln!(
-                file,
-                "{},{:.4},{:.4},{:.4},{:.4},{:.4},{:.4},{:.5},{},{:.5}",
-                r.devices,
-                r.makespan_ms,
-                r.makespan_ms_min,
-                r.makespan_ms_max,
-                r.speedup,
-                r.efficiency,
-                r.imbalance,
-                r.transfer_share,
-                r.oversubscribed,
-                r.idle_share
-            )?;
+    fn write_page(&self, args: &Args, figure: String) -> Result<(), Failure> {
+        let options = &args.options;
+        let title = format!("{} at {} over device counts", options.shot, options.size);
+        let [settings, devices] = self.settings(args);
+        let [scaling, limits] = scale_sections(&self.rows, figure);
+        let mut sections = vec![settings, devices, scaling, limits];
+        if !self.simulated.is_empty() {
+            sections.insert(3, self.simulation(options)?);
         }
-        Ok(())
-    })?;
-    let points = |f: &dyn Fn(&Row) -> f64| rows.iter().map(|r| (r.devices as f64, f(r))).collect();
-    let first = rows.first().map_or(1.0, |r| r.devices as f64);
-    let chart = Chart {
-        title: format!("Speed-up of {} at {}", args.options.shot, args.options.size),
-        x: Axis { label: "devices".into(), log: false },
-        y: Axis { label: "speed-up".into(), log: false },
-    };
-    let series = [
-        Series { name: "ideal".into(), points: points(&|r| r.devices as f64 / first), band: None, guide: true },
-        Series { name: "measured".into(), points: points(&|r| r.speedup), band: None, guide: false },
-    ];
-    let svg = line_chart_svg(&chart, &series).context("cannot draw the plot")?;
-    atomic_write(&out.join("scale.svg"), |file| file.write_all(svg.as_bytes()))?;
-    Ok(())
-}
+        output::write_page(&options.out, "scale.html", &title, &sections)
+    }
 
-fn print_table(rows: &[Row]) {
-    let cells: Vec<Vec<String>> = rows
-        .iter()
-        .map(|r| {
-            vec![
-                r.devices.to_string(),
-                format!("{:.1}", r.makespan_ms),
-                format!("{:.1}..{:.1}", r.makespan_ms_min, r.makespan_ms_max),
-                format!("{:.2}", r.speedup),
-                format!("{:.2}", r.efficiency),
-                format!("{:.3}", r.imbalance),
-                format!("{:.4}", r.transfer_share),
-                format!("{:.4}", r.idle_share),
-                if r.oversubscribed { "oversubscribed".into() } else { String::new() },
-            ]
+    fn settings(&self, args: &Args) -> [Section; 2] {
+        let options = &args.options;
+        let mut table = Table::of_fields(&setup::run_settings(options, self.policy));
+        table.rows.extend(Table::of_fields(&setup::frame_settings(options)).rows);
+        let frames = self.rows.first().map_or(0, |r| r.frames);
+        let numbers = [("warm_up_frames", args.warm_up.to_string()), ("timed_frames", frames.to_string())];
+        table.rows.extend(numbers.map(|(name, value)| vec![name.to_owned(), value]));
+        let devices = Table::of_devices(self.devices.iter().map(Vec::as_slice));
+        let section = |heading, table| Section { heading, table: Some(table), ..Section::default() };
+        [section("Settings", table), section("Devices", devices)]
+    }
+
+    fn simulation(&self, options: &RenderOptions) -> Result<Section, Failure> {
+        let title = format!("Simulated speed-up of {} at {}", options.shot, options.size);
+        let figure = simulation_svg(title, &self.simulated).context("cannot draw the plot of the simulation")?;
+        let notes = "Frames on a virtual clock, with the costs measured on the most devices that fit the cores. Speed-up: \
+            over one simulated device of speed 1; the ideal is the sum of speeds. Critical path: the chain of tasks that \
+            makes the frame as long as it is.";
+        Ok(Section {
+            heading: "Simulation",
+            notes: vec![notes.to_owned()],
+            table: Some(simulation_table(&self.simulated)),
+            figure: Some(figure),
         })
-        .collect();
-    let headers =
-        ["devices", "makespan ms", "min..max", "speed-up", "efficiency", "imbalance", "transfers", "idle", "note"];
-    say!("{}", text_table(&headers, &cells).trim_end());
+    }
 }

@@ -1,13 +1,8 @@
 //! `diptych scale --simulate`: device counts and speeds that are not here, on a virtual clock with measured costs.
 
-use std::io::Write;
-
-use serde::Serialize;
-
 use diptych::graph::FrameGraph;
-use diptych::image::file::atomic_write;
-use diptych::report::text_table;
-use diptych::schedule::{CostModel, Prediction, StepKind, simulate};
+use diptych::report::simulation::Row;
+use diptych::schedule::{CostModel, Prediction, simulate};
 
 use super::failure::Failure;
 use super::options::RenderOptions;
@@ -21,24 +16,6 @@ pub struct Args {
     /// Speeds of simulated devices, 1: as measured; repeated for as many as there are
     #[arg(long, value_delimiter = ',', value_name = "S,S,…", default_value = "1", requires = "simulate")]
     speeds: Vec<f64>,
-}
-
-/// One row of `simulate.csv`.
-#[derive(Clone, Debug, Serialize)]
-pub struct Row {
-    devices: usize,
-    predicted_ms: f64,
-    /// Of devices that are here, where every simulated one has speed 1.
-    measured_ms: Option<f64>,
-    /// Over one device of speed 1.
-    speedup: f64,
-    /// Speed-up over the sum of speeds.
-    efficiency: f64,
-    imbalance: f64,
-    /// Host time in transfers over the makespan times the devices.
-    transfer_share: f64,
-    limit: &'static str,
-    critical_path: String,
 }
 
 impl Args {
@@ -71,7 +48,6 @@ impl Args {
             let here = measured.iter().find(|(d, _)| is_alike && *d == devices);
             rows.push(Row::new(&prediction, &speeds, one_ms, here.map(|(_, ms)| *ms)));
         }
-        write(&options.out.join("simulate.csv"), &rows)?;
         Ok(rows)
     }
 }
@@ -91,90 +67,4 @@ fn predict(options: &RenderOptions, model: &CostModel) -> Result<Prediction, Fai
         assignment = next;
     }
     simulate(&FrameGraph::build(model.spec(), &assignment), model).map_err(|e| Failure::Run(e.into()))
-}
-
-impl Row {
-    fn new(prediction: &Prediction, speeds: &[f64], one_ms: f64, measured_ms: Option<f64>) -> Self {
-        let devices = speeds.len();
-        let busy = &prediction.busy_ms;
-        let speedup = one_ms / prediction.makespan_ms;
-        Self {
-            devices,
-            predicted_ms: prediction.makespan_ms,
-            measured_ms,
-            speedup,
-            efficiency: speedup / speeds.iter().sum::<f64>(),
-            imbalance: busy.iter().copied().fold(0.0, f64::max) * devices as f64 / busy.iter().sum::<f64>().max(1e-9),
-            transfer_share: prediction.transfer_ms / (prediction.makespan_ms * devices as f64),
-            limit: prediction.limit.name(),
-            critical_path: summary(prediction),
-        }
-    }
-}
-
-/// Shares of the makespan that the critical path spends in what, largest first: `path_trace 61 % atrous 30 %`.
-fn summary(prediction: &Prediction) -> String {
-    let mut shares: Vec<(&str, f64)> = Vec::new();
-    for step in &prediction.critical_path {
-        let name = match step.kind {
-            StepKind::Stage(stage) => stage.name(),
-            StepKind::Download | StepKind::Upload => "transfers",
-            StepKind::Stitch => continue,
-        };
-        let share = (step.end_ms - step.begin_ms) / prediction.makespan_ms;
-        match shares.iter_mut().find(|(n, _)| *n == name) {
-            Some((_, sum)) => *sum += share,
-            None => shares.push((name, share)),
-        }
-    }
-    shares.sort_by(|a, b| b.1.total_cmp(&a.1));
-    let shown = shares.iter().filter(|(_, share)| *share >= 0.005);
-    shown.map(|(name, share)| format!("{name} {:.0} %", share * 100.0)).collect::<Vec<_>>().join(" ")
-}
-
-fn write(path: &std::path::Path, rows: &[Row]) -> Result<(), Failure> {
-    atomic_write(path, |file| {
-        writeln!(
-            file,
-            "devices,predicted_ms,measured_ms,speedup,efficiency,imbalance,transfer_share,limit,critical_path"
-        )?;
-        for r in rows {
-            let measured = r.measured_ms.map_or(String::new(), |ms| format!("{ms:.4}"));
-            writeln!(
-                file,
-                "{},{:.4},{measured},{:.4},{:.4},{:.4},{:.5},{},{}",
-                r.devices,
-                r.predicted_ms,
-                r.speedup,
-                r.efficiency,
-                r.imbalance,
-                r.transfer_share,
-                r.limit,
-                r.critical_path
-            )?;
-        }
-        Ok(())
-    })?;
-    Ok(())
-}
-
-pub fn print_table(rows: &[Row]) {
-    let cells: Vec<Vec<String>> = rows
-        .iter()
-        .map(|r| {
-            vec![
-                r.devices.to_string(),
-                format!("{:.1}", r.predicted_ms),
-                r.measured_ms.map_or("-".into(), |ms| format!("{ms:.1}")),
-                format!("{:.2}", r.speedup),
-                format!("{:.2}", r.efficiency),
-                format!("{:.3}", r.imbalance),
-                r.limit.into(),
-                r.critical_path.clone(),
-            ]
-        })
-        .collect();
-    let headers =
-        ["simulated", "makespan ms", "measured ms", "speed-up", "efficiency", "imbalance", "limit", "critical path"];
-    say!("{}", text_table(&headers, &cells).trim_end());
 }

@@ -1,10 +1,12 @@
 //! What a grid of settings costs and how wrong it is: rows, CSV, the plot of time against error, and how fast the error
 //! falls with samples.
 
+use std::fmt;
+
 use serde::Serialize;
 
 use super::plot::{Axis, Chart, Series, line_chart_svg};
-use super::{ReportError, median_of, text_table};
+use super::{ReportError, Table, median_of};
 use crate::accumulation::Noise;
 use crate::exec::Stereo;
 use crate::metrics;
@@ -111,6 +113,15 @@ pub struct Slope {
     pub standard_error: Option<f64>,
     /// Settings that it goes through.
     pub points: usize,
+}
+
+impl fmt::Display for Slope {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { denoiser, eye, slope, standard_error, points } = self;
+        let error = standard_error.map_or(String::new(), |e| format!(" ± {e:.3}"));
+        write!(f, "{denoiser}, {eye} eye: √relMSE ∝ spp^{slope:.3}{error} over {points} settings")?;
+        write!(f, " (independent samples: -0.5)")
+    }
 }
 
 /// Least squares through (ln x, ln y); `None` for fewer than two different x.
@@ -220,7 +231,7 @@ pub fn svg(title: String, rows: &[Row], noise: Option<&Stereo<Noise>>) -> Result
 }
 
 /// A line per setting and eye.
-pub fn table(rows: &[Row], noise: Option<&Stereo<Noise>>) -> String {
+pub fn table(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Table {
     let metrics: Vec<&str> =
         SHOWN.into_iter().filter(|m| rows.iter().any(|r| r.errors.left.0.contains_key(*m))).collect();
     let mut headers = vec!["denoiser", "spp", "ms", "eye"];
@@ -241,7 +252,7 @@ pub fn table(rows: &[Row], noise: Option<&Stereo<Noise>>) -> String {
             lines.push(line);
         }
     }
-    text_table(&headers, &lines)
+    Table { headers, rows: lines }
 }
 
 #[cfg(test)]
@@ -310,7 +321,7 @@ mod tests {
     fn errors_within_the_noise_are_said_to_be() {
         let floor = Noise { rmse: 100.0, relmse: 10.0 };
         let noise = Stereo { left: floor, right: floor };
-        let text = table(&[row("none", 4, 12.5, &[0.5])], Some(&noise));
+        let text = table(&[row("none", 4, 12.5, &[0.5])], Some(&noise)).text();
         let noted: Vec<bool> = text.lines().skip(2).map(|l| l.contains("noise")).collect();
         assert_eq!(noted, [true, false], "{text}");
     }

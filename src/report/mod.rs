@@ -1,14 +1,17 @@
-//! Results for people: text tables and SVG charts. Both are strings; where they go is the caller's affair.
+//! Results for people: text tables, SVG charts and pages of HTML. All are strings; where they go is the caller's affair.
 
 pub mod bench;
+pub mod html;
 pub mod plot;
 pub mod run;
+pub mod scale;
+pub mod simulation;
 pub mod table;
 mod ticks;
 pub mod trace;
 
 pub use plot::{Axis, Chart, Series, line_chart_svg};
-pub use table::text_table;
+pub use table::{Table, text_table};
 
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
@@ -25,4 +28,36 @@ pub enum ReportError {
 pub fn median_of(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(0.0)
+}
+
+/// Largest over mean.
+fn imbalance(busy_ms: &[f64]) -> f64 {
+    busy_ms.iter().copied().fold(0.0, f64::max) * busy_ms.len() as f64 / busy_ms.iter().sum::<f64>().max(1e-9)
+}
+
+/// Shares below this are not told.
+const SHARE_MIN: f64 = 0.005;
+
+/// Shares summed by name, largest first: `path_trace 61 % atrous 30 %`.
+fn shares_text<'a>(shares: impl IntoIterator<Item = (&'a str, f64)>) -> String {
+    let mut sums: Vec<(&str, f64)> = Vec::new();
+    for (name, share) in shares {
+        match sums.iter_mut().find(|(n, _)| *n == name) {
+            Some((_, sum)) => *sum += share,
+            None => sums.push((name, share)),
+        }
+    }
+    sums.sort_by(|a, b| b.1.total_cmp(&a.1));
+    let shown = sums.iter().filter(|(_, share)| *share >= SHARE_MIN);
+    shown.map(|(name, share)| format!("{name} {:.0} %", share * 100.0)).collect::<Vec<_>>().join(" ")
+}
+
+/// A column's name and its value in a row.
+type Column<T> = (&'static str, fn(&T) -> String);
+
+/// Lines of values under the names of their columns.
+fn csv<T>(columns: &[Column<T>], rows: &[T]) -> String {
+    let line = |cells: Vec<String>| cells.join(",") + "\n";
+    let header = line(columns.iter().map(|(name, _)| (*name).to_owned()).collect());
+    rows.iter().fold(header, |text, row| text + &line(columns.iter().map(|(_, cell)| cell(row)).collect()))
 }

@@ -1,4 +1,54 @@
-//! Aligned text tables for terminals.
+//! Tables, and how they look on terminals.
+
+use serde::Serialize;
+use serde_json::Value;
+
+use crate::device::DeviceInfo;
+
+/// What a table says, however it is shown.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Table {
+    pub headers: Vec<&'static str>,
+    pub rows: Vec<Vec<String>>,
+}
+
+impl Table {
+    /// As [`text_table`].
+    pub fn text(&self) -> String {
+        text_table(&self.headers, &self.rows)
+    }
+
+    /// Names and values of a structure's fields; of anything else, nothing.
+    pub fn of_fields(of: &impl Serialize) -> Table {
+        let fields = serde_json::to_value(of).ok().and_then(|value| value.as_object().cloned()).unwrap_or_default();
+        let row = |(name, value): (String, Value)| match value {
+            Value::String(text) => vec![name, text],
+            Value::Null => vec![name, "-".to_owned()],
+            value => vec![name, value.to_string()],
+        };
+        Table { headers: vec!["setting", "value"], rows: fields.into_iter().map(row).collect() }
+    }
+
+    /// The devices of each run, those of a kind on one line.
+    pub fn of_devices<'a>(runs: impl IntoIterator<Item = &'a [DeviceInfo]>) -> Table {
+        let mut rows = Vec::new();
+        for run in runs {
+            let kinds = run.chunk_by(|a, b| (a.adapter, a.threads) == (b.adapter, b.threads));
+            rows.extend(kinds.filter_map(|alike| {
+                let DeviceInfo { name, driver, kind, threads, .. } = alike.first()?;
+                let threads = threads.map_or("-".to_owned(), |threads| threads.to_string());
+                let (all, these) = (run.len().to_string(), alike.len().to_string());
+                Some(vec![all, these, name.clone(), driver.clone(), kind.clone(), threads])
+            }));
+        }
+        Table { headers: vec!["devices", "of these", "adapter", "driver", "kind", "threads each"], rows }
+    }
+
+    /// Whether a column holds only numbers.
+    pub fn is_numeric(&self, column: usize) -> bool {
+        self.rows.iter().all(|row| row.get(column).is_none_or(|cell| is_number(cell)))
+    }
+}
 
 /// Lays out `rows` under `headers`: columns two spaces apart, those that hold only numbers to the right. A missing cell
 /// is empty, cells beyond the headers are dropped. Every line ends in a newline and has no trailing space.
@@ -51,11 +101,11 @@ impl Column {
     }
 }
 
-/// A number, perhaps with a short unit (`12.5 %`, `1.9x`), or a placeholder for one.
+/// A number, perhaps with a short unit (`12.5 %`, `1.9x`) or its uncertainty (`1.9 ± 0.1`), or a placeholder for one.
 fn is_number(cell: &str) -> bool {
     let cell = cell.trim();
     let number = cell.trim_end_matches(['%', 'x', ' ']);
-    matches!(cell, "" | "-") || number.parse::<f64>().is_ok()
+    matches!(cell, "" | "-") || number.split(" ± ").all(|part| part.parse::<f64>().is_ok())
 }
 
 #[cfg(test)]
@@ -70,13 +120,13 @@ mod tests {
     fn numbers_align_right_and_words_left() {
         let table = text_table(
             &["stage", "ms", "share"],
-            &rows(&[&["trace", "12.50", "80 %"], &["denoise à-trous", "3.1", "-"], &["idle"]]),
+            &rows(&[&["trace", "12.50", "80 ± 2 %"], &["denoise à-trous", "3.1", "-"], &["idle"]]),
         );
         let expected = "\
-stage               ms  share
----------------  -----  -----
-trace            12.50   80 %
-denoise à-trous    3.1      -
+stage               ms     share
+---------------  -----  --------
+trace            12.50  80 ± 2 %
+denoise à-trous    3.1         -
 idle
 ";
         assert_eq!(table, expected);

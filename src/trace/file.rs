@@ -7,7 +7,8 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value};
 
 use super::event::{Event, Kind};
-use super::{Recorder, TraceError, host};
+use super::host::HostSpans;
+use super::{Recorder, TraceError};
 use crate::image::ImageError;
 
 /// The trace-file of a run. Brought up to date by [`Recorder::flush`] and ended by [`TraceFile::finish`], or, with what
@@ -24,8 +25,8 @@ impl TraceFile {
     /// [`TraceError::Write`]; [`TraceError::SubscriberTaken`]: host spans can be recorded once in a process's life.
     pub fn start(path: &Path) -> Result<TraceFile, TraceError> {
         let recorder = Recorder::new();
-        host::install(recorder.clone())?;
-        TraceFile::begin(recorder, path)
+        let host = HostSpans::install(recorder.origin())?;
+        TraceFile::begin(recorder, Some(host), path)
     }
 
     /// As [`TraceFile::start`], but without host spans.
@@ -33,11 +34,11 @@ impl TraceFile {
     /// # Errors
     /// [`TraceError::Write`]
     pub fn start_without_host(path: &Path) -> Result<TraceFile, TraceError> {
-        TraceFile::begin(Recorder::new(), path)
+        TraceFile::begin(Recorder::new(), None, path)
     }
 
-    fn begin(recorder: Recorder, path: &Path) -> Result<TraceFile, TraceError> {
-        recorder.open(Document::create(path)?);
+    fn begin(recorder: Recorder, host: Option<HostSpans>, path: &Path) -> Result<TraceFile, TraceError> {
+        recorder.open(Document::create(path)?, host);
         Ok(TraceFile { recorder, is_finished: false })
     }
 

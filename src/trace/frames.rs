@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::critical::{What, critical_path};
 use super::event::Track;
-use super::work::{Frame, FrameTime, Task};
+use super::work::{Frame, FrameTime, Task, Trace};
 use super::{FIRST_DEVICE_PID, HOST_PID, Lane, Recorder};
 use crate::exec::{Fault, FrameReport, TaskTiming, TimedTask};
 use crate::graph::Stage;
@@ -22,13 +22,10 @@ pub fn record_frame(recorder: &Recorder, report: &FrameReport, knobs: &FrameKnob
     if !recorder.is_on() {
         return;
     }
-    let mut tasks: Vec<Task> = report.tasks.iter().map(|timing| task_from(timing, report.index)).collect();
-    tasks.sort_by(|a, b| a.begin_us.total_cmp(&b.begin_us).then(a.end_us.total_cmp(&b.end_us)));
-    let devices = report.assignment.stripes(Stage::PathTrace, Eye::Left).devices() as u64;
-    let (frame, begin_us) = (u64::from(report.index), report.begin_ms * 1e3);
-    let time = FrameTime { frame, begin_us, end_us: begin_us + report.makespan_ms * 1e3, devices: Some(devices) };
+    let (tasks, time) = (tasks_from(std::slice::from_ref(report)), time_from(report));
     let spp = ("spp", f64::from(knobs.spp));
-    recorder.frame(time.begin_us, time.end_us, &[("frame", frame as f64), ("devices", devices as f64), spp]);
+    let devices = ("devices", devices(report) as f64);
+    recorder.frame(time.begin_us, time.end_us, &[("frame", time.frame as f64), devices, spp]);
     for task in &tasks {
         record_task(recorder, task, spp);
     }
@@ -37,6 +34,30 @@ pub fn record_frame(recorder: &Recorder, report: &FrameReport, knobs: &FrameKnob
     record_critical_path(recorder, &frame);
     record_counters(recorder, report, knobs);
     recorder.flush();
+}
+
+/// Frames as their trace has them, without the devices' names.
+pub fn trace_from(reports: &[FrameReport]) -> Trace {
+    let frame_times = reports.iter().map(time_from).collect();
+    Trace { tasks: tasks_from(reports), frame_times, ..Trace::default() }
+}
+
+/// In order of begin.
+fn tasks_from(reports: &[FrameReport]) -> Vec<Task> {
+    let timings = reports.iter().flat_map(|report| report.tasks.iter().map(|timing| (timing, report.index)));
+    let mut tasks: Vec<Task> = timings.map(|(timing, frame)| task_from(timing, frame)).collect();
+    tasks.sort_by(|a, b| a.begin_us.total_cmp(&b.begin_us).then(a.end_us.total_cmp(&b.end_us)));
+    tasks
+}
+
+fn time_from(report: &FrameReport) -> FrameTime {
+    let begin_us = report.begin_ms * 1e3;
+    let end_us = begin_us + report.makespan_ms * 1e3;
+    FrameTime { frame: report.index.into(), begin_us, end_us, devices: Some(devices(report) as u64) }
+}
+
+fn devices(report: &FrameReport) -> usize {
+    report.assignment.stripes(Stage::PathTrace, Eye::Left).devices()
 }
 
 fn task_from(timing: &TaskTiming, frame: u32) -> Task {

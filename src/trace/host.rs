@@ -1,130 +1,204 @@
-//! Host spans: what `tracing` tells of this process, on the trace's own clock.
+//! Host spans: what `tracing` tells of this process, written down by `tracing-chrome` and taken over into the trace.
+//!
+//! That crate's thread writes the text of a JSON list, a record per line, with times since a moment that it does not
+//! tell. Here it writes to a channel, and puts our own time and the span's number where a record has its category.
 
-use std::fmt::Debug;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::collections::HashMap;
+use std::io::{self, Write};
+use std::sync::mpsc::{Receiver, Sender, channel};
 use std::time::Instant;
 
-use tracing::Subscriber;
-use tracing::field::{Field, Visit};
-use tracing::span::{Attributes, Id, Record};
-use tracing_subscriber::Layer;
-use tracing_subscriber::layer::{Context, SubscriberExt};
-use tracing_subscriber::registry::LookupSpan;
+use serde::Deserialize;
+use tracing_chrome::{ChromeLayerBuilder, EventOrSpan, FlushGuard};
+use tracing_subscriber::Registry;
+use tracing_subscriber::layer::SubscriberExt;
 
-use super::event::{Arg, Args, Event, Kind, Track};
-use super::{FRAMES_TRACK, HOST_PID, Recorder, TraceError};
+use super::event::{Arg, Event, Kind, Track};
+use super::{FRAMES_TRACK, HOST_PID, TraceError};
 
-/// Makes `recorder` the process's `tracing` subscriber, which is possible once in its life.
-///
-/// # Errors
-/// [`TraceError::SubscriberTaken`]
-pub fn install(recorder: Recorder) -> Result<(), TraceError> {
-    let subscriber = tracing_subscriber::registry().with(HostLayer { recorder });
-    tracing::subscriber::set_global_default(subscriber).map_err(|_| TraceError::SubscriberTaken)
+/// Host spans that are being recorded.
+pub struct HostSpans {
+    guard: FlushGuard,
+    text: Receiver<Piece>,
+    spans: Spans,
 }
 
-struct HostLayer {
-    recorder: Recorder,
-}
+/// Some of the text, or none where all of it has been flushed.
+type Piece = Option<Vec<u8>>;
 
-/// Threads are counted in the order in which they are first seen, after the track of frames.
-fn thread_number() -> u32 {
-    static NEXT: AtomicU32 = AtomicU32::new(FRAMES_TRACK.tid + 1);
-    thread_local!(static NUMBER: u32 = NEXT.fetch_add(1, Ordering::Relaxed));
-    // While a thread ends its number may be gone; spans of that moment share one.
-    NUMBER.try_with(|number| *number).unwrap_or(u32::MAX)
-}
-
-impl HostLayer {
-    /// An event of this thread, now.
-    fn event(&self, kind: Kind, name: &str, args: Args) -> Event {
-        let track = Track { pid: HOST_PID, tid: thread_number() };
-        let time_us = self.recorder.time_us(Instant::now());
-        Event { kind, name: name.to_owned(), category: "host", track, time_us, args }
-    }
-}
-
-impl<S: Subscriber + for<'a> LookupSpan<'a>> Layer<S> for HostLayer {
-    fn on_new_span(&self, attributes: &Attributes<'_>, id: &Id, context: Context<'_, S>) {
-        let mut args = Args::new();
-        attributes.record(&mut ArgsVisitor(&mut args));
-        if let Some(span) = context.span(id) {
-            span.extensions_mut().insert(args);
+impl HostSpans {
+    /// Makes this the process's `tracing` subscriber, which is possible once in its life. Times are counted from
+    /// `origin`.
+    ///
+    /// # Errors
+    /// [`TraceError::SubscriberTaken`]
+    pub fn install(origin: Instant) -> Result<HostSpans, TraceError> {
+        // Building a second layer would cut this thread off from the first.
+        if tracing::dispatcher::has_been_set() {
+            return Err(TraceError::SubscriberTaken);
         }
-    }
-
-    fn on_record(&self, id: &Id, values: &Record<'_>, context: Context<'_, S>) {
-        if let Some(span) = context.span(id)
-            && let Some(args) = span.extensions_mut().get_mut::<Args>()
-        {
-            values.record(&mut ArgsVisitor(args));
-        }
-    }
-
-    fn on_enter(&self, id: &Id, context: Context<'_, S>) {
-        let Some(span) = context.span(id) else { return };
-        let args = span.extensions().get::<Args>().cloned().unwrap_or_default();
-        let event = self.event(Kind::Complete { duration_us: 0.0 }, span.name(), args);
-        let Some(mut log) = self.recorder.lock() else { return };
-        if log.named_threads.insert(event.track.tid) {
-            let thread = std::thread::current();
-            log.push(Event::thread_name(event.track, thread.name().unwrap_or("thread")));
-        }
-        log.open_spans.insert((id.into_u64(), event.track.tid), event);
-    }
-
-    fn on_exit(&self, id: &Id, context: Context<'_, S>) {
-        let now_us = self.recorder.time_us(Instant::now());
-        // Fields recorded while the span was open are known only now.
-        let args = context.span(id).and_then(|span| span.extensions().get::<Args>().cloned());
-        let Some(mut log) = self.recorder.lock() else { return };
-        let Some(mut event) = log.open_spans.remove(&(id.into_u64(), thread_number())) else { return };
-        event.kind = Kind::Complete { duration_us: now_us - event.time_us };
-        event.args = args.unwrap_or(event.args);
-        log.push(event);
-    }
-
-    fn on_event(&self, event: &tracing::Event<'_>, _context: Context<'_, S>) {
-        let mut args = Args::new();
-        event.record(&mut ArgsVisitor(&mut args));
-        // `tracing` names an event after its place in the source unless told otherwise; its message says more.
-        let name = match args.get("message") {
-            Some(Arg::Text(message)) if event.metadata().name().starts_with("event ") => message.clone(),
-            _ => event.metadata().name().to_owned(),
+        let (sender, text) = channel();
+        let stamp = move |what: &EventOrSpan<'_, '_, Registry>| {
+            let span = match what {
+                EventOrSpan::Span(span) => span.id().into_u64(),
+                EventOrSpan::Event(_) => 0,
+            };
+            format!("{} {span}", origin.elapsed().as_nanos())
         };
-        let event = self.event(Kind::Instant, &name, args);
-        if let Some(mut log) = self.recorder.lock() {
-            log.push(event);
+        let layer = ChromeLayerBuilder::new().include_args(true).include_locations(false);
+        let (layer, guard) = layer.category_fn(Box::new(stamp)).writer(Pieces(sender)).build();
+        let subscriber = tracing_subscriber::registry().with(layer);
+        tracing::subscriber::set_global_default(subscriber).map_err(|_| TraceError::SubscriberTaken)?;
+        Ok(HostSpans { guard, text, spans: Spans::default() })
+    }
+
+    /// What has been recorded since the last call; of spans, those that have ended.
+    pub fn take(&mut self) -> Vec<Event> {
+        self.guard.flush();
+        let pieces: Vec<Vec<u8>> = self.text.iter().map_while(|piece| piece).collect();
+        self.spans.events_from(&pieces.concat())
+    }
+
+    /// Stops recording. Spans still open end at `now_us` and carry `unfinished`.
+    pub fn end(mut self, now_us: f64) -> Vec<Event> {
+        let mut events = self.take();
+        for (_, mut event) in self.spans.open {
+            event.kind = Kind::Complete { duration_us: (now_us - event.time_us).max(0.0) };
+            event.args.insert("unfinished".to_owned(), 1.0.into());
+            events.push(event);
+        }
+        events
+    }
+}
+
+/// What is written goes to whoever takes it; when nobody does any more, nowhere.
+struct Pieces(Sender<Piece>);
+
+impl Write for Pieces {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        let _ = self.0.send(Some(bytes.to_vec()));
+        Ok(bytes.len())
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        let _ = self.0.send(None);
+        Ok(())
+    }
+}
+
+/// A line of `tracing-chrome`.
+#[derive(Deserialize)]
+struct Record {
+    ph: String,
+    name: String,
+    tid: u32,
+    /// Nanoseconds after our origin, a space, and the span's number; empty for a thread's name.
+    #[serde(default)]
+    cat: String,
+    /// `Debug` texts.
+    #[serde(default)]
+    args: HashMap<String, String>,
+}
+
+/// Joins begins with their ends.
+#[derive(Default)]
+struct Spans {
+    /// By the span's number and the thread's.
+    open: HashMap<(u64, u32), Event>,
+}
+
+impl Spans {
+    /// `text` ends where a record does.
+    fn events_from(&mut self, text: &[u8]) -> Vec<Event> {
+        let lines = text.split(|&byte| byte == b'\n').map(|line| line.strip_suffix(b",").unwrap_or(line));
+        // What is no record is a bracket of the list, or what lies between two flushes.
+        lines.filter_map(|line| serde_json::from_slice(line).ok()).filter_map(|record| self.event(record)).collect()
+    }
+
+    fn event(&mut self, mut record: Record) -> Option<Event> {
+        let track = Track { pid: HOST_PID, tid: FRAMES_TRACK.tid + 1 + record.tid };
+        if record.ph == "M" {
+            return Some(Event::thread_name(track, record.args.get("name")?));
+        }
+        let (time_ns, span) = record.cat.split_once(' ')?;
+        let (time_us, span) = (time_ns.parse::<u64>().ok()? as f64 / 1e3, (span.parse().ok()?, track.tid));
+        // `tracing` names an event after its place in the source unless told otherwise; its message says more.
+        let message = record.args.get("message").filter(|_| record.ph == "i" && record.name.starts_with("event "));
+        let name = message.cloned().unwrap_or(std::mem::take(&mut record.name));
+        let args = record.args.into_iter().map(|(name, text)| (name, arg(text))).collect();
+        let event = Event { kind: Kind::Instant, name, category: "host", track, time_us, args };
+        match record.ph.as_str() {
+            "B" => {
+                self.open.insert(span, event);
+                None
+            }
+            // Fields recorded while the span was open are known only at its end.
+            "E" => {
+                let begun = self.open.remove(&span)?;
+                Some(Event { kind: Kind::Complete { duration_us: time_us - begun.time_us }, args: event.args, ..begun })
+            }
+            _ => Some(event),
         }
     }
 }
 
-struct ArgsVisitor<'a>(&'a mut Args);
-
-impl ArgsVisitor<'_> {
-    fn insert(&mut self, field: &Field, arg: Arg) {
-        self.0.insert(field.name().to_owned(), arg);
+/// Numbers are plain in `Debug` texts, strings quoted.
+fn arg(text: String) -> Arg {
+    match text.parse::<f64>() {
+        Ok(number) => number.into(),
+        Err(_) => Arg::Text(serde_json::from_str(&text).unwrap_or(text)),
     }
 }
 
-impl Visit for ArgsVisitor<'_> {
-    fn record_f64(&mut self, field: &Field, value: f64) {
-        self.insert(field, value.into());
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The events of a text that comes in two parts.
+    fn events(spans: &mut Spans, [a, b]: [&str; 2]) -> Vec<Event> {
+        [a, b].iter().flat_map(|text| spans.events_from(text.as_bytes())).collect()
     }
 
-    fn record_i64(&mut self, field: &Field, value: i64) {
-        self.insert(field, (value as f64).into());
+    #[test]
+    fn begins_meet_their_ends_whatever_lies_between() {
+        let mut spans = Spans::default();
+        let first = r#"[
+{"args":{"name":"main"},"name":"thread_name","ph":"M","pid":1,"tid":0},
+{"args":{"frame":"3"},"cat":"10000 1","name":"frame","ph":"B","pid":1,"tid":0,"ts":1.0},
+{"cat":"10500 1","name":"frame","ph":"B","pid":1,"tid":1,"ts":1.5},
+{"cat":"11000 2","name":"frame","ph":"B","pid":1,"tid":0,"ts":2.0}"#;
+        let second = r#",
+{"args":{"frame":"3","rows":"90"},"cat":"14000 1","name":"frame","ph":"E","pid":1,"tid":0,"ts":5.0},
+{"cat":"15000 2","name":"frame","ph":"E","pid":1,"tid":0,"ts":6.0},
+{"cat":"15500 7","name":"stray","ph":"E","pid":1,"tid":0,"ts":6.5},
+{"args":{"message":"late"},"cat":"16000 0","name":"event src/a.rs:7","ph":"i","pid":1,"s":"t","tid":1,"ts":7.0}
+]"#;
+        let found = events(&mut spans, [first, second]);
+        let track = |tid| Track { pid: HOST_PID, tid: FRAMES_TRACK.tid + 1 + tid };
+        let number = |name: &str, value: f64| (name.to_owned(), Arg::Number(value));
+        let event = |kind, name: &str, tid, time_us, args: &[(String, Arg)]| {
+            let args = args.iter().cloned().collect();
+            Event { kind, name: name.to_owned(), category: "host", track: track(tid), time_us, args }
+        };
+        let long = |duration_us| Kind::Complete { duration_us };
+        let expected = [
+            Event::thread_name(track(0), "main"),
+            event(long(4.0), "frame", 0, 10.0, &[number("frame", 3.0), number("rows", 90.0)]),
+            event(long(4.0), "frame", 0, 11.0, &[]),
+            event(Kind::Instant, "late", 1, 16.0, &[("message".to_owned(), Arg::Text("late".to_owned()))]),
+        ];
+        assert_eq!(found, expected);
+        assert_eq!(spans.open.keys().collect::<Vec<_>>(), [&(1, track(1).tid)]);
     }
 
-    fn record_u64(&mut self, field: &Field, value: u64) {
-        self.insert(field, (value as f64).into());
-    }
-
-    fn record_str(&mut self, field: &Field, value: &str) {
-        self.insert(field, value.into());
-    }
-
-    fn record_debug(&mut self, field: &Field, value: &dyn Debug) {
-        self.insert(field, Arg::Text(format!("{value:?}")));
+    #[test]
+    fn arguments_are_numbers_where_they_were() {
+        for (text, expected) in [("7", 7.0), ("-1.5e3", -1500.0)] {
+            assert_eq!(arg(text.to_owned()), Arg::Number(expected));
+        }
+        let texts = [("\"7\"", "7"), ("true", "true"), ("NaN", "NaN"), ("Some(1)", "Some(1)")];
+        for (text, expected) in texts {
+            assert_eq!(arg(text.to_owned()), Arg::Text(expected.to_owned()));
+        }
     }
 }

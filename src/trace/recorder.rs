@@ -1,6 +1,5 @@
 //! Takes down device times, host spans, counters and arrows.
 
-use std::collections::{HashMap, HashSet};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -8,6 +7,7 @@ use serde_json::{Map, Value};
 
 use super::event::{Event, FlowStep, Kind, Track, args_from};
 use super::file::Document;
+use super::host::HostSpans;
 use super::{FIRST_DEVICE_PID, FRAMES_NAME, FRAMES_TRACK, HOST_PID, Lane, TraceError};
 
 /// Writes to the trace of a run; clones write to the same one, from any thread.
@@ -21,11 +21,9 @@ pub struct Recorder {
 #[derive(Default)]
 pub(super) struct Log {
     /// None before the trace begins and once it is finished: nothing is taken down then.
-    pub document: Option<Document>,
-    pub events: Vec<Event>,
-    /// Host spans that a thread is in, by the span's number and the thread's.
-    pub open_spans: HashMap<(u64, u32), Event>,
-    pub named_threads: HashSet<u32>,
+    document: Option<Document>,
+    events: Vec<Event>,
+    host: Option<HostSpans>,
     notes: Map<String, Value>,
     /// Events whose times were not finite or ran backwards.
     dropped_events: u64,
@@ -44,10 +42,10 @@ impl Recorder {
         Recorder { origin: Instant::now(), log: Some(Arc::default()) }
     }
 
-    /// Begins the trace.
-    pub(super) fn open(&self, document: Document) {
+    /// Begins the trace, with the spans of the host where they are recorded.
+    pub(super) fn open(&self, document: Document, host: Option<HostSpans>) {
         let Some(mut log) = self.lock() else { return };
-        log.document = Some(document);
+        (log.document, log.host) = (Some(document), host);
         log.push(Event::process_name(HOST_PID, "host"));
         log.push(Event::process_sort_index(HOST_PID, HOST_PID));
         log.push(Event::thread_name(FRAMES_TRACK, FRAMES_NAME));
@@ -160,10 +158,8 @@ impl Recorder {
     pub(super) fn close(&self, is_complete: bool) -> Result<(), TraceError> {
         let now_us = self.time_us(Instant::now());
         let Some(mut log) = self.lock() else { return Ok(()) };
-        for (_, mut event) in std::mem::take(&mut log.open_spans) {
-            event.kind = Kind::Complete { duration_us: now_us - event.time_us };
-            event.args.insert("unfinished".to_owned(), 1.0.into());
-            log.push(event);
+        if let Some(host) = log.host.take() {
+            host.end(now_us).into_iter().for_each(|event| log.push(event));
         }
         log.write(is_complete);
         log.document = None;
@@ -184,7 +180,7 @@ impl Recorder {
 }
 
 impl Log {
-    pub fn push(&mut self, event: Event) {
+    fn push(&mut self, event: Event) {
         if self.document.is_none() {
             return;
         }
@@ -196,6 +192,8 @@ impl Log {
     }
 
     fn write(&mut self, is_complete: bool) {
+        let spans = self.host.as_mut().map_or_else(Vec::new, HostSpans::take);
+        spans.into_iter().for_each(|event| self.push(event));
         let Some(document) = &mut self.document else { return };
         let mut other_data = self.notes.clone();
         other_data.insert("complete".to_owned(), is_complete.into());
@@ -203,7 +201,7 @@ impl Log {
         other_data.insert("writer".to_owned(), concat!("diptych ", env!("CARGO_PKG_VERSION")).into());
         if let Err(error) = document.append(std::mem::take(&mut self.events), &other_data) {
             self.failure = Some(error);
-            self.document = None;
+            (self.document, self.host) = (None, None);
         }
     }
 }

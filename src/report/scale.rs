@@ -1,0 +1,345 @@
+//! How frames scale over device counts: rows, CSV, tables, the plot of speed-up and the page with all of it.
+
+use serde::Serialize;
+
+use super::html::Section;
+use super::plot::{Axis, Chart, Series, line_chart_svg};
+use super::{Column, ReportError, Table, csv, imbalance, median_of, shares_text};
+use crate::exec::{FrameReport, TimedTask};
+use crate::trace::frames::trace_from;
+use crate::trace::summary::Summary;
+
+/// One row of `scale.csv`: a device count. Numbers of frames are medians.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Row {
+    pub devices: usize,
+    /// How many were timed.
+    pub frames: usize,
+    pub makespan_ms: f64,
+    pub makespan_ms_min: f64,
+    pub makespan_ms_max: f64,
+    /// From the lower to the upper quartile.
+    pub makespan_ms_iqr: f64,
+    /// Over the first row.
+    pub speedup: f64,
+    /// Its standard error, from how far the frames of both rows scatter.
+    pub speedup_error: f64,
+    pub efficiency: f64,
+    /// Busy time of the busiest device over the mean.
+    pub imbalance: f64,
+    /// Host time in transfers over the makespan times the devices.
+    pub transfer_share: f64,
+    /// More worker threads than cores.
+    pub oversubscribed: bool,
+    /// Share of the makespan in which a device's queue ran no stage, mean over devices.
+    pub idle_share: f64,
+    /// Sent from device to device.
+    pub bytes_per_frame: f64,
+    /// How far the cost model's makespan was from the measured one, over the latter; none before it had learned.
+    pub prediction_error: Option<f64>,
+    /// Shares of the frames' time.
+    pub critical_path: String,
+}
+
+impl Row {
+    /// Of timed frames; `first` is the row that speed-up is over, none for itself.
+    pub fn new(devices: usize, frames: &[FrameReport], oversubscribed: bool, first: Option<&Row>) -> Self {
+        let values = |of: &dyn Fn(&FrameReport) -> f64| frames.iter().map(of).collect::<Vec<_>>();
+        let median = |of: &dyn Fn(&FrameReport) -> f64| median_of(values(of));
+        let makespans_ms = values(&|f| f.makespan_ms);
+        let idle = |f: &FrameReport| 1.0 - busy_ms(f, devices).iter().sum::<f64>() / (f.makespan_ms * devices as f64);
+        let error = |f: &FrameReport| Some((f.predicted_ms? - f.makespan_ms).abs() / f.makespan_ms);
+        let errors: Vec<f64> = frames.iter().filter_map(error).collect();
+        let row = Self {
+            devices,
+            frames: frames.len(),
+            makespan_ms: median_of(makespans_ms.clone()),
+            makespan_ms_min: makespans_ms.iter().copied().fold(f64::INFINITY, f64::min),
+            makespan_ms_max: makespans_ms.iter().copied().fold(0.0, f64::max),
+            makespan_ms_iqr: interquartile_range(makespans_ms),
+            imbalance: median(&|f| imbalance(&busy_ms(f, devices))),
+            transfer_share: median(&|f| transfer_ms(f) / (f.makespan_ms * devices as f64)),
+            oversubscribed,
+            idle_share: median(&idle),
+            bytes_per_frame: median(&|f| f.uploaded_bytes() as f64),
+            prediction_error: (!errors.is_empty()).then(|| median_of(errors)),
+            critical_path: critical_path(frames),
+            ..Self::default()
+        };
+        row.over(first)
+    }
+
+    fn over(self, first: Option<&Row>) -> Self {
+        let Some(first) = first else { return Self { speedup: 1.0, efficiency: 1.0, ..self } };
+        let speedup = first.makespan_ms / self.makespan_ms;
+        let efficiency = speedup * first.devices as f64 / self.devices as f64;
+        let speedup_error = speedup * first.relative_error().hypot(self.relative_error());
+        Self { speedup, speedup_error, efficiency, ..self }
+    }
+
+    fn spread(&self) -> f64 {
+        self.makespan_ms_iqr / self.makespan_ms
+    }
+
+    /// Standard error of the median over the median, of frames that scatter about normally. McGill, Tukey & Larsen,
+    /// "Variations of Box Plots" (1978): 1.25 IQR / (1.35 √n).
+    fn relative_error(&self) -> f64 {
+        1.25 / 1.35 * self.spread() / (self.frames as f64).sqrt()
+    }
+
+    /// Where the devices' time went, as shares that add up to 1.
+    fn shares(&self, first: &Row) -> Shares {
+        let busy = 1.0 - self.idle_share;
+        let busy_ms = |r: &Row| r.makespan_ms * (1.0 - r.idle_share) * r.devices as f64;
+        let work = busy * busy_ms(first) / busy_ms(self);
+        let uneven = (self.imbalance - 1.0) * busy;
+        Shares { work, more: busy - work, uneven, waits: self.idle_share - uneven }
+    }
+}
+
+struct Shares {
+    /// What the first row's devices had to do as well.
+    work: f64,
+    /// Stages that took longer than there: margins of stripes, slower devices, shared caches and cores.
+    more: f64,
+    /// Less to do than the busiest device.
+    uneven: f64,
+    /// No device busy all the time: transfers, hand-overs, the host.
+    waits: f64,
+}
+
+/// Part of the time that may be lost before something else than work limits a frame.
+const LOSS_SHARE: f64 = 0.05;
+
+impl Shares {
+    /// The largest loss, if losses matter.
+    fn limit(&self) -> &'static str {
+        let losses = [("more work", self.more), ("uneven stripes", self.uneven), ("waits", self.waits)];
+        let lost: f64 = losses.iter().map(|(_, share)| share).sum();
+        let largest = losses.into_iter().max_by(|a, b| a.1.total_cmp(&b.1));
+        largest.filter(|_| lost > LOSS_SHARE).map_or("work", |(name, _)| name)
+    }
+}
+
+fn busy_ms(frame: &FrameReport, devices: usize) -> Vec<f64> {
+    let mut busy = vec![0.0; devices];
+    for task in frame.tasks.iter().filter(|t| matches!(t.kind, TimedTask::Gpu(_))) {
+        busy[task.device] += task.end_ms - task.begin_ms;
+    }
+    busy
+}
+
+fn transfer_ms(frame: &FrameReport) -> f64 {
+    let transfers = frame.tasks.iter().filter(|t| !matches!(t.kind, TimedTask::Gpu(_)));
+    transfers.map(|t| t.end_ms - t.begin_ms).fold(0.0, |sum, ms| sum + ms)
+}
+
+fn critical_path(frames: &[FrameReport]) -> String {
+    let summary = Summary::of(&trace_from(frames));
+    let parts = summary.critical_path.iter().map(|part| match part.lane {
+        None => ("waits", part.share),
+        Some(lane) if lane.is_transfer() => ("transfers", part.share),
+        Some(_) => (part.what.as_str(), part.share),
+    });
+    shares_text(parts)
+}
+
+/// Between the quartiles, interpolated linearly (type 7 of Hyndman & Fan, "Sample Quantiles", 1996).
+fn interquartile_range(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let quantile = |share: f64| -> Option<f64> {
+        let at = share * values.len().checked_sub(1)? as f64;
+        let [below, above] = [at.floor(), at.ceil()].map(|i| values[i as usize]);
+        Some(below + (above - below) * at.fract())
+    };
+    quantile(0.75).zip(quantile(0.25)).map_or(0.0, |(upper, lower)| upper - lower)
+}
+
+/// What `scale.csv` holds.
+pub fn scale_csv(rows: &[Row]) -> String {
+    const COLUMNS: [Column<Row>; 15] = [
+        ("devices", |r| r.devices.to_string()),
+        ("makespan_ms", |r| format!("{:.4}", r.makespan_ms)),
+        ("makespan_ms_min", |r| format!("{:.4}", r.makespan_ms_min)),
+        ("makespan_ms_max", |r| format!("{:.4}", r.makespan_ms_max)),
+        ("speedup", |r| format!("{:.4}", r.speedup)),
+        ("efficiency", |r| format!("{:.4}", r.efficiency)),
+        ("imbalance", |r| format!("{:.4}", r.imbalance)),
+        ("transfer_share", |r| format!("{:.5}", r.transfer_share)),
+        ("oversubscribed", |r| r.oversubscribed.to_string()),
+        ("idle_share", |r| format!("{:.5}", r.idle_share)),
+        ("makespan_ms_iqr", |r| format!("{:.4}", r.makespan_ms_iqr)),
+        ("makespan_spread", |r| format!("{:.5}", r.spread())),
+        ("speedup_error", |r| format!("{:.5}", r.speedup_error)),
+        ("bytes_per_frame", |r| format!("{:.0}", r.bytes_per_frame)),
+        ("prediction_error", |r| r.prediction_error.map_or(String::new(), |e| format!("{e:.5}"))),
+    ];
+    csv(&COLUMNS, rows)
+}
+
+pub fn scale_table(rows: &[Row]) -> Table {
+    let headers = vec![
+        "devices",
+        "makespan ms",
+        "min..max",
+        "spread",
+        "speed-up",
+        "efficiency",
+        "imbalance",
+        "transfers",
+        "idle",
+        "MB moved",
+        "predicted off by",
+        "note",
+    ];
+    let cells = |r: &Row| {
+        vec![
+            r.devices.to_string(),
+            format!("{:.1}", r.makespan_ms),
+            format!("{:.1}..{:.1}", r.makespan_ms_min, r.makespan_ms_max),
+            percent(r.spread()),
+            format!("{:.2} ± {:.2}", r.speedup, r.speedup_error),
+            format!("{:.2}", r.efficiency),
+            format!("{:.3}", r.imbalance),
+            percent(r.transfer_share),
+            percent(r.idle_share),
+            format!("{:.2}", r.bytes_per_frame / 1e6),
+            r.prediction_error.map_or("-".into(), percent),
+            if r.oversubscribed { "oversubscribed".into() } else { String::new() },
+        ]
+    };
+    Table { headers, rows: rows.iter().map(cells).collect() }
+}
+
+/// What keeps each count from being as many times faster as it has devices more than the first.
+fn limits_table(rows: &[Row]) -> Table {
+    let headers = vec![
+        "devices",
+        "work",
+        "more work",
+        "uneven stripes",
+        "waits",
+        "limited by",
+        "critical path, of the frames' time",
+    ];
+    let cells = |r: &Row| {
+        let shares = r.shares(rows.first().unwrap_or(r));
+        let Shares { work, more, uneven, waits } = shares;
+        let mut cells = vec![r.devices.to_string()];
+        cells.extend([work, more, uneven, waits].map(percent));
+        cells.extend([shares.limit().to_owned(), r.critical_path.clone()]);
+        cells
+    };
+    Table { headers, rows: rows.iter().map(cells).collect() }
+}
+
+fn percent(share: f64) -> String {
+    format!("{:.1} %", 100.0 * share)
+}
+
+/// Speed-up over device counts, in the band of its standard error, beside the ideal.
+///
+/// # Errors
+/// [`ReportError`] if there is nothing to draw.
+pub fn scale_svg(title: String, rows: &[Row]) -> Result<String, ReportError> {
+    let chart = Chart {
+        title,
+        x: Axis { label: "devices".into(), log: false },
+        y: Axis { label: "speed-up".into(), log: false },
+    };
+    let points = |of: &dyn Fn(&Row) -> f64| rows.iter().map(|r| (r.devices as f64, of(r))).collect();
+    let first = rows.first().map_or(1.0, |r| r.devices as f64);
+    let band = rows.iter().map(|r| (r.speedup - r.speedup_error, r.speedup + r.speedup_error)).collect();
+    let series = [
+        Series { name: "ideal".into(), points: points(&|r| r.devices as f64 / first), band: None, guide: true },
+        Series { name: "measured".into(), points: points(&|r| r.speedup), band: Some(band), guide: false },
+    ];
+    line_chart_svg(&chart, &series)
+}
+
+/// Scaling and what limits it, for a page; `figure` is the plot.
+pub fn scale_sections(rows: &[Row], figure: String) -> [Section; 2] {
+    let scaling = "Makespan: median time of a frame, from its plan to both images on the primary. Spread: interquartile \
+        range of the timed frames over their median. Speed-up: over the first row, with its standard error from the \
+        scatter of both. Imbalance: busy time of the busiest device over the mean. Transfers: host time in them, idle: \
+        time in which a queue ran no stage, both over makespan times devices. Predicted off by: median distance of the \
+        cost model's makespan from the measured one.";
+    let oversubscribed = "Oversubscribed: the devices have more threads together than there are cores, so they take \
+        time from one another and their speed-up says nothing about devices of their own.";
+    let limits = "Where the devices' time goes, in shares of makespan times devices. Work: what the first row's devices \
+        did as well, an ideal frame is all work. More work: stages that take longer in sum than there, such as margins \
+        that two devices compute, or caches and cores they share. Uneven stripes: less to do than the busiest device. \
+        Waits: not even the busiest one is busy, for transfers, hand-overs or the host.";
+    let mut notes = vec![scaling.to_owned()];
+    notes.extend(rows.iter().any(|r| r.oversubscribed).then(|| oversubscribed.to_owned()));
+    [
+        Section { heading: "Scaling", notes, table: Some(scale_table(rows)), figure: Some(figure) },
+        Section {
+            heading: "What limits each count",
+            notes: vec![limits.to_owned()],
+            table: Some(limits_table(rows)),
+            figure: None,
+        },
+    ]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(devices: usize, makespan_ms: f64, idle_share: f64, imbalance: f64) -> Row {
+        let (frames, makespan_ms_iqr) = (9, 0.09 * makespan_ms);
+        Row { devices, frames, makespan_ms, makespan_ms_iqr, idle_share, imbalance, ..Row::default() }
+    }
+
+    #[test]
+    fn the_columns_begin_with_those_that_programs_know() {
+        let text = scale_csv(&[row(2, 50.0, 0.0, 1.0)]);
+        let known = "devices,makespan_ms,makespan_ms_min,makespan_ms_max,speedup,efficiency,imbalance,transfer_share,\
+            oversubscribed,";
+        let lines: Vec<&str> = text.lines().collect();
+        assert!(lines[0].starts_with(known), "{text}");
+        for column in ["makespan_ms_iqr", "bytes_per_frame", "prediction_error"] {
+            assert!(lines[0].split(',').any(|c| c == column), "no {column} in {text}");
+        }
+        assert_eq!((lines.len(), lines[1].split(',').count()), (2, lines[0].split(',').count()));
+        assert!(lines[1].starts_with("2,50.0000,") && lines[1].ends_with(",4.5000,0.09000,0.00000,0,"), "{text}");
+    }
+
+    #[test]
+    fn half_of_the_values_lie_between_the_quartiles() {
+        assert_eq!(interquartile_range(vec![5.0, 1.0, 2.0, 4.0, 3.0]), 2.0);
+        assert_eq!(interquartile_range(vec![1.0, 2.0]), 0.5);
+        assert_eq!(interquartile_range(Vec::new()), 0.0);
+    }
+
+    #[test]
+    fn a_speedup_is_as_uncertain_as_both_its_times() {
+        let first = row(1, 100.0, 0.0, 1.0).over(None);
+        assert_eq!((first.speedup, first.speedup_error, first.efficiency), (1.0, 0.0, 1.0));
+        let second = row(2, 50.0, 0.0, 1.0).over(Some(&first));
+        assert_eq!((second.speedup, second.efficiency), (2.0, 1.0));
+        // 1.25 * 0.09 / (1.35 * 3) of either time.
+        let expected = 2.0 * 2f64.sqrt() * 0.1125 / 4.05;
+        assert!((second.speedup_error - expected).abs() < 1e-12, "{}", second.speedup_error);
+    }
+
+    #[test]
+    fn losses_and_work_are_all_of_the_time() {
+        let first = row(1, 100.0, 0.04, 1.0);
+        // 96 ms of work in 4 times 40 ms, of which 128 ms are busy, 36 ms of them on the busiest device.
+        let fourth = row(4, 40.0, 0.2, 1.125);
+        let shares = fourth.shares(&first);
+        let found = [shares.work, shares.more, shares.uneven, shares.waits];
+        let expected = [0.6, 0.2, 0.1, 0.1];
+        assert!(found.iter().zip(expected).all(|(f, e)| (f - e).abs() < 1e-12), "{found:?}");
+        assert_eq!((shares.limit(), first.shares(&first).limit()), ("more work", "work"));
+    }
+
+    #[test]
+    fn sections_say_what_oversubscription_means_only_where_there_is_some() {
+        let rows = [row(1, 100.0, 0.04, 1.0).over(None)];
+        let notes = |rows: &[Row]| scale_sections(rows, String::new())[0].notes.len();
+        assert_eq!((notes(&rows), notes(&[Row { oversubscribed: true, ..rows[0].clone() }])), (1, 2));
+    }
+}

@@ -1,0 +1,172 @@
+//! What simulated device counts would take: rows, CSV, table and plot.
+
+use serde::Serialize;
+
+use super::plot::{Axis, Chart, Series, line_chart_svg};
+use super::{Column, ReportError, Table, csv, imbalance, shares_text};
+use crate::schedule::{Prediction, StepKind};
+
+/// One row of `simulate.csv`.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    pub devices: usize,
+    pub predicted_ms: f64,
+    /// Of devices that are here, where every simulated one has speed 1.
+    pub measured_ms: Option<f64>,
+    /// Over one device of speed 1.
+    pub speedup: f64,
+    /// Speed-up over the sum of speeds.
+    pub efficiency: f64,
+    pub imbalance: f64,
+    /// Host time in transfers over the makespan times the devices.
+    pub transfer_share: f64,
+    pub limit: &'static str,
+    /// Shares of the makespan.
+    pub critical_path: String,
+}
+
+impl Row {
+    /// Of devices of these speeds; `one_ms` is the makespan on one device of speed 1.
+    pub fn new(prediction: &Prediction, speeds: &[f64], one_ms: f64, measured_ms: Option<f64>) -> Self {
+        let devices = speeds.len();
+        let speedup = one_ms / prediction.makespan_ms;
+        let path = prediction.critical_path.iter().filter_map(|step| {
+            let name = match step.kind {
+                StepKind::Stage(stage) => stage.name(),
+                StepKind::Download | StepKind::Upload => "transfers",
+                StepKind::Stitch => return None,
+            };
+            Some((name, (step.end_ms - step.begin_ms) / prediction.makespan_ms))
+        });
+        Self {
+            devices,
+            predicted_ms: prediction.makespan_ms,
+            measured_ms,
+            speedup,
+            efficiency: speedup / speeds.iter().sum::<f64>(),
+            imbalance: imbalance(&prediction.busy_ms),
+            transfer_share: prediction.transfer_ms / (prediction.makespan_ms * devices as f64),
+            limit: prediction.limit.name(),
+            critical_path: shares_text(path),
+        }
+    }
+
+    /// That of devices that are here, also over the simulated one.
+    fn measured_speedup(&self) -> Option<f64> {
+        Some(self.speedup * self.predicted_ms / self.measured_ms?)
+    }
+}
+
+/// What `simulate.csv` holds.
+pub fn simulation_csv(rows: &[Row]) -> String {
+    const COLUMNS: [Column<Row>; 9] = [
+        ("devices", |r| r.devices.to_string()),
+        ("predicted_ms", |r| format!("{:.4}", r.predicted_ms)),
+        ("measured_ms", |r| r.measured_ms.map_or(String::new(), |ms| format!("{ms:.4}"))),
+        ("speedup", |r| format!("{:.4}", r.speedup)),
+        ("efficiency", |r| format!("{:.4}", r.efficiency)),
+        ("imbalance", |r| format!("{:.4}", r.imbalance)),
+        ("transfer_share", |r| format!("{:.5}", r.transfer_share)),
+        ("limit", |r| r.limit.to_owned()),
+        ("critical_path", |r| r.critical_path.clone()),
+    ];
+    csv(&COLUMNS, rows)
+}
+
+pub fn simulation_table(rows: &[Row]) -> Table {
+    let headers = vec![
+        "simulated",
+        "makespan ms",
+        "measured ms",
+        "speed-up",
+        "efficiency",
+        "imbalance",
+        "limit",
+        "critical path",
+    ];
+    let cells = |r: &Row| {
+        vec![
+            r.devices.to_string(),
+            format!("{:.1}", r.predicted_ms),
+            r.measured_ms.map_or("-".into(), |ms| format!("{ms:.1}")),
+            format!("{:.2}", r.speedup),
+            format!("{:.2}", r.efficiency),
+            format!("{:.3}", r.imbalance),
+            r.limit.into(),
+            r.critical_path.clone(),
+        ]
+    };
+    Table { headers, rows: rows.iter().map(cells).collect() }
+}
+
+/// Speed-up over device counts, with the measured ones where there are any.
+///
+/// # Errors
+/// [`ReportError`] if there is nothing to draw.
+pub fn simulation_svg(title: String, rows: &[Row]) -> Result<String, ReportError> {
+    let chart = Chart {
+        title,
+        x: Axis { label: "devices".into(), log: false },
+        y: Axis { label: "speed-up over one simulated device".into(), log: false },
+    };
+    let points = |of: fn(&Row) -> Option<f64>| {
+        let mut points: Vec<_> = rows.iter().filter_map(|r| Some((r.devices as f64, of(r)?))).collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        points
+    };
+    let line = |name: &str, points: Vec<(f64, f64)>, guide| Series { name: name.into(), points, band: None, guide };
+    let mut series = vec![
+        line("ideal", points(|r| Some(r.speedup / r.efficiency)), true),
+        line("simulated", points(|r| Some(r.speedup)), false),
+    ];
+    if rows.iter().any(|r| r.measured_ms.is_some()) {
+        series.push(line("measured", points(Row::measured_speedup), false));
+    }
+    line_chart_svg(&chart, &series)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::graph::Stage;
+    use crate::scene::rig::Eye;
+    use crate::schedule::{Limit, Step};
+
+    fn row() -> Row {
+        let step = |kind, begin_ms, end_ms| Step { kind, view: Eye::Left, device: 0, begin_ms, end_ms };
+        let critical_path = vec![
+            step(StepKind::Stage(Stage::PathTrace), 0.0, 40.0),
+            step(StepKind::Download, 40.0, 42.0),
+            step(StepKind::Upload, 42.0, 43.0),
+            step(StepKind::Stage(Stage::Atrous), 43.0, 50.0),
+        ];
+        let (makespan_ms, busy_ms, limit) = (50.0, vec![45.0, 15.0], Limit::Imbalance);
+        Row::new(
+            &Prediction { makespan_ms, busy_ms, transfer_ms: 4.0, critical_path, limit },
+            &[1.0; 2],
+            90.0,
+            Some(60.0),
+        )
+    }
+
+    #[test]
+    fn a_row_sets_the_prediction_against_one_device_and_what_was_measured() {
+        let row = row();
+        assert_eq!((row.devices, row.speedup, row.efficiency), (2, 1.8, 0.9));
+        assert_eq!((row.imbalance, row.transfer_share, row.limit), (1.5, 0.04, "imbalance"));
+        assert_eq!(row.critical_path, "path_trace 80 % atrous 14 % transfers 6 %");
+        assert_eq!(row.measured_speedup(), Some(1.5));
+    }
+
+    #[test]
+    fn what_was_not_measured_is_empty_and_has_no_point() {
+        let rows = [row(), Row { devices: 4, measured_ms: None, ..row() }];
+        let text = simulation_csv(&rows);
+        let lines: Vec<&str> = text.lines().collect();
+        assert_eq!(lines[0].split(',').count(), 9);
+        assert!(lines[1].starts_with("2,50.0000,60.0000,1.8000,0.9000,1.5000,0.04000,imbalance,path_trace"), "{text}");
+        assert!(lines[2].starts_with("4,50.0000,,"), "{text}");
+        let dots = |rows: &[Row]| simulation_svg("t".into(), rows).unwrap().matches("<circle").count();
+        assert_eq!((dots(&rows), dots(&rows[1..])), (3, 1));
+    }
+}
