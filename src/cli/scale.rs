@@ -99,16 +99,21 @@ fn measure(
     let mut renderer = setup::renderer(options, loaded, gpus, tracing.recorder.origin())?;
     record_devices(&tracing.recorder, renderer.devices());
     let devices = renderer.devices().len();
-    let mut frames = Vec::new();
-    for i in 0..args.warm_up + timed {
-        // A sequence moves along the path; a single frame is repeated.
-        let step = if options.frames > 1 { f64::from(i.saturating_sub(args.warm_up)) / options.fps } else { 0.0 };
-        let frame = renderer.render(&loaded.shot.rig, options.time + step, i)?;
+    let (mut frames, mut begun) = (Vec::new(), 0);
+    loop {
+        while begun < args.warm_up + timed && renderer.in_flight() < usize::from(options.frames_in_flight) {
+            // A sequence moves along the path; a single frame is repeated.
+            let number = if options.frames > 1 { begun.saturating_sub(args.warm_up) } else { 0 };
+            let time_s = options.time + f64::from(number) / options.fps;
+            renderer.begin(&loaded.shot.rig, time_s, begun, &[])?;
+            begun += 1;
+        }
+        let Some(frame) = renderer.finish()? else { break };
         refuse_faults(&renderer)?;
         interrupt::check()?;
         let event = serde_json::json!({ "event": "frame", "devices": devices, "makespan_ms": frame.makespan_ms });
         progress.step(format!("{devices} device(s) {:.1} ms", frame.makespan_ms), &event);
-        if i >= args.warm_up {
+        if frame.index >= args.warm_up {
             // Each count's frames get numbers of their own in the trace.
             let shown = FrameReport { index: frame.index + count as u32 * 1_000_000, ..frame.clone() };
             tracing.record(options, &shown);

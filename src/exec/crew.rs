@@ -90,8 +90,9 @@ impl Crew {
         for (device, order) in orders {
             let command = Command { ticket, limit, order };
             asked.awaited.push(device);
-            if !self.members[device].commands.as_ref().is_some_and(|c| c.send(command).is_ok()) {
-                gone_devices.push(device);
+            match &self.members[device].commands {
+                Some(commands) if commands.send(command).is_ok() => {}
+                _ => gone_devices.push(device),
             }
         }
         self.asked.push(asked);

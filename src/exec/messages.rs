@@ -21,7 +21,11 @@ pub struct Command {
 pub enum Order {
     Frame(Box<FrameJob>),
     /// Send both eyes' image in this slot back, once what is to happen to the device has happened.
-    Read { image: PhysicalImage, slot: usize, injected: Option<InjectedKind> },
+    Read {
+        image: PhysicalImage,
+        slot: usize,
+        injected: Option<InjectedKind>,
+    },
 }
 
 #[derive(Clone)]

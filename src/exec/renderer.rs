@@ -281,6 +281,7 @@ impl Renderer {
             begin_ms,
             makespan_ms: 0.0,
             interval_ms: None,
+            slot: inputs.slot,
             overlapped,
             predicted_ms: predicted.map(|p| p.makespan_ms),
             plan_ms: self.origin.elapsed().as_secs_f64() * 1e3 - now_ms,
@@ -371,7 +372,13 @@ impl Renderer {
         Ok(failures)
     }
 
-    fn complete(&mut self, frame: &mut InFlight, begin_ms: f64, end_ms: f64, mut images: HashMap<PhysicalImage, Pixels>) {
+    fn complete(
+        &mut self,
+        frame: &mut InFlight,
+        begin_ms: f64,
+        end_ms: f64,
+        mut images: HashMap<PhysicalImage, Pixels>,
+    ) {
         let report = &mut frame.report;
         if report.overlapped && frame.attempts == 1 {
             report.begin_ms = begin_ms;

@@ -44,7 +44,9 @@ pub struct FrameReport {
     pub makespan_ms: f64,
     /// Between its end and that of the frame before, which is what throughput follows from; none for a first frame.
     pub interval_ms: Option<f64>,
-    /// Other frames that were on the devices with it.
+    /// Which of the frames that may be in flight together it is, from 0.
+    pub slot: usize,
+    /// Whether others were on the devices with it.
     pub overlapped: bool,
     /// The makespan that the cost model foretold; none before it has learned from a frame, and none for frames that
     /// overlap.

@@ -119,10 +119,10 @@ pub struct FrameSpec {
 impl FrameSpec {
     /// The filter's iterations in runs between which rows are exchanged; one run without any if nothing is filtered.
     fn runs(&self) -> Vec<Range<u32>> {
+        let iterations = if self.has_surfaces { self.iterations } else { 0 };
         match self.seam {
-            _ if self.iterations == 0 || !self.has_surfaces => vec![0..0],
-            Seam::Halo(plan) => plan.runs(self.iterations),
-            Seam::None | Seam::Filter => vec![0..self.iterations],
+            Seam::Halo(plan) if iterations > 0 => plan.runs(iterations),
+            _ => std::iter::once(0..iterations).collect(),
         }
     }
 }

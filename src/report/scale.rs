@@ -20,6 +20,12 @@ pub struct Row {
     pub makespan_ms_max: f64,
     /// From the lower to the upper quartile.
     pub makespan_ms_iqr: f64,
+    /// From the end of a frame to the end of the next one.
+    pub interval_ms: f64,
+    /// What throughput follows from, and how it scatters: the interval of frames in flight, the makespan of frames that
+    /// follow one another.
+    pub period_ms: f64,
+    pub period_spread: f64,
     /// Over the first row.
     pub speedup: f64,
     /// Its standard error, from how far the frames of both rows scatter.
@@ -47,7 +53,12 @@ impl Row {
         let values = |of: &dyn Fn(&FrameReport) -> f64| frames.iter().map(of).collect::<Vec<_>>();
         let median = |of: &dyn Fn(&FrameReport) -> f64| median_of(values(of));
         let makespans_ms = values(&|f| f.makespan_ms);
-        let idle = |f: &FrameReport| 1.0 - busy_ms(f, devices).iter().sum::<f64>() / (f.makespan_ms * devices as f64);
+        // The first frame that is timed may have begun before the others were in flight.
+        let intervals_ms: Vec<f64> = frames.iter().skip(1).filter_map(|f| f.interval_ms).collect();
+        let overlapped = frames.iter().any(|f| f.overlapped);
+        let periods_ms = if overlapped { intervals_ms.clone() } else { makespans_ms.clone() };
+        let period_ms = median_of(periods_ms.clone());
+        let idle = |f: &FrameReport| 1.0 - busy_ms(f, devices).iter().sum::<f64>() / (period_ms * devices as f64);
         let error = |f: &FrameReport| Some((f.predicted_ms? - f.makespan_ms).abs() / f.makespan_ms);
         let errors: Vec<f64> = frames.iter().filter_map(error).collect();
         let row = Self {
@@ -57,8 +68,11 @@ impl Row {
             makespan_ms_min: makespans_ms.iter().copied().fold(f64::INFINITY, f64::min),
             makespan_ms_max: makespans_ms.iter().copied().fold(0.0, f64::max),
             makespan_ms_iqr: interquartile_range(makespans_ms),
+            interval_ms: median_of(intervals_ms),
+            period_ms,
+            period_spread: interquartile_range(periods_ms) / period_ms,
             imbalance: median(&|f| imbalance(&busy_ms(f, devices))),
-            transfer_share: median(&|f| transfer_ms(f) / (f.makespan_ms * devices as f64)),
+            transfer_share: median(&|f| transfer_ms(f) / (period_ms * devices as f64)),
             oversubscribed,
             idle_share: median(&idle),
             bytes_per_frame: median(&|f| f.uploaded_bytes() as f64),
@@ -71,26 +85,22 @@ impl Row {
 
     fn over(self, first: Option<&Row>) -> Self {
         let Some(first) = first else { return Self { speedup: 1.0, efficiency: 1.0, ..self } };
-        let speedup = first.makespan_ms / self.makespan_ms;
+        let speedup = first.period_ms / self.period_ms;
         let efficiency = speedup * first.devices as f64 / self.devices as f64;
         let speedup_error = speedup * first.relative_error().hypot(self.relative_error());
         Self { speedup, speedup_error, efficiency, ..self }
     }
 
-    fn spread(&self) -> f64 {
-        self.makespan_ms_iqr / self.makespan_ms
-    }
-
     /// Standard error of the median over the median, of frames that scatter about normally. McGill, Tukey & Larsen,
     /// "Variations of Box Plots" (1978): 1.25 IQR / (1.35 √n).
     fn relative_error(&self) -> f64 {
-        1.25 / 1.35 * self.spread() / (self.frames as f64).sqrt()
+        1.25 / 1.35 * self.period_spread / (self.frames as f64).sqrt()
     }
 
     /// Where the devices' time went, as shares that add up to 1.
     fn shares(&self, first: &Row) -> Shares {
         let busy = 1.0 - self.idle_share;
-        let busy_ms = |r: &Row| r.makespan_ms * (1.0 - r.idle_share) * r.devices as f64;
+        let busy_ms = |r: &Row| r.period_ms * (1.0 - r.idle_share) * r.devices as f64;
         let work = busy * busy_ms(first) / busy_ms(self);
         let uneven = (self.imbalance - 1.0) * busy;
         Shares { work, more: busy - work, uneven, waits: self.idle_share - uneven }
@@ -157,7 +167,7 @@ fn interquartile_range(mut values: Vec<f64>) -> f64 {
 
 /// What `scale.csv` holds.
 pub fn scale_csv(rows: &[Row]) -> String {
-    const COLUMNS: [Column<Row>; 15] = [
+    const COLUMNS: [Column<Row>; 16] = [
         ("devices", |r| r.devices.to_string()),
         ("makespan_ms", |r| format!("{:.4}", r.makespan_ms)),
         ("makespan_ms_min", |r| format!("{:.4}", r.makespan_ms_min)),
@@ -169,7 +179,8 @@ pub fn scale_csv(rows: &[Row]) -> String {
         ("oversubscribed", |r| r.oversubscribed.to_string()),
         ("idle_share", |r| format!("{:.5}", r.idle_share)),
         ("makespan_ms_iqr", |r| format!("{:.4}", r.makespan_ms_iqr)),
-        ("makespan_spread", |r| format!("{:.5}", r.spread())),
+        ("interval_ms", |r| format!("{:.4}", r.interval_ms)),
+        ("period_spread", |r| format!("{:.5}", r.period_spread)),
         ("speedup_error", |r| format!("{:.5}", r.speedup_error)),
         ("bytes_per_frame", |r| format!("{:.0}", r.bytes_per_frame)),
         ("prediction_error", |r| r.prediction_error.map_or(String::new(), |e| format!("{e:.5}"))),
@@ -182,6 +193,7 @@ pub fn scale_table(rows: &[Row]) -> Table {
         "devices",
         "makespan ms",
         "min..max",
+        "a frame every",
         "spread",
         "speed-up",
         "efficiency",
@@ -197,7 +209,8 @@ pub fn scale_table(rows: &[Row]) -> Table {
             r.devices.to_string(),
             format!("{:.1}", r.makespan_ms),
             format!("{:.1}..{:.1}", r.makespan_ms_min, r.makespan_ms_max),
-            percent(r.spread()),
+            format!("{:.1}", r.interval_ms),
+            percent(r.period_spread),
             format!("{:.2} ± {:.2}", r.speedup, r.speedup_error),
             format!("{:.2}", r.efficiency),
             format!("{:.3}", r.imbalance),
@@ -259,14 +272,15 @@ pub fn scale_svg(title: String, rows: &[Row]) -> Result<String, ReportError> {
 
 /// Scaling and what limits it, for a page; `figure` is the plot.
 pub fn scale_sections(rows: &[Row], figure: String) -> [Section; 2] {
-    let scaling = "Makespan: median time of a frame, from its plan to both images on the primary. Spread: interquartile \
-        range of the timed frames over their median. Speed-up: over the first row, with its standard error from the \
-        scatter of both. Imbalance: busy time of the busiest device over the mean. Transfers: host time in them, idle: \
-        time in which a queue ran no stage, both over makespan times devices. Predicted off by: median distance of the \
+    let scaling = "Makespan: median time of a frame, from its plan to both images on the primary, its latency. A frame \
+        every: median time from end to end. A period is the makespan, or with several frames in flight the time from end \
+        to end. Spread: interquartile range of periods over their median. Speed-up: of the period over the first row's, \
+        with its standard error from the scatter of both. Imbalance: busy time of the busiest device over the mean. \
+        Transfers: host time in them, idle: time in which a queue ran no stage, both over period times devices. Predicted off by: median distance of the \
         cost model's makespan from the measured one.";
     let oversubscribed = "Oversubscribed: the devices have more threads together than there are cores, so they take \
         time from one another and their speed-up says nothing about devices of their own.";
-    let limits = "Where the devices' time goes, in shares of makespan times devices. Work: what the first row's devices \
+    let limits = "Where the devices' time goes, in shares of period times devices. Work: what the first row's devices \
         did as well, an ideal frame is all work. More work: stages that take longer in sum than there, such as margins \
         that two devices compute, or caches and cores they share. Uneven stripes: less to do than the busiest device. \
         Waits: not even the busiest one is busy, for transfers, hand-overs or the host.";
@@ -288,8 +302,9 @@ mod tests {
     use super::*;
 
     fn row(devices: usize, makespan_ms: f64, idle_share: f64, imbalance: f64) -> Row {
-        let (frames, makespan_ms_iqr) = (9, 0.09 * makespan_ms);
-        Row { devices, frames, makespan_ms, makespan_ms_iqr, idle_share, imbalance, ..Row::default() }
+        let (frames, makespan_ms_iqr, period_ms, period_spread) = (9, 0.09 * makespan_ms, makespan_ms, 0.09);
+        let row = Row { devices, frames, makespan_ms, makespan_ms_iqr, period_ms, period_spread, ..Row::default() };
+        Row { idle_share, imbalance, ..row }
     }
 
     #[test]
@@ -303,7 +318,10 @@ mod tests {
             assert!(lines[0].split(',').any(|c| c == column), "no {column} in {text}");
         }
         assert_eq!((lines.len(), lines[1].split(',').count()), (2, lines[0].split(',').count()));
-        assert!(lines[1].starts_with("2,50.0000,") && lines[1].ends_with(",4.5000,0.09000,0.00000,0,"), "{text}");
+        assert!(
+            lines[1].starts_with("2,50.0000,") && lines[1].ends_with(",4.5000,0.0000,0.09000,0.00000,0,"),
+            "{text}"
+        );
     }
 
     #[test]

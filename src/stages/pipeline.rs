@@ -267,7 +267,10 @@ impl DeviceStages {
                 // The list is empty as long as nothing was reprojected.
                 None if task.rows.is_empty() => pass.dispatch_workgroups(1, 1, 1),
                 None => {
-                    pass.dispatch_workgroups_indirect(self.images.buffer(PhysicalImage::Holes, task.view, self.slot), 4);
+                    pass.dispatch_workgroups_indirect(
+                        self.images.buffer(PhysicalImage::Holes, task.view, self.slot),
+                        4,
+                    );
                 }
             }
         }

@@ -25,7 +25,7 @@ pub fn record_frame(recorder: &Recorder, report: &FrameReport, knobs: &FrameKnob
     let (tasks, time) = (tasks_from(std::slice::from_ref(report)), time_from(report));
     let spp = ("spp", f64::from(knobs.spp));
     let devices = ("devices", devices(report) as f64);
-    recorder.frame(time.begin_us, time.end_us, &[("frame", time.frame as f64), devices, spp]);
+    recorder.frame(report.slot, time.begin_us, time.end_us, &[("frame", time.frame as f64), devices, spp]);
     for task in &tasks {
         record_task(recorder, task, spp);
     }

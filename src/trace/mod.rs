@@ -30,6 +30,8 @@ pub const FIRST_DEVICE_PID: u32 = 10;
 /// Where frames are shown, from their plan to their images on the primary.
 pub const FRAMES_TRACK: Track = Track { pid: HOST_PID, tid: 1 };
 const FRAMES_NAME: &str = "frames";
+/// Frames in flight together lie on tracks of their own, as what overlaps cannot share one; threads come after these.
+const FRAMES_TRACKS: u32 = 4;
 
 #[derive(Debug, thiserror::Error)]
 pub enum TraceError {

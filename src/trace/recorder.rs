@@ -8,7 +8,7 @@ use serde_json::{Map, Value};
 use super::event::{Event, FlowStep, Kind, Track, args_from};
 use super::file::Document;
 use super::host::HostSpans;
-use super::{FIRST_DEVICE_PID, FRAMES_NAME, FRAMES_TRACK, HOST_PID, Lane, TraceError};
+use super::{FIRST_DEVICE_PID, FRAMES_NAME, FRAMES_TRACK, FRAMES_TRACKS, HOST_PID, Lane, TraceError};
 
 /// Writes to the trace of a run; clones write to the same one, from any thread.
 #[derive(Clone)]
@@ -48,8 +48,10 @@ impl Recorder {
         (log.document, log.host) = (Some(document), host);
         log.push(Event::process_name(HOST_PID, "host"));
         log.push(Event::process_sort_index(HOST_PID, HOST_PID));
-        log.push(Event::thread_name(FRAMES_TRACK, FRAMES_NAME));
-        log.push(Event::thread_sort_index(FRAMES_TRACK, FRAMES_TRACK.tid));
+        for track in (0..FRAMES_TRACKS).map(frames_track) {
+            log.push(Event::thread_name(track, FRAMES_NAME));
+            log.push(Event::thread_sort_index(track, track.tid));
+        }
         log.write(false);
     }
 
@@ -89,9 +91,9 @@ impl Recorder {
         self.span(lane.track(device), category, name, begin_us, end_us, args);
     }
 
-    /// A frame, on the host's track of frames. `args` should hold its number as `frame`.
-    pub fn frame(&self, begin_us: f64, end_us: f64, args: &[(&str, f64)]) {
-        self.span(FRAMES_TRACK, "frame", "frame", begin_us, end_us, args);
+    /// A frame, on the host's track for frames in this slot. `args` should hold its number as `frame`.
+    pub fn frame(&self, slot: usize, begin_us: f64, end_us: f64, args: &[(&str, f64)]) {
+        self.span(frames_track(slot as u32 % FRAMES_TRACKS), "frame", "frame", begin_us, end_us, args);
     }
 
     fn span(&self, track: Track, category: &'static str, name: &str, begin_us: f64, end_us: f64, args: &[(&str, f64)]) {
@@ -212,4 +214,8 @@ fn has_sane_times(event: &Event) -> bool {
         _ => 0.0,
     };
     event.time_us.is_finite() && duration_us.is_finite() && duration_us >= 0.0
+}
+
+fn frames_track(number: u32) -> Track {
+    Track { tid: FRAMES_TRACK.tid + number, ..FRAMES_TRACK }
 }

@@ -87,9 +87,9 @@ fn a_device_is_not_idle_in_frames_of_others() {
         recorder.device(device, "gpu");
         recorder.task(device, Lane::Left, "gbuffer", 5000.0, 9000.0, &[("frame", 1.0)]);
     }
-    recorder.frame(0.0, 3000.0, &[("frame", 0.0), ("devices", 1.0)]);
+    recorder.frame(0, 0.0, 3000.0, &[("frame", 0.0), ("devices", 1.0)]);
     recorder.task(0, Lane::Left, "gbuffer", 0.0, 3000.0, &[("frame", 0.0)]);
-    recorder.frame(5000.0, 10_000.0, &[("frame", 1.0), ("devices", 2.0)]);
+    recorder.frame(0, 5000.0, 10_000.0, &[("frame", 1.0), ("devices", 2.0)]);
     file.finish().unwrap();
     let summary = sum_up(&path);
     assert_eq!(summary.devices.iter().map(|d| d.idle_ms).collect::<Vec<_>>(), [1.0, 1.0]);
@@ -103,7 +103,7 @@ fn frames_last_as_long_as_the_trace_says_and_their_path_is_all_of_that() {
     let path = folder.path().join("trace.json");
     let file = TraceFile::start_without_host(&path).unwrap();
     record(&file.recorder());
-    file.recorder().frame(-500.0, 3250.0, &[("frame", 0.0)]);
+    file.recorder().frame(0, -500.0, 3250.0, &[("frame", 0.0)]);
     file.finish().unwrap();
     let trace = read(&path).unwrap();
     let summary = Summary::of(&trace);

@@ -281,7 +281,8 @@ impl Worker {
         self.post.look(part.ticket)?;
         let is_here = |(_, _, transfer): &(_, _, u32)| self.post.has(part.ticket, *transfer);
         let has_sent = self.outgoing.front().is_none_or(|o| o.ticket != part.ticket);
-        if !wait && !(has_sent && uploads.iter().all(is_here)) {
+        let need_not_wait = has_sent && uploads.iter().all(is_here);
+        if !(wait || need_not_wait) {
             return Ok(false);
         }
         for (task, resource, transfer) in &uploads {
