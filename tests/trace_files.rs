@@ -60,7 +60,7 @@ fn a_killed_run_leaves_a_trace_that_is_valid_and_can_be_read() {
     let on_host =
         |name: &str| events.iter().filter(|e| e["name"] == name && e["pid"] == 1 && e["cat"] == "host").count();
     // Of two devices and at least two frames.
-    assert!(on_host("device frame") >= 4 && on_host("frame") >= 2 && on_host("load scene") == 1);
+    assert!(on_host("device frame") >= 4 && on_host("finish frame") >= 2 && on_host("load scene") == 1);
 
     let text = printed(&["trace", &path]);
     for part in ["device 0: ", "device 1: ", "imbalance", "critical path", "path_trace left", "ended early"] {
