@@ -249,21 +249,22 @@ fn shader_checks_change_no_byte() {
 }
 
 #[test]
-fn files_of_one_and_three_devices_are_equal() {
+fn files_of_one_device_and_of_three_with_frames_in_flight_are_equal() {
     let folder = tempfile::tempdir().unwrap();
-    let render = |devices: &str| {
+    let render = |devices: &str, in_flight: &str| {
         let out = folder.path().join(devices);
         let to = out.to_str().unwrap();
         let aovs = "albedo,normal,position,depth,motion,roughness,holes,spp";
-        let args = ["render", "builtin:checker", "--size", "96x54", "--aov", aovs, "--out", to, "--virtual", devices];
+        let mut args = vec!["render", "builtin:checker", "--size", "96x54", "--aov", aovs, "--frames", "2", "--fps", "2"];
+        args.extend(["--out", to, "--virtual", devices, "--frames-in-flight", in_flight]);
         let output = diptych(&args);
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
         out
     };
-    let (one, three) = (render("1"), render("3"));
+    let (one, three) = (render("1", "1"), render("3", "2"));
     let mut names: Vec<_> = std::fs::read_dir(&one).unwrap().map(|f| f.unwrap().file_name()).collect();
     names.retain(|n| n != "run.json");
-    assert_eq!(names.len(), 2 + 2 * 8 + 1, "{names:?}");
+    assert_eq!(names.len(), 2 * (2 + 2 * 8 + 1), "{names:?}");
     for name in names {
         let bytes = |folder: &std::path::Path| std::fs::read(folder.join(&name)).unwrap();
         assert!(bytes(&one) == bytes(&three), "{} differs", name.display());

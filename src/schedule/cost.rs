@@ -43,6 +43,8 @@ pub struct FrameCosts {
     pub lead_ms: Vec<(usize, f64)>,
     /// Per device that computed several stages, between two of them that nothing held up.
     pub gap_ms: Vec<(usize, f64)>,
+    /// Per device that received rows between the filter's iterations, for which it stood still each time.
+    pub wait_ms: Vec<(usize, f64)>,
     /// From the primary's last task to the frame's end.
     pub tail_ms: f64,
 }
@@ -69,6 +71,7 @@ struct DeviceCost {
     upload: Transfer,
     lead: Mean,
     gap: Mean,
+    wait: Mean,
 }
 
 #[derive(Clone, Copy, Debug, Default)]
@@ -154,6 +157,9 @@ impl CostModel {
         for &(device, ms) in &costs.gap_ms {
             self.devices[device].gap.learn(ms);
         }
+        for &(device, ms) in &costs.wait_ms {
+            self.devices[device].wait.learn(ms);
+        }
         self.tail.learn(costs.tail_ms);
         self.frames = self.frames.saturating_add(1);
     }
@@ -190,13 +196,15 @@ impl CostModel {
             down.add(&device.download.line);
             up.add(&device.upload.line);
         }
-        let [lead, gap] = [self.mean_ms(|d| d.lead), self.mean_ms(|d| d.gap)].map(Mean::known);
+        let of: [fn(&DeviceCost) -> Mean; 3] = [|d| d.lead, |d| d.gap, |d| d.wait];
+        let [lead, gap, wait] = of.map(|of| Mean::known(self.mean_ms(of)));
         let on = |speed: &f64| DeviceCost {
             ms_per_unit: mean.iter().map(|(&k, (sum, count))| (k, Mean::known(sum / count / speed))).collect(),
             download: Transfer::of(down),
             upload: Transfer::of(up),
             lead,
             gap,
+            wait,
         };
         let spec = FrameSpec { devices: speeds.len(), ..self.spec.clone() };
         Self { passes: passes(&spec), spec, devices: speeds.iter().map(on).collect(), ..self.clone() }
@@ -259,6 +267,11 @@ impl CostModel {
     /// Between two stages that a device runs one after the other.
     pub fn gap_ms(&self, device: usize) -> f64 {
         self.devices[device].gap.value().unwrap_or_else(|| self.mean_ms(|d| d.gap))
+    }
+
+    /// For which a device stands still when it receives rows between the filter's iterations; 0 before it ever did.
+    pub fn wait_ms(&self, device: usize) -> f64 {
+        self.devices[device].wait.value().unwrap_or(0.0)
     }
 
     /// From the primary's last task to the frame's end.

@@ -17,8 +17,8 @@ pub fn choose_halo(model: &CostModel, now: HaloPlan) -> HaloPlan {
     if best_ms < (1.0 - HYSTERESIS) * halo_ms(model, now) { best } else { now }
 }
 
-/// What a plan costs a device in the middle of the frame, the mean of all: margins filtered, and rows received and sent
-/// on both sides. Rows that come late cost nothing here, as the other view is filtered meanwhile.
+/// What a plan costs a device, the mean of all: margins filtered, rows received and sent on both sides, and waits for
+/// them. The first iteration's are part of every plan, and its waits are for tracing.
 fn halo_ms(model: &CostModel, plan: HaloPlan) -> f64 {
     let mut spec = model.spec().clone();
     spec.seam = Seam::Halo(plan);
@@ -45,8 +45,9 @@ fn halo_ms(model: &CostModel, plan: HaloPlan) -> f64 {
                 ms += sides * mean(&|d| model.download_ms(d, bytes) + model.upload_ms(d, bytes));
             }
         }
-        // Work is submitted in parts around a transfer.
-        ms += mean(&|d| 2.0 * model.gap_ms(d));
+        if pass.index > 0 {
+            ms += mean(&|d| model.wait_ms(d));
+        }
     }
     ms
 }

@@ -322,7 +322,7 @@ fn halo_rows_are_received_where_that_costs_less() {
     let model_at = |factor: f64| {
         let mut costs = costs.clone();
         costs.transfers.iter_mut().for_each(|t| t.ms *= factor);
-        costs.gap_ms.iter_mut().for_each(|(_, ms)| *ms *= factor);
+        costs.wait_ms = (0..4).map(|d| (d, GAP_MS * factor)).collect();
         let mut model = CostModel::new(&world.spec);
         model.learn(&costs);
         model
