@@ -255,7 +255,8 @@ fn files_of_one_device_and_of_three_with_frames_in_flight_are_equal() {
         let out = folder.path().join(devices);
         let to = out.to_str().unwrap();
         let aovs = "albedo,normal,position,depth,motion,roughness,holes,spp";
-        let mut args = vec!["render", "builtin:checker", "--size", "96x54", "--aov", aovs, "--frames", "2", "--fps", "2"];
+        let mut args =
+            vec!["render", "builtin:checker", "--size", "96x54", "--aov", aovs, "--frames", "2", "--fps", "2"];
         args.extend(["--out", to, "--virtual", devices, "--frames-in-flight", in_flight]);
         let output = diptych(&args);
         assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));

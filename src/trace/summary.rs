@@ -67,7 +67,7 @@ pub struct PathShare {
     pub pid: u32,
     /// Mean over frames.
     pub ms_per_frame: f64,
-    /// Of the time of all frames.
+    /// Of the makespans of all frames together.
     pub share: f64,
 }
 
@@ -76,7 +76,7 @@ pub struct Summary {
     pub devices: Vec<DeviceSummary>,
     /// Of tasks that say their frame.
     pub frames: Vec<FrameSummary>,
-    /// Time of all frames, without what lies between them; of a trace without frames, from the first begin to the last
+    /// Time of all frames, once where they overlap, without what lies between them; of a trace without frames, from the first begin to the last
     /// end on any device.
     pub total_ms: f64,
     /// Time in which at least two devices were busy, over `total_ms`.
@@ -162,7 +162,7 @@ impl FrameDetail {
 }
 
 fn sum_up(trace: &Trace, frames: &[Frame], warnings: Vec<String>) -> Summary {
-    let total_us: f64 = frames.iter().map(|f| f.time.length_us()).sum();
+    let total_us = time_of(frames.iter());
     let lanes = lanes(trace, frames);
     let overlap_us = length_in_two_or_more(lanes.iter().map(|device| &device.busy));
     let devices: Vec<_> = lanes.iter().map(Lanes::sum_up).collect();
@@ -175,10 +175,15 @@ fn sum_up(trace: &Trace, frames: &[Frame], warnings: Vec<String>) -> Summary {
         overlap_share: share(overlap_us, total_us),
         hidden_transfer_share: (transfer_ms > 0.0).then(|| hidden_ms / transfer_ms),
         imbalance: imbalance(&devices),
-        critical_path: path_shares(frames, total_us),
+        critical_path: path_shares(frames),
         devices,
         warnings,
     }
+}
+
+/// Time in which any of the frames was on the devices.
+fn time_of<'a>(frames: impl Iterator<Item = &'a Frame<'a>>) -> f64 {
+    length(&union(frames.map(|f| (f.time.begin_us, f.time.end_us)).collect()))
 }
 
 fn share(part: f64, whole: f64) -> f64 {
@@ -227,7 +232,8 @@ fn name(what: &What) -> (String, Option<Lane>) {
     }
 }
 
-fn path_shares(frames: &[Frame], total_us: f64) -> Vec<PathShare> {
+fn path_shares(frames: &[Frame]) -> Vec<PathShare> {
+    let total_us = frames.iter().map(|f| f.time.length_us()).sum();
     let mut times_us: BTreeMap<(String, Option<Lane>, u32), f64> = BTreeMap::new();
     for stretch in frames.iter().flat_map(critical_path) {
         let (what, lane) = name(&stretch.what);
@@ -261,7 +267,7 @@ fn lanes<'a>(trace: &'a Trace, frames: &[Frame]) -> Vec<Lanes<'a>> {
     }
     let devices = trace.devices.iter().filter_map(|(&pid, device)| {
         let shared: Vec<_> = frames.iter().filter(|frame| frame.time.is_shared_by(pid)).collect();
-        let total_us = shared.iter().map(|frame| frame.time.length_us()).sum();
+        let total_us = time_of(shared.iter().copied());
         let [busy, transfer] = by_pid.remove(&pid).unwrap_or_default().map(union);
         (!shared.is_empty()).then_some(Lanes { pid, device, busy, transfer, total_us })
     });
