@@ -1,16 +1,19 @@
-//! Time that a frame's planning takes the host, without a device: learn, assign and predict, for each policy that learns.
+//! Time that a frame's planning takes the host, without a device: learn, choose the halo plan, assign and predict, for each
+//! policy that learns.
 //!
 //! `cargo bench --bench schedule -- [--reps N] [--devices N] [--height ROWS]`
 //!
 //! Costs change a little from frame to frame, so that stripes move now and then; the graph is built anew only when they
-//! have, as the renderer does, and that is timed apart.
+//! or the halo plan have changed, as the renderer does, and that is timed apart.
 
 use std::sync::Arc;
 use std::time::Instant;
 
 use diptych::graph::{Assignment, FrameGraph, FrameSpec, HaloPlan, Seam, TaskKind, Views};
 use diptych::image::Extent;
-use diptych::schedule::{CostModel, FrameCosts, Heft, Measured, Policy, StageCost, TransferCost, simulate};
+use diptych::schedule::{
+    CostModel, FrameCosts, Heft, Measured, Policy, StageCost, TransferCost, choose_halo, simulate,
+};
 
 struct Options {
     reps: usize,
@@ -87,10 +90,19 @@ fn main() {
 
 fn measure(mut policy: Box<dyn Policy>, spec: &FrameSpec, reps: usize) {
     let mut model = CostModel::new(spec);
+    let mut halo = HaloPlan::RECOMPUTE;
     let mut planned: Option<(Assignment, Arc<FrameGraph>)> = None;
-    let [mut learn, mut assign, mut predict, mut plan, mut build] = [const { Vec::new() }; 5];
+    let [mut learn, mut choose, mut assign, mut predict, mut plan, mut build] = [const { Vec::new() }; 6];
     let ms = |since: Instant| since.elapsed().as_secs_f64() * 1e3;
     for frame in 0..reps {
+        let begin = Instant::now();
+        let next = choose_halo(&model, halo);
+        if next != halo {
+            halo = next;
+            model.set_seam(Seam::Halo(halo));
+            planned = None;
+        }
+        let choose_ms = ms(begin);
         let begin = Instant::now();
         let assignment = policy.assign(&model);
         let assign_ms = ms(begin);
@@ -98,7 +110,7 @@ fn measure(mut policy: Box<dyn Policy>, spec: &FrameSpec, reps: usize) {
         let graph = match planned.take() {
             Some((old, graph)) if old == assignment => graph,
             _ => {
-                let graph = Arc::new(FrameGraph::build(spec, &assignment));
+                let graph = Arc::new(FrameGraph::build(model.spec(), &assignment));
                 build.push(ms(begin));
                 graph
             }
@@ -112,14 +124,16 @@ fn measure(mut policy: Box<dyn Policy>, spec: &FrameSpec, reps: usize) {
         model.learn(&costs);
         let learn_ms = ms(begin);
         learn.push(learn_ms);
+        choose.push(choose_ms);
         assign.push(assign_ms);
         predict.push(predict_ms);
-        plan.push(assign_ms + predict_ms + learn_ms);
+        plan.push(choose_ms + assign_ms + predict_ms + learn_ms);
     }
     println!(
-        "  {:<8} {:.4}: assign {:.4}, predict {:.4}, learn {:.4}; graph {:.4}, built {} times",
+        "  {:<8} {:.4}: halo plan {:.4}, assign {:.4}, predict {:.4}, learn {:.4}; graph {:.4}, built {} times",
         policy.name(),
         median(&mut plan),
+        median(&mut choose),
         median(&mut assign),
         median(&mut predict),
         median(&mut learn),
