@@ -75,7 +75,9 @@ fn main() {
         extent: Extent::new(height * 16 / 9, height),
         devices,
         views: Views::Reprojected,
+        filter: Filter::Atrous,
         iterations: 5,
+        history_rows: None,
         seam: Seam::Halo(HaloPlan::RECOMPUTE),
         aovs: 0,
         has_surfaces: true,
@@ -110,7 +112,7 @@ fn measure(mut policy: Box<dyn Policy>, spec: &FrameSpec, reps: usize) {
         let graph = match planned.take() {
             Some((old, graph)) if old == assignment => graph,
             _ => {
-                let graph = Arc::new(FrameGraph::build(model.spec(), &assignment));
+                let graph = Arc::new(FrameGraph::build(model.spec(), &assignment, None));
                 build.push(ms(begin));
                 graph
             }

@@ -1,16 +1,12 @@
 // One auxiliary image per dispatch, from the hit behind the pixel's centre.
 
-//!include frame rng scene light_tree environment lights trace surface pack
+//!include frame rng scene light_tree environment lights trace surface pack motion
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> albedo_image: array<vec4<f32>>;
 @group(1) @binding(2) var<storage, read> emission_image: array<vec4<f32>>;
 @group(1) @binding(3) var<storage, read> tally_image: array<u32>;
 @group(1) @binding(4) var<storage, read_write> aov: array<vec4<f32>>;
-
-struct Previous {
-    views: array<View, 2>,
-}
 @group(1) @binding(5) var<uniform> previous: Previous;
 
 // Mirrors `stages::aov::Aov`.
@@ -23,17 +19,6 @@ const ROUGHNESS: u32 = 5u;
 const HOLES: u32 = 6u;
 const SPP: u32 = 7u;
 const STRIPES: u32 = 8u;
-
-// Where `p` was seen in the previous frame, pixels.
-fn previous_pixel(p: vec3<f32>, view: u32) -> vec2<f32> {
-    let v = p - previous.views[view].origin;
-    let z = max(dot(v, previous.views[view].forward), 1e-20);
-    let ndc = vec2<f32>(
-        dot(v, previous.views[view].right) / (z * previous.views[view].tan_half_x),
-        -dot(v, previous.views[view].up) / (z * previous.views[view].tan_half_y),
-    );
-    return (ndc * 0.5 + 0.5) * vec2<f32>(f32(frame.width), f32(frame.height));
-}
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -74,7 +59,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
                 } else if pass_.arg0 == POSITION {
                     value = s.position + frame.world_origin;
                 } else {
-                    value = vec3<f32>(previous_pixel(s.position, pass_.view) - centre, 0.0);
+                    value = vec3<f32>(seen_at(s.position, previous.views[pass_.view]).xy - centre, 0.0);
                 }
             } else if hit.x != NO_PRIM {
                 let p = origin + direction * emission_image[at].a;
@@ -84,7 +69,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
                 } else if pass_.arg0 == POSITION {
                     value = p + frame.world_origin;
                 } else {
-                    value = vec3<f32>(previous_pixel(p, pass_.view) - centre, 0.0);
+                    value = vec3<f32>(seen_at(p, previous.views[pass_.view]).xy - centre, 0.0);
                 }
             }
         }

@@ -26,3 +26,12 @@ fn edge_weight(centre: Guide, colour: vec3<f32>, tap_bits: vec4<u32>, tap_colour
     let w = c4 * c4 * exp(-min(off * off + dot(d, d) * inverse_sigma2, 80.0));
     return select(w, 0.0, tap_bits.w == NO_NORMAL);
 }
+
+// How much a tap shares the centre's surface, whatever light falls on it.
+fn surface_weight(centre: Guide, tap_bits: vec4<u32>) -> f32 {
+    let cosine = max(dot(centre.normal, unpack_normal(tap_bits.w)), 0.0);
+    let c2 = cosine * cosine;
+    let c4 = c2 * c2;
+    let off = dot(centre.normal, bitcast<vec3<f32>>(tap_bits.xyz) - centre.position) * centre.inverse_reach;
+    return select(c4 * c4 * exp(-min(off * off, 80.0)), 0.0, tap_bits.w == NO_NORMAL);
+}

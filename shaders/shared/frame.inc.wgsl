@@ -46,8 +46,9 @@ struct Frame {
     instance_count: u32,
     // Bits of a sample's number below its pixel's place on the Z curve; NO_CURVE: each pixel has sequences of its own.
     curve_shift: u32,
+    // How far up and down history may have moved; 0xffffffff: there is none.
+    history_rows: u32,
     pad1: u32,
-    pad2: u32,
 }
 
 struct Pass {

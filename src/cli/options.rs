@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use clap::{Args, ValueEnum};
 
 use diptych::device::ShaderChecks;
-use diptych::graph::{HaloPlan, Seam};
+use diptych::graph::{Filter, HaloPlan, Seam};
 use diptych::image::Extent;
 use diptych::schedule::RatioRule;
 use diptych::stages::{Aov, Sampler};
@@ -30,7 +30,10 @@ pub enum Balance {
 #[serde(rename_all = "snake_case")]
 pub enum Denoiser {
     None,
+    /// On each frame alone
     Atrous,
+    /// Over frames, guided by variance
+    Svgf,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
@@ -202,7 +205,15 @@ impl RenderOptions {
     pub fn iterations(&self) -> u32 {
         match self.denoiser {
             Denoiser::None => 0,
-            Denoiser::Atrous => self.iterations,
+            Denoiser::Atrous | Denoiser::Svgf => self.iterations,
+        }
+    }
+
+    pub fn filter(&self) -> Filter {
+        match self.denoiser {
+            Denoiser::None => Filter::None,
+            Denoiser::Atrous => Filter::Atrous,
+            Denoiser::Svgf => Filter::Svgf,
         }
     }
 

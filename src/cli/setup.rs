@@ -73,6 +73,7 @@ pub fn renderer(
         needs: if options.no_skip { SceneNeeds::ALL } else { loaded.needs },
         sampler: options.sampler,
         spp: options.spp,
+        filter: options.filter(),
         iterations: options.iterations(),
         reproject: options.reprojects(),
         aovs: options.aovs(),

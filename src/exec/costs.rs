@@ -58,7 +58,7 @@ fn exchange_wait_ms(report: &FrameReport, device: usize) -> Option<f64> {
     stages.sort_by(|a, b| a.begin_ms.total_cmp(&b.begin_ms));
     let mut begun = [false; 2];
     let mut waits_ms = Vec::new();
-    for pair in stages.windows(2).filter(|p| p[1].kind == TimedTask::Gpu(Stage::Atrous)) {
+    for pair in stages.windows(2).filter(|p| matches!(p[1].kind, TimedTask::Gpu(s) if s.ratio_group() == Stage::Atrous)) {
         let gap = pair[0].end_ms..pair[1].begin_ms;
         let is_first = !std::mem::replace(&mut begun[pair[1].view as usize], true);
         let received = of_device().any(|t| t.kind == TimedTask::Upload && gap.contains(&t.begin_ms));

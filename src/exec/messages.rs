@@ -7,7 +7,7 @@ use super::TaskTiming;
 use super::faults::InjectedKind;
 use crate::device::DeviceFailure;
 use crate::graph::{FrameGraph, PhysicalImage};
-use crate::stages::layout;
+use crate::stages::{Place, layout};
 
 /// What the renderer tells a worker.
 pub struct Command {
@@ -20,10 +20,10 @@ pub struct Command {
 
 pub enum Order {
     Frame(Box<FrameJob>),
-    /// Send both eyes' image in this slot back, once what is to happen to the device has happened.
+    /// Send both eyes' image in this place back, once what is to happen to the device has happened.
     Read {
         image: PhysicalImage,
-        slot: usize,
+        place: Place,
         injected: Option<InjectedKind>,
     },
 }
@@ -33,8 +33,8 @@ pub struct FrameJob {
     pub graph: Arc<FrameGraph>,
     pub constants: layout::Frame,
     pub previous: [layout::View; 2],
-    /// Where its outputs go.
-    pub slot: usize,
+    /// Where it leaves its images.
+    pub place: Place,
     /// Outputs that the primary sends back with its answer, beside the row tallies.
     pub reads: Arc<[PhysicalImage]>,
     /// How often dispatches run; more than once only to try slow devices out.

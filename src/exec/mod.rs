@@ -5,6 +5,7 @@
 mod costs;
 mod crew;
 mod faults;
+mod history;
 mod messages;
 mod post;
 mod read;

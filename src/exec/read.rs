@@ -18,10 +18,10 @@ impl Renderer {
             if self.in_flight() > 0 {
                 return Err(ExecError::NoFrame);
             }
-            let (primary, slot, index) = (whole.primary, whole.inputs.slot(), whole.inputs.index());
+            let (primary, place, index) = (whole.primary, whole.inputs.place(), whole.inputs.index());
             let limit = self.limit(&whole.inputs);
             let (_, injected) = self.trouble.take(primary, index);
-            let ticket = self.crew.ask(vec![(primary, Order::Read { image, slot, injected })], limit);
+            let ticket = self.crew.ask(vec![(primary, Order::Read { image, place, injected })], limit);
             match self.crew.answers(ticket, limit).pop() {
                 Some((_, Ok(Answer::Pixels(pixels)))) => return Ok(pixels),
                 Some((_, Err(Stop::Device(failure)))) => self.make_again(failure)?,

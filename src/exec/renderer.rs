@@ -12,13 +12,14 @@ use super::messages::{Answer, FrameJob, Order, Parcel, Pixels, Stop};
 use super::post::Post;
 use super::watchdog::Watchdog;
 use super::worker::Worker;
+use super::history::history_rows;
 use super::{ExecError, Fault, FrameReport, Injection, RenderSettings, Tally, Trouble, costs};
 use crate::device::{DeviceFailure, DeviceInfo, GpuDevice};
 use crate::graph::{Assignment, FrameGraph, FrameSpec, PhysicalImage, Seam, Stage, Views, passes};
 use crate::image::Extent;
 use crate::scene::rig::{Eye, Rig};
 use crate::schedule::{CostModel, Policy, choose_halo, simulate};
-use crate::stages::{SceneTables, layout};
+use crate::stages::{Place, SceneTables, layout};
 
 /// Renders frames on a set of devices.
 pub struct Renderer {
@@ -32,8 +33,8 @@ pub struct Renderer {
     watchdog: Watchdog,
     pub(super) trouble: Trouble,
     faults: Vec<Fault>,
-    /// The graph that the last assignment gave.
-    planned: Option<(Assignment, Arc<FrameGraph>)>,
+    /// The graph that the last plan gave.
+    planned: Option<(Plan, Arc<FrameGraph>)>,
     /// Handed out, oldest first.
     in_flight: VecDeque<InFlight>,
     begun: u64,
@@ -50,8 +51,17 @@ pub(super) struct Inputs {
     constants: layout::Frame,
     /// The eyes of the frame before.
     previous: [layout::View; 2],
-    slot: usize,
+    place: Place,
     reads: Arc<[PhysicalImage]>,
+}
+
+/// What a frame's graph is made of, beside what all frames have in common.
+#[derive(Clone, Debug, PartialEq)]
+struct Plan {
+    seam: Seam,
+    assignment: Assignment,
+    /// Who had which rows in the frame before, and how many rows its surfaces may have moved.
+    history: Option<(Assignment, u32)>,
 }
 
 /// A frame that devices are at.
@@ -81,8 +91,8 @@ impl Inputs {
         self.constants.index
     }
 
-    pub fn slot(&self) -> usize {
-        self.slot
+    pub fn place(&self) -> Place {
+        self.place
     }
 }
 
@@ -99,7 +109,9 @@ impl Renderer {
             extent: settings.stages.extent,
             devices: gpus.len(),
             views: if settings.stages.reproject { Views::Reprojected } else { Views::Traced },
+            filter: settings.stages.filter,
             iterations: settings.stages.iterations,
+            history_rows: settings.stages.keeps_history().then_some(0),
             seam: settings.seam,
             aovs: settings.stages.aovs.len() as u8,
             has_surfaces: tables.has_surfaces(),
@@ -205,9 +217,9 @@ impl Renderer {
             self.finish()?;
         }
         let previous = self.last.as_ref().map_or(constants.views, |l| l.constants.views);
-        let slot = (self.begun % slots as u64) as usize;
+        let place = Place::of(self.begun, slots);
         self.begun += 1;
-        let inputs = Inputs { constants, previous, slot, reads: reads.into() };
+        let inputs = Inputs { constants, previous, place, reads: reads.into() };
         self.last = Some(inputs.clone());
         self.hand_out(inputs, None);
         Ok(())
@@ -267,13 +279,16 @@ impl Renderer {
 
     /// Plans a frame and gives every device its part. If it was begun before: where its faults begin, the number of this
     /// attempt and when the first one began.
-    fn hand_out(&mut self, inputs: Inputs, again: Option<(usize, u32, f64)>) {
+    fn hand_out(&mut self, mut inputs: Inputs, again: Option<(usize, u32, f64)>) {
         let index = inputs.constants.index;
         let _span = tracing::info_span!("begin frame", frame = index).entered();
         let now_ms = self.origin.elapsed().as_secs_f64() * 1e3;
         let (first_fault, attempts, begin_ms) = again.unwrap_or((self.faults.len(), 1, now_ms));
         let overlapped = !self.in_flight.is_empty();
-        let (assignment, graph) = self.plan();
+        // What devices that failed had kept is lost, so all of it is.
+        let history_rows = if again.is_some() { None } else { self.history_rows(&inputs) };
+        inputs.constants.history_rows = history_rows.unwrap_or(layout::NO_HISTORY);
+        let (plan, graph) = self.plan(history_rows);
         let known = self.costs.has_learned() && !overlapped;
         let predicted = known.then(|| simulate(&graph, &self.costs).ok()).flatten();
         let report = FrameReport {
@@ -281,22 +296,22 @@ impl Renderer {
             begin_ms,
             makespan_ms: 0.0,
             interval_ms: None,
-            slot: inputs.slot,
+            slot: inputs.place.slot,
             overlapped,
             predicted_ms: predicted.map(|p| p.makespan_ms),
             plan_ms: self.origin.elapsed().as_secs_f64() * 1e3 - now_ms,
             tasks: Vec::new(),
             tallies: Default::default(),
             row_tallies: Default::default(),
-            assignment,
-            seam: self.spec.seam,
+            assignment: plan.assignment,
+            spec: FrameSpec { history_rows, ..self.spec.clone() },
         };
         let (mut orders, mut injections) = (Vec::new(), Vec::new());
         for device in self.crew.left() {
             let (runs, injected) = self.trouble.take(device, index);
             injections.extend(injected.map(|kind| Injection { kind, device, frame: index }));
-            let Inputs { constants, previous, slot, reads } = inputs.clone();
-            let job = FrameJob { graph: Arc::clone(&graph), constants, previous, slot, reads, runs, injected };
+            let Inputs { constants, previous, place, reads } = inputs.clone();
+            let job = FrameJob { graph: Arc::clone(&graph), constants, previous, place, reads, runs, injected };
             orders.push((device, Order::Frame(Box::new(job))));
         }
         let ticket = self.crew.ask(orders, self.limit(&inputs));
@@ -317,17 +332,29 @@ impl Renderer {
         2 * self.spec.extent.area() as u64 * u64::from(inputs.constants.spp.max(1))
     }
 
-    /// Stripes and graph of the next frame; the graph is built anew only when a stripe or the halo plan has changed.
-    fn plan(&mut self) -> (Assignment, Arc<FrameGraph>) {
+    /// Stripes and graph of the next frame; the graph is built anew only when something of its plan has changed.
+    fn plan(&mut self, history_rows: Option<u32>) -> (Plan, Arc<FrameGraph>) {
         let left = self.crew.left();
         self.plan_halo(&left);
         let assignment = self.policy.assign(&self.costs.of_devices(&left)).renumbered(&left, self.devices.len());
-        let graph = match self.planned.take() {
-            Some((old, graph)) if old == assignment => graph,
-            _ => Arc::new(FrameGraph::build(&self.spec, &assignment)),
+        let before = self.planned.take();
+        let history = before.as_ref().zip(history_rows).map(|((plan, _), rows)| (plan.assignment.clone(), rows));
+        let plan = Plan { seam: self.spec.seam, assignment, history };
+        let graph = match before {
+            Some((old, graph)) if old == plan => graph,
+            _ => {
+                let spec = FrameSpec { history_rows, ..self.spec.clone() };
+                Arc::new(FrameGraph::build(&spec, &plan.assignment, plan.history.as_ref().map(|(before, _)| before)))
+            }
         };
-        self.planned = Some((assignment.clone(), Arc::clone(&graph)));
-        (assignment, graph)
+        self.planned = Some((plan.clone(), Arc::clone(&graph)));
+        (plan, graph)
+    }
+
+    /// How many rows up and down a frame looks for the history of its surfaces; none if there is none.
+    fn history_rows(&self, inputs: &Inputs) -> Option<u32> {
+        let keeps = self.settings.stages.keeps_history() && self.planned.is_some();
+        keeps.then(|| history_rows(&inputs.constants, &inputs.previous, &self.tables)).flatten()
     }
 
     fn plan_halo(&mut self, left: &[usize]) {
@@ -337,7 +364,6 @@ impl Renderer {
             if next != self.spec.seam {
                 self.spec.seam = next;
                 self.costs.set_seam(next);
-                self.planned = None;
             }
         }
     }
@@ -447,6 +473,7 @@ impl Renderer {
             reflections: self.settings.bounces.max(1),
             indirect_clamp: self.settings.indirect_clamp,
             exposure: self.settings.exposure_ev.exp2(),
+            history_rows: layout::NO_HISTORY,
             ..Default::default()
         };
         self.tables.describe(&mut frame);

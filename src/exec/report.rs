@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use crate::graph::{Assignment, Resource, Seam, Stage};
+use crate::graph::{Assignment, FrameSpec, Resource, Stage};
 use crate::scene::rig::Eye;
 use crate::stages::RowTally;
 
@@ -59,7 +59,8 @@ pub struct FrameReport {
     /// Per eye and row.
     pub row_tallies: [Vec<RowTally>; 2],
     pub assignment: Assignment,
-    pub seam: Seam,
+    /// What it had to do.
+    pub spec: FrameSpec,
 }
 
 impl FrameReport {
@@ -113,6 +114,11 @@ pub(super) fn resource_name(resource: Resource) -> &'static str {
         Resource::Emission => "emission",
         Resource::Radiance => "radiance",
         Resource::Filtered(_) => "filtered",
+        Resource::Moments => "moments",
+        Resource::History => "history",
+        Resource::LastGuide => "last_guide",
+        Resource::LastMoments => "last_moments",
+        Resource::LastHistory => "last_history",
         Resource::Tally => "tally",
         Resource::Holes => "holes",
         Resource::RowTally => "row_tally",

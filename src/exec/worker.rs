@@ -19,7 +19,7 @@ use super::watchdog::Pulse;
 use crate::device::{DeviceFailure, DeviceInfo, GpuClock, GpuDevice};
 use crate::graph::{PhysicalImage, Stage};
 use crate::scene::rig::Eye;
-use crate::stages::{DeviceStages, SceneTables, StageSettings, Stamps};
+use crate::stages::{DeviceStages, Place, SceneTables, StageSettings, Stamps};
 use part::{Outgoing, Part};
 
 pub struct Worker {
@@ -153,9 +153,9 @@ impl Worker {
                 self.open.push_back(Part::new(ticket, *job, begin_ms));
                 self.carry_out()
             }
-            Order::Read { image, slot, injected } => {
+            Order::Read { image, place, injected } => {
                 self.befall(injected);
-                let pixels = self.read(image, slot)?;
+                let pixels = self.read(image, place)?;
                 self.answer(ticket, Ok(Answer::Pixels(pixels)));
                 Ok(())
             }
@@ -186,12 +186,12 @@ impl Worker {
     }
 
     /// Asks for an image, both eyes.
-    fn request(&mut self, image: PhysicalImage, slot: usize) -> [ReadBack; 2] {
+    fn request(&mut self, image: PhysicalImage, place: Place) -> [ReadBack; 2] {
         let rows = 0..self.stages.extent().height;
         let (offset, size) = self.stages.images.span(image, &rows);
         Eye::ALL.map(|eye| {
             let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-            let source = self.stages.images.buffer(image, eye, slot);
+            let source = self.stages.images.buffer(image, eye, place);
             let copy = self.pool.record(&self.gpu, &mut encoder, source, offset, size);
             copy.submitted(self.gpu.queue.submit([encoder.finish()]))
         })
@@ -201,8 +201,8 @@ impl Worker {
         Ok([self.pool.finish(&self.gpu, left)?, self.pool.finish(&self.gpu, right)?])
     }
 
-    fn read(&mut self, image: PhysicalImage, slot: usize) -> Result<Pixels, DeviceFailure> {
-        let backs = self.request(image, slot);
+    fn read(&mut self, image: PhysicalImage, place: Place) -> Result<Pixels, DeviceFailure> {
+        let backs = self.request(image, place);
         self.finish(backs)
     }
 }

@@ -7,7 +7,7 @@ use petgraph::graph::{DiGraph, NodeIndex};
 
 use super::resource::Resource;
 use super::table::{FrameSpec, Pass, Stage, passes};
-use super::{Assignment, Seam};
+use super::Assignment;
 use crate::scene::rig::Eye;
 
 /// Position of a task in the one order that all devices keep to. Downloads follow their producer, uploads wait for their
@@ -69,9 +69,14 @@ pub struct FrameGraph {
 }
 
 impl FrameGraph {
-    pub fn build(spec: &FrameSpec, assignment: &Assignment) -> Self {
+    /// `before`: who had which rows in the frame before, if this one is to know its history
+    /// ([`FrameSpec::history_rows`]).
+    pub fn build(spec: &FrameSpec, assignment: &Assignment, before: Option<&Assignment>) -> Self {
         let passes = passes(spec);
         let mut builder = Builder::default();
+        if let Some(before) = before {
+            builder.know_history(spec, before);
+        }
         for (i, pass) in passes.iter().enumerate() {
             builder.add_pass(i as u32, pass, spec, assignment);
         }
@@ -98,12 +103,12 @@ impl FrameGraph {
     }
 }
 
-/// Rows that a device holds in their newest version, and the task that left them there.
+/// Rows that a device holds in their newest version, and the task that left them there; none: the frame before did.
 #[derive(Clone, Debug)]
 struct Holding {
     rows: Range<u32>,
     device: usize,
-    node: NodeIndex,
+    node: Option<NodeIndex>,
 }
 
 /// Newest version of one resource of one view.
@@ -133,6 +138,16 @@ impl Builder {
         Key { pass, phase, serial: self.serial }
     }
 
+    fn know_history(&mut self, spec: &FrameSpec, before: &Assignment) {
+        for (resource, stage) in spec.kept() {
+            for (last, view) in resource.next_frames().into_iter().flat_map(|last| Eye::ALL.map(|view| (last, view))) {
+                let stripes = before.stripes(*stage, view);
+                let owned = stripes.iter().map(|(device, rows)| Holding { rows, device, node: None }).collect();
+                self.versions.insert((last, view), Version { owned, copies: Vec::new() });
+            }
+        }
+    }
+
     fn add_pass(&mut self, number: u32, pass: &Pass, spec: &FrameSpec, assignment: &Assignment) {
         let stripes = assignment.stripes(pass.stage, pass.view);
         let mut written = Version::default();
@@ -142,10 +157,7 @@ impl Builder {
             let kind = TaskKind::Dispatch {
                 stage: pass.stage,
                 index: pass.index,
-                valid: match spec.seam {
-                    Seam::None | Seam::Filter if pass.stage == Stage::Atrous => own.clone(),
-                    _ => widen(&own, reach, spec),
-                },
+                valid: widen(&own, reach, spec),
                 filter: pass.filter,
             };
             let key = self.key(number, DISPATCH);
@@ -156,10 +168,10 @@ impl Builder {
                 self.need((read.resource, read.view), wanted, node, number);
             }
             self.join_downloads(first_transfer);
-            written.owned.push(Holding { rows: own.clone(), device, node });
+            written.owned.push(Holding { rows: own.clone(), device, node: Some(node) });
             for margin in [rows.start..own.start, own.end..rows.end] {
                 if !margin.is_empty() {
-                    written.copies.push(Holding { rows: margin, device, node });
+                    written.copies.push(Holding { rows: margin, device, node: Some(node) });
                 }
             }
         }
@@ -175,7 +187,9 @@ impl Builder {
         let mut missing = vec![rows.clone()];
         let here = |h: &&Holding| h.device == device && overlap(&h.rows, &rows).is_some();
         for held in version.owned.iter().chain(&version.copies).filter(here) {
-            self.dag.update_edge(held.node, consumer, what.0);
+            if let Some(node) = held.node {
+                self.dag.update_edge(node, consumer, what.0);
+            }
             missing = missing.iter().flat_map(|m| subtract(m, &held.rows)).collect();
         }
         for gap in missing {
@@ -192,7 +206,8 @@ impl Builder {
         let to = self.dag[consumer].device;
         let transfer = self.transfers;
         self.transfers += 1;
-        let produced = self.dag[owner.node].key.pass;
+        // What the frame before left can go at once.
+        let produced = owner.node.map_or(0, |node| self.dag[node].key.pass);
         let down = Task {
             kind: TaskKind::Download { resource, transfer, to },
             view,
@@ -208,11 +223,13 @@ impl Builder {
             key: self.key(pass, UPLOAD),
         };
         let (down, up) = (self.dag.add_node(down), self.dag.add_node(up));
-        self.dag.update_edge(owner.node, down, resource);
+        if let Some(node) = owner.node {
+            self.dag.update_edge(node, down, resource);
+        }
         self.dag.update_edge(down, up, resource);
         self.dag.update_edge(up, consumer, resource);
         let version = self.versions.entry(what).or_default();
-        version.copies.push(Holding { rows, device: to, node: up });
+        version.copies.push(Holding { rows, device: to, node: Some(up) });
     }
 
     /// Brings what leaves the frame to the primary.

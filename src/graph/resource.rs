@@ -14,6 +14,14 @@ pub enum Resource {
     /// Reflected light over albedo.
     Radiance,
     Filtered(u8),
+    /// Of the light accumulated over frames: mean and variance, how much of it there is, material.
+    Moments,
+    /// Accumulated light after the filter's first iteration.
+    History,
+    /// What the frame before left of these.
+    LastGuide,
+    LastMoments,
+    LastHistory,
     /// Rays, dropped samples and hole reason, packed.
     Tally,
     /// Pixels to trace again; lives and dies on its device.
@@ -38,6 +46,11 @@ pub enum PhysicalImage {
     Radiance,
     Ping,
     Pong,
+    Moments,
+    History,
+    LastGuide,
+    LastMoments,
+    LastHistory,
     Tally,
     Holes,
     RowTally,
@@ -47,6 +60,16 @@ pub enum PhysicalImage {
 }
 
 impl Resource {
+    /// What the next frame knows this as, if it is kept for it.
+    pub fn next_frames(self) -> Option<Self> {
+        match self {
+            Self::Guide => Some(Self::LastGuide),
+            Self::Moments => Some(Self::LastMoments),
+            Self::History => Some(Self::LastHistory),
+            _ => None,
+        }
+    }
+
     pub fn physical(self) -> PhysicalImage {
         match self {
             Self::Hit => PhysicalImage::Hit,
@@ -57,6 +80,11 @@ impl Resource {
             Self::Filtered(0) => PhysicalImage::Radiance,
             Self::Filtered(i) if i % 2 == 1 => PhysicalImage::Ping,
             Self::Filtered(_) => PhysicalImage::Pong,
+            Self::Moments => PhysicalImage::Moments,
+            Self::History => PhysicalImage::History,
+            Self::LastGuide => PhysicalImage::LastGuide,
+            Self::LastMoments => PhysicalImage::LastMoments,
+            Self::LastHistory => PhysicalImage::LastHistory,
             Self::Tally => PhysicalImage::Tally,
             Self::Holes => PhysicalImage::Holes,
             Self::RowTally => PhysicalImage::RowTally,

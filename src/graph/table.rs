@@ -15,6 +15,9 @@ pub enum Stage {
     PathTrace,
     Reproject,
     HoleFill,
+    Accumulate,
+    Variance,
+    Svgf,
     Atrous,
     SeamFilter,
     Tonemap,
@@ -27,11 +30,11 @@ impl Stage {
     pub const RATIO_GROUPS: [Self; 5] = [Self::Gbuffer, Self::PathTrace, Self::Reproject, Self::Atrous, Self::Tonemap];
 
     /// The stage whose stripes this one takes: lists of holes, filter passes in recomputed halos and counters stay
-    /// on the device that made them.
+    /// on the device that made them. All denoisers are one group.
     pub fn ratio_group(self) -> Self {
         match self {
             Self::HoleFill => Self::Reproject,
-            Self::SeamFilter => Self::Atrous,
+            Self::Accumulate | Self::Variance | Self::Svgf | Self::SeamFilter => Self::Atrous,
             Self::Tally | Self::Aov => Self::Tonemap,
             other => other,
         }
@@ -43,6 +46,9 @@ impl Stage {
             Self::PathTrace => "path_trace",
             Self::Reproject => "reproject",
             Self::HoleFill => "hole_fill",
+            Self::Accumulate => "accumulate",
+            Self::Variance => "variance",
+            Self::Svgf => "svgf",
             Self::Atrous => "atrous",
             Self::SeamFilter => "seam_filter",
             Self::Tonemap => "tonemap",
@@ -61,9 +67,19 @@ pub enum Views {
     Reprojected,
 }
 
-/// How filtered rows come to agree with one device's: before which iterations rows come from neighbours. For those in
-/// between, a device filters a margin around its stripe as well, as wide as they reach together. The first one always
-/// receives.
+/// What denoises.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Filter {
+    None,
+    /// À-trous on the frame alone.
+    Atrous,
+    /// À-trous on what is accumulated over frames, guided by its variance.
+    Svgf,
+}
+
+/// How filtered rows come to agree with one device's: before which of the filter's passes rows come from neighbours. For
+/// those in between, a device filters a margin around its stripe as well, as wide as they reach together. The first one
+/// always receives.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct HaloPlan(u32);
 
@@ -73,19 +89,19 @@ impl HaloPlan {
     /// Receive narrow margins before every iteration.
     pub const EXCHANGE: Self = Self(u32::MAX);
 
-    /// All plans that differ for this many iterations.
-    pub fn all(iterations: u32) -> impl Iterator<Item = Self> {
-        (0..1 << iterations.saturating_sub(1)).map(|later| Self(later << 1 | 1))
+    /// All plans that differ for this many passes.
+    pub fn all(passes: usize) -> impl Iterator<Item = Self> {
+        (0..1 << passes.saturating_sub(1)).map(|later| Self(later << 1 | 1))
     }
 
-    pub fn receives_before(self, iteration: u32) -> bool {
-        self.0 >> iteration & 1 == 1
+    pub fn receives_before(self, pass: usize) -> bool {
+        self.0 >> pass & 1 == 1
     }
 
-    /// The iterations in runs, each after rows were received.
-    pub fn runs(self, iterations: u32) -> Vec<Range<u32>> {
-        let begins = (0..iterations).filter(|i| *i == 0 || self.receives_before(*i));
-        let end = |begin: u32| (begin + 1..iterations).find(|i| self.receives_before(*i)).unwrap_or(iterations);
+    /// The passes in runs, each after rows were received.
+    pub fn runs(self, passes: usize) -> Vec<Range<usize>> {
+        let begins = (0..passes).filter(|i| *i == 0 || self.receives_before(*i));
+        let end = |begin: usize| (begin + 1..passes).find(|i| self.receives_before(*i)).unwrap_or(passes);
         begins.map(|begin| begin..end(begin)).collect()
     }
 }
@@ -107,8 +123,12 @@ pub struct FrameSpec {
     pub extent: Extent,
     pub devices: usize,
     pub views: Views,
-    /// À-trous iterations; 0: no denoising.
+    pub filter: Filter,
+    /// Of the filter; 0: no denoising.
     pub iterations: u32,
+    /// How many rows up and down a surface may have moved since the frame before for its history to be found; none:
+    /// there is no history.
+    pub history_rows: Option<u32>,
     pub seam: Seam,
     /// Auxiliary images asked for.
     pub aovs: u8,
@@ -116,13 +136,70 @@ pub struct FrameSpec {
     pub has_surfaces: bool,
 }
 
+/// One of the filter's passes that read rows around their own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Link {
+    stage: Stage,
+    index: u32,
+    reach_rows: u32,
+    source: Resource,
+    target: Resource,
+}
+
 impl FrameSpec {
-    /// The filter's iterations in runs between which rows are exchanged; one run without any if nothing is filtered.
-    fn runs(&self) -> Vec<Range<u32>> {
-        let iterations = if self.has_surfaces { self.iterations } else { 0 };
+    fn filter(&self) -> Filter {
+        if self.has_surfaces && self.iterations > 0 { self.filter } else { Filter::None }
+    }
+
+    /// The filter's passes, one after another.
+    fn chain(&self) -> Vec<Link> {
+        let iterations = 0..self.iterations;
+        match self.filter() {
+            Filter::None => Vec::new(),
+            Filter::Atrous => iterations
+                .map(|index| Link {
+                    stage: Stage::Atrous,
+                    index,
+                    reach_rows: 2 * atrous_step(index, self.iterations),
+                    source: filtered(index),
+                    target: filtered(index + 1),
+                })
+                .collect(),
+            Filter::Svgf => {
+                let (source, target) = (filtered(1), filtered(2));
+                let variance =
+                    Link { stage: Stage::Variance, index: 0, reach_rows: VARIANCE_REACH_ROWS, source, target };
+                let iteration = |index| Link {
+                    stage: Stage::Svgf,
+                    index,
+                    reach_rows: 2 * svgf_step(index),
+                    source: if index == 1 { History } else { filtered(index + 2) },
+                    target: if index == 0 { History } else { filtered(index + 3) },
+                };
+                std::iter::once(variance).chain(iterations.map(iteration)).collect()
+            }
+        }
+    }
+
+    /// How many passes of the filter read rows around their own.
+    pub fn filter_passes(&self) -> usize {
+        self.chain().len()
+    }
+
+    /// The filter's passes in runs between which rows are exchanged; one run without any if nothing is filtered.
+    fn runs(&self) -> Vec<Range<usize>> {
+        let passes = self.filter_passes();
         match self.seam {
-            Seam::Halo(plan) if iterations > 0 => plan.runs(iterations),
-            _ => std::iter::once(0..iterations).collect(),
+            Seam::Halo(plan) if passes > 0 => plan.runs(passes),
+            _ => std::iter::once(0..passes).collect(),
+        }
+    }
+
+    /// What a frame leaves for the next one, with the stage that made it.
+    pub fn kept(&self) -> &'static [(Resource, Stage)] {
+        match self.filter() {
+            Filter::Svgf => &[(Guide, Stage::Gbuffer), (Moments, Stage::Accumulate), (History, Stage::Svgf)],
+            Filter::None | Filter::Atrous => &[],
         }
     }
 }
@@ -149,11 +226,13 @@ pub struct Pass {
     pub margin_rows: u32,
     /// The image that a filter reads, and the one it writes.
     pub filter: Option<(Resource, Resource)>,
+    /// Which of the filter's passes that read rows around their own, from 0.
+    pub link: Option<usize>,
 }
 
 impl Pass {
     fn new(stage: Stage, view: Eye) -> Self {
-        Self { stage, view, index: 0, reads: Vec::new(), writes: Vec::new(), margin_rows: 0, filter: None }
+        Self { stage, view, index: 0, reads: Vec::new(), writes: Vec::new(), margin_rows: 0, filter: None, link: None }
     }
 
     fn reads(self, resources: &[Resource]) -> Self {
@@ -176,6 +255,15 @@ impl Pass {
 pub fn atrous_step(index: u32, count: u32) -> u32 {
     1 << (count - 1 - index)
 }
+
+/// Distance between the taps of iteration `index` of SVGF: it rises, so that the first one, which is kept for the next
+/// frame, blurs least.
+pub fn svgf_step(index: u32) -> u32 {
+    1 << index
+}
+
+/// Rows that the estimate of variance reads beyond its own: `REACH` in its shader.
+const VARIANCE_REACH_ROWS: u32 = 3;
 
 /// The passes of a frame, in an order that respects every dependency; stages with nothing to do are left out.
 pub fn passes(spec: &FrameSpec) -> Vec<Pass> {
@@ -203,13 +291,17 @@ pub fn passes(spec: &FrameSpec) -> Vec<Pass> {
             );
         }
     }
+    if spec.filter() == Filter::Svgf {
+        out.extend(Eye::ALL.map(|view| accumulate(spec, view)));
+    }
+    let chain = spec.chain();
     let runs = spec.runs();
     // The views take turns: while one's rows are on their way, the other is filtered.
     for run in &runs {
         for view in Eye::ALL {
-            out.extend(run.clone().map(|index| atrous(spec, view, index, run.end)));
+            out.extend(run.clone().map(|link| filter(spec, view, &chain, link..run.end)));
             if Some(run) == runs.last() {
-                finish(spec, view, &mut out);
+                finish(spec, view, &chain, &mut out);
             }
         }
     }
@@ -221,27 +313,48 @@ fn filtered(passes: u32) -> Resource {
     if passes == 0 { Radiance } else { Filtered(passes as u8) }
 }
 
-fn atrous(spec: &FrameSpec, view: Eye, index: u32, run_end: u32) -> Pass {
-    let reach = |i: u32| 2 * atrous_step(i, spec.iterations);
-    let later: u32 = (index + 1..run_end).map(reach).sum();
+/// What this frame saw, joined with what the frame before left. What the right eye never saw, the left may have.
+fn accumulate(spec: &FrameSpec, view: Eye) -> Pass {
+    const LAST: [Resource; 3] = [LastGuide, LastMoments, LastHistory];
+    let mut pass = Pass::new(Stage::Accumulate, view).reads(&[Hit, Guide, Radiance]);
+    if let Some(rows) = spec.history_rows {
+        let halo = match spec.seam {
+            Seam::Halo(_) => rows,
+            Seam::None | Seam::Filter => 0,
+        };
+        pass = pass.reads_of(view, &LAST, halo);
+        if view == Eye::Right {
+            pass = pass.reads_of(Eye::Left, &LAST, halo);
+        }
+    }
+    pass.filter = Some((Radiance, filtered(1)));
+    pass.writes(&[filtered(1), Moments])
+}
+
+/// The first of these links, whose results reach the last one without another exchange.
+fn filter(spec: &FrameSpec, view: Eye, chain: &[Link], links: Range<usize>) -> Pass {
+    let link = &chain[links.start];
+    let later: u32 = chain[links.start + 1..links.end].iter().map(|l| l.reach_rows).sum();
     let (halo, margin) = match spec.seam {
-        Seam::Halo(_) => (reach(index) + later, later),
+        Seam::Halo(_) => (link.reach_rows + later, later),
         Seam::None | Seam::Filter => (0, 0),
     };
-    let (source, target) = (filtered(index), filtered(index + 1));
-    let mut pass = Pass::new(Stage::Atrous, view).reads_of(view, &[Guide, source], halo).writes(&[target]);
-    pass.index = index;
+    let mut pass = Pass::new(link.stage, view).reads_of(view, &[Guide, link.source], halo).writes(&[link.target]);
+    pass.index = link.index;
     pass.margin_rows = margin;
-    pass.filter = Some((source, target));
+    pass.filter = Some((link.source, link.target));
+    pass.link = Some(links.start);
     pass
 }
 
-/// What follows the filter's last iteration.
-fn finish(spec: &FrameSpec, view: Eye, out: &mut Vec<Pass>) {
-    let iterations = spec.runs().last().map_or(0, |run| run.end);
-    let mut last = filtered(iterations);
-    if spec.seam == Seam::Filter && iterations > 0 && spec.devices > 1 {
-        let next = filtered(iterations + 1);
+/// What follows the filter's last pass.
+fn finish(spec: &FrameSpec, view: Eye, chain: &[Link], out: &mut Vec<Pass>) {
+    let mut last = chain.last().map_or(Radiance, |link| link.target);
+    if spec.seam == Seam::Filter && !chain.is_empty() && spec.devices > 1 {
+        let next = match last {
+            Filtered(passes) => Filtered(passes + 1),
+            _ => filtered(3),
+        };
         let mut pass =
             Pass::new(Stage::SeamFilter, view).reads_of(view, &[Guide, last], SEAM_FILTER_REACH_ROWS).writes(&[next]);
         pass.filter = Some((last, next));

@@ -123,8 +123,10 @@ pub struct FrameRow {
     /// Rows per device of every stage and view whose stripes can be chosen.
     pub stage_stripes: serde_json::Map<String, serde_json::Value>,
     pub transferred_bytes: u64,
-    /// The filter's iterations before which rows come from neighbours.
-    pub halo_exchanges: Vec<u32>,
+    /// How many rows up and down history was looked for; `null`: there was none.
+    pub history_rows: Option<u32>,
+    /// The filter's passes before which rows come from neighbours.
+    pub halo_exchanges: Vec<usize>,
     pub stages: Vec<TaskTiming>,
 }
 
@@ -163,8 +165,9 @@ impl FrameRow {
             stripes: rows_of(Stage::PathTrace, Eye::Left),
             stage_stripes,
             transferred_bytes: frame.uploaded_bytes(),
-            halo_exchanges: match frame.seam {
-                Seam::Halo(plan) => (0..quality.iterations).filter(|i| plan.receives_before(*i)).collect(),
+            history_rows: frame.spec.history_rows,
+            halo_exchanges: match frame.spec.seam {
+                Seam::Halo(plan) => (0..frame.spec.filter_passes()).filter(|i| plan.receives_before(*i)).collect(),
                 Seam::None | Seam::Filter => Vec::new(),
             },
             stages,

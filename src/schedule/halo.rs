@@ -1,7 +1,7 @@
 //! Whether rows around a stripe are received or filtered by the device itself, by what either costs.
 
 use super::cost::CostModel;
-use crate::graph::{HaloPlan, Resource, Seam, Stage, passes};
+use crate::graph::{HaloPlan, Resource, Seam, passes};
 
 /// A plan must promise to save this part of what the present one costs.
 const HYSTERESIS: f64 = 0.2;
@@ -9,10 +9,10 @@ const HYSTERESIS: f64 = 0.2;
 /// The halo plan of the next frame.
 pub fn choose_halo(model: &CostModel, now: HaloPlan) -> HaloPlan {
     let spec = model.spec();
-    if !model.has_learned() || spec.devices < 2 || spec.iterations < 2 {
+    if !model.has_learned() || spec.devices < 2 || spec.filter_passes() < 2 {
         return now;
     }
-    let plans = HaloPlan::all(spec.iterations).map(|plan| (plan, halo_ms(model, plan)));
+    let plans = HaloPlan::all(spec.filter_passes()).map(|plan| (plan, halo_ms(model, plan)));
     let Some((best, best_ms)) = plans.min_by(|a, b| a.1.total_cmp(&b.1)) else { return now };
     if best_ms < (1.0 - HYSTERESIS) * halo_ms(model, now) { best } else { now }
 }
@@ -28,9 +28,9 @@ fn halo_ms(model: &CostModel, plan: HaloPlan) -> f64 {
     let sides = 2.0 * (devices - 1) as f64 / devices as f64;
     let mut ms = 0.0;
     let mut guide_rows = [0; 2];
-    for pass in passes(&spec).iter().filter(|p| p.stage == Stage::Atrous) {
-        ms += sides * mean(&|d| model.stage_ms(Stage::Atrous, pass.view, d, &(0..pass.margin_rows)));
-        if !plan.receives_before(pass.index) {
+    for (pass, link) in passes(&spec).iter().filter_map(|p| Some((p, p.link?))) {
+        ms += sides * mean(&|d| model.stage_ms(pass.stage, pass.view, d, &(0..pass.margin_rows)));
+        if !plan.receives_before(link) {
             continue;
         }
         for read in &pass.reads {
@@ -45,7 +45,7 @@ fn halo_ms(model: &CostModel, plan: HaloPlan) -> f64 {
                 ms += sides * mean(&|d| model.download_ms(d, bytes) + model.upload_ms(d, bytes));
             }
         }
-        if pass.index > 0 {
+        if link > 0 {
             ms += mean(&|d| model.wait_ms(d));
         }
     }

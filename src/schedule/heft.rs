@@ -12,7 +12,7 @@ use std::ops::Range;
 use super::cost::{CostModel, StripeCosts};
 use super::cut::{MovingStripes, cut, groups};
 use super::policy::Policy;
-use crate::graph::{Assignment, Pass, PhysicalImage, Stage, Stripes, passes};
+use crate::graph::{Assignment, Pass, PhysicalImage, Stripes, passes};
 
 pub struct Heft {
     stripes: MovingStripes,
@@ -128,7 +128,7 @@ fn ready_ms(blocks: &[Block], index: usize, count: usize, reach: usize, devices:
 
 /// Rows that the filter reads beyond its own.
 fn filter_reach_rows(passes: &[Pass]) -> u32 {
-    let filter = passes.iter().filter(|p| p.stage == Stage::Atrous);
+    let filter = passes.iter().filter(|p| p.link.is_some());
     filter.flat_map(|p| &p.reads).map(|r| r.halo_rows).max().unwrap_or(0)
 }
 

@@ -3,7 +3,7 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::graph::{Assignment, FrameGraph, FrameSpec, HaloPlan, Seam, Stage, Stripes, TaskKind, Views, build_tests};
+use crate::graph::{Assignment, Filter, FrameGraph, FrameSpec, HaloPlan, Seam, Stage, Stripes, TaskKind, Views, build_tests};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
 
@@ -11,7 +11,7 @@ const WIDTH: u32 = 64;
 
 fn spec(height: u32, devices: usize, iterations: u32, seam: Seam) -> FrameSpec {
     let extent = Extent::new(WIDTH, height);
-    FrameSpec { extent, devices, views: Views::Reprojected, iterations, seam, aovs: 0, has_surfaces: true }
+    FrameSpec { extent, devices, views: Views::Reprojected, filter: Filter::Atrous, iterations, history_rows: None, seam, aovs: 0, has_surfaces: true }
 }
 
 /// A scene and devices whose true costs are known.
@@ -98,7 +98,7 @@ impl World {
         let mut assignments = Vec::new();
         for _ in 0..frames {
             let assignment = policy.assign(&model);
-            model.learn(&self.costs(&FrameGraph::build(&self.spec, &assignment)));
+            model.learn(&self.costs(&FrameGraph::build(&self.spec, &assignment, None)));
             assignments.push(assignment);
         }
         (assignments, model)
@@ -167,7 +167,7 @@ proptest! {
                     }
                 }
             }
-            let graph = FrameGraph::build(&world.spec, &assignments[4]);
+            let graph = FrameGraph::build(&world.spec, &assignments[4], None);
             build_tests::check_order(&graph);
             build_tests::replay(&world.spec, &graph);
             let played = simulate(&graph, &model);
@@ -186,7 +186,7 @@ fn learning_policies_even_out_scenes_and_devices() {
             let world = World::sky_over_city(spec(HEIGHT, speeds.len(), iterations, halo), speeds);
             for mut policy in learning_policies(HEIGHT, speeds.len()) {
                 let (assignments, _) = world.play(policy.as_mut(), 9);
-                let graph = FrameGraph::build(&world.spec, &assignments[8]);
+                let graph = FrameGraph::build(&world.spec, &assignments[8], None);
                 let imbalance = world.imbalance(&graph);
                 assert!(imbalance <= 1.05, "{} on {speeds:?}, {iterations} iterations: {imbalance}", policy.name());
             }
@@ -207,7 +207,7 @@ fn stripes_come_to_rest() {
 fn one_device_takes_the_sum_of_its_work() {
     let world = World::sky_over_city(spec(180, 1, 5, Seam::None), &[2.0]);
     let (assignments, model) = world.play(&mut Even::new(180, 1), 3);
-    let graph = FrameGraph::build(&world.spec, &assignments[2]);
+    let graph = FrameGraph::build(&world.spec, &assignments[2], None);
     let work_ms: f64 = world.costs(&graph).stages.iter().map(|c| c.busy_ms + GAP_MS).sum();
     let played = simulate(&graph, &model).unwrap();
     assert!((played.makespan_ms - work_ms - LEAD_MS - TAIL_MS).abs() < 1e-9 * work_ms, "{played:?}");
@@ -218,7 +218,7 @@ fn one_device_takes_the_sum_of_its_work() {
 fn a_critical_path_has_no_gaps_and_spans_the_makespan() {
     let world = World::sky_over_city(spec(180, 3, 5, Seam::Halo(HaloPlan::EXCHANGE)), &[1.0, 2.0, 1.0]);
     let (assignments, model) = world.play(&mut Even::new(180, 3), 3);
-    let played = simulate(&FrameGraph::build(&world.spec, &assignments[2]), &model).unwrap();
+    let played = simulate(&FrameGraph::build(&world.spec, &assignments[2], None), &model).unwrap();
     let path = &played.critical_path;
     assert_eq!((path[0].begin_ms, path[path.len() - 1].kind), (LEAD_MS, StepKind::Stitch));
     assert!(path.windows(2).all(|pair| pair[0].end_ms == pair[1].begin_ms), "{path:?}");
@@ -232,11 +232,11 @@ fn dear_transfers_limit_a_frame() {
     let mut policy = Measured::new(180, 2);
     let mut model = CostModel::new(&world.spec);
     for _ in 0..8 {
-        let mut costs = world.costs(&FrameGraph::build(&world.spec, &policy.assign(&model)));
+        let mut costs = world.costs(&FrameGraph::build(&world.spec, &policy.assign(&model), None));
         costs.transfers.iter_mut().for_each(|t| t.ms *= 200.0);
         model.learn(&costs);
     }
-    let played = simulate(&FrameGraph::build(&world.spec, &policy.assign(&model)), &model).unwrap();
+    let played = simulate(&FrameGraph::build(&world.spec, &policy.assign(&model), None), &model).unwrap();
     assert_eq!(played.limit, Limit::Transfers);
 }
 
@@ -249,7 +249,7 @@ fn simulated_devices_take_as_long_as_real_ones() {
     for speeds in [&[1.0][..], &[1.0, 1.0], &[1.0, 2.0], &[1.0, 1.0, 2.0, 0.5]] {
         let world = World { speeds: speeds.to_vec(), ..uniform(spec(360, speeds.len(), 5, halo)) };
         let (assignments, own) = world.play(&mut Measured::new(360, speeds.len()), 12);
-        let graph = FrameGraph::build(&world.spec, &assignments[11]);
+        let graph = FrameGraph::build(&world.spec, &assignments[11], None);
         let expected = simulate(&graph, &own).unwrap().makespan_ms;
         let foretold = simulate(&graph, &measured.on_devices(speeds)).unwrap().makespan_ms;
         assert!((foretold / expected - 1.0).abs() < 0.01, "{speeds:?}: {foretold} for {expected}");
@@ -262,7 +262,7 @@ fn a_device_without_a_stripe_is_taken_to_be_like_the_others() {
     let mut model = CostModel::new(&world.spec);
     assert!(!model.has_learned());
     let all_to_one = Assignment::uniform(Stripes::from_edges(40, &[40]));
-    model.learn(&world.costs(&FrameGraph::build(&world.spec, &all_to_one)));
+    model.learn(&world.costs(&FrameGraph::build(&world.spec, &all_to_one, None)));
     assert!(model.has_learned());
     let ms = |device| model.stage_ms(Stage::PathTrace, Eye::Left, device, &(0..40));
     assert!(ms(0) > 0.0 && ms(0) == ms(1));
@@ -291,13 +291,13 @@ fn devices_that_are_left_cover_every_row_and_even_out_again() {
             let others: Vec<usize> = (0..left.len() + 1).filter(|d| *d != gone).collect();
             model = model.of_devices(&others).into_owned();
             world = of(left.len(), &left);
-            let mut graph = FrameGraph::build(&world.spec, &policy.assign(&model));
+            let mut graph = FrameGraph::build(&world.spec, &policy.assign(&model), None);
             for _ in 0..8 {
                 model.learn(&world.costs(&graph));
                 let assignment = policy.assign(&model);
                 let stripes = assignment.stripes(Stage::PathTrace, Eye::Left);
                 assert_eq!((stripes.devices(), stripes.height()), (left.len(), 160), "{}", policy.name());
-                graph = FrameGraph::build(&world.spec, &assignment);
+                graph = FrameGraph::build(&world.spec, &assignment, None);
             }
             let learns = ["measured", "heft"].contains(&policy.name());
             let imbalance = world.imbalance(&graph);
@@ -318,7 +318,7 @@ fn ratios_of_those_left_stay() {
 #[test]
 fn halo_rows_are_received_where_that_costs_less() {
     let world = World::sky_over_city(spec(360, 4, 5, Seam::Halo(HaloPlan::RECOMPUTE)), &[1.0; 4]);
-    let costs = world.costs(&FrameGraph::build(&world.spec, &Assignment::uniform(Stripes::even(360, 4))));
+    let costs = world.costs(&FrameGraph::build(&world.spec, &Assignment::uniform(Stripes::even(360, 4)), None));
     let model_at = |factor: f64| {
         let mut costs = costs.clone();
         costs.transfers.iter_mut().for_each(|t| t.ms *= factor);

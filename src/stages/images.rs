@@ -1,10 +1,11 @@
 //! The images of a frame on one device. Every image spans the whole frame, whatever the device owns of it: stripes may
 //! move from frame to frame, and a row has the same address everywhere. What leaves a frame is there once per frame in
-//! flight, in slots.
+//! flight, in slots; what a frame keeps for the next is there twice, and frames take turns.
 
 use std::collections::HashMap;
 use std::ops::Range;
 
+use super::StageSettings;
 use crate::device::GpuDevice;
 use crate::graph::PhysicalImage;
 use crate::image::Extent;
@@ -12,7 +13,25 @@ use crate::scene::rig::Eye;
 
 pub struct Images {
     extent: Extent,
+    /// Whether a frame keeps anything for the next.
+    keeps: bool,
     buffers: HashMap<(PhysicalImage, Eye, usize), wgpu::Buffer>,
+}
+
+/// Which of the images that are there several times are a frame's.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Place {
+    /// Of what leaves the frame.
+    pub slot: usize,
+    /// 0 or 1: of what the frame keeps for the next.
+    pub turn: usize,
+}
+
+impl Place {
+    /// Of the `number`th frame, of which `slots` may be in flight.
+    pub fn of(number: u64, slots: usize) -> Self {
+        Self { slot: (number % slots as u64) as usize, turn: (number % 2) as usize }
+    }
 }
 
 const PER_VIEW: [PhysicalImage; 12] = [
@@ -30,6 +49,9 @@ const PER_VIEW: [PhysicalImage; 12] = [
     PhysicalImage::Display,
 ];
 
+/// What a frame leaves for the next, beside its guide.
+const KEPT: [PhysicalImage; 2] = [PhysicalImage::Moments, PhysicalImage::History];
+
 #[derive(Debug, thiserror::Error)]
 #[error(
     "one image at {extent} takes {mib} MiB, more than the {limit} MiB that device {device} lets a shader read at once: choose a smaller --size"
@@ -42,8 +64,12 @@ pub struct TooLarge {
 }
 
 impl Images {
-    pub fn new(gpu: &GpuDevice, extent: Extent, aovs: u8, slots: usize) -> Result<Self, TooLarge> {
-        let all = PER_VIEW.into_iter().chain((0..aovs).map(PhysicalImage::Aov));
+    pub fn new(gpu: &GpuDevice, settings: &StageSettings) -> Result<Self, TooLarge> {
+        let extent = settings.extent;
+        let keeps = settings.keeps_history();
+        let kept: &[PhysicalImage] = if keeps { &KEPT } else { &[] };
+        let aovs = (0..settings.aovs.len()).map(|i| PhysicalImage::Aov(i as u8));
+        let all = PER_VIEW.iter().chain(kept).copied().chain(aovs);
         let mut buffers = HashMap::new();
         for image in all {
             let size = image.header_bytes() + image.row_bytes(extent.width) * u64::from(extent.height);
@@ -51,7 +77,12 @@ impl Images {
             if size > limit {
                 return Err(TooLarge { extent, mib: size >> 20, limit: limit >> 20, device: gpu.info.index });
             }
-            let slots = if image.is_output() { slots } else { 1 };
+            let slots = match image {
+                PhysicalImage::Guide if keeps => 2,
+                _ if kept.contains(&image) => 2,
+                _ if image.is_output() => settings.frames_in_flight,
+                _ => 1,
+            };
             for (eye, slot) in Eye::ALL.into_iter().flat_map(|e| (0..slots).map(move |s| (e, s))) {
                 let buffer = new_buffer(gpu, image, size);
                 if image == PhysicalImage::Holes {
@@ -61,15 +92,24 @@ impl Images {
                 buffers.insert((image, eye, slot), buffer);
             }
         }
-        Ok(Self { extent, buffers })
+        Ok(Self { extent, keeps, buffers })
     }
 
-    /// The image of the frame in this slot.
+    /// The image of the frame in this place.
     ///
     /// # Panics
-    /// On an auxiliary image that was not asked for, and a slot that is not there.
-    pub fn buffer(&self, image: PhysicalImage, eye: Eye, slot: usize) -> &wgpu::Buffer {
-        &self.buffers[&(image, eye, if image.is_output() { slot } else { 0 })]
+    /// On an image that the settings do not ask for, and a slot that is not there.
+    pub fn buffer(&self, image: PhysicalImage, eye: Eye, place: Place) -> &wgpu::Buffer {
+        let turn = if self.keeps { place.turn } else { 0 };
+        let (image, number) = match image {
+            PhysicalImage::LastGuide => (PhysicalImage::Guide, 1 - turn),
+            PhysicalImage::LastMoments => (PhysicalImage::Moments, 1 - turn),
+            PhysicalImage::LastHistory => (PhysicalImage::History, 1 - turn),
+            PhysicalImage::Guide | PhysicalImage::Moments | PhysicalImage::History => (image, turn),
+            _ if image.is_output() => (image, place.slot),
+            _ => (image, 0),
+        };
+        &self.buffers[&(image, eye, number)]
     }
 
     /// Bytes of rows `rows` of an image: offset and size.

@@ -65,11 +65,15 @@ pub struct Frame {
     pub instance_tree: u32,
     pub instance_count: u32,
     pub curve_shift: u32,
-    pub pad: [u32; 2],
+    pub history_rows: u32,
+    pub pad: u32,
 }
 
 /// Of [`Frame::curve_shift`]: each pixel has sequences of its own.
 pub const NO_CURVE: u32 = 32;
+
+/// Of [`Frame::history_rows`]: the frame knows nothing of the one before.
+pub const NO_HISTORY: u32 = u32::MAX;
 
 /// Constants of a dispatch; `Pass` in `frame.inc.wgsl`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]

@@ -3,6 +3,7 @@
 //! A room is a `Room`: a sentence of bindings, and a function that says which dispatches a task becomes.
 //! [`DeviceStages`] turns rooms into pipelines on a device and records tasks with them.
 
+mod accumulate;
 mod albedo_table;
 mod alias;
 mod aov;
@@ -17,11 +18,13 @@ mod pipeline;
 mod reproject;
 mod scene_tables;
 mod seam_filter;
+mod svgf;
 mod tally;
 mod tonemap;
+mod variance;
 
 pub use aov::Aov;
-pub use images::{Images, TooLarge};
+pub use images::{Images, Place, TooLarge};
 pub use pipeline::{DeviceStages, StageError, StageTask, Stamps};
 #[doc(hidden)] // For benchmarks.
 pub use scene_tables::{SceneBuffers, layout_entries as scene_layout_entries};
@@ -29,7 +32,7 @@ pub use scene_tables::{SceneTables, TableError};
 pub use tally::{HoleReason, RowTally};
 
 use crate::device::ShaderChecks;
-use crate::graph::{PhysicalImage, Stage};
+use crate::graph::{Filter, PhysicalImage, Stage};
 use crate::image::Extent;
 use crate::scene::needs::SceneNeeds;
 use crate::scene::rig::Eye;
@@ -53,6 +56,7 @@ pub struct StageSettings {
     pub sampler: Sampler,
     /// Samples per pixel of a frame, at most.
     pub spp: u32,
+    pub filter: Filter,
     pub iterations: u32,
     /// Whether the right eye is reprojected.
     pub reproject: bool,
@@ -66,6 +70,11 @@ impl StageSettings {
     /// One sample goes through the pixel's centre, several are spread over the pixel.
     pub fn jitter(&self) -> bool {
         self.spp > 1
+    }
+
+    /// Whether frames leave anything for the next.
+    pub fn keeps_history(&self) -> bool {
+        self.filter == Filter::Svgf && self.iterations > 0
     }
 
     fn constants(&self) -> Vec<(&'static str, f64)> {
@@ -128,11 +137,14 @@ struct Work<'a> {
     device: usize,
 }
 
-const ROOMS: [Room; 9] = [
+const ROOMS: [Room; 12] = [
     gbuffer::ROOM,
     path_trace::ROOM,
     reproject::ROOM,
     hole_fill::ROOM,
+    accumulate::ROOM,
+    variance::ROOM,
+    svgf::ROOM,
     atrous::ROOM,
     seam_filter::ROOM,
     tonemap::ROOM,

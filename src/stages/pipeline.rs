@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::ops::Range;
 
-use super::images::Images;
+use super::images::{Images, Place};
 use super::layout::{Frame, Pass, View};
 use super::scene_tables::{SceneBuffers, SceneTables, TableError, layout_entries};
 use super::{Dispatch, Of, ROOMS, Room, Slot, StageSettings, Work};
@@ -74,15 +74,15 @@ struct GroupKey {
     view: Eye,
     filter: Option<(PhysicalImage, PhysicalImage)>,
     index: u32,
-    slot: usize,
+    place: Place,
 }
 
 /// What one device needs to carry out any task.
 pub struct DeviceStages {
     settings: StageSettings,
-    /// Samples per pixel and slot of the frame that is set.
+    /// Samples per pixel and place of the frame that is set.
     spp: u32,
-    slot: usize,
+    place: Place,
     pub images: Images,
     rooms: Vec<Built>,
     groups: HashMap<GroupKey, wgpu::BindGroup>,
@@ -121,7 +121,7 @@ impl DeviceStages {
         stages: &[Stage],
     ) -> Result<Self, StageError> {
         settings.needs.instances |= tables.has_instances();
-        let images = Images::new(gpu, settings.extent, settings.aovs.len() as u8, settings.frames_in_flight)?;
+        let images = Images::new(gpu, &settings)?;
         let scene = SceneBuffers::new(gpu, tables)?;
         let frame = uniform(gpu, "frame", size_of::<Frame>());
         let previous = uniform(gpu, "previous views", 2 * size_of::<View>());
@@ -149,14 +149,14 @@ impl DeviceStages {
                 None => build(gpu, room, group0, &settings)?,
             });
         }
-        let (spp, slot, groups) = (settings.spp, 0, HashMap::new());
+        let (spp, place, groups) = (settings.spp, Place::default(), HashMap::new());
         let kept = None;
-        Ok(Self { settings, spp, slot, images, rooms, groups, frame_only, with_scene, frame, previous, kept })
+        Ok(Self { settings, spp, place, images, rooms, groups, frame_only, with_scene, frame, previous, kept })
     }
 
-    /// Sets the constants that the next submission's tasks see, and the slot of their outputs.
-    pub fn set_frame(&mut self, gpu: &GpuDevice, frame: &Frame, previous: &[View; 2], slot: usize) {
-        (self.spp, self.slot) = (frame.spp, slot);
+    /// Sets the constants that the next submission's tasks see, and the place of what they leave.
+    pub fn set_frame(&mut self, gpu: &GpuDevice, frame: &Frame, previous: &[View; 2], place: Place) {
+        (self.spp, self.place) = (frame.spp, place);
         gpu.queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(frame));
         gpu.queue.write_buffer(&self.previous, 0, bytemuck::cast_slice(previous));
     }
@@ -190,7 +190,7 @@ impl DeviceStages {
         let pair = stamps.next();
         let queries = |at: Option<u32>| at.map(|_| &stamps.queries);
         let counted = (runs > 1 && adds_counts(task.stage)).then(|| {
-            let counts = self.images.buffer(PhysicalImage::Tally, task.view, self.slot).clone();
+            let counts = self.images.buffer(PhysicalImage::Tally, task.view, self.place).clone();
             let kept = self.kept.get_or_insert_with(|| scratch(gpu, counts.size())).clone();
             encoder.copy_buffer_to_buffer(&counts, 0, &kept, 0, counts.size());
             (counts, kept)
@@ -224,12 +224,12 @@ impl DeviceStages {
             view: task.view,
             filter: task.filter.map(|(a, b)| (a.physical(), b.physical())),
             index: if task.stage == Stage::Aov { task.index } else { 0 },
-            slot: self.slot,
+            place: self.place,
         };
         let (images, previous) = (&self.images, &self.previous);
         let group = self.groups.entry(key).or_insert_with_key(|k| bind_slots(gpu, built, images, previous, k));
         for &(image, bytes) in built.room.clears {
-            encoder.clear_buffer(self.images.buffer(image, task.view, self.slot), 0, bytes);
+            encoder.clear_buffer(self.images.buffer(image, task.view, self.place), 0, bytes);
         }
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
             label: Some(task.stage.name()),
@@ -268,7 +268,7 @@ impl DeviceStages {
                 None if task.rows.is_empty() => pass.dispatch_workgroups(1, 1, 1),
                 None => {
                     pass.dispatch_workgroups_indirect(
-                        self.images.buffer(PhysicalImage::Holes, task.view, self.slot),
+                        self.images.buffer(PhysicalImage::Holes, task.view, self.place),
                         4,
                     );
                 }
@@ -368,11 +368,11 @@ fn bind_slots(
 ) -> wgpu::BindGroup {
     let filter = key.filter.unwrap_or((PhysicalImage::Radiance, PhysicalImage::Ping));
     let buffer = |slot: Slot| match slot {
-        Slot::Read(image, Of::TaskView) | Slot::Write(image) => images.buffer(image, key.view, key.slot),
-        Slot::Read(image, Of::Left) => images.buffer(image, Eye::Left, key.slot),
-        Slot::FilterSource => images.buffer(filter.0, key.view, key.slot),
-        Slot::FilterTarget => images.buffer(filter.1, key.view, key.slot),
-        Slot::AovTarget => images.buffer(PhysicalImage::Aov(key.index as u8), key.view, key.slot),
+        Slot::Read(image, Of::TaskView) | Slot::Write(image) => images.buffer(image, key.view, key.place),
+        Slot::Read(image, Of::Left) => images.buffer(image, Eye::Left, key.place),
+        Slot::FilterSource => images.buffer(filter.0, key.view, key.place),
+        Slot::FilterTarget => images.buffer(filter.1, key.view, key.place),
+        Slot::AovTarget => images.buffer(PhysicalImage::Aov(key.index as u8), key.view, key.place),
         Slot::PreviousViews => previous,
     };
     let slots = built.room.slots.iter().enumerate();

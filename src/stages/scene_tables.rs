@@ -100,6 +100,11 @@ impl SceneTables {
         self.accel.origin
     }
 
+    /// At most the distance to the nearest triangle from a point relative to [`Self::origin`].
+    pub fn clearance(&self, point: Vec3) -> f32 {
+        self.accel.clearance(point)
+    }
+
     /// Whether rays meet some triangles by way of their instances.
     pub fn has_instances(&self) -> bool {
         self.accel.instances.len() > 1

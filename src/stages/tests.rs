@@ -86,7 +86,8 @@ fn host_structs_lie_as_shaders_read_them() {
             world_origin = "world_origin",
             instance_tree = "instance_tree",
             instance_count = "instance_count",
-            curve_shift = "curve_shift"
+            curve_shift = "curve_shift",
+            history_rows = "history_rows"
         ]
     );
     same_layout!(

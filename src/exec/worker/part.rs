@@ -91,7 +91,7 @@ impl Worker {
         let graph = Arc::clone(&part.job.graph);
         let (tasks, _) = graph.parts_of(self.gpu.info.index);
         self.stamps.reset();
-        self.stages.set_frame(&self.gpu, &part.job.constants, &part.job.previous, part.job.slot);
+        self.stages.set_frame(&self.gpu, &part.job.constants, &part.job.previous, part.job.place);
         for (i, task) in tasks.iter().enumerate() {
             self.pulse.beat();
             if i == tasks.len() / 2 && part.job.injected.is_some() {
@@ -139,7 +139,7 @@ impl Worker {
     fn download(&mut self, part: &mut Part, resource: Resource, task: &Task) {
         let image = resource.physical();
         let (offset, size) = self.stages.images.span(image, &task.rows);
-        let source = self.stages.images.buffer(image, task.view, part.job.slot);
+        let source = self.stages.images.buffer(image, task.view, part.job.place);
         let copy = self.pool.record(&self.gpu, part.encoder(&self.gpu.device), source, offset, size);
         part.copies.push((copy, task.clone()));
     }
@@ -193,7 +193,7 @@ impl Worker {
         if bytes.len() as u64 != size {
             return Err(format!("transfer {transfer} brought {} bytes of {size}", bytes.len()).into());
         }
-        let target = self.stages.images.buffer(image, task.view, part.job.slot);
+        let target = self.stages.images.buffer(image, task.view, part.job.place);
         self.gpu.queue.write_buffer(target, offset, &bytes);
         timing.bytes = Some(size);
         timing.end_ms = self.now_ms();
@@ -318,7 +318,7 @@ impl Worker {
         let mut backs = Vec::new();
         if self.gpu.info.index == part.job.graph.primary {
             for image in [PhysicalImage::RowTally].into_iter().chain(part.job.reads.iter().copied()) {
-                backs.push((image, self.request(image, part.job.slot)));
+                backs.push((image, self.request(image, part.job.place)));
             }
         }
         part.state = State::Read { end_ms, backs };

@@ -1,10 +1,10 @@
 use super::*;
-use crate::graph::{HaloPlan, Stripes, Views};
+use crate::graph::{Filter, HaloPlan, Stripes, Views};
 use crate::image::Extent;
 
 fn spec(devices: usize, seam: Seam) -> FrameSpec {
     let extent = Extent::new(64, 180);
-    FrameSpec { extent, devices, views: Views::Reprojected, iterations: 5, seam, aovs: 1, has_surfaces: true }
+    FrameSpec { extent, devices, views: Views::Reprojected, filter: Filter::Atrous, iterations: 5, history_rows: None, seam, aovs: 1, has_surfaces: true }
 }
 
 /// Different stripes at every stage and view.
@@ -88,7 +88,7 @@ fn every_read_finds_its_rows_on_its_device() {
         for &seam in &seams {
             for assignment in [Assignment::uniform(Stripes::even(180, devices)), ragged(devices)] {
                 let spec = spec(devices, seam);
-                replay(&spec, &FrameGraph::build(&spec, &assignment));
+                replay(&spec, &FrameGraph::build(&spec, &assignment, None));
             }
         }
     }
@@ -107,14 +107,14 @@ pub fn check_order(graph: &FrameGraph) {
 fn every_edge_follows_the_common_order() {
     for plan in HaloPlan::all(5) {
         let spec = spec(4, Seam::Halo(plan));
-        check_order(&FrameGraph::build(&spec, &ragged(4)));
+        check_order(&FrameGraph::build(&spec, &ragged(4), None));
     }
 }
 
 #[test]
 fn equal_stripes_reproject_without_any_transfer() {
     let spec = spec(3, Seam::None);
-    let graph = FrameGraph::build(&spec, &Assignment::uniform(Stripes::even(180, 3)));
+    let graph = FrameGraph::build(&spec, &Assignment::uniform(Stripes::even(180, 3)), None);
     let final_pass = passes(&spec).len() as u32;
     for task in graph.dag.node_weights() {
         if let TaskKind::Upload { .. } = task.kind {

@@ -1,0 +1,163 @@
+// Temporal accumulation (Schied et al., "Spatiotemporal Variance-Guided Filtering", HPG 2017): what the frame before
+// gathered on a pixel's surface is found by the camera's motion and joined with what this frame saw. Departures:
+// - Means and variances are weighted by samples (West 1979), so frames of few and of many samples mix as they should.
+// - How long a history counts is bounded by what resampling has blurred and by how far a short mean is off the long one.
+// - Where the right eye finds no history, the left eye's is looked up.
+
+//!include frame motion pack variance
+
+@group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
+@group(1) @binding(1) var<storage, read> guide_image: array<vec4<u32>>;
+// Radiance over albedo; alpha 0: not sampled.
+@group(1) @binding(2) var<storage, read> radiance: array<vec4<f32>>;
+@group(1) @binding(3) var<storage, read> last_guide: array<vec4<u32>>;
+@group(1) @binding(4) var<storage, read> last_moments: array<vec4<u32>>;
+@group(1) @binding(5) var<storage, read> last_history: array<vec4<f32>>;
+@group(1) @binding(6) var<storage, read> left_guide: array<vec4<u32>>;
+@group(1) @binding(7) var<storage, read> left_moments: array<vec4<u32>>;
+@group(1) @binding(8) var<storage, read> left_history: array<vec4<f32>>;
+// Light, and the variance of its luminance or why there is none.
+@group(1) @binding(9) var<storage, read_write> accumulated: array<vec4<f32>>;
+// As bits: mean luminance and its variance per sample; samples and recent mean as half floats; material and, in the
+// upper 8 bits, frames.
+@group(1) @binding(10) var<storage, read_write> moments: array<vec4<u32>>;
+@group(1) @binding(11) var<uniform> previous: Previous;
+
+// Of frame.history_rows.
+const NO_HISTORY: u32 = 0xffffffffu;
+// Frames before variance over time means something, as in the paper.
+const FEW_FRAMES: f32 = 4.0;
+// Longest history in frames: of pixels that fall between those of the frame before, of those that fall on them, and of
+// light that depends on where the eye is.
+const LONGEST_MOVED: f32 = 32.0;
+const LONGEST_STILL: f32 = 255.0;
+const LONGEST_VIEW_DEPENDENT: f32 = 6.0;
+// Frames behind the recent mean, and by how many standard deviations it may differ from the long one.
+const RECENT_FRAMES: f32 = 4.0;
+const TRUSTED_DEVIATIONS: f32 = 3.0;
+const MOST_HALF: f32 = 65504.0;
+
+struct Past {
+    light: vec3<f32>,
+    mean: f32,
+    variance: f32,
+    recent: f32,
+    samples: f32,
+    frames: f32,
+    // Sum of the taps' weights; 0: there is none.
+    found: f32,
+}
+
+struct Tap {
+    guide: vec4<u32>,
+    moments: vec4<u32>,
+    light: vec3<f32>,
+}
+
+fn tap_at(at: u32, of_left: bool) -> Tap {
+    if of_left {
+        return Tap(left_guide[at], left_moments[at], left_history[at].rgb);
+    }
+    return Tap(last_guide[at], last_moments[at], last_history[at].rgb);
+}
+
+// History of the surface at `position` around image point `seen` of the frame before.
+fn past_at(seen: vec3<f32>, row: u32, of_left: bool, position: vec3<f32>, normal: vec3<f32>, material: u32) -> Past {
+    var past = Past();
+    let corner = clamp(seen.xy - 0.5, vec2<f32>(-2.0), vec2<f32>(f32(frame.width), f32(frame.height)) + 1.0);
+    let base = floor(corner);
+    let fraction = corner - base;
+    let reach = 0.005 * seen.z;
+    for (var i = 0; i < 4; i += 1) {
+        let offset = vec2<i32>(i & 1, i >> 1u);
+        let there = vec2<i32>(base) + offset;
+        let low = max(i32(pass_.valid_begin), i32(row) - i32(frame.history_rows));
+        let high = min(i32(pass_.valid_end), i32(row) + i32(frame.history_rows) + 1);
+        let inside = seen.z > 0.0 && there.x >= 0 && there.x < i32(frame.width) && there.y >= low && there.y < high;
+        let at = select(0u, u32(there.y) * frame.width + u32(there.x), inside);
+        let tap = tap_at(at, of_left);
+        let off = abs(dot(normal, bitcast<vec3<f32>>(tap.guide.xyz) - position));
+        let is_same = inside && tap.guide.w != NO_NORMAL && (tap.moments.w & MATERIAL_MASK) == material
+            && off < reach && dot(normal, unpack_normal(tap.guide.w)) > 0.9;
+        let half = unpack2x16float(tap.moments.z);
+        let near = select(fraction, 1.0 - fraction, offset == vec2<i32>(0));
+        let w = select(0.0, near.x * near.y, is_same && half.x > 0.0);
+        past.light += tap.light * w;
+        past.mean += bitcast<f32>(tap.moments.x) * w;
+        past.variance += bitcast<f32>(tap.moments.y) * w;
+        past.recent += half.y * w;
+        past.samples += half.x * w;
+        past.frames += f32(tap.moments.w >> 24u) * w;
+        past.found += w;
+    }
+    return past;
+}
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
+    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
+        return;
+    }
+    let at = pixel_index(pixel);
+    let bits = guide_image[at];
+    let hit = hit_image[at].w;
+    let now = radiance[at];
+    let material = hit & MATERIAL_MASK;
+    if bits.w == NO_NORMAL {
+        accumulated[at] = vec4<f32>(0.0);
+        moments[at] = vec4<u32>(0u, 0u, 0u, material);
+        return;
+    }
+    let position = bitcast<vec3<f32>>(bits.xyz);
+    let normal = unpack_normal(bits.w);
+    var past = Past();
+    var fraction = vec2<f32>(0.0);
+    // The own eye, then the left one. Loops are what a pixel can leave early.
+    let eyes = select(pass_.view + 1u, 0u, frame.history_rows == NO_HISTORY);
+    for (var i = 0u; i < eyes && past.found < 0.01; i += 1u) {
+        let eye = pass_.view - i;
+        let seen = seen_at(position, previous.views[eye]);
+        past = past_at(seen, pixel.y, i == 1u, position, normal, material);
+        fraction = fract(seen.xy - 0.5);
+    }
+    let found = past.found >= 0.01;
+    let scale = select(0.0, 1.0 / past.found, found);
+    var samples = past.samples * scale;
+    var frames = past.frames * scale;
+    let sampled = now.a > 0.0;
+    let new_samples = select(0.0, f32(frame.spp), sampled);
+    // Resampling blurs most between pixels.
+    let between = 4.0 * max(fraction.x * (1.0 - fraction.x), fraction.y * (1.0 - fraction.y));
+    var longest = mix(LONGEST_STILL, LONGEST_MOVED, min(2.0 * between, 1.0));
+    let eye_moved = any(previous.views[pass_.view].origin != frame.views[pass_.view].origin);
+    if (hit & FLAG_VIEW_DEPENDENT) != 0u && eye_moved {
+        longest = LONGEST_VIEW_DEPENDENT;
+    }
+    let keep = min(longest / max(frames, 1.0), 1.0);
+    samples *= keep;
+    frames *= keep;
+    let total = samples + new_samples;
+    if total <= 0.0 {
+        accumulated[at] = vec4<f32>(0.0, 0.0, 0.0, MISSING);
+        moments[at] = vec4<u32>(0u, 0u, 0u, material);
+        return;
+    }
+    let alpha = new_samples / total;
+    let value = luminance(now.rgb);
+    let old_mean = past.mean * scale;
+    let difference = value - old_mean;
+    let mean = old_mean + alpha * difference;
+    let variance = mix(past.variance * scale, new_samples * difference * (value - mean), alpha);
+    let recent = mix(past.recent * scale, value, max(alpha, select(0.0, 1.0 / RECENT_FRAMES, sampled)));
+    frames += select(0.0, 1.0, sampled);
+    // Light has changed when the recent mean is off the long one by more than both may vary.
+    let spread = variance * (1.0 / (2.0 * RECENT_FRAMES - 1.0) + 1.0 / frames) * frames / total;
+    let off = (recent - mean) * (recent - mean) / max(TRUSTED_DEVIATIONS * TRUSTED_DEVIATIONS * spread, 1e-20);
+    let trust = select(1.0, max(1.0 / off, min(FEW_FRAMES / frames, 1.0)), off > 1.0 && frames > FEW_FRAMES);
+    let known = variance / total * frames / max(frames - 1.0, 1.0);
+    accumulated[at] = vec4<f32>(mix(past.light * scale, now.rgb, alpha), select(UNKNOWN, known, frames >= FEW_FRAMES));
+    let half = pack2x16float(min(vec2<f32>(total * trust, recent), vec2<f32>(MOST_HALF)));
+    let count = u32(clamp(round(frames * trust), 1.0, 255.0));
+    moments[at] = vec4<u32>(bitcast<u32>(mean), bitcast<u32>(variance), half, material | (count << 24u));
+}

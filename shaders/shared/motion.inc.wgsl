@@ -1,0 +1,17 @@
+// Where a surface was seen before. Nothing but the eyes moves.
+
+struct Previous {
+    views: array<View, 2>,
+}
+
+// Where an eye sees `p`: image point in pixels from the top left corner, and distance along its view direction.
+fn seen_at(p: vec3<f32>, eye: View) -> vec3<f32> {
+    let v = p - eye.origin;
+    let z = dot(v, eye.forward);
+    let front = max(z, 1e-20);
+    let ndc = vec2<f32>(
+        dot(v, eye.right) / (front * eye.tan_half_x),
+        -dot(v, eye.up) / (front * eye.tan_half_y),
+    );
+    return vec3<f32>((ndc * 0.5 + 0.5) * vec2<f32>(f32(frame.width), f32(frame.height)), z);
+}

@@ -1,0 +1,55 @@
+// One iteration of the à-trous filter guided by variance (Schied et al. 2017): luminance may differ by as much as its
+// standard deviation allows, and variance is filtered along with the light. Departure: surfaces are told apart by the
+// distance off the centre's plane, as in `atrous.wgsl`, instead of by depth gradients.
+
+//!include frame pack edges variance
+
+@group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
+@group(1) @binding(1) var<storage, read> source: array<vec4<f32>>;
+@group(1) @binding(2) var<storage, read_write> filtered: array<vec4<f32>>;
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
+    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
+        return;
+    }
+    let at = pixel_index(pixel);
+    let centre = source[at];
+    let bits = guide_image[at];
+    if bits.w == NO_NORMAL {
+        filtered[at] = vec4<f32>(0.0);
+        return;
+    }
+    let step = i32(pass_.arg0);
+    let guide = guide_for(bits, frame.views[pass_.view].origin, 0.02);
+    let is_missing = centre.a < 0.0;
+    let own = luminance(centre.rgb);
+    let sigma2 = bitcast<f32>(pass_.arg1);
+    // A pixel without light takes whatever its surface has.
+    let compares = select(1.0, 0.0, is_missing);
+    var kernel = array<f32, 5>(0.0625, 0.25, 0.375, 0.25, 0.0625);
+    let low = vec2<i32>(0, i32(pass_.valid_begin));
+    let high = vec2<i32>(i32(frame.width) - 1, i32(pass_.valid_end) - 1);
+    var weight = select(0.375 * 0.375, 0.0, is_missing);
+    var sum = centre.rgb * weight;
+    var variance = max(centre.a, 0.0) * weight * weight;
+    for (var dy = -2; dy <= 2; dy += 1) {
+        for (var dx = -2; dx <= 2; dx += 1) {
+            let there = vec2<i32>(pixel) + vec2<i32>(dx, dy) * step;
+            let inside = clamp(there, low, high);
+            let tap = u32(inside.y) * frame.width + u32(inside.x);
+            let value = source[tap];
+            let counts = all(inside == there) && (dx != 0 || dy != 0) && value.a >= 0.0;
+            let l = luminance(value.rgb);
+            let d2 = (own - l) * (own - l) / (sigma2 * (max(centre.a, 0.0) + value.a) + 1e-6 * own * l + 1e-20);
+            let w = surface_weight(guide, guide_image[tap]) * exp(-min(sqrt(d2) * compares, 80.0));
+            let k = select(0.0, kernel[dx + 2] * kernel[dy + 2] * w, counts);
+            sum += value.rgb * k;
+            variance += value.a * k * k;
+            weight += k;
+        }
+    }
+    let scale = select(0.0, 1.0 / weight, weight > 0.0);
+    filtered[at] = vec4<f32>(sum * scale, select(MISSING, variance * scale * scale, weight > 0.0));
+}

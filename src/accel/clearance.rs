@@ -1,0 +1,124 @@
+//! How far the nearest surface is from a point.
+
+use glam::Vec3;
+use obvhs::aabb::Aabb;
+use obvhs::cwbvh::node::CwBvhNode;
+
+use super::{Accel, Instance, Triangle};
+
+impl Accel {
+    /// At most the distance from `point`, relative to [`Self::origin`], to the nearest triangle; infinite in an empty
+    /// scene. Triangles of instances that are stretched may seem nearer than they are.
+    pub fn clearance(&self, point: Vec3) -> f32 {
+        let mut nearest = f32::INFINITY;
+        self.visit(0, point, &mut nearest, |row, p, nearest| *nearest = distance(&self.triangles[row], p).min(*nearest));
+        if self.instances.len() > 1 {
+            self.visit(self.instance_tree, point, &mut nearest, |row, p, nearest| self.visit_instance(row, p, nearest));
+        }
+        nearest
+    }
+
+    fn visit_instance(&self, row: usize, point: Vec3, nearest: &mut f32) {
+        let Instance { local_from_world: rows, root, .. } = self.instances[row];
+        let local = Vec3::from(rows.map(|r| r.dot(point.extend(1.0))));
+        // No direction shrinks by more than this.
+        let scale = rows.iter().map(|r| r.truncate().length_squared()).sum::<f32>().sqrt();
+        let mut nearest_local = *nearest * scale;
+        self.visit(root, local, &mut nearest_local, |row, p, n| *n = distance(&self.triangles[row], p).min(*n));
+        *nearest = (nearest_local / scale).min(*nearest);
+    }
+
+    /// Calls `leaf` with the rows of a tree's leaves that may be nearer than `nearest`.
+    fn visit(&self, root: u32, point: Vec3, nearest: &mut f32, leaf: impl Fn(usize, Vec3, &mut f32)) {
+        let mut open = vec![(root, 0.0)];
+        while let Some((index, node_distance)) = open.pop() {
+            if node_distance >= *nearest {
+                continue;
+            }
+            let node: CwBvhNode = bytemuck::cast(self.nodes[index as usize]);
+            let mut inner = Vec::new();
+            for child in (0..8).filter(|&c| !node.is_child_empty(c)) {
+                let child_distance = box_distance(&node.child_aabb(child), point);
+                if child_distance >= *nearest {
+                    continue;
+                }
+                if node.is_leaf(child) {
+                    let (first, count) = node.child_primitives(child);
+                    (first..first + count).for_each(|row| leaf(row as usize, point, nearest));
+                } else {
+                    inner.push((node.child_node_index(child), child_distance));
+                }
+            }
+            // The nearest one is looked into first.
+            inner.sort_by(|a, b| b.1.total_cmp(&a.1));
+            open.extend(inner);
+        }
+    }
+}
+
+fn box_distance(bounds: &Aabb, point: Vec3) -> f32 {
+    let (min, max) = (Vec3::from(bounds.min), Vec3::from(bounds.max));
+    point.distance(point.clamp(min, max))
+}
+
+/// Ericson, "Real-Time Collision Detection", 2005, 5.1.5: the feature whose Voronoi region holds the point.
+fn distance(t: &Triangle, p: Vec3) -> f32 {
+    let (ab, ac, ap) = (t.v1 - t.v0, t.v2 - t.v0, p - t.v0);
+    let (bp, cp) = (p - t.v1, p - t.v2);
+    let [d1, d2, d3, d4, d5, d6] =
+        [ab.dot(ap), ac.dot(ap), ab.dot(bp), ac.dot(bp), ab.dot(cp), ac.dot(cp)];
+    let [va, vb, vc] = [d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2];
+    let along = |from: Vec3, edge: Vec3| {
+        let s = (p - from).dot(edge) / edge.length_squared();
+        p.distance(from + edge * s.clamp(0.0, 1.0))
+    };
+    let inside = va + vb + vc;
+    if va > 0.0 && vb > 0.0 && vc > 0.0 && inside.is_normal() {
+        return p.distance(t.v0 + ab * (vb / inside) + ac * (vc / inside));
+    }
+    along(t.v0, ab).min(along(t.v0, ac)).min(along(t.v1, t.v2 - t.v1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::accel::Layout;
+    use crate::scene::builtin;
+
+    /// Of points spread over a triangle.
+    fn sampled(t: &Triangle, p: Vec3) -> f32 {
+        let steps = 64;
+        let points = (0..=steps).flat_map(|i| (0..=steps - i).map(move |j| (i, j)));
+        let at = |(i, j): (i32, i32)| t.v0 + (t.v1 - t.v0) * (i as f32 / 64.0) + (t.v2 - t.v0) * (j as f32 / 64.0);
+        points.map(|ij| p.distance(at(ij))).fold(f32::INFINITY, f32::min)
+    }
+
+    #[test]
+    fn a_triangle_is_as_far_as_its_nearest_point() {
+        let t = Triangle { v0: Vec3::ZERO, v1: Vec3::X * 2.0, v2: Vec3::new(0.5, 1.5, 0.5), ..Default::default() };
+        for i in 0..1000 {
+            let unit = |k: f32| (i as f32 * k).fract() * 6.0 - 3.0;
+            let p = Vec3::new(unit(0.618), unit(0.414), unit(0.732));
+            let (exact, about) = (distance(&t, p), sampled(&t, p));
+            assert!(exact <= about + 1e-6 && exact >= about - 0.03, "{p}: {exact} against {about}");
+        }
+    }
+
+    #[test]
+    fn the_tree_finds_the_nearest_triangle() {
+        for (layout, name) in [(Layout::Flat, "atrium"), (Layout::Flat, "cornell"), (Layout::TwoLevel, "forest")] {
+            let scene = (builtin::find(name).unwrap().build)();
+            let flat = Accel::build_with(&scene, Layout::Flat).unwrap();
+            let accel = Accel::build_with(&scene, layout).unwrap();
+            let bounds = scene.bounds();
+            for i in 0..20 {
+                let s = Vec3::new(0.618, 0.414, 0.732) * i as f32;
+                let p = bounds.min + (bounds.max - bounds.min) * s.fract() - accel.origin.as_vec3();
+                let exact = flat.triangles.iter().map(|t| distance(t, p)).fold(f32::INFINITY, f32::min);
+                let found = accel.clearance(p);
+                assert!(found <= exact * 1.0001 + 1e-5, "{name} {p}: {found} against {exact}");
+                assert!(found >= exact * if layout == Layout::Flat { 0.9999 } else { 0.3 } - 1e-5, "{name} {p}: {found}");
+            }
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! How far a frame must look for the history of its surfaces.
+
+use glam::DVec3;
+
+use crate::stages::SceneTables;
+use crate::stages::layout::{Frame, View};
+
+/// Rows are asked for in steps, so that graphs last while a camera moves.
+const STEP_ROWS: u32 = 4;
+/// Largest part of the height that is looked through: surfaces that moved further have no history.
+const LARGEST_SHARE: u32 = 4;
+
+/// Rows up and down within which a frame's surfaces were seen in the frame before, but for what is so near that it moved
+/// further than a quarter of the height. None where the eyes turned so far that hardly anything is seen again.
+///
+/// The images depend on it, and it on nothing but scene and cameras, so it is the same for any devices.
+pub fn history_rows(frame: &Frame, previous: &[View; 2], tables: &SceneTables) -> Option<u32> {
+    let far = most_rows(frame, previous, [0.0; 2])?;
+    let largest = (frame.height / LARGEST_SHARE).max(STEP_ROWS);
+    if far > f64::from(largest) {
+        return None;
+    }
+    let nearest = frame.views.each_ref().map(|v| 1.0 / f64::from(tables.clearance(v.origin)));
+    let rows = most_rows(frame, previous, nearest).map_or(largest, |rows| rows.min(f64::from(largest)) as u32);
+    Some(rows.next_multiple_of(STEP_ROWS).min(largest))
+}
+
+/// The most rows between where a point is seen and where it was, for points at an inverse distance of at most
+/// `nearness` from each eye; none if some may have been behind the eyes.
+///
+/// Where a point was is a quotient of two functions, each linear in the column and in the inverse depth, so that it is
+/// largest and smallest at the ends of both.
+fn most_rows(frame: &Frame, previous: &[View; 2], nearness: [f64; 2]) -> Option<f64> {
+    let mut most: f64 = 0.0;
+    for (now, before) in [(0, 0), (1, 1), (1, 0)] {
+        let (eye, last) = (&frame.views[now], &previous[before]);
+        // Depth is shorter than distance by at most the cosine at the corners.
+        let corner = f64::from(eye.tan_half_x).hypot(f64::from(eye.tan_half_y)).hypot(1.0);
+        for inverse_depth in [0.0, nearness[now] * corner] {
+            for row in 0..frame.height {
+                for column in [0.5, f64::from(frame.width) - 0.5] {
+                    let seen = seen_row(frame, eye, last, column, f64::from(row) + 0.5, inverse_depth)?;
+                    most = most.max((seen - f64::from(row) - 0.5).abs());
+                }
+            }
+        }
+    }
+    // Room for rounding on the device.
+    Some((most + 0.02).ceil())
+}
+
+fn seen_row(frame: &Frame, eye: &View, last: &View, column: f64, row: f64, inverse_depth: f64) -> Option<f64> {
+    let axis = |v: glam::Vec3| v.as_dvec3();
+    let (width, height) = (f64::from(frame.width), f64::from(frame.height));
+    let x = (2.0 * column / width - 1.0) * f64::from(eye.tan_half_x);
+    let y = (1.0 - 2.0 * row / height) * f64::from(eye.tan_half_y);
+    let ray: DVec3 = axis(eye.forward) + axis(eye.right) * x + axis(eye.up) * y;
+    let p = (axis(eye.origin) - axis(last.origin)) * inverse_depth + ray;
+    let z = p.dot(axis(last.forward));
+    let up = p.dot(axis(last.up)) / (z * f64::from(last.tan_half_y));
+    (z > 1e-3 && up.is_finite()).then_some((0.5 - 0.5 * up) * height)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::accel::Accel;
+    use crate::scene::builtin;
+    use crate::scene::rig::{Eye, Rig, RigKey};
+
+    fn eyes(rig: &Rig, time_s: f64) -> [View; 2] {
+        Eye::ALL.map(|eye| View::new(&rig.view(time_s, eye), 16.0 / 9.0))
+    }
+
+    fn rig(to: DVec3, turned: DVec3) -> Rig {
+        let key = |time_s, position, target| RigKey { time_s, position, target, up: DVec3::Y };
+        let position = DVec3::new(0.0, 1.0, 3.0);
+        Rig {
+            yfov_rad: 1.2,
+            baseline_m: 0.064,
+            metres_per_unit: 1.0,
+            keys: vec![key(0.0, position, DVec3::Y), key(1.0, position + to, DVec3::Y + to + turned)],
+        }
+    }
+
+    #[test]
+    fn no_point_beyond_the_clearance_moves_by_more_rows() {
+        let moves = [DVec3::ZERO, DVec3::X * 0.1, DVec3::Y * 0.05, DVec3::new(0.03, -0.02, -0.2)];
+        for (to, turned) in moves.into_iter().flat_map(|m| [(m, DVec3::ZERO), (m, DVec3::new(0.1, 0.2, 0.0))]) {
+            let rig = rig(to, turned);
+            let (now, before) = (eyes(&rig, 1.0), eyes(&rig, 0.0));
+            let frame = Frame { views: now, width: 160, height: 90, ..Default::default() };
+            let clearance = 0.7;
+            let bound = most_rows(&frame, &before, [1.0 / clearance; 2]).unwrap();
+            let mut most: f64 = 0.0;
+            for i in 0..20_000 {
+                let part = |k: f64| (f64::from(i) * k).fract();
+                let (column, row) = ((part(0.618) * 160.0).floor() + 0.5, (part(0.414) * 90.0).floor() + 0.5);
+                let distance = clearance / part(0.732).max(1e-6);
+                let view = rig.view(1.0, Eye::Left);
+                let ray = view.ray_direction(column, row, crate::image::Extent::new(160, 90));
+                let p = view.origin.as_dvec3() + ray * distance - before[0].origin.as_dvec3();
+                let z = p.dot(before[0].forward.as_dvec3());
+                let up = p.dot(before[0].up.as_dvec3()) / (z * f64::from(before[0].tan_half_y));
+                most = most.max(((0.5 - 0.5 * up) * 90.0 - row).abs());
+            }
+            assert!(most <= bound, "{to} {turned}: {most} rows, bound {bound}");
+            assert!(bound <= 2.0 * most + 3.0, "{to} {turned}: a bound of {bound} for {most} rows is of no use");
+        }
+    }
+
+    #[test]
+    fn eyes_that_turn_away_have_no_history() {
+        let scene = (builtin::find("cornell").unwrap().build)();
+        let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
+        let frame = |rig: &Rig| Frame { views: eyes(rig, 1.0), width: 160, height: 90, ..Default::default() };
+        let still = rig(DVec3::ZERO, DVec3::ZERO);
+        assert_eq!(history_rows(&frame(&still), &eyes(&still, 0.0), &tables), Some(4));
+        let away = rig(DVec3::ZERO, DVec3::new(0.0, 6.0, 0.0));
+        assert_eq!(history_rows(&frame(&away), &eyes(&away, 0.0), &tables), None);
+        let back = rig(DVec3::ZERO, DVec3::Z * 9.0);
+        assert_eq!(history_rows(&frame(&back), &eyes(&back, 0.0), &tables), None);
+    }
+}
