@@ -23,8 +23,6 @@
 @group(1) @binding(10) var<storage, read_write> moments: array<vec4<u32>>;
 @group(1) @binding(11) var<uniform> previous: Previous;
 
-// Of frame.history_rows.
-const NO_HISTORY: u32 = 0xffffffffu;
 // Frames before variance over time means something, as in the paper.
 const FEW_FRAMES: f32 = 4.0;
 // Longest history in frames: of pixels that fall between those of the frame before, of those that fall on them, and of
@@ -64,7 +62,7 @@ fn tap_at(at: u32, of_left: bool) -> Tap {
 // History of the surface at `position` around image point `seen` of the frame before.
 fn past_at(seen: vec3<f32>, row: u32, of_left: bool, position: vec3<f32>, normal: vec3<f32>, material: u32) -> Past {
     var past = Past();
-    let corner = clamp(seen.xy - 0.5, vec2<f32>(-2.0), vec2<f32>(f32(frame.width), f32(frame.height)) + 1.0);
+    let corner = clamp(seen.xy - frame.centre, vec2<f32>(-2.0), vec2<f32>(f32(frame.width), f32(frame.height)) + 1.0);
     let base = floor(corner);
     let fraction = corner - base;
     let reach = 0.005 * seen.z;
@@ -119,7 +117,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         let eye = pass_.view - i;
         let seen = seen_at(position, previous.views[eye]);
         past = past_at(seen, pixel.y, i == 1u, position, normal, material);
-        fraction = fract(seen.xy - 0.5);
+        fraction = fract(seen.xy - frame.centre);
     }
     let found = past.found >= 0.01;
     let scale = select(0.0, 1.0 / past.found, found);

@@ -49,7 +49,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             value = vec3<f32>(f32(pass_.arg1));
         }
         default: {
-            let centre = vec2<f32>(pixel) + 0.5;
+            let centre = vec2<f32>(pixel) + frame.centre;
             let direction = ray_direction(pass_.view, centre);
             let origin = frame.views[pass_.view].origin;
             if (hit.x & SPHERE) == 0u {

@@ -17,7 +17,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         }
     }
     let origin = frame.views[pass_.view].origin;
-    let direction = ray_direction(pass_.view, vec2<f32>(pixel) + 0.5);
+    let direction = ray_direction(pass_.view, vec2<f32>(pixel) + frame.centre);
     var rng = rng_for(pixel, pass_.view, 0u);
     let hit = trace_closest(origin, direction, alpha_key(rng));
     let first = first_hit(hit, pass_.view, direction);

@@ -85,7 +85,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let ndc = dot(from_left, frame.views[0].right) / (z * frame.views[0].tan_half_x);
-    let x = clamp((ndc * 0.5 + 0.5) * f32(frame.width) - 0.5, -2.0, f32(frame.width) + 1.0);
+    let x = clamp((ndc * 0.5 + 0.5) * f32(frame.width) - frame.centre.x, -2.0, f32(frame.width) + 1.0);
     let base = floor(x);
     let fraction = x - base;
     let first = i32(base);

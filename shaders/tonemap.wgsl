@@ -1,6 +1,6 @@
 // Puts albedo and emission back (remodulation) and encodes for display: c / (1 + c), then sRGB.
 
-//!include frame
+//!include frame display
 
 @group(1) @binding(0) var<storage, read> radiance: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read> albedo: array<vec4<f32>>;
@@ -17,8 +17,5 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let at = pixel_index(pixel);
     let color = radiance[at].rgb * albedo[at].rgb + emission[at].rgb;
     linear[at] = vec4<f32>(color, 1.0);
-    let exposed = max(color * frame.exposure, vec3<f32>(0.0));
-    let c = exposed / (1.0 + exposed);
-    let encoded = select(1.055 * pow(max(c, vec3<f32>(1e-9)), vec3<f32>(1.0 / 2.4)) - 0.055, c * 12.92, c <= vec3<f32>(0.0031308));
-    display[at] = pack4x8unorm(vec4<f32>(encoded, 1.0));
+    display[at] = display_code(color);
 }

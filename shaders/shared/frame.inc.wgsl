@@ -49,6 +49,9 @@ struct Frame {
     // How far up and down history may have moved; 0xffffffff: there is none.
     history_rows: u32,
     pad1: u32,
+    // Where in a pixel rays go that stand for all of it.
+    centre: vec2<f32>,
+    pad2: vec2<u32>,
 }
 
 struct Pass {

@@ -1,5 +1,8 @@
 // Where a surface was seen before. Nothing but the eyes moves.
 
+// Of frame.history_rows.
+const NO_HISTORY: u32 = 0xffffffffu;
+
 struct Previous {
     views: array<View, 2>,
 }

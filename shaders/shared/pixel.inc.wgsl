@@ -14,7 +14,7 @@ fn sample_offset(rng: ptr<function, Rng>) -> vec2<f32> {
     if JITTER {
         return random2(rng);
     }
-    return vec2<f32>(0.5);
+    return frame.centre;
 }
 
 // The first hit through the pixel's centre, as the G-buffer has it.

@@ -1,6 +1,6 @@
 //! How far a frame must look for the history of its surfaces.
 
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 
 use crate::stages::SceneTables;
 use crate::stages::layout::{Frame, View};
@@ -32,15 +32,16 @@ pub fn history_rows(frame: &Frame, previous: &[View; 2], tables: &SceneTables) -
 /// largest and smallest at the ends of both.
 fn most_rows(frame: &Frame, previous: &[View; 2], nearness: [f64; 2]) -> Option<f64> {
     let mut most: f64 = 0.0;
+    let centre = frame.centre.as_dvec2();
     for (now, before) in [(0, 0), (1, 1), (1, 0)] {
         let (eye, last) = (&frame.views[now], &previous[before]);
         // Depth is shorter than distance by at most the cosine at the corners.
         let corner = f64::from(eye.tan_half_x).hypot(f64::from(eye.tan_half_y)).hypot(1.0);
         for inverse_depth in [0.0, nearness[now] * corner] {
             for row in 0..frame.height {
-                for column in [0.5, f64::from(frame.width) - 0.5] {
-                    let seen = seen_row(frame, eye, last, column, f64::from(row) + 0.5, inverse_depth)?;
-                    most = most.max((seen - f64::from(row) - 0.5).abs());
+                for column in [0, frame.width - 1] {
+                    let at = centre + DVec2::new(f64::from(column), f64::from(row));
+                    most = most.max((seen_row(frame, eye, last, at, inverse_depth)? - at.y).abs());
                 }
             }
         }
@@ -49,11 +50,11 @@ fn most_rows(frame: &Frame, previous: &[View; 2], nearness: [f64; 2]) -> Option<
     Some((most + 0.02).ceil())
 }
 
-fn seen_row(frame: &Frame, eye: &View, last: &View, column: f64, row: f64, inverse_depth: f64) -> Option<f64> {
+fn seen_row(frame: &Frame, eye: &View, last: &View, at: DVec2, inverse_depth: f64) -> Option<f64> {
     let axis = |v: glam::Vec3| v.as_dvec3();
     let (width, height) = (f64::from(frame.width), f64::from(frame.height));
-    let x = (2.0 * column / width - 1.0) * f64::from(eye.tan_half_x);
-    let y = (1.0 - 2.0 * row / height) * f64::from(eye.tan_half_y);
+    let x = (2.0 * at.x / width - 1.0) * f64::from(eye.tan_half_x);
+    let y = (1.0 - 2.0 * at.y / height) * f64::from(eye.tan_half_y);
     let ray: DVec3 = axis(eye.forward) + axis(eye.right) * x + axis(eye.up) * y;
     let p = (axis(eye.origin) - axis(last.origin)) * inverse_depth + ray;
     let z = p.dot(axis(last.forward));
@@ -89,7 +90,7 @@ mod tests {
         for (to, turned) in moves.into_iter().flat_map(|m| [(m, DVec3::ZERO), (m, DVec3::new(0.1, 0.2, 0.0))]) {
             let rig = rig(to, turned);
             let (now, before) = (eyes(&rig, 1.0), eyes(&rig, 0.0));
-            let frame = Frame { views: now, width: 160, height: 90, ..Default::default() };
+            let frame = Frame { views: now, width: 160, height: 90, centre: glam::Vec2::splat(0.5), ..Default::default() };
             let clearance = 0.7;
             let bound = most_rows(&frame, &before, [1.0 / clearance; 2]).unwrap();
             let mut most: f64 = 0.0;

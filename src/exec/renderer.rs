@@ -474,6 +474,7 @@ impl Renderer {
             indirect_clamp: self.settings.indirect_clamp,
             exposure: self.settings.exposure_ev.exp2(),
             history_rows: layout::NO_HISTORY,
+            centre: self.settings.stages.centre(index),
             ..Default::default()
         };
         self.tables.describe(&mut frame);

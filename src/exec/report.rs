@@ -116,6 +116,8 @@ pub(super) fn resource_name(resource: Resource) -> &'static str {
         Resource::Filtered(_) => "filtered",
         Resource::Moments => "moments",
         Resource::History => "history",
+        Resource::Resolved => "resolved",
+        Resource::LastResolved => "last_resolved",
         Resource::LastGuide => "last_guide",
         Resource::LastMoments => "last_moments",
         Resource::LastHistory => "last_history",

@@ -18,10 +18,13 @@ pub enum Resource {
     Moments,
     /// Accumulated light after the filter's first iteration.
     History,
+    /// Antialiased over frames, scene-referred RGB.
+    Resolved,
     /// What the frame before left of these.
     LastGuide,
     LastMoments,
     LastHistory,
+    LastResolved,
     /// Rays, dropped samples and hole reason, packed.
     Tally,
     /// Pixels to trace again; lives and dies on its device.
@@ -48,9 +51,11 @@ pub enum PhysicalImage {
     Pong,
     Moments,
     History,
+    Resolved,
     LastGuide,
     LastMoments,
     LastHistory,
+    LastResolved,
     Tally,
     Holes,
     RowTally,
@@ -66,6 +71,7 @@ impl Resource {
             Self::Guide => Some(Self::LastGuide),
             Self::Moments => Some(Self::LastMoments),
             Self::History => Some(Self::LastHistory),
+            Self::Resolved => Some(Self::LastResolved),
             _ => None,
         }
     }
@@ -82,6 +88,8 @@ impl Resource {
             Self::Filtered(_) => PhysicalImage::Pong,
             Self::Moments => PhysicalImage::Moments,
             Self::History => PhysicalImage::History,
+            Self::Resolved => PhysicalImage::Resolved,
+            Self::LastResolved => PhysicalImage::LastResolved,
             Self::LastGuide => PhysicalImage::LastGuide,
             Self::LastMoments => PhysicalImage::LastMoments,
             Self::LastHistory => PhysicalImage::LastHistory,

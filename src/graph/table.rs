@@ -20,6 +20,8 @@ pub enum Stage {
     Svgf,
     Atrous,
     SeamFilter,
+    Compose,
+    Resolve,
     Tonemap,
     Tally,
     Aov,
@@ -35,7 +37,7 @@ impl Stage {
         match self {
             Self::HoleFill => Self::Reproject,
             Self::Accumulate | Self::Variance | Self::Svgf | Self::SeamFilter => Self::Atrous,
-            Self::Tally | Self::Aov => Self::Tonemap,
+            Self::Compose | Self::Resolve | Self::Tally | Self::Aov => Self::Tonemap,
             other => other,
         }
     }
@@ -51,6 +53,8 @@ impl Stage {
             Self::Svgf => "svgf",
             Self::Atrous => "atrous",
             Self::SeamFilter => "seam_filter",
+            Self::Compose => "compose",
+            Self::Resolve => "resolve",
             Self::Tonemap => "tonemap",
             Self::Tally => "tally",
             Self::Aov => "aov",
@@ -186,6 +190,11 @@ impl FrameSpec {
         self.chain().len()
     }
 
+    /// Rows that what comes after the filter reads beyond its own.
+    fn last_reach_rows(&self) -> u32 {
+        if self.filter() == Filter::Svgf { RESOLVE_REACH_ROWS } else { 0 }
+    }
+
     /// The filter's passes in runs between which rows are exchanged; one run without any if nothing is filtered.
     fn runs(&self) -> Vec<Range<usize>> {
         let passes = self.filter_passes();
@@ -198,7 +207,12 @@ impl FrameSpec {
     /// What a frame leaves for the next one, with the stage that made it.
     pub fn kept(&self) -> &'static [(Resource, Stage)] {
         match self.filter() {
-            Filter::Svgf => &[(Guide, Stage::Gbuffer), (Moments, Stage::Accumulate), (History, Stage::Svgf)],
+            Filter::Svgf => &[
+                (Guide, Stage::Gbuffer),
+                (Moments, Stage::Accumulate),
+                (History, Stage::Svgf),
+                (Resolved, Stage::Resolve),
+            ],
             Filter::None | Filter::Atrous => &[],
         }
     }
@@ -334,7 +348,8 @@ fn accumulate(spec: &FrameSpec, view: Eye) -> Pass {
 /// The first of these links, whose results reach the last one without another exchange.
 fn filter(spec: &FrameSpec, view: Eye, chain: &[Link], links: Range<usize>) -> Pass {
     let link = &chain[links.start];
-    let later: u32 = chain[links.start + 1..links.end].iter().map(|l| l.reach_rows).sum();
+    let after = if links.end == chain.len() { spec.last_reach_rows() } else { 0 };
+    let later = after + chain[links.start + 1..links.end].iter().map(|l| l.reach_rows).sum::<u32>();
     let (halo, margin) = match spec.seam {
         Seam::Halo(_) => (link.reach_rows + later, later),
         Seam::None | Seam::Filter => (0, 0),
@@ -351,19 +366,20 @@ fn filter(spec: &FrameSpec, view: Eye, chain: &[Link], links: Range<usize>) -> P
 fn finish(spec: &FrameSpec, view: Eye, chain: &[Link], out: &mut Vec<Pass>) {
     let mut last = chain.last().map_or(Radiance, |link| link.target);
     if spec.seam == Seam::Filter && !chain.is_empty() && spec.devices > 1 {
-        let next = match last {
-            Filtered(passes) => Filtered(passes + 1),
-            _ => filtered(3),
-        };
+        let next = after(last);
         let mut pass =
             Pass::new(Stage::SeamFilter, view).reads_of(view, &[Guide, last], SEAM_FILTER_REACH_ROWS).writes(&[next]);
         pass.filter = Some((last, next));
         out.push(pass);
         last = next;
     }
-    let mut tonemap = Pass::new(Stage::Tonemap, view).reads(&[last, Albedo, Emission]).writes(&[Linear, Display]);
-    tonemap.filter = Some((last, last));
-    out.push(tonemap);
+    if spec.filter() == Filter::Svgf {
+        resolve(spec, view, last, out);
+    } else {
+        let mut tonemap = Pass::new(Stage::Tonemap, view).reads(&[last, Albedo, Emission]).writes(&[Linear, Display]);
+        tonemap.filter = Some((last, last));
+        out.push(tonemap);
+    }
     out.push(Pass::new(Stage::Tally, view).reads(&[Tally]).writes(&[RowTally]));
     for i in 0..spec.aovs {
         let mut pass = Pass::new(Stage::Aov, view).reads(&[Hit, Albedo, Emission, Tally]).writes(&[Aov(i)]);
@@ -371,6 +387,36 @@ fn finish(spec: &FrameSpec, view: Eye, chain: &[Link], out: &mut Vec<Pass>) {
         out.push(pass);
     }
 }
+
+/// Remodulation, also of the rows around a device's own, and antialiasing over frames.
+fn resolve(spec: &FrameSpec, view: Eye, last: Resource, out: &mut Vec<Pass>) {
+    let (reach, history) = match spec.seam {
+        Seam::Halo(_) => (RESOLVE_REACH_ROWS, spec.history_rows),
+        Seam::None | Seam::Filter => (0, spec.history_rows.map(|_| 0)),
+    };
+    let next = after(last);
+    let mut compose = Pass::new(Stage::Compose, view).reads_of(view, &[last, Albedo, Emission], reach).writes(&[next]);
+    compose.filter = Some((last, next));
+    compose.margin_rows = reach;
+    out.push(compose);
+    let mut pass = Pass::new(Stage::Resolve, view).reads_of(view, &[next], reach).writes(&[Resolved, Linear, Display]);
+    pass.filter = Some((next, next));
+    if let Some(rows) = history {
+        pass = pass.reads_of(view, &[LastResolved], rows);
+    }
+    out.push(pass);
+}
+
+/// Where the pass after the one that leaves `last` puts its image.
+fn after(last: Resource) -> Resource {
+    match last {
+        Filtered(passes) => Filtered(passes + 1),
+        _ => filtered(3),
+    }
+}
+
+/// Rows that antialiasing reads beyond its own.
+const RESOLVE_REACH_ROWS: u32 = 1;
 
 /// Rows that the seam filter reads beyond its stripe: `REACH` in its shader.
 const SEAM_FILTER_REACH_ROWS: u32 = 4;

@@ -50,7 +50,7 @@ const PER_VIEW: [PhysicalImage; 12] = [
 ];
 
 /// What a frame leaves for the next, beside its guide.
-const KEPT: [PhysicalImage; 2] = [PhysicalImage::Moments, PhysicalImage::History];
+const KEPT: [PhysicalImage; 3] = [PhysicalImage::Moments, PhysicalImage::History, PhysicalImage::Resolved];
 
 #[derive(Debug, thiserror::Error)]
 #[error(
@@ -105,7 +105,9 @@ impl Images {
             PhysicalImage::LastGuide => (PhysicalImage::Guide, 1 - turn),
             PhysicalImage::LastMoments => (PhysicalImage::Moments, 1 - turn),
             PhysicalImage::LastHistory => (PhysicalImage::History, 1 - turn),
-            PhysicalImage::Guide | PhysicalImage::Moments | PhysicalImage::History => (image, turn),
+            PhysicalImage::LastResolved => (PhysicalImage::Resolved, 1 - turn),
+            PhysicalImage::Guide => (image, turn),
+            _ if KEPT.contains(&image) => (image, turn),
             _ if image.is_output() => (image, place.slot),
             _ => (image, 0),
         };

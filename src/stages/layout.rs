@@ -67,6 +67,8 @@ pub struct Frame {
     pub curve_shift: u32,
     pub history_rows: u32,
     pub pad: u32,
+    pub centre: Vec2,
+    pub pad1: UVec2,
 }
 
 /// Of [`Frame::curve_shift`]: each pixel has sequences of its own.

@@ -8,6 +8,7 @@ mod albedo_table;
 mod alias;
 mod aov;
 mod atrous;
+mod compose;
 mod emitters;
 mod gbuffer;
 mod hole_fill;
@@ -16,6 +17,7 @@ pub mod layout;
 mod path_trace;
 mod pipeline;
 mod reproject;
+mod resolve;
 mod scene_tables;
 mod seam_filter;
 mod svgf;
@@ -30,6 +32,8 @@ pub use pipeline::{DeviceStages, StageError, StageTask, Stamps};
 pub use scene_tables::{SceneBuffers, layout_entries as scene_layout_entries};
 pub use scene_tables::{SceneTables, TableError};
 pub use tally::{HoleReason, RowTally};
+
+use glam::Vec2;
 
 use crate::device::ShaderChecks;
 use crate::graph::{Filter, PhysicalImage, Stage};
@@ -70,6 +74,17 @@ impl StageSettings {
     /// One sample goes through the pixel's centre, several are spread over the pixel.
     pub fn jitter(&self) -> bool {
         self.spp > 1
+    }
+
+    /// Where in a pixel rays go that stand for all of it: another point in each frame where frames are averaged and one
+    /// alone has no samples all over the pixel (Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences",
+    /// 2018: the R2 sequence).
+    pub fn centre(&self, frame: u32) -> Vec2 {
+        if self.jitter() || !self.keeps_history() {
+            return Vec2::splat(0.5);
+        }
+        let at = |step: f64| ((0.5 + f64::from(frame) * step).fract()) as f32;
+        Vec2::new(at(0.754_877_666_246_692_8), at(0.569_840_290_998_053_3))
     }
 
     /// Whether frames leave anything for the next.
@@ -137,7 +152,7 @@ struct Work<'a> {
     device: usize,
 }
 
-const ROOMS: [Room; 12] = [
+const ROOMS: [Room; 14] = [
     gbuffer::ROOM,
     path_trace::ROOM,
     reproject::ROOM,
@@ -147,6 +162,8 @@ const ROOMS: [Room; 12] = [
     svgf::ROOM,
     atrous::ROOM,
     seam_filter::ROOM,
+    compose::ROOM,
+    resolve::ROOM,
     tonemap::ROOM,
     tally::ROOM,
     aov::ROOM,

@@ -87,7 +87,8 @@ fn host_structs_lie_as_shaders_read_them() {
             instance_tree = "instance_tree",
             instance_count = "instance_count",
             curve_shift = "curve_shift",
-            history_rows = "history_rows"
+            history_rows = "history_rows",
+            centre = "centre"
         ]
     );
     same_layout!(

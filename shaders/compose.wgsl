@@ -1,0 +1,19 @@
+// Puts albedo and emission back (remodulation), for `resolve`.
+
+//!include frame
+
+@group(1) @binding(0) var<storage, read> radiance: array<vec4<f32>>;
+@group(1) @binding(1) var<storage, read> albedo: array<vec4<f32>>;
+@group(1) @binding(2) var<storage, read> emission: array<vec4<f32>>;
+@group(1) @binding(3) var<storage, read_write> composed: array<vec4<f32>>;
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
+    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
+        return;
+    }
+    let at = pixel_index(pixel);
+    // Depth goes along: it tells how a pixel moved.
+    composed[at] = vec4<f32>(radiance[at].rgb * albedo[at].rgb + emission[at].rgb, emission[at].a);
+}

@@ -1,0 +1,99 @@
+// Temporal antialiasing (Karis, "High Quality Temporal Supersampling", SIGGRAPH 2014 courses; Salvi, "An Excursion in
+// Temporal Supersampling", GDC 2016): each frame's rays go through another point of the pixel, and frames are averaged
+// along the camera's motion. What the frame before had is clamped to what the pixel's surroundings allow. Departures:
+// averages are of linear light, so that bright edges keep their energy; history is looked up by cubic interpolation of
+// whole pixels; how long it counts is counted in frames.
+
+//!include frame motion display
+
+@group(1) @binding(0) var<storage, read> composed: array<vec4<f32>>;
+@group(1) @binding(1) var<storage, read> last_resolved: array<vec4<f32>>;
+// Linear light, and the number of frames in it.
+@group(1) @binding(2) var<storage, read_write> resolved: array<vec4<f32>>;
+@group(1) @binding(3) var<storage, read_write> linear: array<vec4<f32>>;
+@group(1) @binding(4) var<storage, read_write> display: array<u32>;
+@group(1) @binding(5) var<uniform> previous: Previous;
+
+// Longest history in frames, of a pixel that moved and of one that did not. Glare, what is far brighter than white, would
+// drag a trail along: where the surroundings deviate by more than white, history is shorter.
+const LONGEST_MOVED: f32 = 10.0;
+const LONGEST_STILL: f32 = 255.0;
+// Half the width of what the surroundings allow, in standard deviations.
+const ALLOWED_DEVIATIONS: f32 = 2.5;
+
+// Weights of the four pixels around a point a fraction `t` behind the second (Catmull & Rom 1974).
+fn cubic(t: f32) -> vec4<f32> {
+    let t2 = t * t;
+    let t3 = t2 * t;
+    return vec4<f32>(-0.5 * t + t2 - 0.5 * t3, 1.0 - 2.5 * t2 + 1.5 * t3, 0.5 * t + 2.0 * t2 - 1.5 * t3, 0.5 * (t3 - t2));
+}
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
+    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
+        return;
+    }
+    let at = pixel_index(pixel);
+    let now = composed[at];
+    let low = vec2<i32>(0, i32(pass_.valid_begin));
+    let high = vec2<i32>(i32(frame.width) - 1, i32(pass_.valid_end) - 1);
+
+    // What surrounds the pixel, and the nearest of it: silhouettes move with what is in front.
+    var mean = vec3<f32>(0.0);
+    var square = vec3<f32>(0.0);
+    var front = vec2<i32>(pixel);
+    var depth = now.a;
+    for (var dy = -1; dy <= 1; dy += 1) {
+        for (var dx = -1; dx <= 1; dx += 1) {
+            let held = clamp(vec2<i32>(pixel) + vec2<i32>(dx, dy), low, high);
+            let c = composed[u32(held.y) * frame.width + u32(held.x)];
+            mean += c.rgb;
+            square += c.rgb * c.rgb;
+            let is_nearer = c.a > 0.0 && (depth <= 0.0 || c.a < depth);
+            front = select(front, held, is_nearer);
+            depth = select(depth, c.a, is_nearer);
+        }
+    }
+    mean *= 1.0 / 9.0;
+    let deviation = sqrt(max(square * (1.0 / 9.0) - mean * mean, vec3<f32>(0.0)));
+
+    // Where it was. The sky is as far as can be.
+    let eye = previous.views[pass_.view];
+    let at_front = vec2<f32>(front) + frame.centre;
+    let direction = ray_direction(pass_.view, at_front);
+    let seen = seen_at(select(eye.origin + direction, frame.views[pass_.view].origin + direction * depth, depth > 0.0), eye);
+    let size = vec2<f32>(f32(frame.width), f32(frame.height));
+    let moved = clamp(vec2<f32>(pixel) + seen.xy - at_front, vec2<f32>(-2.0), size + 1.0);
+    let base = floor(moved);
+    let fraction = moved - base;
+    let reach = i32(frame.history_rows);
+    let rows_low = max(low.y, i32(pixel.y) - reach);
+    let rows_high = min(high.y, i32(pixel.y) + reach);
+    let inside = seen.z > 0.0 && all(moved > vec2<f32>(-0.5)) && all(moved < size - 0.5);
+    let has_history = inside && frame.history_rows != NO_HISTORY
+        && i32(base.y) >= rows_low - 1 && i32(base.y) <= rows_high;
+    let wx = cubic(fraction.x);
+    let wy = cubic(fraction.y);
+    var old = vec4<f32>(0.0);
+    // Loops are what a pixel can leave early.
+    let taps = select(0, 4, has_history);
+    for (var j = 0; j < taps; j += 1) {
+        for (var i = 0; i < 4; i += 1) {
+            let there = vec2<i32>(base) + vec2<i32>(i, j) - 1;
+            let held = clamp(there, vec2<i32>(low.x, rows_low), vec2<i32>(high.x, rows_high));
+            let w = wx[i] * wy[j];
+            old += last_resolved[u32(held.y) * frame.width + u32(held.x)] * w;
+        }
+    }
+    let is_still = all(abs(moved - vec2<f32>(pixel)) < vec2<f32>(0.01));
+    let longest = select(LONGEST_MOVED / (1.0 + luminance(deviation) * frame.exposure), LONGEST_STILL, is_still);
+    let frames = select(0.0, clamp(round(old.a), 0.0, longest), has_history);
+
+    let half = ALLOWED_DEVIATIONS * deviation;
+    let clamped = select(clamp(old.rgb, max(mean - half, vec3<f32>(0.0)), mean + half), old.rgb, is_still);
+    let color = mix(now.rgb, clamped, frames / (frames + 1.0));
+    resolved[at] = vec4<f32>(color, frames + 1.0);
+    linear[at] = vec4<f32>(color, 1.0);
+    display[at] = display_code(color);
+}
