@@ -86,6 +86,30 @@ fn frames_in_flight_keep_their_bytes_when_devices_fail() {
     assert!(faults.iter().all(|f| f.recovery_ms > 0.0 && f.attempts > 1), "{faults:?}");
 }
 
+/// What a device that failed had kept is lost, so history begins anew for all: as in a run that begins there.
+#[test]
+fn history_begins_anew_when_a_device_fails() {
+    let subject = Subject::load("builtin:checker");
+    let mut settings = subject.accumulated(WIDTH, HEIGHT);
+    let times_s: Vec<f64> = (0..6).map(|i| f64::from(i) * 0.02).collect();
+    let before = Stage::alone(&subject, &settings).frames_in_flight(&times_s[..3]);
+    let after: Vec<_> = {
+        let mut alone = Stage::alone(&subject, &settings);
+        (3..6).map(|i| alone.frame_at(times_s[i as usize], i)).collect()
+    };
+    for in_flight in [1, 2] {
+        settings.stages.frames_in_flight = in_flight;
+        let mut three = Stage::with(&subject, &settings, 3, Box::new(Measured::new(HEIGHT, 3)));
+        three.renderer().set_trouble(trouble(&["loss:dev1@frame3"], &[]));
+        let frames = three.frames_in_flight(&times_s);
+        for (one, other) in before.iter().chain(&after).zip(&frames) {
+            assert!(one.linear == other.linear, "frame {} differs", one.report.index);
+        }
+        assert_eq!(frames[3].report.spec.history_rows, None);
+        assert!(frames[4].report.spec.history_rows.is_some());
+    }
+}
+
 #[test]
 fn two_devices_may_fail_in_one_frame() {
     let subject = Subject::load("builtin:checker");

@@ -142,6 +142,31 @@ fn learned_stripes_that_move_along_the_camera_path_give_the_bytes_of_one_device(
     }
 }
 
+/// Frames close enough for surfaces to be seen again, on stripes that jump and vanish.
+#[test]
+fn history_that_crosses_stripes_gives_the_bytes_of_one_device() {
+    let subject = Subject::load("builtin:atrium");
+    let mut settings = subject.accumulated(WIDTH, HEIGHT);
+    let times_s: Vec<f64> = (0..6).map(|i| f64::from(i) * 0.05).collect();
+    let one = Stage::with(&subject, &settings, 1, Box::new(Measured::new(HEIGHT, 1))).frames_in_flight(&times_s);
+    let history: Vec<_> = one.iter().map(|f| f.report.spec.history_rows).collect();
+    assert!(history[0].is_none() && history[1..].iter().all(Option::is_some), "{history:?}");
+    let fresh = Stage::even(&subject, &settings, 1).frame_at(times_s[5], 5).linear;
+    assert!(one[5].linear.left != fresh.left && one[5].linear.right != fresh.right, "history changes nothing");
+    let rules = ["1,1,1", "5,1,2", "1,0,1", "1,2,9", "1,2,9", "atrous.left=1,9,1"];
+    for (plan, in_flight) in [(HaloPlan::RECOMPUTE, 1), (HaloPlan::EXCHANGE, 3)] {
+        settings.seam = Seam::Halo(plan);
+        settings.adapts_halo = false;
+        settings.stages.frames_in_flight = in_flight;
+        let script: Vec<_> = rules.iter().map(|rule| ratios(3, &[rule])).collect();
+        let script = Box::new(Script { frames: script.into_iter() });
+        let three = Stage::with(&subject, &settings, 3, script).frames_in_flight(&times_s);
+        for (a, b) in one.iter().zip(&three) {
+            assert_same(&format!("{plan:?}, frame {}", a.report.index), &a.linear, &b.linear);
+        }
+    }
+}
+
 #[test]
 fn frames_in_flight_give_the_bytes_of_frames_one_by_one() {
     let subject = Subject::load("builtin:checker");
@@ -174,7 +199,7 @@ fn all_halo_plans_give_the_same_bytes() {
         Stage::even(&subject, &settings, devices).frame(0).linear
     };
     let one = render(HaloPlan::RECOMPUTE, 1);
-    for plan in HaloPlan::all(ITERATIONS) {
+    for plan in HaloPlan::all(ITERATIONS as usize) {
         assert_same(&format!("{plan:?} on 4"), &one, &render(plan, 4));
     }
 }

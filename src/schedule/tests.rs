@@ -169,7 +169,7 @@ proptest! {
             }
             let graph = FrameGraph::build(&world.spec, &assignments[4], None);
             build_tests::check_order(&graph);
-            build_tests::replay(&world.spec, &graph);
+            build_tests::replay(&world.spec, &graph, None);
             let played = simulate(&graph, &model);
             prop_assert!(played.as_ref().is_ok_and(|p| p.makespan_ms.is_finite()), "{}: {played:?}", policy.name());
             prop_assert_eq!(played, simulate(&graph, &model));

@@ -9,7 +9,7 @@ use std::time::Instant;
 use diptych::accel::{Accel, Layout};
 use diptych::device::{self, Selection, ShaderChecks};
 use diptych::exec::{FrameReport, RenderSettings, Renderer, Stereo};
-use diptych::graph::{HaloPlan, PhysicalImage, Seam};
+use diptych::graph::{Filter, HaloPlan, PhysicalImage, Seam};
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::scene::Scene;
 use diptych::scene::load::load_shot;
@@ -51,6 +51,7 @@ impl Subject {
             needs: self.needs,
             sampler: Sampler::Sobol,
             spp: 1,
+            filter: Filter::Atrous,
             iterations: 0,
             reproject: false,
             aovs: Vec::new(),
@@ -66,6 +67,13 @@ impl Subject {
         let mut settings = self.settings(width, height);
         settings.stages.reproject = true;
         settings.stages.iterations = 5;
+        settings
+    }
+
+    /// [`Self::denoised`] over frames.
+    pub fn accumulated(&self, width: u32, height: u32) -> RenderSettings {
+        let mut settings = self.denoised(width, height);
+        settings.stages.filter = Filter::Svgf;
         settings
     }
 }

@@ -1,5 +1,5 @@
 use super::*;
-use crate::graph::{Filter, HaloPlan, Stripes, Views};
+use crate::graph::{Filter, HaloPlan, Seam, Stripes, Views};
 use crate::image::Extent;
 
 fn spec(devices: usize, seam: Seam) -> FrameSpec {
@@ -19,8 +19,15 @@ fn ragged(devices: usize) -> Assignment {
     a
 }
 
+/// The same frame with a history, and who had which rows in the frame before.
+fn with_history(spec: FrameSpec, rows: u32) -> (FrameSpec, Assignment) {
+    let mut before = ragged(spec.devices);
+    before.set(Stage::Atrous, Eye::Left, Stripes::even(180, spec.devices));
+    (FrameSpec { filter: Filter::Svgf, history_rows: Some(rows), ..spec }, before)
+}
+
 /// Replays a graph in key order and checks that every read finds the newest version of its rows on its device.
-pub fn replay(spec: &FrameSpec, graph: &FrameGraph) {
+pub fn replay(spec: &FrameSpec, graph: &FrameGraph, before: Option<&Assignment>) {
     let passes = passes(spec);
     let mut tasks: Vec<&Task> = graph.dag.node_weights().collect();
     tasks.sort_by_key(|t| t.key);
@@ -28,6 +35,13 @@ pub fn replay(spec: &FrameSpec, graph: &FrameGraph) {
     let mut held: HashMap<(Resource, Eye, usize, u32), u32> = HashMap::new();
     let mut in_flight: HashMap<u32, Vec<(u32, u32)>> = HashMap::new();
     let mut newest: HashMap<(Resource, Eye), u32> = HashMap::new();
+    for (&(resource, stage), view) in spec.kept().iter().flat_map(|k| Eye::ALL.map(|view| (k, view))) {
+        let (Some(before), Some(last)) = (before, resource.next_frames()) else { continue };
+        newest.insert((last, view), 1);
+        for (device, rows) in before.stripes(stage, view).iter() {
+            held.extend(rows.map(|row| ((last, view, device, row), 1)));
+        }
+    }
     for task in tasks {
         match &task.kind {
             TaskKind::Dispatch { .. } => {
@@ -82,13 +96,15 @@ fn pass_rows(task: &Task, pass: &Pass, spec: &FrameSpec) -> Range<u32> {
 
 #[test]
 fn every_read_finds_its_rows_on_its_device() {
-    let halos = HaloPlan::all(5).chain([HaloPlan::EXCHANGE]).map(Seam::Halo);
+    let halos = HaloPlan::all(6).chain([HaloPlan::EXCHANGE]).map(Seam::Halo);
     let seams: Vec<Seam> = [Seam::None, Seam::Filter].into_iter().chain(halos).collect();
     for devices in 1..=5 {
         for &seam in &seams {
             for assignment in [Assignment::uniform(Stripes::even(180, devices)), ragged(devices)] {
                 let spec = spec(devices, seam);
-                replay(&spec, &FrameGraph::build(&spec, &assignment, None));
+                replay(&spec, &FrameGraph::build(&spec, &assignment, None), None);
+                let (spec, before) = with_history(spec, 12);
+                replay(&spec, &FrameGraph::build(&spec, &assignment, Some(&before)), Some(&before));
             }
         }
     }
@@ -105,9 +121,11 @@ pub fn check_order(graph: &FrameGraph) {
 
 #[test]
 fn every_edge_follows_the_common_order() {
-    for plan in HaloPlan::all(5) {
+    for plan in HaloPlan::all(6) {
         let spec = spec(4, Seam::Halo(plan));
         check_order(&FrameGraph::build(&spec, &ragged(4), None));
+        let (spec, before) = with_history(spec, 12);
+        check_order(&FrameGraph::build(&spec, &ragged(4), Some(&before)));
     }
 }
 
@@ -121,6 +139,30 @@ fn equal_stripes_reproject_without_any_transfer() {
             assert_eq!(task.key.pass, final_pass, "only finished rows travel: {task:?}");
         }
     }
+}
+
+/// Still stripes exchange what motion can reach of what the frame before left, and nothing else of it.
+#[test]
+fn history_crosses_by_as_many_rows_as_it_may_have_moved() {
+    let stripes = Assignment::uniform(Stripes::even(180, 2));
+    let spec = FrameSpec {
+        filter: Filter::Svgf,
+        history_rows: Some(8),
+        ..spec(2, Seam::Halo(HaloPlan::RECOMPUTE))
+    };
+    let graph = FrameGraph::build(&spec, &stripes, Some(&stripes));
+    let mut rows: HashMap<Resource, u32> = HashMap::new();
+    for task in graph.dag.node_weights() {
+        if let TaskKind::Download { resource, .. } = task.kind {
+            *rows.entry(resource).or_default() += task.rows.len() as u32;
+        }
+    }
+    for last in [Resource::LastGuide, Resource::LastMoments, Resource::LastHistory, Resource::LastResolved] {
+        assert_eq!(rows.get(&last), Some(&(2 * 2 * 8)), "{last:?}");
+    }
+    let new = FrameGraph::build(&FrameSpec { history_rows: None, ..spec }, &stripes, None);
+    let is_last = |t: &&Task| matches!(t.kind, TaskKind::Download { resource, .. } if rows.contains_key(&resource) && resource == Resource::LastGuide);
+    assert_eq!(new.dag.node_weights().filter(is_last).count(), 0);
 }
 
 #[test]
