@@ -75,6 +75,7 @@ fn main() {
         extent: Extent::new(height * 16 / 9, height),
         devices,
         views: Views::Reprojected,
+        foveated: false,
         iterations: 5,
         seam: Seam::Halo(HaloPlan::RECOMPUTE),
         aovs: 0,

@@ -46,8 +46,18 @@ struct Frame {
     instance_count: u32,
     // Bits of a sample's number below its pixel's place on the Z curve; NO_CURVE: each pixel has sequences of its own.
     curve_shift: u32,
+    // Foveation, pixels: where inner and middle layer end, and the gaze of the left and the right eye.
+    fovea_radii: vec2<f32>,
+    gaze: vec4<f32>,
+    // Filter iterations that pixels of the inner, middle and outer layer take part in, the last ones.
+    layer_iterations: vec3<u32>,
+    // Share of the outer layer's pixels that are not sampled.
+    unsampled_share: f32,
+    // Added to every pixel's threshold; 2^32 is a whole turn.
+    mask_turn: u32,
     pad1: u32,
     pad2: u32,
+    pad3: u32,
 }
 
 struct Pass {

@@ -99,6 +99,7 @@ impl Renderer {
             extent: settings.stages.extent,
             devices: gpus.len(),
             views: if settings.stages.reproject { Views::Reprojected } else { Views::Traced },
+            foveated: settings.stages.foveation.is_some(),
             iterations: settings.stages.iterations,
             seam: settings.seam,
             aovs: settings.stages.aovs.len() as u8,
@@ -450,6 +451,9 @@ impl Renderer {
             ..Default::default()
         };
         self.tables.describe(&mut frame);
+        if let Some(foveation) = &self.settings.stages.foveation {
+            foveation.describe(&mut frame, time_s);
+        }
         frame
     }
 }

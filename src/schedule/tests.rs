@@ -11,7 +11,16 @@ const WIDTH: u32 = 64;
 
 fn spec(height: u32, devices: usize, iterations: u32, seam: Seam) -> FrameSpec {
     let extent = Extent::new(WIDTH, height);
-    FrameSpec { extent, devices, views: Views::Reprojected, iterations, seam, aovs: 0, has_surfaces: true }
+    FrameSpec {
+        extent,
+        devices,
+        views: Views::Reprojected,
+        foveated: false,
+        iterations,
+        seam,
+        aovs: 0,
+        has_surfaces: true,
+    }
 }
 
 /// A scene and devices whose true costs are known.

@@ -65,7 +65,12 @@ pub struct Frame {
     pub instance_tree: u32,
     pub instance_count: u32,
     pub curve_shift: u32,
-    pub pad: [u32; 2],
+    pub fovea_radii: Vec2,
+    pub gaze: Vec4,
+    pub layer_iterations: [u32; 3],
+    pub unsampled_share: f32,
+    pub mask_turn: u32,
+    pub pad: [u32; 3],
 }
 
 /// Of [`Frame::curve_shift`]: each pixel has sequences of its own.

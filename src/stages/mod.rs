@@ -8,6 +8,7 @@ mod alias;
 mod aov;
 mod atrous;
 mod emitters;
+mod foveation;
 mod gbuffer;
 mod hole_fill;
 mod images;
@@ -16,11 +17,13 @@ mod path_trace;
 mod pipeline;
 mod reproject;
 mod scene_tables;
+mod select;
 mod seam_filter;
 mod tally;
 mod tonemap;
 
 pub use aov::Aov;
+pub use foveation::Foveation;
 pub use images::{Images, TooLarge};
 pub use pipeline::{DeviceStages, StageError, StageTask, Stamps};
 #[doc(hidden)] // For benchmarks.
@@ -56,6 +59,8 @@ pub struct StageSettings {
     pub iterations: u32,
     /// Whether the right eye is reprojected.
     pub reproject: bool,
+    /// None: all pixels are sampled and filtered alike.
+    pub foveation: Option<Foveation>,
     pub aovs: Vec<Aov>,
     /// Frames that may be on the devices at a time, 1 at least.
     pub frames_in_flight: usize,
@@ -73,6 +78,7 @@ impl StageSettings {
         let mut constants: Vec<_> = self.needs.constants().map(|(n, b)| (n, flag(b))).into();
         constants.push(("SOBOL", flag(self.sampler == Sampler::Sobol)));
         constants.push(("JITTER", flag(self.jitter())));
+        constants.push(("FOVEATED", flag(self.foveation.is_some())));
         constants
     }
 }
@@ -128,8 +134,9 @@ struct Work<'a> {
     device: usize,
 }
 
-const ROOMS: [Room; 9] = [
+const ROOMS: [Room; 10] = [
     gbuffer::ROOM,
+    select::ROOM,
     path_trace::ROOM,
     reproject::ROOM,
     hole_fill::ROOM,

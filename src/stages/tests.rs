@@ -86,7 +86,12 @@ fn host_structs_lie_as_shaders_read_them() {
             world_origin = "world_origin",
             instance_tree = "instance_tree",
             instance_count = "instance_count",
-            curve_shift = "curve_shift"
+            curve_shift = "curve_shift",
+            fovea_radii = "fovea_radii",
+            gaze = "gaze",
+            layer_iterations = "layer_iterations",
+            unsampled_share = "unsampled_share",
+            mask_turn = "mask_turn"
         ]
     );
     same_layout!(

@@ -53,6 +53,7 @@ impl Subject {
             spp: 1,
             iterations: 0,
             reproject: false,
+            foveation: None,
             aovs: Vec::new(),
             frames_in_flight: 1,
             checks: ShaderChecks::Fast,

@@ -4,7 +4,8 @@ use crate::image::Extent;
 
 fn spec(devices: usize, seam: Seam) -> FrameSpec {
     let extent = Extent::new(64, 180);
-    FrameSpec { extent, devices, views: Views::Reprojected, iterations: 5, seam, aovs: 1, has_surfaces: true }
+    let views = Views::Reprojected;
+    FrameSpec { extent, devices, views, foveated: false, iterations: 5, seam, aovs: 1, has_surfaces: true }
 }
 
 /// Different stripes at every stage and view.
