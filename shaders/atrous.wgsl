@@ -12,9 +12,9 @@
 @group(1) @binding(1) var<storage, read> source: array<vec4<f32>>;
 @group(1) @binding(2) var<storage, read_write> filtered: array<vec4<f32>>;
 
-// Sum of weights below which an empty pixel waits for closer taps of a later iteration: on a plane of which half the pixels
-// are sampled it is 0.43. One that is filled by a few far taps passes their light on as if it were its own.
-const ENOUGH: f32 = 0.25;
+// Sum of weights below which an empty pixel waits for closer taps of a later iteration, over the share of pixels that are
+// sampled: on a plane it is 0.86. One that is filled by a few far taps passes their light on as if it were its own.
+const ENOUGH: f32 = 0.5;
 // Weight of any surface in the last iteration for a pixel that is still empty.
 const LAST_RESORT: f32 = 1e-6;
 
@@ -70,7 +70,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         }
     }
     if FOVEATED {
-        let enough = select(ENOUGH, 0.0, centre.a > 0.0 || step == 1);
+        let enough = select(ENOUGH * sampling_probability(pixel, pass_.view), 0.0, centre.a > 0.0 || step == 1);
         let filled = select(vec4<f32>(0.0), vec4<f32>(sum / max(weight, 1e-30), 1.0), weight > enough);
         filtered[at] = select(filled, centre, last_dy < 0);
         return;
