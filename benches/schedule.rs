@@ -76,6 +76,7 @@ fn main() {
         devices,
         views: Views::Reprojected,
         filter: Filter::Atrous,
+        foveated: false,
         iterations: 5,
         history_rows: None,
         seam: Seam::Halo(HaloPlan::RECOMPUTE),

@@ -43,7 +43,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             value = vec3<f32>(f32(tally_image[at] >> 28u));
         }
         case SPP: {
-            value = vec3<f32>(f32(frame.spp));
+            value = vec3<f32>(select(f32(frame.spp), 0.0, (tally_image[at] >> 28u) == SKIPPED));
         }
         case STRIPES: {
             value = vec3<f32>(f32(pass_.arg1));

@@ -2,12 +2,21 @@
 // iteration to iteration as in Peres: 2^(i-1) ... 1. Departures: the position weight measures the distance off the
 // centre's plane, relative to its distance from the eye, so that it does not depend on the scene's scale or on how
 // obliquely a surface is seen; radiance is compared after c / (1 + luminance).
+// With foveation, radiance's alpha is Peres's binary mask (equation 4.2), 1 once anything has contributed, and a layer of K
+// iterations takes part in the last K of them. Departures: pixels that were not sampled stay empty until enough of their
+// surface is within reach, and what is empty at the last iteration takes the mean of whatever surfaces are there.
 
-//!include frame pack edges
+//!include frame rng pack edges foveation
 
 @group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> source: array<vec4<f32>>;
 @group(1) @binding(2) var<storage, read_write> filtered: array<vec4<f32>>;
+
+// Sum of weights below which an empty pixel waits for closer taps of a later iteration, over the share of pixels that are
+// sampled: on a plane it is 0.86. One that is filled by a few far taps passes their light on as if it were its own.
+const ENOUGH: f32 = 0.5;
+// Weight of any surface in the last iteration for a pixel that is still empty.
+const LAST_RESORT: f32 = 1e-6;
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -23,27 +32,48 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let step = i32(pass_.arg0);
-    let inverse_sigma2 = bitcast<f32>(pass_.arg1);
+    var inverse_sigma2 = bitcast<f32>(pass_.arg1);
     let guide = guide_for(bits, frame.views[pass_.view].origin, 0.02);
     let colour = comparable(centre.rgb);
     var kernel = array<f32, 5>(0.0625, 0.25, 0.375, 0.25, 0.0625);
     let low = vec2<i32>(0, i32(pass_.valid_begin));
     let high = vec2<i32>(i32(frame.width) - 1, i32(pass_.valid_end) - 1);
-    // The centre always counts, so the sum of weights cannot vanish.
+    // A centre that is sampled always counts, so the sum of weights cannot vanish.
     var sum = centre.rgb * (0.375 * 0.375);
     var weight = 0.375 * 0.375;
-    for (var dy = -2; dy <= 2; dy += 1) {
+    var last_dy = 2;
+    var least = 0.0;
+    if FOVEATED {
+        let left = firstTrailingBit(pass_.arg0) + 1u;
+        let own = frame.layer_iterations[layer_of(pixel, pass_.view)];
+        last_dy = select(-3, 2, left <= own);
+        // An empty pixel has no radiance to compare with.
+        inverse_sigma2 = select(0.0, inverse_sigma2, centre.a > 0.0 && own - left >= pass_.arg2);
+        weight *= centre.a;
+        least = select(0.0, LAST_RESORT, centre.a == 0.0 && step == 1);
+    }
+    for (var dy = -2; dy <= last_dy; dy += 1) {
         for (var dx = -2; dx <= 2; dx += 1) {
             let there = vec2<i32>(pixel) + vec2<i32>(dx, dy) * step;
             let inside = clamp(there, low, high);
             let tap = u32(inside.y) * frame.width + u32(inside.x);
             let value = source[tap];
             let counts = all(inside == there) && (dx != 0 || dy != 0);
-            let w = edge_weight(guide, colour, guide_image[tap], value.rgb, inverse_sigma2);
+            let tap_bits = guide_image[tap];
+            var w = edge_weight(guide, colour, tap_bits, value.rgb, inverse_sigma2);
+            if FOVEATED {
+                w = select(max(w, least), 0.0, value.a == 0.0 || tap_bits.w == NO_NORMAL);
+            }
             let k = select(0.0, kernel[dx + 2] * kernel[dy + 2] * w, counts);
             sum += value.rgb * k;
             weight += k;
         }
+    }
+    if FOVEATED {
+        let enough = select(ENOUGH * sampling_probability(pixel, pass_.view), 0.0, centre.a > 0.0 || step == 1);
+        let filled = select(vec4<f32>(0.0), vec4<f32>(sum / max(weight, 1e-30), 1.0), weight > enough);
+        filtered[at] = select(filled, centre, last_dy < 0);
+        return;
     }
     filtered[at] = vec4<f32>(sum / weight, centre.a);
 }

@@ -1,7 +1,10 @@
 // Primary visibility of one view: the surface behind each pixel's centre. Where later stages need the mean over the
 // pixel (several samples, and no path tracing to bring it), it is taken here too.
 
-//!include frame rng scene light_tree environment lights trace surface bsdf path pack pixel
+//!include frame rng scene light_tree environment lights trace surface bsdf path pack pixel foveation
+
+// As pass_.arg2: path tracing brings the means of the pixels that it samples.
+const UNSAMPLED_ONLY: u32 = 1u;
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -12,6 +15,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let at = pixel_index(pixel);
     if JITTER {
         if pass_.arg1 > 0u {
+            if FOVEATED && pass_.arg2 == UNSAMPLED_ONLY && is_sampled(pixel, pass_.view) {
+                return;
+            }
             average_footprint(pixel, at, pass_.arg0, pass_.arg1);
             return;
         }

@@ -1,8 +1,10 @@
 // Spatial reprojection, right eye from left (Adelson & Hodges 1993; Leria et al.): each right pixel gathers what the
 // left eye saw of its surface. The eyes are rectified, so both taps lie on the pixel's own row. What cannot be
 // gathered becomes a hole.
+// With foveation, left pixels that were not sampled give nothing, surfaces may differ more in the outer layers, and only
+// pixels that the right eye's own mask asks for become holes.
 
-//!include frame pack
+//!include frame rng pack foveation
 
 @group(1) @binding(0) var<storage, read> left_hit: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> left_guide: array<vec4<u32>>;
@@ -21,7 +23,7 @@ const MATERIAL: u32 = 4u;
 const MIXED: u32 = 5u;
 const VIEW: u32 = 6u;
 
-fn why_not(x: i32, row: u32, position: vec3<f32>, normal: vec3<f32>, material: u32, reach: f32) -> u32 {
+fn why_not(x: i32, row: u32, position: vec3<f32>, normal: vec3<f32>, material: u32, reach: f32, slack: f32) -> u32 {
     if x < 0 || x >= i32(frame.width) {
         return OUTSIDE;
     }
@@ -37,16 +39,24 @@ fn why_not(x: i32, row: u32, position: vec3<f32>, normal: vec3<f32>, material: u
     if (hit.w & MATERIAL_MASK) != material || guide.w == NO_NORMAL {
         return MATERIAL;
     }
-    if abs(dot(normal, bitcast<vec3<f32>>(guide.xyz) - position)) >= 0.005 * reach {
+    if abs(dot(normal, bitcast<vec3<f32>>(guide.xyz) - position)) >= 0.005 * slack * reach {
         return DISTANCE;
     }
-    if dot(normal, unpack_normal(guide.w)) <= 0.99 {
+    if dot(normal, unpack_normal(guide.w)) <= 1.0 - 0.01 * slack {
         return NORMAL;
+    }
+    if FOVEATED && left_radiance[at].a == 0.0 {
+        return SKIPPED;
     }
     return 0u;
 }
 
-fn open_hole(at: u32, why: u32) {
+// `wanted`: by the right eye's mask; else the pixel is left to the filter.
+fn open_hole(at: u32, why: u32, wanted: bool) {
+    if FOVEATED && !wanted {
+        right_tally[at] |= SKIPPED << 28u;
+        return;
+    }
     right_tally[at] |= why << 28u;
     let slot = atomicAdd(&holes[0], 1u);
     atomicStore(&holes[4u + slot], at);
@@ -65,15 +75,25 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let hit = right_hit[at];
     let guide = right_guide[at];
     right_radiance[at] = vec4<f32>(0.0);
+    var wanted = true;
+    var slack = 1.0;
+    var is_inner = true;
+    if FOVEATED {
+        let layer = layer_of(pixel, 1u);
+        is_inner = layer == INNER;
+        slack = f32(1u << layer);
+        // No filter brings light to a pixel without a surface at its centre.
+        wanted = guide.w == NO_NORMAL || is_sampled(pixel, 1u);
+    }
     if (hit.w & FLAG_MIXED) != 0u {
-        open_hole(at, MIXED);
+        open_hole(at, MIXED, wanted);
         return;
     }
     if guide.w == NO_NORMAL {
         return;
     }
     if (hit.w & FLAG_VIEW_DEPENDENT) != 0u {
-        open_hole(at, VIEW);
+        open_hole(at, VIEW, wanted);
         return;
     }
     let position = bitcast<vec3<f32>>(guide.xyz);
@@ -81,7 +101,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let from_left = position - frame.views[0].origin;
     let z = dot(from_left, frame.views[0].forward);
     if z <= 0.0 {
-        open_hole(at, OUTSIDE);
+        open_hole(at, OUTSIDE, wanted);
         return;
     }
     let ndc = dot(from_left, frame.views[0].right) / (z * frame.views[0].tan_half_x);
@@ -91,13 +111,19 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let first = i32(base);
     let reach = length(from_left);
     let material = hit.w & MATERIAL_MASK;
-    let why0 = why_not(first, pixel.y, position, normal, material, reach);
-    let why1 = why_not(first + 1, pixel.y, position, normal, material, reach);
+    let why0 = why_not(first, pixel.y, position, normal, material, reach, slack);
+    let why1 = why_not(first + 1, pixel.y, position, normal, material, reach, slack);
     let w0 = select(0.0, 1.0 - fraction, why0 == 0u);
     let w1 = select(0.0, fraction, why1 == 0u);
     let sum = w0 + w1;
     if sum < 1e-4 {
-        open_hole(at, select(why0, why1, why0 == 0u || (fraction > 0.5 && why1 != 0u)));
+        var why = select(why0, why1, why0 == 0u || (fraction > 0.5 && why1 != 0u));
+        if FOVEATED && (why0 == SKIPPED || why1 == SKIPPED) {
+            // With its neighbours' gathers the filter has as many samples here as the mask asks for.
+            wanted = is_inner;
+            why = OUTSIDE;
+        }
+        open_hole(at, why, wanted);
         return;
     }
     let row = pixel.y * frame.width;

@@ -1,8 +1,10 @@
 // One iteration of the à-trous filter guided by variance (Schied et al. 2017): luminance may differ by as much as its
 // standard deviation allows, and variance is filtered along with the light. Departure: surfaces are told apart by the
-// distance off the centre's plane, as in `atrous.wgsl`, instead of by depth gradients.
+// distance off the centre's plane, as in `atrous.wgsl`, instead of by depth gradients; differences are measured by what
+// both pixels may be off, so that light passes in both directions alike. With foveation, a layer of K iterations takes part
+// in the first K, which have the smallest steps.
 
-//!include frame pack edges variance
+//!include frame rng pack edges foveation variance
 
 @group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> source: array<vec4<f32>>;
@@ -34,7 +36,11 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var weight = select(0.375 * 0.375, 0.0, is_missing);
     var sum = centre.rgb * weight;
     var variance = max(centre.a, 0.0) * weight * weight;
-    for (var dy = -2; dy <= 2; dy += 1) {
+    var last_dy = 2;
+    if FOVEATED {
+        last_dy = select(-3, 2, pass_.arg2 < frame.layer_iterations[layer_of(pixel, pass_.view)]);
+    }
+    for (var dy = -2; dy <= last_dy; dy += 1) {
         for (var dx = -2; dx <= 2; dx += 1) {
             let there = vec2<i32>(pixel) + vec2<i32>(dx, dy) * step;
             let inside = clamp(there, low, high);
@@ -49,6 +55,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             variance += value.a * k * k;
             weight += k;
         }
+    }
+    if FOVEATED && last_dy < 0 {
+        filtered[at] = centre;
+        return;
     }
     let scale = select(0.0, 1.0 / weight, weight > 0.0);
     filtered[at] = vec4<f32>(sum * scale, select(MISSING, variance * scale * scale, weight > 0.0));

@@ -1,6 +1,6 @@
 // Sums what was counted per pixel into rows: the scheduler's work per row, and the run's totals.
 
-//!include frame
+//!include frame pack
 
 @group(1) @binding(0) var<storage, read> tally: array<u32>;
 // Eight numbers a row: rays, dropped non-finite samples, holes by reason 1 to 6.
@@ -21,7 +21,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         counts[0] += t & 0xfffffu;
         counts[1] += (t >> 20u) & 0xffu;
         let why = t >> 28u;
-        if why != 0u {
+        if why != 0u && why != SKIPPED {
             counts[min(why, 6u) + 1u] += 1u;
         }
     }

@@ -10,6 +10,8 @@
 
 // Mirrors `VARIANCE_REACH_ROWS` in `graph::table`.
 const REACH: i32 = 3;
+// Weight of any surface for a pixel that has no light of its own.
+const LAST_RESORT: f32 = 1e-6;
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -56,7 +58,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let tap = u32(inside.y) * frame.width + u32(inside.x);
             let value = source[tap];
             let counts = all(inside == there) && (dx != 0 || dy != 0) && value.a != MISSING;
-            let w = select(0.0, surface_weight(guide, guide_image[tap]), counts);
+            let tap_bits = guide_image[tap];
+            let least = select(0.0, LAST_RESORT, is_missing && tap_bits.w != NO_NORMAL);
+            let w = select(0.0, max(surface_weight(guide, tap_bits), least), counts);
             let l = luminance(value.rgb);
             sum += value.rgb * w;
             first += l * w;

@@ -291,9 +291,21 @@ fn sample_counts_out_of_range_are_refused() {
         assert_option_refused(&[&format!("--spp={spp}")], &["--spp", spp]);
     }
     assert_option_refused(&["--bounces", "100000"], &["--bounces"]);
-    assert_option_refused(&["--iterations", "11"], &["--iterations"]);
+    for iterations in ["11", "2,3", "2,3,11", ",", "-1"] {
+        assert_option_refused(&[&format!("--iterations={iterations}")], &["--iterations"]);
+    }
+    assert_option_refused(&["--iterations", "2,3,5"], &["--iterations", "--foveation layers"]);
     assert_option_refused(&["--seed", "-1"], &["-1"]);
     assert_option_refused(&["--frames", "0"], &["--frames"]);
+}
+
+#[test]
+fn gazes_that_are_nowhere_are_refused() {
+    for gaze in ["0.5", "1.5,0.5", "-0.1,0.5", "0.5,0.5,0.5", "nan,0.5", "a,b"] {
+        assert_option_refused(&["--foveation", "layers", &format!("--gaze={gaze}")], &["--gaze"]);
+    }
+    assert_option_refused(&["--gaze", "0.5,0.5"], &["--gaze", "--foveation layers"]);
+    assert_option_refused(&["--preset", "nh3ld", "--spp", "2"], &["--preset", "--spp"]);
 }
 
 #[test]

@@ -8,8 +8,9 @@ use diptych::exec::{RenderSettings, Stereo};
 use diptych::graph::{Assignment, HaloPlan, Seam};
 use diptych::image::RgbImage;
 use diptych::scene::needs::SceneNeeds;
+use diptych::scene::shot::Gaze;
 use diptych::schedule::{CostModel, Heft, Measured, Policy, Static};
-use diptych::stages::Sampler;
+use diptych::stages::{Foveation, Sampler};
 
 const WIDTH: u32 = 128;
 const HEIGHT: u32 = 72;
@@ -163,6 +164,30 @@ fn history_that_crosses_stripes_gives_the_bytes_of_one_device() {
         let three = Stage::with(&subject, &settings, 3, script).frames_in_flight(&times_s);
         for (a, b) in one.iter().zip(&three) {
             assert_same(&format!("{plan:?}, frame {}", a.report.index), &a.linear, &b.linear);
+        }
+    }
+}
+
+#[test]
+fn layers_around_a_moving_gaze_give_the_bytes_of_one_device() {
+    let subject = Subject::load("builtin:checker");
+    let path = vec![[0.0, 0.1, 0.9], [2.0, 0.9, 0.0]];
+    let gaze = [Gaze { path }, Gaze { path: vec![[0.0, 0.4, 0.2]] }];
+    for (spp, reproject, plan) in [(1, true, HaloPlan::RECOMPUTE), (3, false, HaloPlan::EXCHANGE)] {
+        let mut settings = subject.denoised(WIDTH, HEIGHT);
+        settings.stages.foveation = Some(Foveation::new(gaze.clone(), [2, 3, 5]));
+        (settings.stages.spp, settings.stages.reproject) = (spp, reproject);
+        (settings.seam, settings.adapts_halo) = (Seam::Halo(plan), false);
+        let frames = |devices: usize| {
+            let mut stage = Stage::with(&subject, &settings, devices, Box::new(Measured::new(HEIGHT, devices)));
+            (0..4).map(|i| stage.frame_at(f64::from(i) * 0.6, i)).collect::<Vec<_>>()
+        };
+        let one = frames(1);
+        for devices in [2, 4] {
+            for (a, b) in one.iter().zip(&frames(devices)) {
+                let what = format!("{spp} spp, reproject {reproject}, {devices} devices, frame {}", a.report.index);
+                assert_same(&what, &a.linear, &b.linear);
+            }
         }
     }
 }

@@ -48,10 +48,17 @@ struct Frame {
     curve_shift: u32,
     // How far up and down history may have moved; 0xffffffff: there is none.
     history_rows: u32,
-    pad1: u32,
+    // Added to every pixel's threshold; 2^32 is a whole turn.
+    mask_turn: u32,
     // Where in a pixel rays go that stand for all of it.
     centre: vec2<f32>,
-    pad2: vec2<u32>,
+    // Foveation, pixels: where inner and middle layer end, and the gaze of the left and the right eye.
+    fovea_radii: vec2<f32>,
+    gaze: vec4<f32>,
+    // Filter iterations that pixels of the inner, middle and outer layer take part in.
+    layer_iterations: vec3<u32>,
+    // Share of the outer layer's pixels that are not sampled.
+    unsampled_share: f32,
 }
 
 struct Pass {

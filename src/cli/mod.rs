@@ -14,6 +14,7 @@ mod compare;
 mod devices;
 mod failure;
 mod faults;
+mod foveation;
 mod interrupt;
 mod options;
 mod output;

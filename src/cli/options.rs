@@ -12,6 +12,7 @@ use diptych::schedule::RatioRule;
 use diptych::stages::{Aov, Sampler};
 
 use super::faults::FaultOptions;
+use super::foveation::FoveationOptions;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -93,9 +94,8 @@ pub struct RunOptions {
     pub seed: u32,
     #[arg(long, default_value = "sobol")]
     pub sampler: Sampler,
-    /// Iterations of the denoiser
-    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(0..=10))]
-    pub iterations: u32,
+    #[command(flatten)]
+    pub foveated: FoveationOptions,
     /// What happens where stripes meet
     #[arg(long, default_value = "halo")]
     pub seam: SeamOption,
@@ -163,7 +163,7 @@ impl RunOptions {
             self.balance() == Balance::Static || self.ratios.is_empty(),
             "--ratios are for --balance static"
         );
-        Ok(())
+        self.foveated.check()
     }
 }
 
@@ -202,10 +202,16 @@ impl Deref for RenderOptions {
 const MAX_FRAME_SPP: u32 = 1 << 20;
 
 impl RenderOptions {
+    /// Of the layer that has most.
     pub fn iterations(&self) -> u32 {
+        self.layer_iterations().into_iter().fold(0, u32::max)
+    }
+
+    /// Of the inner, middle and outer layer.
+    pub fn layer_iterations(&self) -> [u32; 3] {
         match self.denoiser {
-            Denoiser::None => 0,
-            Denoiser::Atrous | Denoiser::Svgf => self.iterations,
+            Denoiser::None => [0; 3],
+            Denoiser::Atrous | Denoiser::Svgf => self.foveated.layer_iterations(),
         }
     }
 

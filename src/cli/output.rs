@@ -9,9 +9,9 @@ use diptych::exec::{Renderer, Stereo};
 use diptych::graph::PhysicalImage;
 use diptych::image::display::{DisplayImage, write_png};
 use diptych::image::file::atomic_write;
-use diptych::image::{Image, RgbImage, exr, stereo};
+use diptych::image::{Extent, Image, RgbImage, exr, stereo};
 use diptych::report::html::{Section, page};
-use diptych::stages::Aov;
+use diptych::stages::{Aov, Foveation};
 
 use super::failure::Failure;
 
@@ -78,6 +78,21 @@ impl FrameImages {
             for &edge in edges.iter().filter(|e| **e < image.extent.height) {
                 let row = edge as usize * width;
                 image.pixels[row..row + width].fill([255, 160, 0]);
+            }
+        }
+    }
+
+    /// Draws where the inner and the middle layer end.
+    pub fn overlay_layers(&mut self, foveation: &Foveation, time_s: f64) {
+        for (eye, image) in [&mut self.display.left, &mut self.display.right].into_iter().enumerate() {
+            let Extent { width, height } = image.extent;
+            let (radii, [x, y]) = foveation.circles(eye, time_s, width, height);
+            for (i, pixel) in image.pixels.iter_mut().enumerate() {
+                let (column, row) = (i % width as usize, i / width as usize);
+                let distance = f64::hypot(column as f64 + 0.5 - x, row as f64 + 0.5 - y);
+                if radii.iter().any(|r| (distance - r).abs() < 0.75) {
+                    *pixel = [0, 220, 255];
+                }
             }
         }
     }

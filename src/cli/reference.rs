@@ -10,6 +10,7 @@ use diptych::image::stereo;
 use diptych::report::run::ReferenceRow;
 
 use super::failure::Failure;
+use super::foveation::{FoveationMode, FoveationOptions};
 use super::interrupt::INTERRUPTED;
 use super::options::{Denoiser, RenderOptions, RunOptions, Switch};
 use super::output;
@@ -63,7 +64,8 @@ impl Plan {
             let what = anyhow::anyhow!("--clamp is biased, --reference is not: leave one out");
             return Err(Failure::Input(what));
         }
-        let run = RunOptions { reproject: Switch::Off, ..options.run.clone() };
+        let foveated = FoveationOptions { foveation: FoveationMode::None, gaze: None, iterations: None };
+        let run = RunOptions { reproject: Switch::Off, foveated, ..options.run.clone() };
         let unbiased = RenderOptions { run, denoiser: Denoiser::None, spp: passes.pass_spp, ..options.clone() };
         let PassOptions { time_limit, passes_out, .. } = passes;
         Ok(Self { options: unbiased, spp: options.spp, time_limit, folder: passes_out })

@@ -7,6 +7,7 @@ use diptych::trace::frames::record_devices;
 
 use super::failure::Failure;
 use super::faults::FaultLog;
+use super::foveation::Preset;
 use super::interrupt;
 use super::options::RenderOptions;
 use super::output::{self, FrameImages};
@@ -14,7 +15,7 @@ use super::progress::Progress;
 use super::reference::{self, PassOptions, Plan};
 use super::setup::{self, Loaded, Tracing};
 
-#[derive(clap::Args, Debug)]
+#[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     #[command(flatten)]
     options: RenderOptions,
@@ -29,9 +30,25 @@ pub struct Args {
     /// Also write both eyes as a red-cyan anaglyph
     #[arg(long)]
     anaglyph: bool,
-    /// Draw the stripes on stereo.png
+    /// A configuration of Peres: samples, foveation and denoiser together
+    #[arg(long, conflicts_with_all = ["spp", "foveation", "iterations", "denoiser", "reference"])]
+    preset: Option<Preset>,
+    /// Draw the stripes and the layers around the gaze on stereo.png
     #[arg(long)]
     overlay: bool,
+}
+
+impl Args {
+    /// With the options that the preset stands for.
+    fn preset(&self) -> Self {
+        let mut args = self.clone();
+        if let Some(preset) = self.preset {
+            args.options.spp = Preset::SPP;
+            args.options.run.foveated.foveation = preset.foveation();
+            args.options.run.foveated.iterations = Some(preset.iterations());
+        }
+        args
+    }
 }
 
 /// What a run has come to.
@@ -42,6 +59,7 @@ struct Rows {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
+    let args = &args.preset();
     let plan = args.reference.then(|| Plan::new(&args.options, args.passes.clone())).transpose()?;
     let options = plan.as_ref().map_or(&args.options, |p| &p.options);
     options.check().map_err(Failure::Input)?;
@@ -106,6 +124,9 @@ impl Run<'_> {
             self.tracing.record(options, &frame);
             if self.args.overlay {
                 images.overlay(frame.stripe_edges());
+                if let Some(foveation) = setup::foveation(options, self.loaded) {
+                    images.overlay_layers(&foveation, time_s(options, frame.index));
+                }
             }
             images.write(&options.out, (options.frames > 1).then_some(frame.index), self.args.anaglyph)?;
             let row = FrameRow::new(&frame, &setup::frame_settings(options), options.size);
@@ -125,8 +146,8 @@ impl Run<'_> {
         // Frames that follow one another are read when they are whole, those that overlap come with their images.
         let reads = if most > 1 { FrameImages::on_devices(&options.aovs()) } else { Vec::new() };
         while self.begun < options.frames && self.renderer.in_flight() < most && !interrupt::is_set() {
-            let time_s = options.time + f64::from(self.begun) / options.fps;
-            self.renderer.begin(&self.loaded.shot.rig, time_s, self.begun, &reads)?;
+            let at_s = time_s(options, self.begun);
+            self.renderer.begin(&self.loaded.shot.rig, at_s, self.begun, &reads)?;
             self.begun += 1;
         }
         Ok(())
@@ -144,6 +165,11 @@ impl Run<'_> {
         }
         Ok(())
     }
+}
+
+/// When a frame is seen, in seconds along the camera path.
+fn time_s(options: &RenderOptions, frame: u32) -> f64 {
+    options.time + f64::from(frame) / options.fps
 }
 
 /// Auxiliary images are those of the first pass, whatever was there before.

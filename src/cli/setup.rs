@@ -12,7 +12,7 @@ use diptych::scene::load::load_shot;
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::shot::Shot;
 use diptych::schedule::{Even, Heft, Measured, Policy, Static};
-use diptych::stages::{SceneTables, StageSettings};
+use diptych::stages::{Foveation, SceneTables, StageSettings};
 use diptych::trace::frames::{FrameKnobs, record_frame};
 use diptych::trace::{Recorder, TraceFile};
 
@@ -76,6 +76,7 @@ pub fn renderer(
         filter: options.filter(),
         iterations: options.iterations(),
         reproject: options.reprojects(),
+        foveation: foveation(options, loaded),
         aovs: options.aovs(),
         frames_in_flight: usize::from(options.frames_in_flight),
         checks: options.shader_checks,
@@ -96,6 +97,11 @@ pub fn renderer(
         renderer.set_watchdog(limit);
     }
     Ok(renderer)
+}
+
+/// What follows the gaze, if anything does.
+pub fn foveation(options: &RenderOptions, loaded: &Loaded) -> Option<Foveation> {
+    options.foveated.of(&loaded.shot.gaze, options.layer_iterations())
 }
 
 /// The trace-file of a run and the zero of its times.
@@ -136,6 +142,8 @@ pub fn run_settings(options: &RenderOptions, policy: &'static str) -> RunSetting
         sampler: name(&options.sampler),
         denoiser: if options.iterations() == 0 { "none".into() } else { name(&options.denoiser) },
         seam: name(&options.seam),
+        foveation: name(&options.foveated.foveation),
+        layer_iterations: options.layer_iterations(),
         reproject: options.reprojects(),
         reference: false,
         time_s: options.time,

@@ -110,6 +110,7 @@ impl Renderer {
             devices: gpus.len(),
             views: if settings.stages.reproject { Views::Reprojected } else { Views::Traced },
             filter: settings.stages.filter,
+            foveated: settings.stages.foveation.is_some(),
             iterations: settings.stages.iterations,
             history_rows: settings.stages.keeps_history().then_some(0),
             seam: settings.seam,
@@ -478,6 +479,9 @@ impl Renderer {
             ..Default::default()
         };
         self.tables.describe(&mut frame);
+        if let Some(foveation) = &self.settings.stages.foveation {
+            foveation.describe(&mut frame, time_s, self.settings.stages.keeps_history());
+        }
         frame
     }
 }

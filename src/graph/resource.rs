@@ -27,7 +27,7 @@ pub enum Resource {
     LastResolved,
     /// Rays, dropped samples and hole reason, packed.
     Tally,
-    /// Pixels to trace again; lives and dies on its device.
+    /// Pixels to trace; lives and dies on its device.
     Holes,
     /// `Tally`, summed by rows.
     RowTally,

@@ -12,6 +12,7 @@ use crate::scene::rig::Eye;
 #[serde(rename_all = "snake_case")]
 pub enum Stage {
     Gbuffer,
+    Select,
     PathTrace,
     Reproject,
     HoleFill,
@@ -31,10 +32,11 @@ impl Stage {
     /// Stages whose stripes can be chosen on their own.
     pub const RATIO_GROUPS: [Self; 5] = [Self::Gbuffer, Self::PathTrace, Self::Reproject, Self::Atrous, Self::Tonemap];
 
-    /// The stage whose stripes this one takes: lists of holes, filter passes in recomputed halos and counters stay
+    /// The stage whose stripes this one takes: lists of pixels, filter passes in recomputed halos and counters stay
     /// on the device that made them. All denoisers are one group.
     pub fn ratio_group(self) -> Self {
         match self {
+            Self::Select => Self::PathTrace,
             Self::HoleFill => Self::Reproject,
             Self::Accumulate | Self::Variance | Self::Svgf | Self::SeamFilter => Self::Atrous,
             Self::Compose | Self::Resolve | Self::Tally | Self::Aov => Self::Tonemap,
@@ -45,6 +47,7 @@ impl Stage {
     pub fn name(self) -> &'static str {
         match self {
             Self::Gbuffer => "gbuffer",
+            Self::Select => "select",
             Self::PathTrace => "path_trace",
             Self::Reproject => "reproject",
             Self::HoleFill => "hole_fill",
@@ -127,6 +130,8 @@ pub struct FrameSpec {
     pub extent: Extent,
     pub devices: usize,
     pub views: Views,
+    /// Whether only listed pixels are path traced.
+    pub foveated: bool,
     pub filter: Filter,
     /// Of the filter; 0: no denoising.
     pub iterations: u32,
@@ -290,7 +295,13 @@ pub fn passes(spec: &FrameSpec) -> Vec<Pass> {
             continue;
         }
         if view == Eye::Left || spec.views == Views::Traced {
-            out.push(Pass::new(Stage::PathTrace, view).reads(&GBUFFER).writes(&SAMPLED));
+            let mut path_trace = Pass::new(Stage::PathTrace, view).reads(&GBUFFER).writes(&SAMPLED);
+            if spec.foveated {
+                let select = Pass::new(Stage::Select, view).reads(&[Hit, Guide, Tally]);
+                out.push(select.writes(&[Radiance, Tally, Holes]));
+                path_trace = path_trace.reads(&[Radiance, Holes]);
+            }
+            out.push(path_trace);
         } else {
             out.push(
                 Pass::new(Stage::Reproject, view)

@@ -30,6 +30,9 @@ pub struct RunSettings {
     pub sampler: String,
     pub denoiser: String,
     pub seam: String,
+    pub foveation: String,
+    /// Of the denoiser, in the inner, middle and outer layer; alike without foveation.
+    pub layer_iterations: [u32; 3],
     pub reproject: bool,
     pub reference: bool,
     pub time_s: f64,

@@ -11,7 +11,18 @@ const WIDTH: u32 = 64;
 
 fn spec(height: u32, devices: usize, iterations: u32, seam: Seam) -> FrameSpec {
     let extent = Extent::new(WIDTH, height);
-    FrameSpec { extent, devices, views: Views::Reprojected, filter: Filter::Atrous, iterations, history_rows: None, seam, aovs: 0, has_surfaces: true }
+    FrameSpec {
+        extent,
+        devices,
+        views: Views::Reprojected,
+        foveated: false,
+        filter: Filter::Atrous,
+        iterations,
+        history_rows: None,
+        seam,
+        aovs: 0,
+        has_surfaces: true,
+    }
 }
 
 /// A scene and devices whose true costs are known.

@@ -11,6 +11,9 @@ pub(super) const ROOM: Room =
 /// Primary rays of one dispatch, a pixel.
 const RAYS_PER_DISPATCH: u32 = 64;
 
+/// In the shader.
+const UNSAMPLED_ONLY: u32 = 1;
+
 /// Group 1 of `pixel.inc.wgsl`.
 const SLOTS: [Slot; 6] = [
     Slot::Write(P::Hit),
@@ -24,8 +27,12 @@ const SLOTS: [Slot; 6] = [
 fn dispatches(work: &Work<'_>) -> Vec<Dispatch> {
     let columns = work.settings.extent.width;
     let centre = Dispatch::Rows { columns, args: [0; 3] };
-    // Path tracing brings means over the pixel; what is reprojected into needs them from here.
-    let needs_means = work.settings.jitter() && work.settings.reproject && work.view == Eye::Right;
+    // Path tracing brings means over the pixels that it samples; all others, and what is reprojected into, need them from
+    // here.
+    let reprojected = work.settings.reproject && work.view == Eye::Right;
+    let needs_means = work.settings.jitter() && (reprojected || work.settings.foveation.is_some());
+    let only = if reprojected { 0 } else { UNSAMPLED_ONLY };
     let means = batches(if needs_means { work.spp } else { 0 }, RAYS_PER_DISPATCH);
-    std::iter::once(centre).chain(means.map(|args| Dispatch::Rows { columns, args })).collect()
+    let means = means.map(|[begin, end, _]| Dispatch::Rows { columns, args: [begin, end, only] });
+    std::iter::once(centre).chain(means).collect()
 }

@@ -66,9 +66,12 @@ pub struct Frame {
     pub instance_count: u32,
     pub curve_shift: u32,
     pub history_rows: u32,
-    pub pad: u32,
+    pub mask_turn: u32,
     pub centre: Vec2,
-    pub pad1: UVec2,
+    pub fovea_radii: Vec2,
+    pub gaze: Vec4,
+    pub layer_iterations: [u32; 3],
+    pub unsampled_share: f32,
 }
 
 /// Of [`Frame::curve_shift`]: each pixel has sequences of its own.

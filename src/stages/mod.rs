@@ -10,6 +10,7 @@ mod aov;
 mod atrous;
 mod compose;
 mod emitters;
+mod foveation;
 mod gbuffer;
 mod hole_fill;
 mod images;
@@ -19,6 +20,7 @@ mod pipeline;
 mod reproject;
 mod resolve;
 mod scene_tables;
+mod select;
 mod seam_filter;
 mod svgf;
 mod tally;
@@ -26,6 +28,7 @@ mod tonemap;
 mod variance;
 
 pub use aov::Aov;
+pub use foveation::Foveation;
 pub use images::{Images, Place, TooLarge};
 pub use pipeline::{DeviceStages, StageError, StageTask, Stamps};
 #[doc(hidden)] // For benchmarks.
@@ -64,6 +67,8 @@ pub struct StageSettings {
     pub iterations: u32,
     /// Whether the right eye is reprojected.
     pub reproject: bool,
+    /// None: all pixels are sampled and filtered alike.
+    pub foveation: Option<Foveation>,
     pub aovs: Vec<Aov>,
     /// Frames that may be on the devices at a time, 1 at least.
     pub frames_in_flight: usize,
@@ -97,6 +102,7 @@ impl StageSettings {
         let mut constants: Vec<_> = self.needs.constants().map(|(n, b)| (n, flag(b))).into();
         constants.push(("SOBOL", flag(self.sampler == Sampler::Sobol)));
         constants.push(("JITTER", flag(self.jitter())));
+        constants.push(("FOVEATED", flag(self.foveation.is_some())));
         constants
     }
 }
@@ -152,8 +158,9 @@ struct Work<'a> {
     device: usize,
 }
 
-const ROOMS: [Room; 14] = [
+const ROOMS: [Room; 15] = [
     gbuffer::ROOM,
+    select::ROOM,
     path_trace::ROOM,
     reproject::ROOM,
     hole_fill::ROOM,

@@ -31,6 +31,19 @@ pub(super) fn batches(spp: u32, size: u32) -> impl Iterator<Item = [u32; 3]> {
 }
 
 fn dispatches(work: &Work<'_>) -> Vec<Dispatch> {
+    if work.settings.foveation.is_some() {
+        return listed(work);
+    }
     let columns = work.settings.extent.width;
     batches(work.spp, PATHS_PER_DISPATCH).map(|args| Dispatch::Rows { columns, args }).collect()
+}
+
+/// `HOLES_ONLY` in the shader.
+const HOLES_ONLY: u32 = 1;
+
+/// Of the pixels that an earlier stage listed.
+pub(super) fn listed(work: &Work<'_>) -> Vec<Dispatch> {
+    batches(work.spp, PATHS_PER_DISPATCH)
+        .map(|[first, end, _]| Dispatch::Holes { args: [first, end, HOLES_ONLY] })
+        .collect()
 }

@@ -16,6 +16,6 @@ pub(super) const ROOM: Room = Room {
 const SIGMA: f32 = 4.0;
 
 fn dispatches(work: &Work<'_>) -> Vec<Dispatch> {
-    let args = [svgf_step(work.index), (SIGMA * SIGMA).to_bits(), 0];
+    let args = [svgf_step(work.index), (SIGMA * SIGMA).to_bits(), work.index];
     vec![Dispatch::Rows { columns: work.settings.extent.width, args }]
 }

@@ -34,7 +34,7 @@ pub struct RowTally {
 /// Why a pixel of the right eye could not be reprojected, in the order of [`RowTally::holes`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HoleReason {
-    /// Outside the left eye's image.
+    /// Outside the left eye's image, or not sampled there in the right eye's fovea.
     Outside,
     /// The left eye saw a surface turned another way.
     Normal,

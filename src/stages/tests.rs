@@ -88,7 +88,12 @@ fn host_structs_lie_as_shaders_read_them() {
             instance_count = "instance_count",
             curve_shift = "curve_shift",
             history_rows = "history_rows",
-            centre = "centre"
+            centre = "centre",
+            fovea_radii = "fovea_radii",
+            gaze = "gaze",
+            layer_iterations = "layer_iterations",
+            unsampled_share = "unsampled_share",
+            mask_turn = "mask_turn"
         ]
     );
     same_layout!(

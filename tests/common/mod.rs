@@ -54,6 +54,7 @@ impl Subject {
             filter: Filter::Atrous,
             iterations: 0,
             reproject: false,
+            foveation: None,
             aovs: Vec::new(),
             frames_in_flight: 1,
             checks: ShaderChecks::Fast,

@@ -4,7 +4,18 @@ use crate::image::Extent;
 
 fn spec(devices: usize, seam: Seam) -> FrameSpec {
     let extent = Extent::new(64, 180);
-    FrameSpec { extent, devices, views: Views::Reprojected, filter: Filter::Atrous, iterations: 5, history_rows: None, seam, aovs: 1, has_surfaces: true }
+    FrameSpec {
+        extent,
+        devices,
+        views: Views::Reprojected,
+        foveated: false,
+        filter: Filter::Atrous,
+        iterations: 5,
+        history_rows: None,
+        seam,
+        aovs: 1,
+        has_surfaces: true,
+    }
 }
 
 /// Different stripes at every stage and view.
@@ -99,9 +110,9 @@ fn every_read_finds_its_rows_on_its_device() {
     let halos = HaloPlan::all(6).chain([HaloPlan::EXCHANGE]).map(Seam::Halo);
     let seams: Vec<Seam> = [Seam::None, Seam::Filter].into_iter().chain(halos).collect();
     for devices in 1..=5 {
-        for &seam in &seams {
+        for (i, &seam) in seams.iter().enumerate() {
             for assignment in [Assignment::uniform(Stripes::even(180, devices)), ragged(devices)] {
-                let spec = spec(devices, seam);
+                let spec = FrameSpec { foveated: i % 2 == 1, ..spec(devices, seam) };
                 replay(&spec, &FrameGraph::build(&spec, &assignment, None), None);
                 let (spec, before) = with_history(spec, 12);
                 replay(&spec, &FrameGraph::build(&spec, &assignment, Some(&before)), Some(&before));
@@ -179,6 +190,8 @@ fn what_a_frame_does_not_need_is_pruned() {
     assert!(!stages(&one).contains(&Stage::SeamFilter));
     let traced = FrameSpec { views: Views::Traced, iterations: 0, aovs: 0, ..full.clone() };
     assert_eq!(stages(&traced), [Stage::Gbuffer, Stage::PathTrace, Stage::Tonemap, Stage::Tally]);
+    let foveated = FrameSpec { foveated: true, ..traced.clone() };
+    assert_eq!(stages(&foveated), [Stage::Gbuffer, Stage::Select, Stage::PathTrace, Stage::Tonemap, Stage::Tally]);
     let empty = FrameSpec { has_surfaces: false, aovs: 0, ..full };
     assert_eq!(stages(&empty), [Stage::Gbuffer, Stage::Tonemap, Stage::Tally]);
 }

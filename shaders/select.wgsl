@@ -1,0 +1,48 @@
+// Which pixels of a view are path traced when sampling is foveated, as a compacted list (Peres, section 4.2, the
+// coordinates buffer). Departure: Peres makes mask and list once on the CPU, for a gaze that stands still; here the gaze
+// moves with every frame, so each device lists the pixels of its own rows, and nothing waits for the host. Pixels left out
+// have radiance with alpha 0, the mask that the filter weighs with.
+
+//!include frame rng pack foveation
+
+@group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
+@group(1) @binding(1) var<storage, read> guide_image: array<vec4<u32>>;
+@group(1) @binding(2) var<storage, read_write> radiance_image: array<vec4<f32>>;
+@group(1) @binding(3) var<storage, read_write> tally_image: array<u32>;
+@group(1) @binding(4) var<storage, read_write> holes: array<atomic<u32>>;
+
+var<workgroup> wanted_here: atomic<u32>;
+var<workgroup> first_slot: u32;
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocation_index) lane: u32) {
+    if lane == 0u {
+        atomicStore(&wanted_here, 0u);
+    }
+    workgroupBarrier();
+    let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
+    let at = pixel_index(pixel);
+    var wanted = false;
+    var slot = 0u;
+    if pixel.x < frame.width && pixel.y < pass_.row_end {
+        // No filter brings light to a pixel without a surface at its centre: one at the rim of a surface is traced.
+        let is_rim = guide_image[at].w == NO_NORMAL && (hit_image[at].w & FLAG_MIXED) != 0u;
+        wanted = is_rim || is_sampled(pixel, pass_.view);
+        radiance_image[at] = vec4<f32>(0.0);
+        if wanted {
+            slot = atomicAdd(&wanted_here, 1u);
+        } else {
+            tally_image[at] |= SKIPPED << 28u;
+        }
+    }
+    workgroupBarrier();
+    if lane == 0u {
+        let count = atomicLoad(&wanted_here);
+        first_slot = atomicAdd(&holes[0], count);
+        atomicMax(&holes[1], min((first_slot + count + 63u) / 64u, 65535u));
+    }
+    let first = workgroupUniformLoad(&first_slot);
+    if wanted {
+        atomicStore(&holes[4u + first + slot], at);
+    }
+}

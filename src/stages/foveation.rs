@@ -1,0 +1,46 @@
+//! Foveation by three layers around the gaze, as the frame's constants say it to shaders.
+
+use glam::{Vec2, Vec4};
+
+use super::layout::Frame;
+use crate::scene::shot::Gaze;
+
+/// Sampling and filtering that follow the gaze (Peres, sections 4.2 and 4.4). The gaze may move with every frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Foveation {
+    /// Of the left and the right eye.
+    pub gaze: [Gaze; 2],
+    /// Where the inner and the middle layer end, as fractions of the image's width; they rise.
+    pub radii: [f64; 2],
+    /// Share of the outer layer's pixels that are not sampled, 0 to 1; it falls to 0 towards the inner layer.
+    pub unsampled_share: f64,
+    /// Filter iterations that pixels of the inner, middle and outer layer take part in: those with the smallest steps.
+    pub iterations: [u32; 3],
+}
+
+impl Foveation {
+    /// Radii and share of Peres, sections 4.2 and 5.1.
+    pub fn new(gaze: [Gaze; 2], iterations: [u32; 3]) -> Self {
+        Self { gaze, radii: [0.15, 0.30], unsampled_share: 0.5, iterations }
+    }
+
+    /// Radii and gaze of an eye at `time_s` in an image of this size, pixels.
+    pub fn circles(&self, eye: usize, time_s: f64, width: u32, height: u32) -> ([f64; 2], [f64; 2]) {
+        let [x, y] = self.gaze[eye].at(time_s);
+        (self.radii.map(|r| r * f64::from(width)), [x * f64::from(width), y * f64::from(height)])
+    }
+
+    /// Sets a frame's constants, whose size and index are set. `turns`: the mask is another one in each frame, so that
+    /// all pixels are sampled in time.
+    pub(crate) fn describe(&self, frame: &mut Frame, time_s: f64, turns: bool) {
+        let [(radii, left), (_, right)] = [0, 1].map(|eye| self.circles(eye, time_s, frame.width, frame.height));
+        frame.fovea_radii = Vec2::from(radii.map(|r| r as f32));
+        frame.gaze = Vec4::from([left[0], left[1], right[0], right[1]].map(|c| c as f32));
+        frame.layer_iterations = self.iterations;
+        frame.unsampled_share = self.unsampled_share as f32;
+        frame.mask_turn = if turns { frame.index.wrapping_mul(GOLDEN_RATIO) } else { 0 };
+    }
+}
+
+/// Its fraction, of 2^32.
+const GOLDEN_RATIO: u32 = 0x9e37_79b9;
