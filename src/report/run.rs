@@ -105,7 +105,7 @@ impl fmt::Display for ReferenceRow {
 pub struct FrameRow {
     pub index: u32,
     pub makespan_ms: f64,
-    /// From the end of the frame before to the end of this one; `null` for the first.
+    /// From the end of the frame before to the end of this one; `null` for the first, and of a reference.
     pub interval_ms: Option<f64>,
     /// What the cost model foretold; `null` before it had learned from a frame, and for frames in flight together.
     pub predicted_ms: Option<f64>,
