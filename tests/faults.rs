@@ -179,6 +179,8 @@ fn the_command_goes_on_without_its_first_device() {
     let events = json(&trace);
     let marked = |e: &&Value| e["name"] == "device taken out" && e["pid"] == 10;
     assert_eq!(events["traceEvents"].as_array().unwrap().iter().filter(marked).count(), 1);
+    let frames = events["traceEvents"].as_array().unwrap().iter().filter(|e| e["cat"] == "frame");
+    assert_eq!(frames.map(|e| &e["args"]["devices"]).collect::<Vec<_>>(), ["0,1", "1", "1"]);
 }
 
 #[test]

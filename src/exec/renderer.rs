@@ -288,6 +288,7 @@ impl Renderer {
             tasks: Vec::new(),
             tallies: Default::default(),
             row_tallies: Default::default(),
+            devices: self.crew.left(),
             assignment,
             seam: self.spec.seam,
         };

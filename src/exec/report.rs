@@ -58,6 +58,8 @@ pub struct FrameReport {
     pub tallies: [Tally; 2],
     /// Per eye and row.
     pub row_tallies: [Vec<RowTally>; 2],
+    /// Those that were left when it was begun.
+    pub devices: Vec<usize>,
     pub assignment: Assignment,
     pub seam: Seam,
 }
