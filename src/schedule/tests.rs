@@ -337,7 +337,7 @@ fn halo_rows_are_received_where_that_costs_less() {
         costs.transfers.iter_mut().for_each(|t| t.ms *= factor);
         costs.wait_ms = (0..4).map(|d| (d, GAP_MS * factor)).collect();
         let mut model = CostModel::new(&world.spec);
-        model.learn(&costs);
+        (0..2).for_each(|_| model.learn(&costs));
         model
     };
     let exchanges = |factor: f64| {
