@@ -98,6 +98,8 @@ fn two_devices_may_fail_in_one_frame() {
     let mut failed: Vec<_> = three.renderer().faults().iter().map(|f| f.device).collect();
     failed.sort_unstable();
     assert_eq!(failed, [0, 1]);
+    // The time of the attempts that failed is no time that a device takes to begin.
+    assert_eq!(three.renderer().costs().lead_ms(2), 0.0);
     assert!(three.frame(0).linear == one, "the frame after");
 }
 

@@ -391,7 +391,8 @@ impl Renderer {
             report.tallies = report.row_tallies.each_ref().map(|rows| Tally::of(rows));
         }
         report.tasks.sort_by(|a, b| a.device.cmp(&b.device).then(a.begin_ms.total_cmp(&b.begin_ms)));
-        self.costs.learn(&costs::frame_costs(report, self.devices.len()));
+        let begun_ms = (!report.overlapped && frame.attempts == 1).then_some(report.begin_ms);
+        self.costs.learn(&costs::frame_costs(report, self.devices.len(), begun_ms));
         if frame.attempts == 1 {
             let makespan_ms = report.makespan_ms;
             self.watchdog.learn(self.samples(&frame.inputs), makespan_ms);

@@ -53,6 +53,7 @@ pub struct FrameReport {
     pub predicted_ms: Option<f64>,
     /// Host time to make stripes and graph, milliseconds.
     pub plan_ms: f64,
+    /// By device, in order of begin.
     pub tasks: Vec<TaskTiming>,
     /// Per eye, summed over rows.
     pub tallies: [Tally; 2],
