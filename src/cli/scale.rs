@@ -40,7 +40,7 @@ const REPEATS: u32 = 5;
 pub fn run(args: &Args) -> Result<(), Failure> {
     let options = &args.options;
     options.check().map_err(Failure::Input)?;
-    args.simulation.check()?;
+    args.simulation.check(options)?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
     let tracing = Tracing::start(options)?;
