@@ -71,3 +71,14 @@ fn frames_in_flight_are_not_simulated() {
     assert_eq!(output.status.code(), Some(2), "{said}");
     assert!(said.contains("--frames-in-flight"), "{said}");
 }
+
+/// Each is timed with others behind it, which are not timed; between five there are four periods.
+#[test]
+fn frames_in_flight_are_timed_from_end_to_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let result = scale(folder.path(), &["--frames-in-flight", "2"]);
+    for row in result["rows"].as_array().unwrap() {
+        assert_eq!((&row["frames"], &row["periods"]), (&5.into(), &4.into()), "{row}");
+        assert_eq!(row["period_ms"], row["interval_ms"], "{row}");
+    }
+}

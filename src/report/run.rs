@@ -234,9 +234,12 @@ impl RunReport {
         self.frames.iter().map(own_ms).sum::<f64>() * 1e-3
     }
 
-    /// Median time between the ends of frames that follow one another, ms.
+    /// Median time between the ends of frames that follow one another, ms. Those of the last ones in flight, which had
+    /// the devices to themselves in the end, do not count.
     pub fn median_interval_ms(&self) -> Option<f64> {
-        let intervals: Vec<f64> = self.frames.iter().filter_map(|f| f.interval_ms).collect();
+        let alone = usize::from(self.settings.frames_in_flight).saturating_sub(1);
+        let frames = &self.frames[..self.frames.len().saturating_sub(alone)];
+        let intervals: Vec<f64> = frames.iter().filter_map(|f| f.interval_ms).collect();
         (!intervals.is_empty()).then(|| median_of(intervals))
     }
 

@@ -26,6 +26,8 @@ pub struct Row {
     /// follow one another.
     pub period_ms: f64,
     pub period_spread: f64,
+    /// How many of them there are.
+    pub periods: usize,
     /// Over the first row.
     pub speedup: f64,
     /// Its standard error, from how far the frames of both rows scatter.
@@ -70,6 +72,7 @@ impl Row {
             makespan_ms_iqr: interquartile_range(makespans_ms),
             interval_ms: median_of(intervals_ms),
             period_ms,
+            periods: periods_ms.len(),
             period_spread: interquartile_range(periods_ms) / period_ms,
             imbalance: median(&|f| imbalance(&busy_ms(f, devices))),
             transfer_share: median(&|f| transfer_ms(f) / (period_ms * devices as f64)),
@@ -91,10 +94,10 @@ impl Row {
         Self { speedup, speedup_error, efficiency, ..self }
     }
 
-    /// Standard error of the median over the median, of frames that scatter about normally. McGill, Tukey & Larsen,
+    /// Standard error of the median over the median, of periods that scatter about normally. McGill, Tukey & Larsen,
     /// "Variations of Box Plots" (1978): 1.25 IQR / (1.35 √n).
     fn relative_error(&self) -> f64 {
-        1.25 / 1.35 * self.period_spread / (self.frames as f64).sqrt()
+        1.25 / 1.35 * self.period_spread / (self.periods as f64).sqrt()
     }
 
     /// Where the devices' time went, as shares that add up to 1.
@@ -302,9 +305,9 @@ mod tests {
     use super::*;
 
     fn row(devices: usize, makespan_ms: f64, idle_share: f64, imbalance: f64) -> Row {
-        let (frames, makespan_ms_iqr, period_ms, period_spread) = (9, 0.09 * makespan_ms, makespan_ms, 0.09);
-        let row = Row { devices, frames, makespan_ms, makespan_ms_iqr, period_ms, period_spread, ..Row::default() };
-        Row { idle_share, imbalance, ..row }
+        let (makespan_ms_iqr, period_ms, period_spread) = (0.09 * makespan_ms, makespan_ms, 0.09);
+        let row = Row { devices, makespan_ms, makespan_ms_iqr, period_ms, period_spread, ..Row::default() };
+        Row { frames: 10, periods: 9, idle_share, imbalance, ..row }
     }
 
     #[test]
