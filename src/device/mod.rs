@@ -66,7 +66,8 @@ impl GpuDevice {
         match polled {
             Ok(_) => Ok(true),
             Err(wgpu::PollError::Timeout) => Ok(false),
-            Err(error) => Err(error.to_string().into()),
+            // It may be lost and not have said so yet.
+            Err(_) => self.wait(Some(submission.clone())).map(|()| true),
         }
     }
 
