@@ -58,6 +58,8 @@ pub(super) struct Inputs {
 struct InFlight {
     inputs: Inputs,
     ticket: u64,
+    /// What its workers were told; a later one may be shorter.
+    limit: Duration,
     report: FrameReport,
     primary: usize,
     /// What is to happen to devices in it.
@@ -232,8 +234,7 @@ impl Renderer {
         loop {
             let Some(mut frame) = self.in_flight.pop_front() else { return Ok(None) };
             let _span = tracing::info_span!("finish frame", frame = frame.report.index).entered();
-            let limit = self.limit(&frame.inputs);
-            let failures = self.take_in(&mut frame, limit)?;
+            let failures = self.take_in(&mut frame)?;
             if failures.is_empty() {
                 return Ok(Some(frame.report));
             }
@@ -248,7 +249,7 @@ impl Renderer {
         let behind: Vec<InFlight> = self.in_flight.drain(..).collect();
         behind.iter().for_each(|f| self.crew.call_off(f.ticket));
         for other in &behind {
-            for (device, answer) in self.crew.answers(other.ticket, self.limit(&other.inputs)) {
+            for (device, answer) in self.crew.answers(other.ticket, other.limit) {
                 if let Err(Stop::Device(failure)) = answer {
                     failed.entry(device).or_insert(failure);
                 }
@@ -300,12 +301,22 @@ impl Renderer {
             let job = FrameJob { graph: Arc::clone(&graph), constants, previous, slot, reads, runs, injected };
             orders.push((device, Order::Frame(Box::new(job))));
         }
-        let ticket = self.crew.ask(orders, self.limit(&inputs));
+        let limit = self.limit(&inputs);
+        let ticket = self.crew.ask(orders, limit);
         if let Some(before) = self.in_flight.back_mut() {
             (before.report.overlapped, before.report.predicted_ms) = (true, None);
         }
         let primary = graph.primary;
-        self.in_flight.push_back(InFlight { inputs, ticket, report, primary, injections, first_fault, attempts });
+        self.in_flight.push_back(InFlight {
+            inputs,
+            ticket,
+            limit,
+            report,
+            primary,
+            injections,
+            first_fault,
+            attempts,
+        });
     }
 
     /// What a device may take for one thing that is waited for. Frames that were begun before may come first.
@@ -344,8 +355,8 @@ impl Renderer {
     }
 
     /// Collects a frame's answers; returns the devices that failed. A whole frame is learned from.
-    fn take_in(&mut self, frame: &mut InFlight, limit: Duration) -> Result<Vec<(usize, DeviceFailure)>, ExecError> {
-        let answers = self.crew.answers(frame.ticket, limit);
+    fn take_in(&mut self, frame: &mut InFlight) -> Result<Vec<(usize, DeviceFailure)>, ExecError> {
+        let answers = self.crew.answers(frame.ticket, frame.limit);
         let (mut failures, mut is_whole, mut begin_ms, mut end_ms) = (Vec::new(), true, f64::INFINITY, 0.0);
         let mut images = HashMap::new();
         for (device, answer) in answers {
