@@ -105,7 +105,7 @@ impl Worker {
             match &task.kind {
                 TaskKind::Dispatch { .. } => self.dispatch(part, task),
                 TaskKind::Download { resource, .. } => self.download(part, *resource, task),
-                TaskKind::Upload { resource, transfer, .. } => {
+                TaskKind::Upload { resource, transfer } => {
                     self.flush(part)?;
                     self.upload(part, *resource, *transfer, task)?;
                 }
@@ -353,7 +353,7 @@ impl Worker {
 
 fn as_upload(task: &Task) -> Option<(&Task, Resource, u32)> {
     match task.kind {
-        TaskKind::Upload { resource, transfer, .. } => Some((task, resource, transfer)),
+        TaskKind::Upload { resource, transfer } => Some((task, resource, transfer)),
         _ => None,
     }
 }
