@@ -71,6 +71,15 @@ impl FrameReport {
         self.assignment.stripes(Stage::PathTrace, Eye::Left).inner_edges()
     }
 
+    /// Per device of the run, the time in which its queue ran stages, milliseconds.
+    pub fn busy_ms(&self) -> Vec<f64> {
+        let mut busy = vec![0.0; self.assignment.stripes(Stage::PathTrace, Eye::Left).devices()];
+        for task in self.tasks.iter().filter(|t| matches!(t.kind, TimedTask::Gpu(_))) {
+            busy[task.device] += task.end_ms - task.begin_ms;
+        }
+        busy
+    }
+
     /// Bytes that crossed from device to device.
     pub fn uploaded_bytes(&self) -> u64 {
         self.tasks.iter().filter(|t| t.kind == TimedTask::Upload).filter_map(|t| t.bytes).sum()

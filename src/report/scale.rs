@@ -60,7 +60,7 @@ impl Row {
         let overlapped = frames.iter().any(|f| f.overlapped);
         let periods_ms = if overlapped { intervals_ms.clone() } else { makespans_ms.clone() };
         let period_ms = median_of(periods_ms.clone());
-        let idle = |f: &FrameReport| 1.0 - busy_ms(f, devices).iter().sum::<f64>() / (period_ms * devices as f64);
+        let idle = |f: &FrameReport| 1.0 - f.busy_ms().iter().sum::<f64>() / (period_ms * devices as f64);
         let error = |f: &FrameReport| Some((f.predicted_ms? - f.makespan_ms).abs() / f.makespan_ms);
         let errors: Vec<f64> = frames.iter().filter_map(error).collect();
         let row = Self {
@@ -74,7 +74,7 @@ impl Row {
             period_ms,
             periods: periods_ms.len(),
             period_spread: interquartile_range(periods_ms) / period_ms,
-            imbalance: median(&|f| imbalance(&busy_ms(f, devices))),
+            imbalance: median(&|f| imbalance(&f.busy_ms())),
             transfer_share: median(&|f| transfer_ms(f) / (period_ms * devices as f64)),
             oversubscribed,
             idle_share: median(&idle),
@@ -132,14 +132,6 @@ impl Shares {
         let largest = losses.into_iter().max_by(|a, b| a.1.total_cmp(&b.1));
         largest.filter(|_| lost > LOSS_SHARE).map_or("work", |(name, _)| name)
     }
-}
-
-fn busy_ms(frame: &FrameReport, devices: usize) -> Vec<f64> {
-    let mut busy = vec![0.0; devices];
-    for task in frame.tasks.iter().filter(|t| matches!(t.kind, TimedTask::Gpu(_))) {
-        busy[task.device] += task.end_ms - task.begin_ms;
-    }
-    busy
 }
 
 fn transfer_ms(frame: &FrameReport) -> f64 {

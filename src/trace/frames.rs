@@ -139,11 +139,7 @@ fn record_counters(recorder: &Recorder, frame: &FrameReport, knobs: &FrameKnobs)
     let stripes = frame.assignment.stripes(Stage::PathTrace, Eye::Left);
     let rows = (0..stripes.devices()).map(|d| stripes.rows(d).len() as f64);
     record_shares(recorder, "share of rows", at_us, rows.collect());
-    let mut busy_ms = vec![0.0; stripes.devices()];
-    for task in frame.tasks.iter().filter(|t| matches!(t.kind, TimedTask::Gpu(_))) {
-        busy_ms[task.device] += task.end_ms - task.begin_ms;
-    }
-    record_shares(recorder, "share of work", at_us, busy_ms);
+    record_shares(recorder, "share of work", at_us, frame.busy_ms());
 }
 
 /// A series per device, which together make 1.
