@@ -6,6 +6,7 @@ use super::html::Section;
 use super::plot::{Axis, Chart, Series, line_chart_svg};
 use super::{Column, ReportError, Table, csv, imbalance, median_of, shares_text};
 use crate::exec::{FrameReport, TimedTask};
+use crate::schedule::LOSS_SHARE;
 use crate::trace::frames::trace_from;
 use crate::trace::summary::Summary;
 
@@ -120,9 +121,6 @@ struct Shares {
     /// No device busy all the time: transfers, hand-overs, the host.
     waits: f64,
 }
-
-/// Part of the time that may be lost before something else than work limits a frame.
-const LOSS_SHARE: f64 = 0.05;
 
 impl Shares {
     /// The largest loss, if losses matter.

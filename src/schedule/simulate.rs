@@ -67,8 +67,8 @@ impl Limit {
     }
 }
 
-/// Part of the makespan that may be lost before something else than work limits a frame.
-const LOSS_SHARE: f64 = 0.05;
+/// Part of a frame's time that may be lost before something else than work limits it.
+pub const LOSS_SHARE: f64 = 0.05;
 
 /// The graph makes devices wait for one another in a circle.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
