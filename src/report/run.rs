@@ -17,7 +17,7 @@ use crate::scene::needs::SceneNeeds;
 use crate::scene::rig::Eye;
 use crate::stages::HoleReason;
 
-use super::median_of;
+use super::{median, median_of};
 
 /// The settings of a run, as its options gave them.
 #[derive(Clone, Debug, Serialize)]
@@ -240,7 +240,7 @@ impl RunReport {
         let alone = usize::from(self.settings.frames_in_flight).saturating_sub(1);
         let frames = &self.frames[..self.frames.len().saturating_sub(alone)];
         let intervals: Vec<f64> = frames.iter().filter_map(|f| f.interval_ms).collect();
-        (!intervals.is_empty()).then(|| median_of(intervals))
+        median(intervals)
     }
 
     /// Median of the frames' makespans, ms.

@@ -80,7 +80,7 @@ impl Row {
             oversubscribed,
             idle_share: median(&idle),
             bytes_per_frame: median(&|f| f.uploaded_bytes() as f64),
-            prediction_error: (!errors.is_empty()).then(|| median_of(errors)),
+            prediction_error: super::median(errors),
             critical_path: critical_path(frames),
             ..Self::default()
         };
