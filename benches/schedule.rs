@@ -1,7 +1,7 @@
 //! Time that a frame's planning takes the host, without a device: learn, choose the halo plan, assign and predict, for each
 //! policy that learns.
 //!
-//! `cargo bench --bench schedule -- [--reps N] [--devices N] [--height ROWS]`
+//! `cargo bench --bench schedule -- [--reps N] [--devices N] [--height ROWS] [--iterations N]`
 //!
 //! Costs change a little from frame to frame, so that stripes move now and then; the graph is built anew only when they
 //! or the halo plan have changed, as the renderer does, and that is timed apart.
@@ -19,10 +19,11 @@ struct Options {
     reps: usize,
     devices: usize,
     height: u32,
+    iterations: u32,
 }
 
 fn options() -> Options {
-    let mut options = Options { reps: 2000, devices: 8, height: 720 };
+    let mut options = Options { reps: 2000, devices: 8, height: 720, iterations: 5 };
     let mut args = std::env::args().skip(1).filter(|a| a != "--bench");
     while let Some(arg) = args.next() {
         let value = args.next().unwrap_or_else(|| panic!("{arg} takes a value"));
@@ -30,6 +31,7 @@ fn options() -> Options {
             "--reps" => options.reps = value.parse().expect("--reps takes a number"),
             "--devices" => options.devices = value.parse().expect("--devices takes a number"),
             "--height" => options.height = value.parse().expect("--height takes a number of rows"),
+            "--iterations" => options.iterations = value.parse().expect("--iterations takes a number"),
             _ => panic!("{arg} is no option of this benchmark"),
         }
     }
@@ -70,20 +72,20 @@ fn median(values: &mut [f64]) -> f64 {
 }
 
 fn main() {
-    let Options { reps, devices, height } = options();
+    let Options { reps, devices, height, iterations } = options();
     let spec = FrameSpec {
         extent: Extent::new(height * 16 / 9, height),
         devices,
         views: Views::Reprojected,
         filter: Filter::Atrous,
         foveated: false,
-        iterations: 5,
+        iterations,
         history_rows: None,
         seam: Seam::Halo(HaloPlan::RECOMPUTE),
         aovs: 0,
         has_surfaces: true,
     };
-    println!("ms per frame, medians of {reps} frames, {devices} devices, {height} rows");
+    println!("ms per frame, medians of {reps} frames, {devices} devices, {height} rows, {iterations} iterations");
     let policies: [Box<dyn Policy>; 2] =
         [Box::new(Measured::new(height, devices)), Box::new(Heft::new(height, devices))];
     for policy in policies {

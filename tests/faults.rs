@@ -122,6 +122,8 @@ fn two_devices_may_fail_in_one_frame() {
     let mut failed: Vec<_> = three.renderer().faults().iter().map(|f| f.device).collect();
     failed.sort_unstable();
     assert_eq!(failed, [0, 1]);
+    // The time of the attempts that failed is no time that a device takes to begin.
+    assert_eq!(three.renderer().costs().lead_ms(2), 0.0);
     assert!(three.frame(0).linear == one, "the frame after");
 }
 
@@ -203,6 +205,8 @@ fn the_command_goes_on_without_its_first_device() {
     let events = json(&trace);
     let marked = |e: &&Value| e["name"] == "device taken out" && e["pid"] == 10;
     assert_eq!(events["traceEvents"].as_array().unwrap().iter().filter(marked).count(), 1);
+    let frames = events["traceEvents"].as_array().unwrap().iter().filter(|e| e["cat"] == "frame");
+    assert_eq!(frames.map(|e| &e["args"]["devices"]).collect::<Vec<_>>(), ["0,1", "1", "1"]);
 }
 
 #[test]

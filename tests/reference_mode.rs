@@ -106,6 +106,16 @@ fn resumed_passes_have_the_bytes_of_uninterrupted_ones() {
     assert!(case.path("passes/reference.preview.png").exists());
 }
 
+/// Rays of all passes over the time of the last would be too fast by their number.
+#[test]
+fn a_reference_takes_as_long_as_its_passes() {
+    let case = Case::new();
+    case.render("out", &["--spp", "32"]);
+    let run: serde_json::Value = serde_json::from_slice(&std::fs::read(case.path("out/run.json")).unwrap()).unwrap();
+    assert_eq!(run["references"][0]["passes"], 4);
+    assert!(run["frames"][0]["interval_ms"].is_null(), "{}", run["frames"][0]["interval_ms"]);
+}
+
 #[test]
 fn any_number_of_devices_gives_the_same_bytes() {
     let case = Case::new();

@@ -61,3 +61,24 @@ fn a_page_has_all_of_it_and_needs_nothing_else() {
     assert!(page.contains(read(folder.path(), "scale.svg").trim()));
     assert_eq!(read(folder.path(), "simulate.csv").lines().count(), 4);
 }
+
+#[test]
+fn frames_in_flight_are_not_simulated() {
+    let folder = tempfile::tempdir().unwrap();
+    let args = ["scale", "builtin:checker", "--size", "48x32", "--frames-in-flight", "2", "--simulate", "1,2"];
+    let output = diptych(&[&args[..], &["--out", folder.path().to_str().unwrap()]].concat());
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("--frames-in-flight"), "{said}");
+}
+
+/// Each is timed with others behind it, which are not timed; between five there are four periods.
+#[test]
+fn frames_in_flight_are_timed_from_end_to_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let result = scale(folder.path(), &["--frames-in-flight", "2"]);
+    for row in result["rows"].as_array().unwrap() {
+        assert_eq!((&row["frames"], &row["periods"]), (&5.into(), &4.into()), "{row}");
+        assert_eq!(row["period_ms"], row["interval_ms"], "{row}");
+    }
+}

@@ -187,6 +187,8 @@ pub struct Accumulated {
 }
 
 fn fold(total: &mut Option<FrameReport>, mut pass: FrameReport) {
+    // Passes end one after another; the sum of them does not end after another frame.
+    pass.interval_ms = None;
     if let Some(before) = total {
         pass.makespan_ms += before.makespan_ms;
         pass.predicted_ms = pass.predicted_ms.zip(before.predicted_ms).map(|(a, b)| a + b);

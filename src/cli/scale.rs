@@ -40,13 +40,13 @@ const REPEATS: u32 = 5;
 pub fn run(args: &Args) -> Result<(), Failure> {
     let options = &args.options;
     options.check().map_err(Failure::Input)?;
-    args.simulation.check()?;
+    args.simulation.check(options)?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
     let tracing = Tracing::start(options)?;
     let loaded = setup::load(options)?;
     let timed = options.frames.max(REPEATS);
-    let steps = args.counts.len() as u64 * u64::from(timed + args.warm_up);
+    let steps = args.counts.len() as u64 * u64::from(args.warm_up + timed + followers(options));
     let progress = Progress::new(steps, options.quiet, options.json);
     let mut found = Found::default();
     let mut model: Option<CostModel> = None;
@@ -84,6 +84,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Frames behind those that are timed, so that these share the devices to the last: without others behind them, frames
+/// end sooner.
+fn followers(options: &RenderOptions) -> u32 {
+    u32::from(options.frames_in_flight).saturating_sub(1)
+}
+
 fn measure(
     args: &Args,
     loaded: &Loaded,
@@ -100,8 +106,9 @@ fn measure(
     record_devices(&tracing.recorder, renderer.devices());
     let devices = renderer.devices().len();
     let (mut frames, mut begun) = (Vec::new(), 0);
+    let timed = args.warm_up..args.warm_up + timed;
     loop {
-        while begun < args.warm_up + timed && renderer.in_flight() < usize::from(options.frames_in_flight) {
+        while begun < timed.end + followers(options) && renderer.in_flight() < usize::from(options.frames_in_flight) {
             // A sequence moves along the path; a single frame is repeated.
             let number = if options.frames > 1 { begun.saturating_sub(args.warm_up) } else { 0 };
             let time_s = options.time + f64::from(number) / options.fps;
@@ -113,7 +120,7 @@ fn measure(
         interrupt::check()?;
         let event = serde_json::json!({ "event": "frame", "devices": devices, "makespan_ms": frame.makespan_ms });
         progress.step(format!("{devices} device(s) {:.1} ms", frame.makespan_ms), &event);
-        if frame.index >= args.warm_up {
+        if timed.contains(&frame.index) {
             // Each count's frames get numbers of their own in the trace.
             let shown = FrameReport { index: frame.index + count as u32 * 1_000_000, ..frame.clone() };
             tracing.record(options, &shown);

@@ -24,7 +24,11 @@ impl Args {
     }
 
     /// What clap cannot see.
-    pub fn check(&self) -> Result<(), Failure> {
+    pub fn check(&self, options: &RenderOptions) -> Result<(), Failure> {
+        if self.is_wanted() && options.frames_in_flight > 1 {
+            let what = "--simulate plays frames one after another: leave --frames-in-flight out";
+            return Err(Failure::Input(anyhow::anyhow!(what)));
+        }
         match self.speeds.iter().find(|s| !s.is_finite() || **s <= 0.0) {
             Some(speed) => Err(Failure::Input(anyhow::anyhow!("--speeds {speed} is not a speed above 0"))),
             None => Ok(()),

@@ -47,7 +47,7 @@ pub struct GpuDevice {
 }
 
 /// Waits are made of slices, so that the time in which the whole process stood still counts as one of them at most.
-const WAIT_SLICES: u32 = 8;
+pub const WAIT_SLICES: u32 = 8;
 
 impl GpuDevice {
     /// What went wrong on the device since it was opened, if anything did.
@@ -66,7 +66,8 @@ impl GpuDevice {
         match polled {
             Ok(_) => Ok(true),
             Err(wgpu::PollError::Timeout) => Ok(false),
-            Err(error) => Err(error.to_string().into()),
+            // It may be lost and not have said so yet.
+            Err(_) => self.wait(Some(submission.clone())).map(|()| true),
         }
     }
 

@@ -1,11 +1,14 @@
 //! What a finished frame tells the cost model.
 
+use std::ops::Range;
+
 use super::{FrameReport, TaskTiming, TimedTask};
-use crate::graph::Stage;
+use crate::graph::{Seam, Stage};
 use crate::schedule::{FrameCosts, StageCost, TransferCost};
 
-/// Costs of a frame on this many devices.
-pub fn frame_costs(report: &FrameReport, devices: usize) -> FrameCosts {
+/// Costs of a frame on this many devices. `begun_ms` is when devices could turn to it; none where that is not known, as
+/// they were at another frame or at an attempt before.
+pub fn frame_costs(report: &FrameReport, devices: usize, begun_ms: Option<f64>) -> FrameCosts {
     let ms = |t: &TaskTiming| t.end_ms - t.begin_ms;
     let mut costs = FrameCosts {
         rays: report.row_tallies.each_ref().map(|rows| rows.iter().map(|r| r.rays).collect()),
@@ -29,43 +32,113 @@ pub fn frame_costs(report: &FrameReport, devices: usize) -> FrameCosts {
         }
     }
     for device in 0..devices {
-        let is_stage = |t: &&TaskTiming| t.device == device && matches!(t.kind, TimedTask::Gpu(_));
-        let mut stages: Vec<&TaskTiming> = report.tasks.iter().filter(is_stage).collect();
-        stages.sort_by(|a, b| a.begin_ms.total_cmp(&b.begin_ms));
-        if let Some(first) = stages.first().filter(|_| !report.overlapped) {
-            costs.lead_ms.push((device, first.begin_ms - report.begin_ms));
-        }
-        let mut gaps_ms: Vec<f64> = stages.windows(2).map(|pair| pair[1].begin_ms - pair[0].end_ms).collect();
-        gaps_ms.sort_by(f64::total_cmp);
-        // Few stages wait for transfers, so the middle one does not.
-        if let Some(&middle_ms) = gaps_ms.get(gaps_ms.len() / 2) {
-            costs.gap_ms.push((device, middle_ms));
+        let queue = Queue::of(report, device);
+        let lead_ms = queue.stages.first().zip(begun_ms).map(|(first, begun_ms)| first.begin_ms - begun_ms);
+        costs.lead_ms.extend(lead_ms.map(|ms| (device, ms)));
+        costs.gap_ms.extend(queue.median_gap_ms().map(|ms| (device, ms)));
+        if let Seam::Halo(plan) = report.spec.seam {
+            let wait_ms = queue.exchange_wait_ms(|iteration| plan.receives_before(iteration));
+            costs.wait_ms.extend(wait_ms.map(|ms| (device, ms)));
         }
     }
-    costs.wait_ms = (0..devices).filter_map(|d| Some((d, exchange_wait_ms(report, d)?))).collect();
-    let primary = report.assignment.primary();
-    let last = report.tasks.iter().filter(|t| t.device == primary).map(|t| t.end_ms).reduce(f64::max);
-    let end_ms = report.begin_ms + report.makespan_ms;
-    costs.tail_ms = last.map_or(0.0, |last_ms| end_ms - last_ms);
+    costs.tail_ms = if report.overlapped { 0.0 } else { tail_ms(report) };
     costs
 }
 
-/// Mean time for which a device's queue stood still before an iteration of the filter because of rows that it received;
-/// not before the first one, where it waits for tracing to end elsewhere.
-fn exchange_wait_ms(report: &FrameReport, device: usize) -> Option<f64> {
-    let of_device = || report.tasks.iter().filter(|t| t.device == device);
-    let mut stages: Vec<&TaskTiming> = of_device().filter(|t| matches!(t.kind, TimedTask::Gpu(_))).collect();
-    stages.sort_by(|a, b| a.begin_ms.total_cmp(&b.begin_ms));
-    let mut begun = [false; 2];
-    let mut waits_ms = Vec::new();
-    for pair in stages.windows(2).filter(|p| matches!(p[1].kind, TimedTask::Gpu(s) if s.ratio_group() == Stage::Atrous)) {
-        let gap = pair[0].end_ms..pair[1].begin_ms;
-        let is_first = !std::mem::replace(&mut begun[pair[1].view as usize], true);
-        let received = of_device().any(|t| t.kind == TimedTask::Upload && gap.contains(&t.begin_ms));
-        if received && !is_first {
-            waits_ms.push(gap.end - gap.start);
+/// From the primary's last task to the frame's end.
+fn tail_ms(report: &FrameReport) -> f64 {
+    let primary = report.assignment.primary();
+    let last = report.tasks.iter().filter(|t| t.device == primary).map(|t| t.end_ms).reduce(f64::max);
+    last.map_or(0.0, |last_ms| report.begin_ms + report.makespan_ms - last_ms)
+}
+
+/// What a device's queue ran of a frame, in order.
+struct Queue<'a> {
+    stages: Vec<&'a TaskTiming>,
+    /// When rows were handed to it.
+    uploads_ms: Vec<f64>,
+}
+
+impl<'a> Queue<'a> {
+    fn of(report: &'a FrameReport, device: usize) -> Self {
+        let of_device = || report.tasks.iter().filter(move |t| t.device == device);
+        Self {
+            stages: of_device().filter(|t| matches!(t.kind, TimedTask::Gpu(_))).collect(),
+            uploads_ms: of_device().filter(|t| t.kind == TimedTask::Upload).map(|t| t.begin_ms).collect(),
         }
     }
-    let count = waits_ms.len() as f64;
-    (count > 0.0).then(|| waits_ms.iter().sum::<f64>() / count)
+
+    /// Stages with the time before them in which none ran.
+    fn gaps(&self) -> impl Iterator<Item = (Range<f64>, &'a TaskTiming)> {
+        self.stages.windows(2).map(|pair| (pair[0].end_ms..pair[1].begin_ms, pair[1]))
+    }
+
+    /// Whether the device stood still for rows in a gap.
+    fn receives_in(&self, gap: &Range<f64>) -> bool {
+        self.uploads_ms.iter().any(|at_ms| gap.contains(at_ms))
+    }
+
+    /// Between two stages that no rows held up.
+    fn median_gap_ms(&self) -> Option<f64> {
+        let mut gaps_ms: Vec<f64> =
+            self.gaps().filter(|(gap, _)| !self.receives_in(gap)).map(|(gap, _)| gap.end - gap.start).collect();
+        gaps_ms.sort_by(f64::total_cmp);
+        gaps_ms.get(gaps_ms.len() / 2).copied()
+    }
+
+    /// Mean time for which the queue stood still before those passes of the filter that `receives` names, for rows
+    /// of neighbours; not before the first one, where it waits for tracing to end elsewhere.
+    fn exchange_wait_ms(&self, receives: impl Fn(usize) -> bool) -> Option<f64> {
+        let mut passes = [0; 2];
+        let mut waits_ms = Vec::new();
+        let filters = |t: &TaskTiming| matches!(t.kind, TimedTask::Gpu(Stage::Variance | Stage::Svgf | Stage::Atrous));
+        for (gap, stage) in self.gaps().filter(|(_, s)| filters(s)) {
+            let pass = &mut passes[stage.view as usize];
+            if *pass > 0 && receives(*pass) {
+                waits_ms.push(if self.receives_in(&gap) { gap.end - gap.start } else { 0.0 });
+            }
+            *pass += 1;
+        }
+        let count = waits_ms.len() as f64;
+        (count > 0.0).then(|| waits_ms.iter().sum::<f64>() / count)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::rig::Eye;
+
+    fn timing(kind: TimedTask, begin_ms: f64, end_ms: f64) -> TaskTiming {
+        TaskTiming {
+            stage: "",
+            kind,
+            view: Eye::Left,
+            device: 0,
+            rows: 0..1,
+            begin_ms,
+            end_ms,
+            bytes: None,
+            transfer: None,
+        }
+    }
+
+    /// Tracing, then four iterations: rows hold the first and the third one up, those of the second are there in time,
+    /// and before the fourth none come.
+    #[test]
+    fn gaps_are_the_hosts_and_waits_are_for_rows() {
+        let atrous = |begin_ms, end_ms| timing(TimedTask::Gpu(Stage::Atrous), begin_ms, end_ms);
+        let stages = [
+            timing(TimedTask::Gpu(Stage::PathTrace), 0.0, 10.0),
+            atrous(15.0, 16.0),
+            atrous(16.25, 17.0),
+            atrous(21.0, 22.0),
+            atrous(22.25, 23.0),
+        ];
+        let queue = Queue { stages: stages.iter().collect(), uploads_ms: vec![14.0, 15.5, 20.0] };
+        assert_eq!(queue.median_gap_ms(), Some(0.25));
+        assert_eq!(queue.exchange_wait_ms(|iteration| iteration < 3), Some(2.0));
+        assert_eq!(queue.exchange_wait_ms(|iteration| iteration == 1), Some(0.0));
+        assert_eq!(queue.exchange_wait_ms(|_| false), None);
+    }
 }

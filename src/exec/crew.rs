@@ -129,6 +129,8 @@ impl Crew {
                 }
                 Err(RecvTimeoutError::Disconnected) => awaited.iter().for_each(|&d| self.answer_for(d, gone())),
             }
+            // Who has answered just now is not hung.
+            let awaited = self.asked[place].awaited.clone();
             for device in vigil.silent(&pulses).into_iter().filter(|d| awaited.contains(d)) {
                 self.members[device].is_hung = true;
                 let what = format!("its worker gave no sign of life for more than {} ms", limit.as_millis());

@@ -68,6 +68,8 @@ struct Plan {
 struct InFlight {
     inputs: Inputs,
     ticket: u64,
+    /// What its workers were told; a later one may be shorter.
+    limit: Duration,
     report: FrameReport,
     primary: usize,
     /// What is to happen to devices in it.
@@ -245,8 +247,7 @@ impl Renderer {
         loop {
             let Some(mut frame) = self.in_flight.pop_front() else { return Ok(None) };
             let _span = tracing::info_span!("finish frame", frame = frame.report.index).entered();
-            let limit = self.limit(&frame.inputs);
-            let failures = self.take_in(&mut frame, limit)?;
+            let failures = self.take_in(&mut frame)?;
             if failures.is_empty() {
                 return Ok(Some(frame.report));
             }
@@ -261,7 +262,7 @@ impl Renderer {
         let behind: Vec<InFlight> = self.in_flight.drain(..).collect();
         behind.iter().for_each(|f| self.crew.call_off(f.ticket));
         for other in &behind {
-            for (device, answer) in self.crew.answers(other.ticket, self.limit(&other.inputs)) {
+            for (device, answer) in self.crew.answers(other.ticket, other.limit) {
                 if let Err(Stop::Device(failure)) = answer {
                     failed.entry(device).or_insert(failure);
                 }
@@ -304,6 +305,7 @@ impl Renderer {
             tasks: Vec::new(),
             tallies: Default::default(),
             row_tallies: Default::default(),
+            devices: self.crew.left(),
             assignment: plan.assignment,
             spec: FrameSpec { history_rows, ..self.spec.clone() },
         };
@@ -315,12 +317,22 @@ impl Renderer {
             let job = FrameJob { graph: Arc::clone(&graph), constants, previous, place, reads, runs, injected };
             orders.push((device, Order::Frame(Box::new(job))));
         }
-        let ticket = self.crew.ask(orders, self.limit(&inputs));
+        let limit = self.limit(&inputs);
+        let ticket = self.crew.ask(orders, limit);
         if let Some(before) = self.in_flight.back_mut() {
             (before.report.overlapped, before.report.predicted_ms) = (true, None);
         }
         let primary = graph.primary;
-        self.in_flight.push_back(InFlight { inputs, ticket, report, primary, injections, first_fault, attempts });
+        self.in_flight.push_back(InFlight {
+            inputs,
+            ticket,
+            limit,
+            report,
+            primary,
+            injections,
+            first_fault,
+            attempts,
+        });
     }
 
     /// What a device may take for one thing that is waited for. Frames that were begun before may come first.
@@ -370,8 +382,8 @@ impl Renderer {
     }
 
     /// Collects a frame's answers; returns the devices that failed. A whole frame is learned from.
-    fn take_in(&mut self, frame: &mut InFlight, limit: Duration) -> Result<Vec<(usize, DeviceFailure)>, ExecError> {
-        let answers = self.crew.answers(frame.ticket, limit);
+    fn take_in(&mut self, frame: &mut InFlight) -> Result<Vec<(usize, DeviceFailure)>, ExecError> {
+        let answers = self.crew.answers(frame.ticket, frame.limit);
         let (mut failures, mut is_whole, mut begin_ms, mut end_ms) = (Vec::new(), true, f64::INFINITY, 0.0);
         let mut images = HashMap::new();
         for (device, answer) in answers {
@@ -417,7 +429,8 @@ impl Renderer {
             report.tallies = report.row_tallies.each_ref().map(|rows| Tally::of(rows));
         }
         report.tasks.sort_by(|a, b| a.device.cmp(&b.device).then(a.begin_ms.total_cmp(&b.begin_ms)));
-        self.costs.learn(&costs::frame_costs(report, self.devices.len()));
+        let begun_ms = (!report.overlapped && frame.attempts == 1).then_some(report.begin_ms);
+        self.costs.learn(&costs::frame_costs(report, self.devices.len(), begun_ms));
         if frame.attempts == 1 {
             let makespan_ms = report.makespan_ms;
             self.watchdog.learn(self.samples(&frame.inputs), makespan_ms);

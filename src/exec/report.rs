@@ -53,11 +53,14 @@ pub struct FrameReport {
     pub predicted_ms: Option<f64>,
     /// Host time to make stripes and graph, milliseconds.
     pub plan_ms: f64,
+    /// By device, in order of begin.
     pub tasks: Vec<TaskTiming>,
     /// Per eye, summed over rows.
     pub tallies: [Tally; 2],
     /// Per eye and row.
     pub row_tallies: [Vec<RowTally>; 2],
+    /// Those that were left when it was begun.
+    pub devices: Vec<usize>,
     pub assignment: Assignment,
     /// What it had to do.
     pub spec: FrameSpec,
@@ -67,6 +70,15 @@ impl FrameReport {
     /// Rows at which one device's part of the left eye's path tracing ends and the next one's begins.
     pub fn stripe_edges(&self) -> &[u32] {
         self.assignment.stripes(Stage::PathTrace, Eye::Left).inner_edges()
+    }
+
+    /// Per device of the run, the time in which its queue ran stages, milliseconds.
+    pub fn busy_ms(&self) -> Vec<f64> {
+        let mut busy = vec![0.0; self.assignment.stripes(Stage::PathTrace, Eye::Left).devices()];
+        for task in self.tasks.iter().filter(|t| matches!(t.kind, TimedTask::Gpu(_))) {
+            busy[task.device] += task.end_ms - task.begin_ms;
+        }
+        busy
     }
 
     /// Bytes that crossed from device to device.

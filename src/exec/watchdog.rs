@@ -3,6 +3,8 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::time::{Duration, Instant};
 
+use crate::device::WAIT_SLICES;
+
 /// Before there is a frame to go by: far slower than any device that is worth its place, and half a minute more.
 const UNKNOWN_SAMPLE: Duration = Duration::from_micros(20);
 const UNKNOWN_BASE: Duration = Duration::from_secs(30);
@@ -58,11 +60,9 @@ impl Pulse {
     }
 }
 
-/// Slices of a limit in which a worker shows no sign of life before it counts as hung. A worker that waits for its
-/// device gives up after 8 by itself, and can then say why.
-const SILENT_SLICES: u32 = 10;
-/// Of a limit.
-pub const SLICES: u32 = 8;
+/// Slices of a limit in which a worker shows no sign of life before it counts as hung. One that waits for its device
+/// gives up two before by itself, and can then say why.
+const SILENT_SLICES: u32 = WAIT_SLICES + 2;
 
 /// Watches over workers while their answers are awaited. Time is counted in slices, so that a stop of the whole process
 /// counts as one.
@@ -76,7 +76,7 @@ pub struct Vigil {
 impl Vigil {
     pub fn new(limit: Duration, pulses: &[&Pulse]) -> Self {
         let seen = pulses.iter().map(|p| (p.beats.load(Ordering::Relaxed), 0)).collect();
-        Self { slice: limit / SLICES, slice_begin: Instant::now(), seen }
+        Self { slice: limit / WAIT_SLICES, slice_begin: Instant::now(), seen }
     }
 
     /// How long to wait for an answer before the next look.
@@ -95,7 +95,7 @@ impl Vigil {
             let now = pulse.beats.load(Ordering::Relaxed);
             *slices = if now != *beats || pulse.depends.load(Ordering::Relaxed) { 0 } else { *slices + 1 };
             *beats = now;
-            if *slices > SILENT_SLICES {
+            if *slices >= SILENT_SLICES {
                 silent.push(i);
             }
         }
@@ -126,7 +126,7 @@ mod tests {
         let mut vigil = Vigil::new(Duration::from_millis(8), &all);
         pulses[1].depends.store(true, Ordering::Relaxed);
         let mut found = Vec::new();
-        for _ in 0..=SILENT_SLICES {
+        for _ in 0..SILENT_SLICES {
             assert_eq!(found, [0; 0]);
             pulses[2].beat();
             std::thread::sleep(vigil.slice());

@@ -31,7 +31,9 @@ pub struct Worker {
     pool: Pool,
     post: Post,
     replies: Sender<Reply>,
-    /// Frames that are not answered for, oldest first. All but the last one are submitted.
+    /// Attempts that are not answered for, oldest first.
+    unanswered: Vec<u64>,
+    /// Frames of these. All but the last one are submitted.
     open: VecDeque<Part>,
     /// Rows whose copy has been submitted, of all these frames, in order of submission.
     outgoing: VecDeque<Outgoing>,
@@ -78,6 +80,7 @@ impl Worker {
             pool: Pool::default(),
             post,
             replies,
+            unanswered: Vec::new(),
             open: VecDeque::new(),
             outgoing: VecDeque::new(),
             failure: None,
@@ -106,7 +109,10 @@ impl Worker {
             };
             self.pulse.beat();
             match (command, oldest) {
-                (Some(command), _) => self.attempt(command.ticket, |worker| worker.obey(command)),
+                (Some(command), _) => {
+                    self.unanswered.push(command.ticket);
+                    self.attempt(command.ticket, |worker| worker.obey(command));
+                }
                 (None, Some(ticket)) => self.attempt(ticket, |worker| worker.advance(true).map(drop)),
                 (None, None) => break,
             }
@@ -131,7 +137,8 @@ impl Worker {
         let mut lost = vec![ticket];
         if let Stop::Device(failure) = &stop {
             self.failure = Some(failure.clone());
-            lost.extend(self.open.iter().map(|p| p.ticket).filter(|t| *t != ticket));
+            // Not those of `open`, which lacks a frame that was being worked at when the worker panicked.
+            lost = self.unanswered.clone();
             lost.iter().for_each(|t| self.post.call_off(*t));
         }
         self.open.retain(|p| !lost.contains(&p.ticket));
@@ -139,7 +146,8 @@ impl Worker {
         lost.into_iter().for_each(|t| self.answer(t, Err(stop.clone())));
     }
 
-    fn answer(&self, ticket: u64, answer: Result<Answer, Stop>) {
+    fn answer(&mut self, ticket: u64, answer: Result<Answer, Stop>) {
+        self.unanswered.retain(|t| *t != ticket);
         // Nobody listens any more if the run has ended.
         let _ = self.replies.send(Reply { ticket, device: self.gpu.info.index, answer });
     }

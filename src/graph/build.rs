@@ -40,7 +40,6 @@ pub enum TaskKind {
     Upload {
         resource: Resource,
         transfer: u32,
-        from: usize,
     },
     /// Both whole images are on the primary.
     Stitch,
@@ -216,7 +215,7 @@ impl Builder {
             key: self.key(produced, DOWNLOAD),
         };
         let up = Task {
-            kind: TaskKind::Upload { resource, transfer, from: owner.device },
+            kind: TaskKind::Upload { resource, transfer },
             view,
             device: to,
             rows: rows.clone(),

@@ -13,6 +13,8 @@ pub mod trace;
 pub use plot::{Axis, Chart, Series, line_chart_svg};
 pub use table::{Table, text_table};
 
+use crate::trace::summary::median;
+
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
     #[error(
@@ -24,10 +26,9 @@ pub enum ReportError {
     Drawing { title: String, reason: String },
 }
 
-/// The middle value, of an even number the upper one; 0 of none.
-pub fn median_of(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    values.get(values.len() / 2).copied().unwrap_or(0.0)
+/// [`median`]; 0 of none.
+pub fn median_of(values: Vec<f64>) -> f64 {
+    median(values).unwrap_or(0.0)
 }
 
 /// Largest over mean.

@@ -17,7 +17,7 @@ use crate::scene::needs::SceneNeeds;
 use crate::scene::rig::Eye;
 use crate::stages::HoleReason;
 
-use super::median_of;
+use super::{median, median_of};
 
 /// The settings of a run, as its options gave them.
 #[derive(Clone, Debug, Serialize)]
@@ -108,7 +108,7 @@ impl fmt::Display for ReferenceRow {
 pub struct FrameRow {
     pub index: u32,
     pub makespan_ms: f64,
-    /// From the end of the frame before to the end of this one; `null` for the first.
+    /// From the end of the frame before to the end of this one; `null` for the first, and of a reference.
     pub interval_ms: Option<f64>,
     /// What the cost model foretold; `null` before it had learned from a frame, and for frames in flight together.
     pub predicted_ms: Option<f64>,
@@ -240,10 +240,13 @@ impl RunReport {
         self.frames.iter().map(own_ms).sum::<f64>() * 1e-3
     }
 
-    /// Median time between the ends of frames that follow one another, ms.
+    /// Median time between the ends of frames that follow one another, ms. Those of the last ones in flight, which had
+    /// the devices to themselves in the end, do not count.
     pub fn median_interval_ms(&self) -> Option<f64> {
-        let intervals: Vec<f64> = self.frames.iter().filter_map(|f| f.interval_ms).collect();
-        (!intervals.is_empty()).then(|| median_of(intervals))
+        let alone = usize::from(self.settings.frames_in_flight).saturating_sub(1);
+        let frames = &self.frames[..self.frames.len().saturating_sub(alone)];
+        let intervals: Vec<f64> = frames.iter().filter_map(|f| f.interval_ms).collect();
+        median(intervals)
     }
 
     /// Median of the frames' makespans, ms.

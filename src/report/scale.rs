@@ -6,6 +6,7 @@ use super::html::Section;
 use super::plot::{Axis, Chart, Series, line_chart_svg};
 use super::{Column, ReportError, Table, csv, imbalance, median_of, shares_text};
 use crate::exec::{FrameReport, TimedTask};
+use crate::schedule::LOSS_SHARE;
 use crate::trace::frames::trace_from;
 use crate::trace::summary::Summary;
 
@@ -26,6 +27,8 @@ pub struct Row {
     /// follow one another.
     pub period_ms: f64,
     pub period_spread: f64,
+    /// How many of them there are.
+    pub periods: usize,
     /// Over the first row.
     pub speedup: f64,
     /// Its standard error, from how far the frames of both rows scatter.
@@ -58,7 +61,7 @@ impl Row {
         let overlapped = frames.iter().any(|f| f.overlapped);
         let periods_ms = if overlapped { intervals_ms.clone() } else { makespans_ms.clone() };
         let period_ms = median_of(periods_ms.clone());
-        let idle = |f: &FrameReport| 1.0 - busy_ms(f, devices).iter().sum::<f64>() / (period_ms * devices as f64);
+        let idle = |f: &FrameReport| 1.0 - f.busy_ms().iter().sum::<f64>() / (period_ms * devices as f64);
         let error = |f: &FrameReport| Some((f.predicted_ms? - f.makespan_ms).abs() / f.makespan_ms);
         let errors: Vec<f64> = frames.iter().filter_map(error).collect();
         let row = Self {
@@ -70,13 +73,14 @@ impl Row {
             makespan_ms_iqr: interquartile_range(makespans_ms),
             interval_ms: median_of(intervals_ms),
             period_ms,
+            periods: periods_ms.len(),
             period_spread: interquartile_range(periods_ms) / period_ms,
-            imbalance: median(&|f| imbalance(&busy_ms(f, devices))),
+            imbalance: median(&|f| imbalance(&f.busy_ms())),
             transfer_share: median(&|f| transfer_ms(f) / (period_ms * devices as f64)),
             oversubscribed,
             idle_share: median(&idle),
             bytes_per_frame: median(&|f| f.uploaded_bytes() as f64),
-            prediction_error: (!errors.is_empty()).then(|| median_of(errors)),
+            prediction_error: super::median(errors),
             critical_path: critical_path(frames),
             ..Self::default()
         };
@@ -91,10 +95,10 @@ impl Row {
         Self { speedup, speedup_error, efficiency, ..self }
     }
 
-    /// Standard error of the median over the median, of frames that scatter about normally. McGill, Tukey & Larsen,
+    /// Standard error of the median over the median, of periods that scatter about normally. McGill, Tukey & Larsen,
     /// "Variations of Box Plots" (1978): 1.25 IQR / (1.35 √n).
     fn relative_error(&self) -> f64 {
-        1.25 / 1.35 * self.period_spread / (self.frames as f64).sqrt()
+        1.25 / 1.35 * self.period_spread / (self.periods as f64).sqrt()
     }
 
     /// Where the devices' time went, as shares that add up to 1.
@@ -118,9 +122,6 @@ struct Shares {
     waits: f64,
 }
 
-/// Part of the time that may be lost before something else than work limits a frame.
-const LOSS_SHARE: f64 = 0.05;
-
 impl Shares {
     /// The largest loss, if losses matter.
     fn limit(&self) -> &'static str {
@@ -129,14 +130,6 @@ impl Shares {
         let largest = losses.into_iter().max_by(|a, b| a.1.total_cmp(&b.1));
         largest.filter(|_| lost > LOSS_SHARE).map_or("work", |(name, _)| name)
     }
-}
-
-fn busy_ms(frame: &FrameReport, devices: usize) -> Vec<f64> {
-    let mut busy = vec![0.0; devices];
-    for task in frame.tasks.iter().filter(|t| matches!(t.kind, TimedTask::Gpu(_))) {
-        busy[task.device] += task.end_ms - task.begin_ms;
-    }
-    busy
 }
 
 fn transfer_ms(frame: &FrameReport) -> f64 {
@@ -302,9 +295,9 @@ mod tests {
     use super::*;
 
     fn row(devices: usize, makespan_ms: f64, idle_share: f64, imbalance: f64) -> Row {
-        let (frames, makespan_ms_iqr, period_ms, period_spread) = (9, 0.09 * makespan_ms, makespan_ms, 0.09);
-        let row = Row { devices, frames, makespan_ms, makespan_ms_iqr, period_ms, period_spread, ..Row::default() };
-        Row { idle_share, imbalance, ..row }
+        let (makespan_ms_iqr, period_ms, period_spread) = (0.09 * makespan_ms, makespan_ms, 0.09);
+        let row = Row { devices, makespan_ms, makespan_ms_iqr, period_ms, period_spread, ..Row::default() };
+        Row { frames: 10, periods: 9, idle_share, imbalance, ..row }
     }
 
     #[test]

@@ -39,13 +39,13 @@ pub struct FrameCosts {
     pub transfers: Vec<TransferCost>,
     /// Rays counted, per eye and row of the frame.
     pub rays: [Vec<u32>; 2],
-    /// Per device that computed anything, from the frame's begin to its first stage.
+    /// Per device that computed anything, from the frame's begin to its first stage; none where that tells nothing.
     pub lead_ms: Vec<(usize, f64)>,
     /// Per device that computed several stages, between two of them that nothing held up.
     pub gap_ms: Vec<(usize, f64)>,
-    /// Per device that received rows between the filter's iterations, for which it stood still each time.
+    /// Per device that received rows between the filter's iterations, for which it stood still, the mean of all times.
     pub wait_ms: Vec<(usize, f64)>,
-    /// From the primary's last task to the frame's end.
+    /// From the primary's last task to the frame's end; 0 tells nothing.
     pub tail_ms: f64,
 }
 
@@ -158,7 +158,7 @@ impl CostModel {
             self.devices[device].gap.learn(ms);
         }
         for &(device, ms) in &costs.wait_ms {
-            self.devices[device].wait.learn(ms);
+            self.devices[device].wait.learn_with_zero(ms);
         }
         self.tail.learn(costs.tail_ms);
         self.frames = self.frames.saturating_add(1);
@@ -269,9 +269,10 @@ impl CostModel {
         self.devices[device].gap.value().unwrap_or_else(|| self.mean_ms(|d| d.gap))
     }
 
-    /// For which a device stands still when it receives rows between the filter's iterations; 0 before it ever did.
+    /// For which a device stands still when it receives rows between the filter's iterations; 0 before it did in two
+    /// frames, as the first time everything is cold.
     pub fn wait_ms(&self, device: usize) -> f64 {
-        self.devices[device].wait.value().unwrap_or(0.0)
+        self.devices[device].wait.warm_value().unwrap_or(0.0)
     }
 
     /// From the primary's last task to the frame's end.

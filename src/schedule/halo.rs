@@ -1,7 +1,8 @@
 //! Whether rows around a stripe are received or filtered by the device itself, by what either costs.
 
 use super::cost::CostModel;
-use crate::graph::{HaloPlan, Resource, Seam, passes};
+use crate::graph::{FrameSpec, HaloPlan, PhysicalImage, Resource, Seam, Stage, passes};
+use crate::scene::rig::Eye;
 
 /// A plan must promise to save this part of what the present one costs.
 const HYSTERESIS: f64 = 0.2;
@@ -12,42 +13,155 @@ pub fn choose_halo(model: &CostModel, now: HaloPlan) -> HaloPlan {
     if !model.has_learned() || spec.devices < 2 || spec.filter_passes() < 2 {
         return now;
     }
-    let plans = HaloPlan::all(spec.filter_passes()).map(|plan| (plan, halo_ms(model, plan)));
+    let costs = HaloCosts::of(model);
+    let plans = HaloPlan::all(spec.filter_passes()).map(|plan| (plan, costs.ms(plan)));
     let Some((best, best_ms)) = plans.min_by(|a, b| a.1.total_cmp(&b.1)) else { return now };
-    if best_ms < (1.0 - HYSTERESIS) * halo_ms(model, now) { best } else { now }
+    if best_ms < (1.0 - HYSTERESIS) * costs.ms(now) { best } else { now }
 }
 
-/// What a plan costs a device, the mean of all: margins filtered, rows received and sent on both sides, and waits for
-/// them. The first iteration's are part of every plan, and its waits are for tracing.
-fn halo_ms(model: &CostModel, plan: HaloPlan) -> f64 {
-    let mut spec = model.spec().clone();
-    spec.seam = Seam::Halo(plan);
-    let devices = spec.devices;
-    let mean = |of: &dyn Fn(usize) -> f64| (0..devices).map(of).sum::<f64>() / devices as f64;
-    // A device at the frame's border has one neighbour.
-    let sides = 2.0 * (devices - 1) as f64 / devices as f64;
-    let mut ms = 0.0;
-    let mut guide_rows = [0; 2];
-    for (pass, link) in passes(&spec).iter().filter_map(|p| Some((p, p.link?))) {
-        ms += sides * mean(&|d| model.stage_ms(pass.stage, pass.view, d, &(0..pass.margin_rows)));
-        if !plan.receives_before(link) {
-            continue;
-        }
-        for read in &pass.reads {
-            let held = match read.resource {
-                Resource::Guide => &mut guide_rows[pass.view as usize],
-                _ => &mut 0,
-            };
-            let rows = read.halo_rows.saturating_sub(*held);
-            *held = read.halo_rows.max(*held);
-            let bytes = u64::from(rows) * read.resource.physical().row_bytes(spec.extent.width);
-            if rows > 0 {
-                ms += sides * mean(&|d| model.download_ms(d, bytes) + model.upload_ms(d, bytes));
-            }
-        }
-        if link > 0 {
-            ms += mean(&|d| model.wait_ms(d));
+/// What halos cost a device, the mean of all. There are many plans to choose from, so it is looked up once.
+struct HaloCosts {
+    /// Per view, the filter's passes in order.
+    views: [Vec<FilterPass>; 2],
+    /// Neighbours of a device: one at the frame's border has one.
+    sides: f64,
+    /// Both ends of a transfer: latency, and per byte.
+    transfer_ms: [f64; 2],
+    wait_ms: f64,
+}
+
+/// A pass of the filter when rows are received right before it.
+struct FilterPass {
+    reach_rows: u32,
+    /// Rows around its own that it computes for what comes after the filter.
+    after_rows: u32,
+    ms_per_row: f64,
+    /// Of a row of what it reads: the guide, which keeps, and all that is new with each pass.
+    guide_bytes: u64,
+    new_bytes: Vec<u64>,
+}
+
+/// Rows around a stripe, of one pass in a plan.
+#[derive(Debug, PartialEq)]
+struct Rows {
+    /// Filtered for passes to come.
+    margin: u32,
+    /// Wanted from neighbours; none where nothing is received.
+    halo: Option<u32>,
+}
+
+impl HaloCosts {
+    fn of(model: &CostModel) -> Self {
+        let spec = model.spec();
+        let devices = spec.devices;
+        let mean = |of: &dyn Fn(usize) -> f64| (0..devices).map(of).sum::<f64>() / devices as f64;
+        let transfer_ms = |bytes| mean(&|d| model.download_ms(d, bytes) + model.upload_ms(d, bytes));
+        const MANY_BYTES: u64 = 1 << 20;
+        let latency_ms = transfer_ms(0);
+        let ms_per_row = |stage, view| mean(&|d| model.stage_ms(stage, view, d, &(0..1)));
+        Self {
+            views: filter_passes(spec, ms_per_row),
+            sides: 2.0 * (devices - 1) as f64 / devices as f64,
+            transfer_ms: [latency_ms, (transfer_ms(MANY_BYTES) - latency_ms) / MANY_BYTES as f64],
+            wait_ms: mean(&|d| model.wait_ms(d)),
         }
     }
-    ms
+
+    /// Margins filtered, rows received and sent on both sides, and waits for them. The first pass's are part of every
+    /// plan, and its waits are for tracing.
+    fn ms(&self, plan: HaloPlan) -> f64 {
+        self.views.iter().map(|passes| self.view_ms(passes, plan)).sum()
+    }
+
+    fn view_ms(&self, passes: &[FilterPass], plan: HaloPlan) -> f64 {
+        let transfer_ms = |rows: u32, row_bytes: u64| match u64::from(rows) * row_bytes {
+            0 => 0.0,
+            bytes => self.transfer_ms[0] + self.transfer_ms[1] * bytes as f64,
+        };
+        let (mut ms, mut guide_rows) = (0.0, 0);
+        for (index, (pass, rows)) in passes.iter().zip(rows(passes, plan)).enumerate() {
+            ms += self.sides * pass.ms_per_row * f64::from(rows.margin);
+            let Some(halo) = rows.halo else { continue };
+            let new_ms: f64 = pass.new_bytes.iter().map(|bytes| transfer_ms(halo, *bytes)).sum();
+            ms += self.sides * (new_ms + transfer_ms(halo.saturating_sub(guide_rows), pass.guide_bytes));
+            guide_rows = halo.max(guide_rows);
+            if index > 0 {
+                ms += self.wait_ms;
+            }
+        }
+        ms
+    }
+}
+
+/// The filter's passes on each view; `ms_per_row` is what a row costs.
+fn filter_passes(spec: &FrameSpec, ms_per_row: impl Fn(Stage, Eye) -> f64) -> [Vec<FilterPass>; 2] {
+    let spec = FrameSpec { seam: Seam::Halo(HaloPlan::EXCHANGE), ..spec.clone() };
+    let mut views = [Vec::new(), Vec::new()];
+    for pass in passes(&spec).iter().filter(|p| p.link.is_some()) {
+        let row_bytes = |image: PhysicalImage| image.row_bytes(spec.extent.width);
+        let new = pass.reads.iter().filter(|r| r.resource != Resource::Guide);
+        views[pass.view as usize].push(FilterPass {
+            reach_rows: pass.reads.iter().map(|r| r.halo_rows).max().unwrap_or(0) - pass.margin_rows,
+            after_rows: pass.margin_rows,
+            ms_per_row: ms_per_row(pass.stage, pass.view),
+            guide_bytes: row_bytes(PhysicalImage::Guide),
+            new_bytes: new.map(|r| row_bytes(r.resource.physical())).collect(),
+        });
+    }
+    views
+}
+
+/// What each pass needs for all up to the next exchange.
+fn rows(passes: &[FilterPass], plan: HaloPlan) -> Vec<Rows> {
+    let (mut rows, mut margin) = (Vec::with_capacity(passes.len()), 0);
+    for (index, pass) in passes.iter().enumerate().rev() {
+        margin += pass.after_rows;
+        let wanted = margin + pass.reach_rows;
+        let receives = index == 0 || plan.receives_before(index);
+        rows.push(Rows { margin, halo: receives.then_some(wanted) });
+        margin = if receives { 0 } else { wanted };
+    }
+    rows.reverse();
+    rows
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::graph::{Filter, Pass, Views};
+    use crate::image::Extent;
+
+    #[test]
+    fn rows_are_those_of_the_frames_passes() {
+        let (extent, views) = (Extent::new(64, 64), Views::Reprojected);
+        for plan in HaloPlan::all(6) {
+            let seam = Seam::Halo(plan);
+            for (filter, iterations) in [(Filter::Atrous, 6), (Filter::Svgf, 5)] {
+                let spec = FrameSpec {
+                    extent,
+                    devices: 2,
+                    views,
+                    foveated: false,
+                    filter,
+                    iterations,
+                    history_rows: Some(4),
+                    seam,
+                    aovs: 0,
+                    has_surfaces: true,
+                };
+                let found = filter_passes(&spec, |_, _| 0.0).map(|passes| rows(&passes, plan));
+                for eye in Eye::ALL {
+                    let mut expected = passes(&spec);
+                    expected.retain(|p| p.link.is_some() && p.view == eye);
+                    let receives = |p: &Pass| plan.receives_before(p.link.unwrap_or(0));
+                    let of = |p: &Pass| Rows {
+                        margin: p.margin_rows,
+                        halo: receives(p).then_some(p.reads[0].halo_rows),
+                    };
+                    let expected: Vec<Rows> = expected.iter().map(of).collect();
+                    assert_eq!(found[eye as usize], expected, "{plan:?} {eye}");
+                }
+            }
+        }
+    }
 }

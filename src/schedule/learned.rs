@@ -18,10 +18,17 @@ pub struct Mean {
 impl Mean {
     /// Takes in a measurement; what is not a number above 0 tells nothing and is left out.
     pub fn learn(&mut self, measured: f64) {
-        if !measured.is_finite() || measured <= 0.0 {
+        if measured > 0.0 {
+            self.learn_with_zero(measured);
+        }
+    }
+
+    /// ... of what may well take no time; from 0, a mean leaps as far as the measurement says.
+    pub fn learn_with_zero(&mut self, measured: f64) {
+        if !measured.is_finite() || measured < 0.0 {
             return;
         }
-        self.value = if self.measurements < 2 {
+        self.value = if self.measurements < 2 || self.value == 0.0 {
             measured
         } else {
             let bounded = measured.clamp(self.value / LEAP, self.value * LEAP);
@@ -32,6 +39,11 @@ impl Mean {
 
     pub fn value(&self) -> Option<f64> {
         (self.measurements > 0).then_some(self.value)
+    }
+
+    /// ... once the first measurement is replaced.
+    pub fn warm_value(&self) -> Option<f64> {
+        self.value().filter(|_| self.measurements > 1)
     }
 
     /// A quantity known beforehand.
@@ -110,6 +122,21 @@ mod tests {
         mean.learn(f64::NAN);
         mean.learn(0.0);
         assert!(mean.value().unwrap() <= 2.0 + LEARNING_RATE * 2.0);
+    }
+
+    #[test]
+    fn zero_is_learned_where_it_may_be_and_left_again() {
+        let mut mean = Mean::default();
+        mean.learn(0.0);
+        assert_eq!(mean.value(), None);
+        mean.learn_with_zero(4.0);
+        assert_eq!((mean.value(), mean.warm_value()), (Some(4.0), None));
+        mean.learn_with_zero(0.0);
+        assert_eq!(mean.warm_value(), Some(0.0));
+        mean.learn_with_zero(1.0);
+        assert_eq!(mean.warm_value(), Some(1.0));
+        mean.learn_with_zero(0.0);
+        assert!(mean.warm_value() < Some(1.0));
     }
 
     #[test]

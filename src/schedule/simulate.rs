@@ -67,8 +67,8 @@ impl Limit {
     }
 }
 
-/// Part of the makespan that may be lost before something else than work limits a frame.
-const LOSS_SHARE: f64 = 0.05;
+/// Part of a frame's time that may be lost before something else than work limits it.
+pub const LOSS_SHARE: f64 = 0.05;
 
 /// The graph makes devices wait for one another in a circle.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -212,7 +212,8 @@ impl<'a> Play<'a> {
                 return Err(Stuck { device, transfer: *transfer });
             }
         }
-        let stitch = self.clocks[0].played.len().checked_sub(1).map(|last| (0, last));
+        let primary = self.graph.primary;
+        let stitch = self.clocks[primary].played.len().checked_sub(1).map(|last| (primary, last));
         let critical_path = self.path_to(stitch);
         let end_ms = stitch.map_or(0.0, |(device, last)| self.clocks[device].played[last].end_ms);
         let makespan_ms = end_ms + self.model.tail_ms();

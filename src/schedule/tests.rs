@@ -238,6 +238,19 @@ fn a_critical_path_has_no_gaps_and_spans_the_makespan() {
 }
 
 #[test]
+fn a_frame_without_its_first_device_ends_on_the_next_one() {
+    let world = World::sky_over_city(spec(180, 3, 5, Seam::Halo(HaloPlan::RECOMPUTE)), &[1.0, 2.0, 1.0]);
+    let (_, model) = world.play(&mut Even::new(180, 3), 3);
+    let two = model.of_devices(&[1, 2]);
+    let assignment = Assignment::uniform(Stripes::even(180, 2));
+    let expected = simulate(&FrameGraph::build(two.spec(), &assignment, None), &two).unwrap();
+    let graph = FrameGraph::build(&world.spec, &assignment.renumbered(&[1, 2], 3), None);
+    let played = simulate(&graph, &model).unwrap();
+    assert!((played.makespan_ms - expected.makespan_ms).abs() < 1e-9, "{played:?} instead of {expected:?}");
+    assert_eq!(played.critical_path.last().map(|step| step.device), Some(1));
+}
+
+#[test]
 fn dear_transfers_limit_a_frame() {
     let world = World::sky_over_city(spec(180, 2, 5, Seam::Halo(HaloPlan::EXCHANGE)), &[1.0, 1.0]);
     let mut policy = Measured::new(180, 2);
@@ -335,7 +348,7 @@ fn halo_rows_are_received_where_that_costs_less() {
         costs.transfers.iter_mut().for_each(|t| t.ms *= factor);
         costs.wait_ms = (0..4).map(|d| (d, GAP_MS * factor)).collect();
         let mut model = CostModel::new(&world.spec);
-        model.learn(&costs);
+        (0..2).for_each(|_| model.learn(&costs));
         model
     };
     let exchanges = |factor: f64| {

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 
 use super::critical::{What, critical_path};
-use super::event::Track;
+use super::event::{Track, args_from};
 use super::work::{Frame, FrameTime, Task, Trace};
 use super::{FIRST_DEVICE_PID, HOST_PID, Lane, Recorder};
 use crate::exec::{Fault, FrameReport, TaskTiming, TimedTask};
@@ -24,8 +24,9 @@ pub fn record_frame(recorder: &Recorder, report: &FrameReport, knobs: &FrameKnob
     }
     let (tasks, time) = (tasks_from(std::slice::from_ref(report)), time_from(report));
     let spp = ("spp", f64::from(knobs.spp));
-    let devices = ("devices", devices(report) as f64);
-    recorder.frame(report.slot, time.begin_us, time.end_us, &[("frame", time.frame as f64), devices, spp]);
+    let mut args = args_from(&[("frame", time.frame as f64), spp]);
+    args.insert("devices".to_owned(), numbers_text(&report.devices).as_str().into());
+    recorder.frame(report.slot, time.begin_us, time.end_us, args);
     for task in &tasks {
         record_task(recorder, task, spp);
     }
@@ -53,11 +54,13 @@ fn tasks_from(reports: &[FrameReport]) -> Vec<Task> {
 fn time_from(report: &FrameReport) -> FrameTime {
     let begin_us = report.begin_ms * 1e3;
     let end_us = begin_us + report.makespan_ms * 1e3;
-    FrameTime { frame: report.index.into(), begin_us, end_us, devices: Some(devices(report) as u64) }
+    let devices = report.devices.iter().fold(0, |all, device| all | 1 << device);
+    FrameTime { frame: report.index.into(), begin_us, end_us, devices: Some(devices) }
 }
 
-fn devices(report: &FrameReport) -> usize {
-    report.assignment.stripes(Stage::PathTrace, Eye::Left).devices()
+/// `0,2`.
+fn numbers_text(numbers: &[usize]) -> String {
+    numbers.iter().map(usize::to_string).collect::<Vec<_>>().join(",")
 }
 
 fn task_from(timing: &TaskTiming, frame: u32) -> Task {
@@ -136,11 +139,7 @@ fn record_counters(recorder: &Recorder, frame: &FrameReport, knobs: &FrameKnobs)
     let stripes = frame.assignment.stripes(Stage::PathTrace, Eye::Left);
     let rows = (0..stripes.devices()).map(|d| stripes.rows(d).len() as f64);
     record_shares(recorder, "share of rows", at_us, rows.collect());
-    let mut busy_ms = vec![0.0; stripes.devices()];
-    for task in frame.tasks.iter().filter(|t| matches!(t.kind, TimedTask::Gpu(_))) {
-        busy_ms[task.device] += task.end_ms - task.begin_ms;
-    }
-    record_shares(recorder, "share of work", at_us, busy_ms);
+    record_shares(recorder, "share of work", at_us, frame.busy_ms());
 }
 
 /// A series per device, which together make 1.

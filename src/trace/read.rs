@@ -270,9 +270,20 @@ fn task(pid: u32, lane: Lane, span: Span) -> Result<Task, Wrong> {
 
 /// The frame's time, if it says its number.
 fn frame_time(span: &Span) -> Result<Option<FrameTime>, String> {
-    let devices = whole(&span.args, "devices")?;
+    let devices = devices(&span.args)?;
     let frame = whole(&span.args, "frame")?;
     Ok(frame.map(|frame| FrameTime { frame, begin_us: span.begin_us, end_us: span.end_us, devices }))
+}
+
+/// A bit per device that a frame was shared out over: their numbers, `0,2`; once it was how many, the first ones.
+fn devices(args: &Value) -> Result<Option<u64>, String> {
+    let Value::String(numbers) = &args["devices"] else {
+        let count = whole(args, "devices")?;
+        return Ok(count.map(|count| u64::MAX.checked_shr(64 - count.clamp(0, 64) as u32).unwrap_or(0)));
+    };
+    let bits = numbers.split(',').map(|n| n.parse().ok().and_then(|device| 1u64.checked_shl(device)));
+    let devices = bits.collect::<Option<Vec<_>>>().map(|bits| bits.into_iter().fold(0, |all, bit| all | bit));
+    devices.map(Some).ok_or_else(|| format!("its argument 'devices' is '{numbers}', no list of devices"))
 }
 
 fn check_finite(args: &Value) -> Result<(), String> {

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use serde_json::{Map, Value};
 
-use super::event::{Event, FlowStep, Kind, Track, args_from};
+use super::event::{Args, Event, FlowStep, Kind, Track, args_from};
 use super::file::Document;
 use super::host::HostSpans;
 use super::{FIRST_DEVICE_PID, FRAMES_NAME, FRAMES_TRACK, FRAMES_TRACKS, HOST_PID, Lane, TraceError};
@@ -88,18 +88,18 @@ impl Recorder {
     /// Work on one lane of a device, from GPU timestamps brought to the origin.
     pub fn task(&self, device: u32, lane: Lane, name: &str, begin_us: f64, end_us: f64, args: &[(&str, f64)]) {
         let category = if lane.is_transfer() { "transfer" } else { "device" };
-        self.span(lane.track(device), category, name, begin_us, end_us, args);
+        self.span(lane.track(device), category, name, begin_us, end_us, args_from(args));
     }
 
     /// A frame, on the host's track for frames in this slot. `args` should hold its number as `frame`.
-    pub fn frame(&self, slot: usize, begin_us: f64, end_us: f64, args: &[(&str, f64)]) {
+    pub fn frame(&self, slot: usize, begin_us: f64, end_us: f64, args: Args) {
         self.span(frames_track(slot as u32 % FRAMES_TRACKS), "frame", "frame", begin_us, end_us, args);
     }
 
-    fn span(&self, track: Track, category: &'static str, name: &str, begin_us: f64, end_us: f64, args: &[(&str, f64)]) {
+    fn span(&self, track: Track, category: &'static str, name: &str, begin_us: f64, end_us: f64, args: Args) {
         self.push(|| {
             let kind = Kind::Complete { duration_us: end_us - begin_us };
-            [Event { kind, name: name.to_owned(), category, track, time_us: begin_us, args: args_from(args) }]
+            [Event { kind, name: name.to_owned(), category, track, time_us: begin_us, args }]
         });
     }
 

@@ -2,6 +2,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
+use super::event::args_from;
 use super::read::{parse, read};
 use super::summary::{FrameDetail, Summary};
 use super::*;
@@ -87,14 +88,23 @@ fn a_device_is_not_idle_in_frames_of_others() {
         recorder.device(device, "gpu");
         recorder.task(device, Lane::Left, "gbuffer", 5000.0, 9000.0, &[("frame", 1.0)]);
     }
-    recorder.frame(0, 0.0, 3000.0, &[("frame", 0.0), ("devices", 1.0)]);
+    // How many, as older traces have it: the first ones.
+    recorder.frame(0, 0.0, 3000.0, args_from(&[("frame", 0.0), ("devices", 1.0)]));
     recorder.task(0, Lane::Left, "gbuffer", 0.0, 3000.0, &[("frame", 0.0)]);
-    recorder.frame(0, 5000.0, 10_000.0, &[("frame", 1.0), ("devices", 2.0)]);
+    let shared = |frame: f64, devices: &str| {
+        let mut args = args_from(&[("frame", frame)]);
+        args.insert("devices".to_owned(), devices.into());
+        args
+    };
+    recorder.frame(0, 5000.0, 10_000.0, shared(1.0, "0,1"));
+    // The first device is lost.
+    recorder.frame(0, 11_000.0, 13_000.0, shared(2.0, "1"));
+    recorder.task(1, Lane::Left, "gbuffer", 11_000.0, 13_000.0, &[("frame", 2.0)]);
     file.finish().unwrap();
     let summary = sum_up(&path);
     assert_eq!(summary.devices.iter().map(|d| d.idle_ms).collect::<Vec<_>>(), [1.0, 1.0]);
-    assert_eq!(summary.frames.iter().map(|f| f.idle_ms).collect::<Vec<_>>(), [0.0, 2.0]);
-    close(summary.devices[1].busy_share, 0.8);
+    assert_eq!(summary.frames.iter().map(|f| f.idle_ms).collect::<Vec<_>>(), [0.0, 2.0, 0.0]);
+    close(summary.devices[1].busy_share, 6.0 / 7.0);
 }
 
 #[test]
@@ -106,7 +116,7 @@ fn frames_in_flight_share_their_time() {
     recorder.device(0, "gpu");
     for frame in 0..3u8 {
         let begin_us = 1000.0 * f64::from(frame);
-        recorder.frame(usize::from(frame) % 2, begin_us, begin_us + 2000.0, &[("frame", frame.into())]);
+        recorder.frame(usize::from(frame) % 2, begin_us, begin_us + 2000.0, args_from(&[("frame", frame.into())]));
         recorder.task(0, Lane::Left, "path_trace", begin_us, begin_us + 750.0, &[("frame", frame.into())]);
     }
     file.finish().unwrap();
@@ -123,7 +133,7 @@ fn frames_last_as_long_as_the_trace_says_and_their_path_is_all_of_that() {
     let path = folder.path().join("trace.json");
     let file = TraceFile::start_without_host(&path).unwrap();
     record(&file.recorder());
-    file.recorder().frame(0, -500.0, 3250.0, &[("frame", 0.0)]);
+    file.recorder().frame(0, -500.0, 3250.0, args_from(&[("frame", 0.0)]));
     file.finish().unwrap();
     let trace = read(&path).unwrap();
     let summary = Summary::of(&trace);

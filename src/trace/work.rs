@@ -29,7 +29,7 @@ pub struct FrameTime {
     pub frame: u64,
     pub begin_us: f64,
     pub end_us: f64,
-    /// How many devices it was shared out over, the first ones; none where that is not known.
+    /// The devices that it was shared out over, a bit each; none where that is not known.
     pub devices: Option<u64>,
 }
 
@@ -39,7 +39,7 @@ impl FrameTime {
     }
 
     pub fn is_shared_by(&self, pid: u32) -> bool {
-        self.devices.is_none_or(|devices| u64::from(pid - FIRST_DEVICE_PID) < devices)
+        self.devices.is_none_or(|devices| devices.checked_shr(pid - FIRST_DEVICE_PID).is_some_and(|d| d & 1 == 1))
     }
 }
 

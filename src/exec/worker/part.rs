@@ -3,9 +3,9 @@
 use std::sync::Arc;
 
 use super::Worker;
+use crate::device::WAIT_SLICES;
 use crate::exec::messages::{Answer, FrameJob, FrameReply, Stop};
 use crate::exec::staging::{ReadBack, Recorded};
-use crate::exec::watchdog::SLICES;
 use crate::exec::{TaskTiming, TimedTask, resource_name};
 use crate::graph::{PhysicalImage, Resource, Stage, Task, TaskKind};
 use crate::stages::StageTask;
@@ -105,7 +105,7 @@ impl Worker {
             match &task.kind {
                 TaskKind::Dispatch { .. } => self.dispatch(part, task),
                 TaskKind::Download { resource, .. } => self.download(part, *resource, task),
-                TaskKind::Upload { resource, transfer, .. } => {
+                TaskKind::Upload { resource, transfer } => {
                     self.flush(part)?;
                     self.upload(part, *resource, *transfer, task)?;
                 }
@@ -205,7 +205,7 @@ impl Worker {
     /// order, so whoever waits for them cannot be waited for here.
     fn receive(&mut self, part: &mut Part, transfer: u32) -> Result<Vec<u8>, Stop> {
         let _span = tracing::info_span!("wait for rows of others", frame = part.frame(), transfer).entered();
-        let slice = self.gpu.patience / SLICES;
+        let slice = self.gpu.patience / WAIT_SLICES;
         let mut slices = 0;
         loop {
             self.post.look(part.ticket)?;
@@ -353,7 +353,7 @@ impl Worker {
 
 fn as_upload(task: &Task) -> Option<(&Task, Resource, u32)> {
     match task.kind {
-        TaskKind::Upload { resource, transfer, .. } => Some((task, resource, transfer)),
+        TaskKind::Upload { resource, transfer } => Some((task, resource, transfer)),
         _ => None,
     }
 }

@@ -78,7 +78,7 @@ pub fn replay(spec: &FrameSpec, graph: &FrameGraph, before: Option<&Assignment>)
                 let rows = task.rows.clone().map(|r| (r, held[&(*resource, task.view, task.device, r)])).collect();
                 in_flight.insert(*transfer, rows);
             }
-            TaskKind::Upload { resource, transfer, .. } => {
+            TaskKind::Upload { resource, transfer } => {
                 for (row, version) in in_flight.remove(transfer).expect("downloaded before it is uploaded") {
                     held.insert((*resource, task.view, task.device, row), version);
                 }
