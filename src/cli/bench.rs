@@ -1,5 +1,8 @@
 //! `diptych bench`: run time against error over a grid of settings.
 
+mod seams;
+mod timed;
+
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -56,6 +59,8 @@ pub struct Args {
     /// Where references are kept for later runs [default: reference in --out]
     #[arg(long, value_name = "DIR")]
     reference_dir: Option<PathBuf>,
+    #[command(flatten)]
+    seams: seams::SeamOptions,
 }
 
 /// The seed of references, so that they share no random number with what is held against them.
@@ -74,6 +79,9 @@ struct Reference {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
+    if args.seams.is_wanted() {
+        return seams::run(args);
+    }
     let options = &args.options;
     options.check().map_err(Failure::Input)?;
     output::prepare(&options.out, "--out")?;

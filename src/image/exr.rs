@@ -160,10 +160,7 @@ impl From<ExrError> for Refusal {
     }
 }
 
-fn decode(
-    bytes: &[u8],
-    find: impl Fn(&[Header]) -> Option<Colour>,
-) -> Result<(RgbImage, ColourSource), Refusal> {
+fn decode(bytes: &[u8], find: impl Fn(&[Header]) -> Option<Colour>) -> Result<(RgbImage, ColourSource), Refusal> {
     let reader = ::exr::block::read(Cursor::new(bytes), false)?;
     check_headers(reader.headers(), bytes.len())?;
     let colour = find(reader.headers()).ok_or_else(|| Refusal::NotThere(channel_names(reader.headers())))?;

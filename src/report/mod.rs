@@ -6,6 +6,7 @@ pub mod plot;
 pub mod run;
 pub mod scale;
 pub mod simulation;
+pub mod study;
 pub mod table;
 mod ticks;
 pub mod trace;
