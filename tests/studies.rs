@@ -114,3 +114,33 @@ fn only_the_halo_leaves_no_seam() {
     refused(&[&fixed[..], &["--seams", "--denoiser", "none"]].concat(), &["no seam"]);
     refused(&[&fixed[..], &["--seams", "--counts", "1"]].concat(), &["--counts"]);
 }
+
+#[test]
+fn the_thesis_stands_beside_what_was_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let fixed = ["bench", "--out", out, "--preset", "peres"];
+    let study = ["--shots", "builtin:cornell", "--scale", "0.04", "--reference-spp", "16", "--repeats", "1", "--json"];
+    let output = diptych(&[&fixed[..], &study].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let result: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    let rows = result["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), 2 * 3);
+    assert_eq!((&rows[0]["size"], &rows[3]["size"]), (&"38x43".into(), &"73x77".into()));
+    for base in [&rows[0], &rows[3]] {
+        assert_eq!((&base["configuration"], &base["stands_for"]), (&"Base".into(), &"Pink Room".into()));
+        let quality = &base["found"]["quality"];
+        let [rmse, psnr, ssim] = ["rmse_percent", "psnr", "ssim"].map(|name| quality[name].as_f64().unwrap());
+        assert!((psnr + 20.0 * (rmse / 100.0).log10()).abs() < 1e-9 && ssim > 0.0 && ssim < 1.0, "{quality}");
+        assert_eq!(base["found"]["speed_up"], 1.0);
+    }
+    let csv = std::fs::read_to_string(folder.path().join("peres.csv")).unwrap();
+    assert!(csv.lines().count() == 7 && csv.contains("builtin:cornell,Pink Room,NH3LD"), "{csv}");
+    let page = std::fs::read_to_string(folder.path().join("peres.html")).unwrap();
+    assert!(["27.619", "12.81", "builtin:cornell"].iter().all(|part| page.contains(part)));
+
+    refused(&[&fixed[..], &["--seams"]].concat(), &["--preset", "--seams"]);
+    refused(&[&fixed[..], &["--shots", "a,b,c,d"]].concat(), &["--shots"]);
+    refused(&[&fixed[..], &["--scale", "0"]].concat(), &["--scale"]);
+}

@@ -1,5 +1,6 @@
 //! `diptych bench`: run time against error over a grid of settings.
 
+mod peres;
 mod seams;
 mod timed;
 
@@ -28,7 +29,7 @@ use super::progress::Progress;
 use super::reference::{PASS_SPP, PassOptions, Plan, seconds};
 use super::setup::{self, Loaded, Tracing};
 
-#[derive(clap::Args, Debug)]
+#[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     #[command(flatten)]
     options: RunOptions,
@@ -61,6 +62,8 @@ pub struct Args {
     reference_dir: Option<PathBuf>,
     #[command(flatten)]
     seams: seams::SeamOptions,
+    #[command(flatten)]
+    preset: peres::PresetOptions,
 }
 
 /// The seed of references, so that they share no random number with what is held against them.
@@ -81,6 +84,9 @@ struct Reference {
 pub fn run(args: &Args) -> Result<(), Failure> {
     if args.seams.is_wanted() {
         return seams::run(args);
+    }
+    if args.preset.is_wanted() {
+        return peres::run(args);
     }
     let options = &args.options;
     options.check().map_err(Failure::Input)?;

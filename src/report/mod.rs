@@ -2,6 +2,7 @@
 
 pub mod bench;
 pub mod html;
+pub mod peres;
 pub mod plot;
 pub mod run;
 pub mod scale;

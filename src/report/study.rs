@@ -10,12 +10,12 @@ use crate::metrics::temporal::TemporalError;
 use crate::scene::rig::Eye;
 
 /// A number, or a placeholder for one.
-fn cell(value: Option<f64>, decimals: usize) -> String {
+pub(super) fn cell(value: Option<f64>, decimals: usize) -> String {
     value.map_or("-".to_owned(), |v| format!("{v:.decimals$}"))
 }
 
 /// A line of cells under the names of their columns.
-fn table<T>(columns: &[Column<T>], rows: &[T]) -> Table {
+pub(super) fn table<T>(columns: &[Column<T>], rows: &[T]) -> Table {
     let line = |row: &T| columns.iter().map(|(_, cell)| cell(row)).collect();
     Table { headers: columns.iter().map(|(name, _)| *name).collect(), rows: rows.iter().map(line).collect() }
 }

@@ -24,7 +24,7 @@ use crate::cli::output;
 use crate::cli::progress::Progress;
 use crate::cli::setup::{self, Tracing};
 
-#[derive(clap::Args, Debug)]
+#[derive(clap::Args, Clone, Debug)]
 pub struct SeamOptions {
     /// Measure seams instead of the grid: every seam policy at every count, by the first of --spp and --denoiser
     #[arg(long, conflicts_with_all = ["virtual_devices", "seam"])]
