@@ -9,7 +9,8 @@
 //! standard deviation σ that frames do not share. It is the warping error with a mask of what was hidden of Lai et al.
 //! 2018, "Learning Blind Video Temporal Consistency", section 4, with these departures: the reference's own change is
 //! taken off, differences are absolute instead of squared, the motion is known instead of estimated, and q is one pixel
-//! instead of a bilinear mean, which would hide noise wherever motion is not whole pixels.
+//! instead of a bilinear mean, which would hide noise wherever motion is not whole pixels. It is the nearest of the four
+//! around the point that motion leads to which shows the same surface: the nearest of all is often across an edge.
 //!
 //! **Ghosting** is the RMSE of display values over pixels that have no q, and so cannot have a history, over the RMSE of
 //! those that have one. Trails of what has moved away lie in the former. 1 says that they are no worse than elsewhere.
@@ -63,10 +64,10 @@ impl Surfaces {
 
     /// Where each pixel's surface was in the frame before, row-major.
     ///
-    /// The motion leads from the pixel's centre to a pixel of `before`. That shows the same surface if its normal agrees
-    /// within 60 degrees and its position lies no farther off the plane through the surface now than pixels are apart on
-    /// it: the least distance to the position of one of the four neighbours, so that no scale has to be chosen. This
-    /// takes surfaces that rest, or move within their plane.
+    /// The motion leads from the pixel's centre to between four pixels of `before`; taken is the nearest that shows the
+    /// same surface. That is one whose normal agrees within 60 degrees and whose position lies no farther off the plane
+    /// through the surface now than pixels are apart on it: the least distance to the position of one of the four
+    /// neighbours, so that no scale has to be chosen. This takes surfaces that rest, or move within their plane.
     ///
     /// # Errors
     /// [`ImageError::SizeMismatch`].
@@ -80,21 +81,31 @@ impl Surfaces {
         if !is_surface(normal) {
             return History::Sky;
         }
-        let Some(j) = self.pixel_before(i) else { return History::New };
-        let off_plane = dot(normal, sub(before.position[j], self.position[i])).abs();
-        let is_same = dot(normal, before.normal[j]) > NORMALS_AGREE && off_plane <= self.spacing(i);
-        if is_same { History::Seen(j) } else { History::New }
+        let spacing = self.spacing(i);
+        let is_same = |j: &usize| {
+            let off_plane = dot(normal, sub(before.position[*j], self.position[i])).abs();
+            dot(normal, before.normal[*j]) > NORMALS_AGREE && off_plane <= spacing
+        };
+        self.pixels_before(i).into_iter().find(is_same).map_or(History::New, History::Seen)
     }
 
-    /// The pixel that the motion leads to; none outside the image or for a motion that is not finite.
-    fn pixel_before(&self, i: usize) -> Option<usize> {
+    /// The pixels, at most four, less than one column and row from where the motion leads, nearest first.
+    fn pixels_before(&self, i: usize) -> Vec<usize> {
         let (width, height) = (self.extent.width as usize, self.extent.height as usize);
         let [dx, dy, _] = self.motion_px[i].map(f64::from);
-        let at = |pixel: usize, moved: f64, length: usize| {
-            let at = (pixel as f64 + 0.5 + moved).floor();
-            (at >= 0.0 && at < length as f64).then_some(at as usize)
-        };
-        Some(at(i / width, dy, height)? * width + at(i % width, dx, width)?)
+        // Pixel centres are whole numbers here. What is not finite is near no pixel.
+        let (x, y) = ((i % width) as f64 + dx, (i / width) as f64 + dy);
+        let mut found = Vec::new();
+        for (column, row) in
+            [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(c, r)| (x.floor() + c, y.floor() + r))
+        {
+            let is_inside = (0.0..width as f64).contains(&column) && (0.0..height as f64).contains(&row);
+            if is_inside && (column - x).abs() < 1.0 && (row - y).abs() < 1.0 {
+                found.push((f64::hypot(column - x, row - y), row as usize * width + column as usize));
+            }
+        }
+        found.sort_by(|a, b| a.0.total_cmp(&b.0));
+        found.into_iter().map(|(_, j)| j).collect()
     }
 
     /// Distance to the nearest neighbour's position; infinite without neighbours.

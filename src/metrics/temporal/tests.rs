@@ -123,6 +123,22 @@ fn the_sky_counts_as_neither() {
     assert_eq!(found, TemporalError { flicker: None, ghosting: None, new_share: None });
 }
 
+/// The nearest pixel to where motion leads may show what is across an edge.
+#[test]
+fn an_edge_that_moves_by_part_of_a_pixel_uncovers_nothing() {
+    let mut now = scene(3, 0);
+    for motion in &mut now.motion_px {
+        motion[0] = -0.6;
+    }
+    let history = now.history(&scene(3, 0)).unwrap();
+    let width = EXTENT.width as usize;
+    let row = 2 * width;
+    assert_eq!(history[row + 3], History::Seen(row + 3));
+    assert_eq!(history[row + 3 + SIDE], History::Seen(row + 3 + SIDE));
+    assert_eq!(history[row + 5], History::Seen(row + 4));
+    assert!(!history.contains(&History::New));
+}
+
 /// The scale of the world does not matter, nor does a plane seen at a slant count as new.
 #[test]
 fn a_slanted_plane_that_moves_past_is_seen_at_any_scale() {
