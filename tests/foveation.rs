@@ -4,8 +4,8 @@ mod common;
 
 use common::{Stage, Subject};
 use diptych::exec::{RenderSettings, Stereo};
-use diptych::image::RgbImage;
 use diptych::graph::Filter;
+use diptych::image::RgbImage;
 use diptych::scene::shot::Gaze;
 use diptych::stages::{Aov, Foveation};
 

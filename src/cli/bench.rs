@@ -1,5 +1,9 @@
 //! `diptych bench`: run time against error over a grid of settings.
 
+mod peres;
+mod seams;
+mod timed;
+
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
@@ -25,7 +29,7 @@ use super::progress::Progress;
 use super::reference::{PASS_SPP, PassOptions, Plan, seconds};
 use super::setup::{self, Loaded, Tracing};
 
-#[derive(clap::Args, Debug)]
+#[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     #[command(flatten)]
     options: RunOptions,
@@ -56,6 +60,10 @@ pub struct Args {
     /// Where references are kept for later runs [default: reference in --out]
     #[arg(long, value_name = "DIR")]
     reference_dir: Option<PathBuf>,
+    #[command(flatten)]
+    seams: seams::SeamOptions,
+    #[command(flatten)]
+    preset: peres::PresetOptions,
 }
 
 /// The seed of references, so that they share no random number with what is held against them.
@@ -74,6 +82,12 @@ struct Reference {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
+    if args.seams.is_wanted() {
+        return seams::run(args);
+    }
+    if args.preset.is_wanted() {
+        return peres::run(args);
+    }
     let options = &args.options;
     options.check().map_err(Failure::Input)?;
     output::prepare(&options.out, "--out")?;

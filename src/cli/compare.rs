@@ -14,12 +14,13 @@ use diptych::report::text_table;
 use serde::Serialize;
 
 use super::failure::Failure;
+use super::sequence;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// What is right
+    /// What is right: an image, or the folder of a sequence
     reference: PathBuf,
-    /// What is judged
+    /// What is judged: an image, or the folder of a sequence, rendered with --aov motion,position,normal
     image: PathBuf,
     /// Writes the error of display values as a colour-coded PNG
     #[arg(long, value_name = "FILE")]
@@ -76,6 +77,10 @@ struct Rings {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
+    if args.reference.is_dir() && args.image.is_dir() {
+        refuse_options_of_images(args).map_err(Failure::Input)?;
+        return sequence::run(&args.reference, &args.image, args.json);
+    }
     let (reference, reference_source) = read(&args.reference)?;
     let (image, image_source) = read(&args.image)?;
     let pair = Pair::new(&reference, &image)
@@ -106,6 +111,19 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 
 fn read(path: &Path) -> Result<(RgbImage, ColourSource), Failure> {
     read_colour(path).map_err(|e| Failure::Input(e.into()))
+}
+
+fn refuse_options_of_images(args: &Args) -> Result<(), anyhow::Error> {
+    let given = [
+        ("--heatmap", args.heatmap.is_some()),
+        ("--flip-map", args.flip_map.is_some()),
+        ("--rings", args.rings.is_some()),
+        ("--seams", !args.seams.is_empty()),
+    ];
+    match given.iter().find(|(_, is_given)| *is_given) {
+        Some((option, _)) => anyhow::bail!("{option} is of single images: name two files instead of folders"),
+        None => Ok(()),
+    }
 }
 
 fn check_seams(rows: &[u32], extent: Extent) -> Result<(), anyhow::Error> {

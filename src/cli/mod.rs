@@ -23,6 +23,7 @@ mod reference;
 mod render;
 mod scale;
 mod scenes;
+mod sequence;
 mod setup;
 mod simulate;
 mod trace;
@@ -47,7 +48,7 @@ enum Command {
     Scale(scale::Args),
     /// Measure run time against error over a grid of settings: table, CSV, plot
     Bench(bench::Args),
-    /// Compare an image with a reference: RMSE, relMSE, PSNR, SSIM, FLIP, mean ratio; by ring and by seam
+    /// Compare an image with a reference: RMSE, relMSE, PSNR, SSIM, FLIP, mean ratio; by ring and by seam; or a sequence
     Compare(compare::Args),
     /// Check a trace-file and sum it up: busy, transfer, idle per device, critical path; or compare two
     Trace(trace::Args),

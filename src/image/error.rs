@@ -24,6 +24,9 @@ pub enum ImageError {
     #[error("{path} has no colour: check that it has channels R, G and B, Y, or a single channel; it has {channels}")]
     NoColour { path: PathBuf, channels: String },
 
+    #[error("{path} has no channels {wanted}, only {channels}: check that it is the image that its name says")]
+    NoChannels { path: PathBuf, wanted: String, channels: String },
+
     #[error("the images differ in size, {first} and {second}: check that both come from the same --size")]
     SizeMismatch { first: Extent, second: Extent },
 

@@ -2,8 +2,8 @@
 
 use std::collections::HashSet;
 use std::io::{self, Cursor};
-use std::panic::catch_unwind;
-use std::path::Path;
+use std::panic::{UnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
 use std::{fmt, fs};
 
 use ::exr::block::reader::ChunksReader;
@@ -80,15 +80,35 @@ pub fn read_rgb(path: &Path) -> Result<RgbImage, ImageError> {
 /// [`ImageError::Read`], [`ImageError::Decode`] for a file that is damaged, [`ImageError::Unsupported`] for deep data,
 /// subsampled channels and the compressions DWA, HTJ2K and ZSTD, [`ImageError::NoColour`].
 pub fn read_colour(path: &Path) -> Result<(RgbImage, ColourSource), ImageError> {
+    read(path, Colour::find, |path, channels| ImageError::NoColour { path, channels })
+}
+
+/// Reads three channels by their names, whatever their case, from the first part that has them; a name may come twice.
+/// Otherwise as [`read_colour`].
+///
+/// # Errors
+/// As [`read_colour`], with [`ImageError::NoChannels`] for a file without them.
+pub fn read_channels(path: &Path, names: [&'static str; 3]) -> Result<RgbImage, ImageError> {
+    let lacks = |path, channels| ImageError::NoChannels { path, wanted: names.join(", "), channels };
+    let named = move |headers: &[Header]| Colour::first(headers, |list| channels_of_layer(list, "", names));
+    read(path, named, lacks).map(|(image, _)| image)
+}
+
+/// `lacks` makes the error, of the path and the names of the channels that are there, where `find` finds none.
+fn read(
+    path: &Path,
+    find: impl Fn(&[Header]) -> Option<Colour> + UnwindSafe,
+    lacks: impl Fn(PathBuf, String) -> ImageError,
+) -> Result<(RgbImage, ColourSource), ImageError> {
     let bytes = fs::read(path).map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
     // The crate's B44 decoder overflows on damaged blocks, which panics where overflow is checked; Cargo.toml has it
     // unchecked in our own builds.
-    let decoded = catch_unwind(|| decode_rgb(&bytes))
+    let decoded = catch_unwind(|| decode(&bytes, find))
         .unwrap_or_else(|_| Err(Refusal::Unreadable("its compressed data makes no sense".into())));
     decoded.map_err(|e| match e {
         Refusal::Unreadable(reason) => ImageError::Decode { path: path.to_owned(), reason },
         Refusal::Unsupported(what) => ImageError::Unsupported { path: path.to_owned(), what },
-        Refusal::NoColour(channels) => ImageError::NoColour { path: path.to_owned(), channels },
+        Refusal::NotThere(channels) => lacks(path.to_owned(), channels),
     })
 }
 
@@ -127,7 +147,8 @@ impl fmt::Display for ColourSource {
 enum Refusal {
     Unreadable(String),
     Unsupported(String),
-    NoColour(String),
+    /// None of the channels looked for are; these are there.
+    NotThere(String),
 }
 
 impl From<ExrError> for Refusal {
@@ -139,10 +160,10 @@ impl From<ExrError> for Refusal {
     }
 }
 
-fn decode_rgb(bytes: &[u8]) -> Result<(RgbImage, ColourSource), Refusal> {
+fn decode(bytes: &[u8], find: impl Fn(&[Header]) -> Option<Colour>) -> Result<(RgbImage, ColourSource), Refusal> {
     let reader = ::exr::block::read(Cursor::new(bytes), false)?;
     check_headers(reader.headers(), bytes.len())?;
-    let colour = Colour::find(reader.headers()).ok_or_else(|| Refusal::NoColour(channel_names(reader.headers())))?;
+    let colour = find(reader.headers()).ok_or_else(|| Refusal::NotThere(channel_names(reader.headers())))?;
     let source = colour.source(reader.headers());
 
     let size = reader.headers()[colour.part].layer_size;
@@ -192,14 +213,14 @@ struct Colour {
 }
 
 impl Colour {
+    /// In the first part in which `choose` finds some.
+    fn first(headers: &[Header], choose: impl Fn(&[ChannelDescription]) -> Option<[usize; 3]>) -> Option<Self> {
+        let mut parts = headers.iter().enumerate().filter(|(_, h)| !h.deep);
+        parts.find_map(|(part, header)| choose(&header.channels.list).map(|channels| Self { part, channels }))
+    }
+
     fn find(headers: &[Header]) -> Option<Self> {
-        let first = |choose: fn(&[ChannelDescription]) -> Option<[usize; 3]>| {
-            headers
-                .iter()
-                .enumerate()
-                .filter(|(_, h)| !h.deep)
-                .find_map(|(part, header)| choose(&header.channels.list).map(|channels| Self { part, channels }))
-        };
+        let first = |choose: fn(&[ChannelDescription]) -> Option<[usize; 3]>| Self::first(headers, choose);
         first(|list| rgb_of_layer(list, ""))
             .or_else(|| first(|list| list.iter().find_map(|c| rgb_of_layer(list, layer_of(&c.name.to_string())))))
             .or_else(|| first(luminance))
@@ -256,8 +277,13 @@ fn layer_of(name: &str) -> &str {
 }
 
 fn rgb_of_layer(list: &[ChannelDescription], layer: &str) -> Option<[usize; 3]> {
+    channels_of_layer(list, layer, ["R", "G", "B"])
+}
+
+fn channels_of_layer(list: &[ChannelDescription], layer: &str, names: [&str; 3]) -> Option<[usize; 3]> {
     let index = |c: &str| list.iter().position(|d| d.name.eq_case_insensitive(&format!("{layer}{c}")));
-    Some([index("R")?, index("G")?, index("B")?])
+    let [a, b, c] = names.map(index);
+    Some([a?, b?, c?])
 }
 
 fn luminance(list: &[ChannelDescription]) -> Option<[usize; 3]> {

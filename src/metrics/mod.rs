@@ -10,6 +10,7 @@ pub mod heatmap;
 pub mod rings;
 pub mod seams;
 pub mod ssim;
+pub mod temporal;
 
 use std::fmt;
 

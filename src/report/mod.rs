@@ -2,10 +2,12 @@
 
 pub mod bench;
 pub mod html;
+pub mod peres;
 pub mod plot;
 pub mod run;
 pub mod scale;
 pub mod simulation;
+pub mod study;
 pub mod table;
 mod ticks;
 pub mod trace;

@@ -43,21 +43,25 @@ fn f32s(values: &[f32]) -> FlatSamples {
     FlatSamples::F32(values.to_vec())
 }
 
+fn decode_colour(bytes: &[u8]) -> Result<(RgbImage, ColourSource), Refusal> {
+    decode(bytes, Colour::find)
+}
+
 fn decoded(bytes: &[u8]) -> RgbImage {
     decoded_colour(bytes).0
 }
 
 fn decoded_colour(bytes: &[u8]) -> (RgbImage, ColourSource) {
-    decode_rgb(bytes).unwrap_or_else(|e| match e {
-        Refusal::Unreadable(why) | Refusal::Unsupported(why) | Refusal::NoColour(why) => panic!("{why}"),
+    decode_colour(bytes).unwrap_or_else(|e| match e {
+        Refusal::Unreadable(why) | Refusal::Unsupported(why) | Refusal::NotThere(why) => panic!("{why}"),
     })
 }
 
 #[track_caller]
 fn assert_unsupported(bytes: &[u8], named: &str) {
-    match decode_rgb(bytes) {
+    match decode_colour(bytes) {
         Err(Refusal::Unsupported(what)) => assert!(what.contains(named), "{what}"),
-        Err(Refusal::Unreadable(why) | Refusal::NoColour(why)) => panic!("{why}"),
+        Err(Refusal::Unreadable(why) | Refusal::NotThere(why)) => panic!("{why}"),
         Ok(_) => panic!("it was read"),
     }
 }
@@ -219,6 +223,17 @@ fn a_file_without_colour_says_what_it_has() {
 }
 
 #[test]
+fn channels_are_read_by_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("motion.exr");
+    write_channels(&path, Extent::new(2, 1), &[("X", &[1.0, 2.0]), ("Y", &[3.0, f32::INFINITY])]).unwrap();
+    let found = read_channels(&path, ["X", "Y", "Y"]).unwrap();
+    assert_eq!(found.pixels, [[1.0, 3.0, 3.0], [2.0, f32::INFINITY, f32::INFINITY]]);
+    let message = read_channels(&path, ["X", "Y", "Z"]).unwrap_err().to_string();
+    assert!(message.contains("motion.exr has no channels X, Y, Z, only X, Y"), "{message}");
+}
+
+#[test]
 fn missing_empty_and_foreign_files_are_errors() {
     let folder = tempfile::tempdir().unwrap();
     assert!(matches!(read_rgb(&folder.path().join("none.exr")), Err(ImageError::Read { .. })));
@@ -288,7 +303,7 @@ fn damaged_files_give_errors_and_no_panics() {
         for blocks in [Blocks::ScanLines, Blocks::Tiles(Vec2(16, 16))] {
             let good = encoded(vec![part("a", extent, &channels, Encoding { compression, blocks, ..PLAIN })]);
             for i in 0..40 {
-                assert!(decode_rgb(&good[..good.len() * i / 40]).is_err(), "{compression} cut to {i}/40");
+                assert!(decode_colour(&good[..good.len() * i / 40]).is_err(), "{compression} cut to {i}/40");
             }
             let mut random = noise(usize::MAX, 11);
             let mut pick = |n: usize| (random.next().unwrap() * n as f32) as usize;
@@ -299,7 +314,7 @@ fn damaged_files_give_errors_and_no_panics() {
                 for _ in 0..=pick(4) {
                     bad[pick(reach)] = [0, 1, 0x7f, 0x80, 0xff, pick(256) as u8][pick(6)];
                 }
-                let _ = decode_rgb(&bad);
+                let _ = decode_colour(&bad);
             }
         }
     }

@@ -1,0 +1,194 @@
+//! `diptych bench --preset peres`: the experiments of Peres 2022, chapter 6, on our scenes.
+
+use anyhow::anyhow;
+
+use diptych::exec::Stereo;
+use diptych::image::{Extent, RgbImage};
+use diptych::metrics;
+use diptych::report::html::Section;
+use diptych::report::peres::{
+    CONFIGURATIONS, Found, QUALITY_NOTE, Quality, RESOLUTIONS, Row, SCENES, TIME_NOTE, peres_csv, quality_table,
+    time_table,
+};
+use diptych::report::study::quartiles;
+
+use super::timed::{Setting, Timed, TimedFrame};
+use super::{Args, own, single};
+use crate::cli::failure::Failure;
+use crate::cli::interrupt;
+use crate::cli::options::{Denoiser, RenderOptions, RunOptions};
+use crate::cli::output;
+use crate::cli::progress::Progress;
+use crate::cli::setup::{self, Tracing};
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+enum StudyPreset {
+    /// Tables 4 and 5 of Peres: foveated sampling and denoising in layers
+    Peres,
+}
+
+#[derive(clap::Args, Clone, Debug)]
+pub struct PresetOptions {
+    /// Repeat a published study instead of measuring the grid
+    #[arg(long, value_name = "STUDY", conflicts_with_all = ["seams", "shot", "size", "spp", "denoiser", "iterations", "reference"])]
+    preset: Option<StudyPreset>,
+    /// With --preset: factor on the study's widths and heights
+    #[arg(long, value_name = "F", default_value_t = 0.25, requires = "preset", value_parser = scale)]
+    scale: f64,
+    /// With --preset: what stands for the study's scenes, in their order: Pink Room, Sponza, Forest
+    #[arg(
+        long,
+        value_name = "SHOT,…",
+        value_delimiter = ',',
+        requires = "preset",
+        default_value = "builtin:checker,builtin:atrium,builtin:forest"
+    )]
+    shots: Vec<String>,
+}
+
+impl PresetOptions {
+    pub fn is_wanted(&self) -> bool {
+        self.preset.is_some()
+    }
+}
+
+fn scale(text: &str) -> Result<f64, String> {
+    let parsed = text.parse().ok().filter(|scale: &f64| (0.01..=4.0).contains(scale));
+    parsed.ok_or_else(|| "give a number from 0.01 to 4".to_owned())
+}
+
+/// A configuration of the thesis: all take 4 samples where they sample all pixels.
+struct Configuration {
+    name: &'static str,
+    is_foveated: bool,
+    /// Of the inner, middle and outer layer.
+    iterations: [u32; 3],
+}
+
+const SPP: u32 = 4;
+
+const STUDIED: [Configuration; 3] = [
+    Configuration { name: CONFIGURATIONS[0], is_foveated: false, iterations: [5, 5, 5] },
+    Configuration { name: CONFIGURATIONS[1], is_foveated: true, iterations: [3, 5, 5] },
+    Configuration { name: CONFIGURATIONS[2], is_foveated: true, iterations: [2, 3, 5] },
+];
+
+impl Configuration {
+    /// One frame of it; `None` for what cannot be rendered: foveation by layers.
+    fn fill(&self, run: &RunOptions) -> Option<RenderOptions> {
+        let [iterations, ..] = self.iterations;
+        let run = RunOptions { iterations, ..run.clone() };
+        (!self.is_foveated).then(|| single(run, Denoiser::Atrous, SPP))
+    }
+}
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let options = &args.options;
+    options.check().map_err(Failure::Input)?;
+    if args.preset.shots.len() > SCENES.len() {
+        return Err(Failure::Input(anyhow!("--shots: the study has {} scenes, give no more", SCENES.len())));
+    }
+    output::prepare(&options.out, "--out")?;
+    interrupt::watch()?;
+    let tracing = Tracing::start(options)?;
+    let settings = RESOLUTIONS.len() * args.preset.shots.len() * STUDIED.len();
+    let steps = settings as u64 * u64::from(args.warm_up + args.repeats);
+    let mut study = Study {
+        args,
+        tracing: &tracing,
+        progress: Progress::new(steps, options.quiet, options.json),
+        rows: Vec::new(),
+        notes: Vec::new(),
+        settings: 0,
+    };
+    for resolution in 0..RESOLUTIONS.len() {
+        for scene in 0..args.preset.shots.len() {
+            study.scene(resolution, scene)?;
+        }
+    }
+    study.progress.finish();
+    study.write()?;
+    tracing.finish()
+}
+
+struct Study<'a> {
+    args: &'a Args,
+    tracing: &'a Tracing,
+    progress: Progress,
+    rows: Vec<Row>,
+    /// About each reference.
+    notes: Vec<String>,
+    /// Measured so far.
+    settings: u32,
+}
+
+impl Study<'_> {
+    /// All configurations of one of [`RESOLUTIONS`] and of the shots.
+    fn scene(&mut self, resolution: usize, scene: usize) -> Result<(), Failure> {
+        let (_, width, height) = RESOLUTIONS[resolution];
+        let shrunk = |length: u32| ((f64::from(length) * self.args.preset.scale).round() as u32).max(1);
+        let size = Extent::new(shrunk(width), shrunk(height));
+        let shot = self.args.preset.shots[scene].clone();
+        let run = RunOptions { shot: shot.clone(), size, ..self.args.options.clone() };
+        let args = Args { options: run, ..self.args.clone() };
+        let loaded = setup::load(&args.options)?;
+        let reference = own(&args, &loaded, self.tracing)?;
+        interrupt::check()?;
+        let noise = reference.noise.as_ref().map_or(String::new(), |noise| format!("; its own noise: {noise}"));
+        self.notes.push(format!("Reference of {shot} at {size}: {}{noise}.", reference.origin));
+        let timed = Timed { args: &args, loaded: &loaded, progress: &self.progress, tracing: self.tracing };
+        let mut base_ms = None;
+        for (i, configuration) in STUDIED.iter().enumerate() {
+            let mut found = None;
+            if let Some(options) = configuration.fill(&args.options) {
+                let name = format!("{} of {shot} at {size}", configuration.name);
+                let virtual_devices = Some(args.virtual_devices);
+                let warm = timed.frames(&Setting { number: self.settings, name, options, virtual_devices })?;
+                self.settings += 1;
+                found = Some(judge(&warm.frames, &reference.images, &mut base_ms)?);
+            }
+            self.rows.push(Row::new([resolution, scene, i], size.to_string(), shot.clone(), found));
+        }
+        Ok(())
+    }
+
+    fn write(&self) -> Result<(), Failure> {
+        let Self { args, rows, notes, .. } = self;
+        let options = &args.options;
+        output::write_text(&options.out, "peres.csv", &peres_csv(rows))?;
+        let title = format!("Foveated layers after Peres, scale {}", args.preset.scale);
+        let section = |heading, notes, table| Section { heading, notes, table: Some(table), figure: None };
+        let quality_notes = [QUALITY_NOTE.to_owned()].into_iter().chain(notes.iter().cloned()).collect();
+        let sections = [
+            section("Time (table 4)", vec![TIME_NOTE.to_owned()], time_table(rows)),
+            section("Quality (table 5)", quality_notes, quality_table(rows)),
+        ];
+        output::write_page(&options.out, "peres.html", &title, &sections)?;
+        if options.json {
+            say!("{}", serde_json::json!({ "event": "result", "rows": rows }));
+        } else if !options.quiet {
+            notes.iter().for_each(|note| say!("{note}"));
+            say!("{}\n{TIME_NOTE}\n", time_table(rows).text().trim_end());
+            say!("{}\n{QUALITY_NOTE}", quality_table(rows).text().trim_end());
+            say!("peres.html and peres.csv: {}", options.out.display());
+        }
+        Ok(())
+    }
+}
+
+/// Times and errors of frames; the first to come is what the others' speed-ups are over.
+fn judge(frames: &[TimedFrame], reference: &Stereo<RgbImage>, base_ms: &mut Option<f64>) -> Result<Found, Failure> {
+    let time_ms = quartiles(frames.iter().map(|f| f.report.makespan_ms).collect());
+    let (mut psnr, mut ssim) = (Vec::new(), Some(Vec::new()));
+    for frame in frames {
+        for (reference, image) in [(&reference.left, &frame.linear.left), (&reference.right, &frame.linear.right)] {
+            let errors = metrics::compare(reference, image)?;
+            psnr.push(errors.psnr);
+            ssim = ssim.zip(errors.ssim).map(|(all, value)| [all, vec![value]].concat());
+        }
+    }
+    let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+    let quality = Quality::new(mean(&psnr), ssim.map(|values| mean(&values)));
+    let speed_up = *base_ms.get_or_insert(time_ms[1]) / time_ms[1];
+    Ok(Found { time_ms, speed_up, quality })
+}

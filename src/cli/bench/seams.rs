@@ -1,0 +1,227 @@
+//! `diptych bench --seams`: what becomes of the picture where stripes meet, by seam policy and number of devices.
+
+use anyhow::anyhow;
+use clap::ValueEnum;
+
+use diptych::device::DeviceInfo;
+use diptych::exec::Stereo;
+use diptych::graph::Stage;
+use diptych::image::RgbImage;
+use diptych::metrics::Pair;
+use diptych::report::Table;
+use diptych::report::html::Section;
+use diptych::report::study::{
+    LERIA_NOTE, SEAM_NOTE, SeamErrors, SeamRow, leria_table, quartiles, seam_csv, seam_table,
+};
+use diptych::scene::rig::Eye;
+
+use super::timed::{Setting, Timed, TimedFrame, Warm};
+use super::{Args, Reference, given, own, single};
+use crate::cli::failure::Failure;
+use crate::cli::interrupt;
+use crate::cli::options::{Balance, Denoiser, RenderOptions, RunOptions, SeamOption};
+use crate::cli::output;
+use crate::cli::progress::Progress;
+use crate::cli::setup::{self, Tracing};
+
+#[derive(clap::Args, Clone, Debug)]
+pub struct SeamOptions {
+    /// Measure seams instead of the grid: every seam policy at every count, by the first of --spp and --denoiser
+    #[arg(long, conflicts_with_all = ["virtual_devices", "seam"])]
+    seams: bool,
+    /// With --seams: virtual devices on each chosen adapter; one device is always measured
+    #[arg(long, value_delimiter = ',', default_value = "2,3,4", value_name = "N,N,…", requires = "seams", value_parser = clap::value_parser!(u16).range(1..=64))]
+    counts: Vec<u16>,
+}
+
+impl SeamOptions {
+    pub fn is_wanted(&self) -> bool {
+        self.seams
+    }
+
+    /// Those with seams.
+    fn counts(&self) -> Vec<u16> {
+        self.counts.iter().copied().filter(|count| *count > 1).collect()
+    }
+}
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let options = settings(args)?;
+    output::prepare(&options.out, "--out")?;
+    interrupt::watch()?;
+    let tracing = Tracing::start(&options)?;
+    let loaded = setup::load(&options)?;
+    for warning in &loaded.scene.warnings {
+        eprintln!("warning: {warning}");
+    }
+    let reference = match &args.reference {
+        Some(folder) => given(folder, &options)?,
+        None => own(args, &loaded, &tracing)?,
+    };
+    let frames = u64::from(args.warm_up + args.repeats);
+    let settings = 1 + args.seams.counts().len() * SeamOption::value_variants().len();
+    let progress = Progress::new(settings as u64 * frames, options.quiet, options.json);
+    let timed = Timed { args, loaded: &loaded, progress: &progress, tracing: &tracing };
+    let found = Study { options, reference }.measure(&timed)?;
+    progress.finish();
+    tracing.finish()?;
+    found.write(args)
+}
+
+/// The picture that is cut into stripes: even ones unless asked for, so that all seams are on the same rows.
+fn settings(args: &Args) -> Result<RenderOptions, Failure> {
+    let mut run: RunOptions = args.options.clone();
+    if run.balance.is_none() && run.ratios.is_empty() {
+        run.balance = Some(Balance::Even);
+    }
+    let denoiser = args.denoiser.first().copied().unwrap_or(Denoiser::Atrous);
+    let spp = args.spp.first().copied().unwrap_or(1);
+    let options = single(run, denoiser, spp);
+    options.check().map_err(Failure::Input)?;
+    if options.iterations() == 0 {
+        return Err(Failure::Input(anyhow!("--seams: without a denoiser stripes leave no seam")));
+    }
+    if args.seams.counts().is_empty() {
+        return Err(Failure::Input(anyhow!("--counts: stripes take two devices to meet, e.g. 2,3,4")));
+    }
+    Ok(options)
+}
+
+struct Study {
+    options: RenderOptions,
+    reference: Reference,
+}
+
+/// What there is to tell.
+struct Found {
+    study: Study,
+    rows: Vec<SeamRow>,
+    /// Of each number of devices.
+    devices: Vec<Vec<DeviceInfo>>,
+    balance: &'static str,
+}
+
+impl Study {
+    fn measure(self, timed: &Timed<'_>) -> Result<Found, Failure> {
+        let one = Setting { number: 0, name: "1 device".into(), options: self.options.clone(), virtual_devices: None };
+        let one = timed.frames(&one)?;
+        let mut rows = self.rows("-", &one, &one.frames)?.to_vec();
+        let (mut devices, mut number) = (vec![one.devices], 1);
+        for count in timed.args.seams.counts() {
+            for &seam in SeamOption::value_variants() {
+                let policy = setup::name(&seam);
+                let run = RunOptions { seam, ..self.options.run.clone() };
+                let options = RenderOptions { run, ..self.options.clone() };
+                let name = format!("{count} devices, {policy}");
+                let warm = timed.frames(&Setting { number, name, options, virtual_devices: Some(count) })?;
+                rows.extend(self.rows(&policy, &warm, &one.frames)?);
+                number += 1;
+                if seam == SeamOption::Halo {
+                    devices.push(warm.devices);
+                }
+            }
+        }
+        Ok(Found { study: self, rows, devices, balance: one.policy })
+    }
+
+    /// Of each eye; `one` are the same frames of one device.
+    fn rows(&self, policy: &str, warm: &Warm, one: &[TimedFrame]) -> Result<[SeamRow; 2], Failure> {
+        let Warm { frames, devices, .. } = warm;
+        let time_ms = quartiles(frames.iter().map(|f| f.report.makespan_ms).collect());
+        let same_bytes = frames.iter().zip(one).all(|(f, o)| same_bits(&f.linear, &o.linear));
+        let row = |eye: Eye| -> Result<SeamRow, Failure> {
+            let reference = eye_of(&self.reference.images, eye);
+            let mut errors = Vec::new();
+            for (frame, one) in frames.iter().zip(one) {
+                let edges = seam_rows(frame, eye);
+                errors.push(seam_errors(reference, eye_of(&frame.linear, eye), eye_of(&one.linear, eye), &edges)?);
+            }
+            let (devices, policy) = (devices.len(), policy.to_owned());
+            Ok(SeamRow { devices, policy, eye, errors: SeamErrors::mean_of(&errors), same_bytes, time_ms })
+        };
+        Ok([row(Eye::Left)?, row(Eye::Right)?])
+    }
+}
+
+fn eye_of(images: &Stereo<RgbImage>, view: Eye) -> &RgbImage {
+    match view {
+        Eye::Left => &images.left,
+        Eye::Right => &images.right,
+    }
+}
+
+/// Rows with which a stripe of the filter begins below another one.
+fn seam_rows(frame: &TimedFrame, view: Eye) -> Vec<u32> {
+    let height = frame.linear.left.extent.height;
+    let edges = frame.report.assignment.stripes(Stage::Atrous, view).inner_edges();
+    edges.iter().copied().filter(|edge| (1..height).contains(edge)).collect()
+}
+
+fn same_bits(a: &Stereo<RgbImage>, b: &Stereo<RgbImage>) -> bool {
+    let bits = |image: &RgbImage| image.pixels.as_flattened().iter().map(|c| c.to_bits()).collect::<Vec<_>>();
+    bits(&a.left) == bits(&b.left) && bits(&a.right) == bits(&b.right)
+}
+
+fn seam_errors(reference: &RgbImage, image: &RgbImage, one: &RgbImage, edges: &[u32]) -> Result<SeamErrors, Failure> {
+    let own = Pair::new(reference, image)?;
+    let to_one = Pair::new(one, image)?;
+    let seam = own.seam_error(edges);
+    let near_of_one = Pair::new(reference, one)?.seam_error(edges).near_rmse;
+    let (errors, errors_one) = (own.errors(), to_one.errors());
+    Ok(SeamErrors {
+        psnr: errors.psnr,
+        flip: errors.flip,
+        seam: seam.ratio,
+        seam_over_one: seam.near_rmse.zip(near_of_one).and_then(|(own, one)| (one > 0.0).then_some(own / one)),
+        psnr_one: errors_one.psnr,
+        flip_one: errors_one.flip,
+        seam_rmse_one: to_one.seam_error(edges).near_rmse,
+    })
+}
+
+impl Found {
+    fn write(&self, args: &Args) -> Result<(), Failure> {
+        let Self { study: Study { options, reference }, rows, devices, balance } = self;
+        output::write_text(&options.out, "seams.csv", &seam_csv(rows))?;
+        let title = format!("Seams of {} at {}", options.shot, options.size);
+        let mut settings = Table::of_fields(&setup::run_settings(options, balance));
+        settings.rows.retain(|row| row.first().is_none_or(|name| name != "seam"));
+        settings.rows.extend(Table::of_fields(&setup::frame_settings(options)).rows);
+        let frames = [("warm_up_frames", args.warm_up), ("timed_frames", args.repeats)];
+        settings.rows.extend(frames.map(|(name, value)| vec![name.to_owned(), value.to_string()]));
+        let mut notes = vec![format!("Reference: {}.", reference.origin)];
+        notes.extend(reference.noise.as_ref().map(|n| format!("Its own noise, below which no error is real: {n}.")));
+        let table = Table::of_devices(devices.iter().map(Vec::as_slice));
+        let sections = [
+            Section { heading: "Settings", notes, table: Some(settings), figure: None },
+            Section { heading: "Devices", table: Some(table), ..Section::default() },
+            Section {
+                heading: "Seams",
+                notes: vec![SEAM_NOTE.to_owned()],
+                table: Some(seam_table(rows)),
+                figure: None,
+            },
+            Section {
+                heading: "Beside Leria et al.",
+                notes: vec![LERIA_NOTE.to_owned()],
+                table: Some(leria_table(rows)),
+                figure: None,
+            },
+        ];
+        output::write_page(&options.out, "seams.html", &title, &sections)?;
+        self.say()
+    }
+
+    fn say(&self) -> Result<(), Failure> {
+        let Self { study: Study { options, reference }, rows, .. } = self;
+        if options.json {
+            say!("{}", serde_json::json!({ "event": "result", "reference": reference.origin, "rows": rows }));
+        } else if !options.quiet {
+            say!("reference: {}", reference.origin);
+            say!("{}\n{SEAM_NOTE}\n", seam_table(rows).text().trim_end());
+            say!("{}\n{LERIA_NOTE}", leria_table(rows).text().trim_end());
+            say!("seams.html and seams.csv: {}", options.out.display());
+        }
+        Ok(())
+    }
+}

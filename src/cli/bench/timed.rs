@@ -1,0 +1,73 @@
+//! Warm frames of a setting, timed, with their images.
+
+use diptych::device::DeviceInfo;
+use diptych::exec::{FrameReport, Stereo};
+use diptych::image::RgbImage;
+use diptych::trace::frames::record_devices;
+
+use super::{Args, FRAMES_MAX};
+use crate::cli::failure::Failure;
+use crate::cli::faults::refuse_faults;
+use crate::cli::interrupt;
+use crate::cli::options::RenderOptions;
+use crate::cli::progress::Progress;
+use crate::cli::setup::{self, Loaded, Tracing};
+
+/// What all settings have in common.
+pub struct Timed<'a> {
+    pub args: &'a Args,
+    pub loaded: &'a Loaded,
+    pub progress: &'a Progress,
+    pub tracing: &'a Tracing,
+}
+
+/// A setting, the `number`th, under a name of its own.
+pub struct Setting {
+    pub number: u32,
+    pub name: String,
+    pub options: RenderOptions,
+    /// Virtual devices on each chosen adapter; `None` for one device in all.
+    pub virtual_devices: Option<u16>,
+}
+
+/// The frames of a setting after its warm-up, and what they ran on.
+pub struct Warm {
+    pub frames: Vec<TimedFrame>,
+    pub devices: Vec<DeviceInfo>,
+    pub policy: &'static str,
+}
+
+/// A warm frame.
+pub struct TimedFrame {
+    pub report: FrameReport,
+    pub linear: Stereo<RgbImage>,
+}
+
+impl Timed<'_> {
+    pub fn frames(&self, setting: &Setting) -> Result<Warm, Failure> {
+        let Self { args, loaded, progress, tracing } = self;
+        let Setting { number, name, options, virtual_devices } = setting;
+        let mut gpus = setup::open_devices(options, virtual_devices.map_or(1, usize::from))?;
+        if virtual_devices.is_none() {
+            gpus.truncate(1);
+        }
+        let mut renderer = setup::renderer(options, loaded, gpus, tracing.recorder.origin())?;
+        record_devices(&tracing.recorder, renderer.devices());
+        let mut frames = Vec::new();
+        for i in 0..args.warm_up + args.repeats {
+            let report = renderer.render(&loaded.shot.rig, options.time, i)?;
+            refuse_faults(&renderer)?;
+            interrupt::check()?;
+            let makespan_ms = report.makespan_ms;
+            let event = serde_json::json!({ "event": "frame", "setting": name, "makespan_ms": makespan_ms });
+            progress.step(format!("{name}, {makespan_ms:.1} ms"), &event);
+            if i >= args.warm_up {
+                // Each setting's frames get numbers of their own in the trace.
+                let report = FrameReport { index: number * FRAMES_MAX + i, ..report };
+                tracing.record(options, &report);
+                frames.push(TimedFrame { report, linear: renderer.read_linear()? });
+            }
+        }
+        Ok(Warm { frames, devices: renderer.devices().to_vec(), policy: renderer.policy_name() })
+    }
+}

@@ -1,0 +1,165 @@
+//! Sequences whose flicker and ghosting have a closed form.
+
+use super::*;
+use crate::image::display::linear_from_srgb;
+
+const EXTENT: Extent = Extent { width: 24, height: 10 };
+/// Side of the square and how far it moves, pixels.
+const SIDE: usize = 6;
+const STEP: usize = 4;
+const SQUARE: f64 = 0.8;
+
+/// A grey image of these display values, by column and row.
+fn grey(shown: impl Fn(usize, usize) -> f64) -> RgbImage {
+    let width = EXTENT.width as usize;
+    let pixel = |i| {
+        let linear = linear_from_srgb(shown(i % width, i / width));
+        [(linear / (1.0 - linear)) as f32; 3]
+    };
+    RgbImage { extent: EXTENT, pixels: (0..EXTENT.area()).map(pixel).collect() }
+}
+
+fn vectors(at: impl Fn(usize, usize) -> [f32; 3]) -> RgbImage {
+    let width = EXTENT.width as usize;
+    RgbImage { extent: EXTENT, pixels: (0..EXTENT.area()).map(|i| at(i % width, i / width)).collect() }
+}
+
+fn in_square(x: usize, y: usize, left: usize) -> bool {
+    (left..left + SIDE).contains(&x) && (2..2 + SIDE).contains(&y)
+}
+
+/// A wall with a square before it, which has come from the left by `moved` pixels.
+fn scene(left: usize, moved: usize) -> Surfaces {
+    let inside = move |x, y| in_square(x, y, left);
+    let motion = vectors(|x, y| [if inside(x, y) { -(moved as f32) } else { 0.0 }, 0.0, 0.0]);
+    let position = vectors(|x, y| [x as f32, y as f32, if inside(x, y) { 5.0 } else { 0.0 }]);
+    Surfaces::new(motion, position, vectors(|_, _| [0.0, 0.0, 1.0])).unwrap()
+}
+
+fn square(left: usize) -> impl Fn(usize, usize) -> f64 {
+    move |x, y| if in_square(x, y, left) { SQUARE } else { 0.0 }
+}
+
+fn temporal(frames: [(&RgbImage, &RgbImage, &Surfaces); 2]) -> TemporalError {
+    let [before, now] = frames.map(|(reference, image, _)| Pair::new(reference, image).unwrap());
+    let history = frames[1].2.history(frames[0].2).unwrap();
+    now.change_since(&before, &history).unwrap().into()
+}
+
+#[track_caller]
+fn assert_near(found: Option<f64>, expected: f64) {
+    let found = found.unwrap();
+    assert!((found - expected).abs() < 1e-5, "{found}, expected {expected}");
+}
+
+#[test]
+fn an_image_that_is_always_wrong_alike_does_not_flicker() {
+    let (reference, image) = (grey(|_, _| 0.5), grey(|x, y| 0.02 * (x + y) as f64));
+    let surfaces = scene(3, 0);
+    let found = temporal([(&reference, &image, &surfaces), (&reference, &image, &surfaces)]);
+    assert_eq!((found.flicker, found.new_share, found.ghosting), (Some(0.0), Some(0.0), None));
+}
+
+/// The square leaves STEP of its columns behind, and its front covers others, which are not seen any more.
+#[test]
+fn what_moves_in_the_reference_too_is_no_flicker() {
+    let (before, now) = (scene(3, 0), scene(3 + STEP, STEP));
+    let [was, is] = [grey(square(3)), grey(square(3 + STEP))];
+    let found = temporal([(&was, &was, &before), (&is, &is, &now)]);
+    assert_eq!((found.flicker, found.ghosting), (Some(0.0), None));
+    assert_near(found.new_share, (STEP * SIDE) as f64 / EXTENT.area() as f64);
+}
+
+#[test]
+fn surfaces_uncovered_or_come_in_from_outside_are_new() {
+    let history = scene(3 + STEP, STEP).history(&scene(3, 0)).unwrap();
+    let width = EXTENT.width as usize;
+    for (i, history) in history.iter().enumerate() {
+        let (x, y) = (i % width, i / width);
+        let expected = match (in_square(x, y, 3 + STEP), in_square(x, y, 3)) {
+            (true, _) => History::Seen(i - STEP),
+            (false, true) => History::New,
+            (false, false) => History::Seen(i),
+        };
+        assert_eq!(*history, expected, "{x}, {y}");
+    }
+    let from_outside = scene(2, 4).history(&scene(0, 0)).unwrap();
+    assert_eq!(from_outside[2 * width + 2..2 * width + 5], [History::New, History::New, History::Seen(2 * width)]);
+}
+
+/// The image holds (1 − α) of the frame before, where that was, as an exponential mean without motion does.
+#[test]
+fn an_exponential_mean_ghosts_by_what_it_keeps() {
+    let (before, now) = (scene(3, 0), scene(3 + STEP, STEP));
+    let (was, is) = (square(3), square(3 + STEP));
+    let alpha = 0.2;
+    let mean = grey(|x, y| alpha * is(x, y) + (1.0 - alpha) * was(x, y));
+    let (was, is) = (grey(was), grey(is));
+    let found = temporal([(&was, &was, &before), (&is, &mean, &now)]);
+    // Both where the square was and where it has come to, each STEP columns wide, the image is wrong by this.
+    let wrong = (1.0 - alpha) * SQUARE;
+    let (area, moved) = (EXTENT.area() as f64, (STEP * SIDE) as f64);
+    assert_near(found.flicker, wrong * moved / (area - moved));
+    assert_near(found.ghosting, ((area - moved) / moved).sqrt());
+}
+
+/// The mean of |a − b| for a and b of ±σ is σ.
+#[test]
+fn noise_that_frames_do_not_share_flickers() {
+    let sigma = 0.1;
+    let reference = grey(|_, _| 0.5);
+    let [a, b] = [1, 2].map(|bit| grey(move |x, y| 0.5 + sigma * if ((x + 5 * y) & bit) == 0 { 1.0 } else { -1.0 }));
+    let surfaces = scene(3, 0);
+    let found = temporal([(&reference, &a, &surfaces), (&reference, &b, &surfaces)]);
+    assert_near(found.flicker, sigma);
+}
+
+#[test]
+fn the_sky_counts_as_neither() {
+    let sky = || vectors(|_, _| [0.0; 3]);
+    let surfaces = Surfaces::new(sky(), sky(), sky()).unwrap();
+    let (black, white) = (grey(|_, _| 0.0), grey(|_, _| 0.9));
+    let found = temporal([(&black, &black, &surfaces), (&black, &white, &surfaces)]);
+    assert_eq!(found, TemporalError { flicker: None, ghosting: None, new_share: None });
+}
+
+/// The nearest pixel to where motion leads may show what is across an edge.
+#[test]
+fn an_edge_that_moves_by_part_of_a_pixel_uncovers_nothing() {
+    let mut now = scene(3, 0);
+    for motion in &mut now.motion_px {
+        motion[0] = -0.6;
+    }
+    let history = now.history(&scene(3, 0)).unwrap();
+    let width = EXTENT.width as usize;
+    let row = 2 * width;
+    assert_eq!(history[row + 3], History::Seen(row + 3));
+    assert_eq!(history[row + 3 + SIDE], History::Seen(row + 3 + SIDE));
+    assert_eq!(history[row + 5], History::Seen(row + 4));
+    assert!(!history.contains(&History::New));
+}
+
+/// The scale of the world does not matter, nor does a plane seen at a slant count as new.
+#[test]
+fn a_slanted_plane_that_moves_past_is_seen_at_any_scale() {
+    for scale in [1e-4f32, 1.0, 1e4] {
+        let plane = |shift: f32| {
+            let position = vectors(|x, y| [x as f32 + shift, y as f32, 3.0 * (x as f32 + shift)].map(|c| c * scale));
+            let normal = vectors(|_, _| [-3.0, 0.0, 1.0].map(|c: f32| c / 10f32.sqrt()));
+            Surfaces::new(vectors(|_, _| [shift, 0.0, 0.0]), position, normal).unwrap()
+        };
+        let history = plane(1.4).history(&plane(0.0)).unwrap();
+        let new = history.iter().filter(|h| **h == History::New).count();
+        assert_eq!(new, EXTENT.height as usize, "only the last column comes from outside, at {scale}");
+    }
+}
+
+#[test]
+fn images_of_different_sizes_are_refused() {
+    let small = || RgbImage::filled(Extent::new(2, 2), [0.0; 3]);
+    let large = || RgbImage::filled(Extent::new(3, 2), [0.0; 3]);
+    assert!(Surfaces::new(small(), large(), large()).is_err());
+    let of = |image: &dyn Fn() -> RgbImage| Surfaces::new(image(), image(), image()).unwrap();
+    let (a, b) = (of(&small), of(&large));
+    assert!(a.history(&b).is_err());
+}

@@ -1,0 +1,201 @@
+//! Tables 4 and 5 of Peres 2022, "Non-homogeneous denoising for virtual reality in real-time path tracing rendering",
+//! with our numbers beside the thesis's.
+
+use serde::Serialize;
+
+use super::study::{cell, table};
+use super::{Column, Table, csv};
+
+/// The thesis's scenes, in its order.
+pub const SCENES: [&str; 3] = ["Pink Room", "Sponza", "Forest"];
+
+/// The thesis's resolutions per eye, in its order: name, width, height.
+pub const RESOLUTIONS: [(&str, u32, u32); 2] = [("FHD", 960, 1080), ("Quest 2", 1832, 1920)];
+
+/// The thesis's configurations, in its order.
+pub const CONFIGURATIONS: [&str; 3] = ["Base", "NH2LD", "NH3LD"];
+
+/// Table 4: ms per frame, by resolution, scene and configuration.
+const TIMES_MS: [[[f64; 3]; 3]; 2] = [
+    [[16.26, 13.99, 12.81], [31.01, 23.28, 22.95], [22.84, 18.46, 17.54]],
+    [[45.32, 40.58, 39.19], [99.27, 75.52, 74.62], [73.66, 60.24, 59.03]],
+];
+
+/// Table 5: RMSE in %, SSIM and PSNR in dB, by scene and configuration.
+const QUALITY: [[Quality; 3]; 3] = [
+    [quality(3.2862, 0.986438, 28.659183), quality(3.4374, 0.985774, 28.030232), quality(3.5997, 0.987343, 27.619445)],
+    [quality(5.7633, 0.918678, 21.879093), quality(5.9252, 0.913988, 21.420517), quality(5.9029, 0.913633, 21.468767)],
+    [quality(3.7991, 0.813191, 22.339938), quality(3.8649, 0.795324, 22.378790), quality(4.1787, 0.778536, 21.692040)],
+];
+
+/// Of display values.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Quality {
+    /// Of the range of display values, 0 … 1.
+    pub rmse_percent: f64,
+    pub ssim: Option<f64>,
+    /// dB.
+    pub psnr: f64,
+}
+
+const fn quality(rmse_percent: f64, ssim: f64, psnr: f64) -> Quality {
+    Quality { rmse_percent, ssim: Some(ssim), psnr }
+}
+
+impl Quality {
+    /// The RMSE follows from the PSNR, whose peak is the range.
+    pub fn new(psnr: f64, ssim: Option<f64>) -> Self {
+        Self { rmse_percent: 100.0 * 10f64.powf(-psnr / 20.0), ssim, psnr }
+    }
+}
+
+/// What was found of a configuration.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Found {
+    /// Quartiles of the warm frames' makespans.
+    pub time_ms: [f64; 3],
+    /// Time of the base over this one's.
+    pub speed_up: f64,
+    /// Mean of both eyes over frames.
+    pub quality: Quality,
+}
+
+/// A configuration of the thesis at one resolution and scene.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    /// Indices into [`RESOLUTIONS`], [`SCENES`] and [`CONFIGURATIONS`].
+    #[serde(skip)]
+    pub of: [usize; 3],
+    pub resolution: &'static str,
+    pub size: String,
+    pub shot: String,
+    /// The thesis's scene that the shot stands for.
+    pub stands_for: &'static str,
+    pub configuration: &'static str,
+    /// `None` where it was not measured.
+    pub found: Option<Found>,
+}
+
+impl Row {
+    /// `of` is within the bounds of the constants.
+    pub fn new(of: [usize; 3], size: String, shot: String, found: Option<Found>) -> Self {
+        let [resolution, scene, configuration] = of;
+        let (resolution, stands_for) = (RESOLUTIONS[resolution].0, SCENES[scene]);
+        Self { of, resolution, size, shot, stands_for, configuration: CONFIGURATIONS[configuration], found }
+    }
+
+    fn time_ms(&self) -> Option<f64> {
+        self.found.map(|f| f.time_ms[1])
+    }
+
+    fn quality(&self) -> Option<Quality> {
+        self.found.map(|f| f.quality)
+    }
+
+    fn cited_ms(&self) -> f64 {
+        let [resolution, scene, configuration] = self.of;
+        TIMES_MS[resolution][scene][configuration]
+    }
+
+    fn cited_speed_up(&self) -> f64 {
+        let [resolution, scene, _] = self.of;
+        TIMES_MS[resolution][scene][0] / self.cited_ms()
+    }
+
+    fn cited_quality(&self) -> Quality {
+        let [_, scene, configuration] = self.of;
+        QUALITY[scene][configuration]
+    }
+}
+
+const SUBJECT: [Column<Row>; 5] = [
+    ("resolution", |r| r.resolution.to_owned()),
+    ("size", |r| r.size.clone()),
+    ("shot", |r| r.shot.clone()),
+    ("stands for", |r| r.stands_for.to_owned()),
+    ("configuration", |r| r.configuration.to_owned()),
+];
+
+const TIME: [Column<Row>; 5] = [
+    ("ms", |r| cell(r.time_ms(), 2)),
+    ("iqr ms", |r| cell(r.found.map(|f| f.time_ms[2] - f.time_ms[0]), 2)),
+    ("speed-up", |r| cell(r.found.map(|f| f.speed_up), 2)),
+    ("thesis ms", |r| format!("{:.2}", r.cited_ms())),
+    ("thesis speed-up", |r| format!("{:.2}", r.cited_speed_up())),
+];
+
+const ERRORS: [Column<Row>; 6] = [
+    ("rmse %", |r| cell(r.quality().map(|q| q.rmse_percent), 4)),
+    ("ssim", |r| cell(r.quality().and_then(|q| q.ssim), 6)),
+    ("psnr", |r| cell(r.quality().map(|q| q.psnr), 3)),
+    ("thesis rmse %", |r| format!("{:.4}", r.cited_quality().rmse_percent)),
+    ("thesis ssim", |r| cell(r.cited_quality().ssim, 6)),
+    ("thesis psnr", |r| format!("{:.3}", r.cited_quality().psnr)),
+];
+
+/// What stands with [`time_table`].
+pub const TIME_NOTE: &str = "Median makespan of warm frames of one instant, both eyes, and the distance of their \
+    quartiles; the speed-up is over Base. Thesis: table 4, mean GPU time of 1000 frames along a path on a GeForce RTX \
+    2080, at full resolution. Base: every pixel with 4 samples and 5 iterations. NH2LD and NH3LD: 4, 3 and 2 samples a \
+    pixel on average in the inner, middle and outer layer, with 3, 5 and 5 or 2, 3 and 5 iterations.";
+
+/// What stands with [`quality_table`].
+pub const QUALITY_NOTE: &str = "Mean of both eyes and frames, against an image of many samples without denoiser. RMSE is \
+    in % of the range of display values, so that PSNR = -20 log10(RMSE / 100 %). Thesis: table 5, which does not say at \
+    which resolution, and of what its RMSE is: its PSNR is 1.0 (Pink Room, Base) to 6.1 dB (Forest, Base) below what \
+    that formula gives. Other scenes and renderers: hold configurations of a scene against each other, not columns.";
+
+/// Table 4: a line per resolution, shot and configuration.
+pub fn time_table(rows: &[Row]) -> Table {
+    table(&[&SUBJECT[..], &TIME].concat(), rows)
+}
+
+/// Table 5, as [`time_table`].
+pub fn quality_table(rows: &[Row]) -> Table {
+    table(&[&SUBJECT[..], &ERRORS].concat(), rows)
+}
+
+/// Both tables for programs.
+pub fn peres_csv(rows: &[Row]) -> String {
+    csv(&[&SUBJECT[..], &TIME, &ERRORS].concat(), rows)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The thesis prints two digits and cuts off what follows.
+    #[test]
+    fn cited_times_give_the_cited_speed_ups() {
+        let printed = [[[1.16, 1.26], [1.33, 1.35], [1.23, 1.30]], [[1.11, 1.15], [1.31, 1.33], [1.22, 1.24]]];
+        for (resolution, scenes) in printed.iter().enumerate() {
+            for (scene, speed_ups) in scenes.iter().enumerate() {
+                for (configuration, printed) in (1..).zip(speed_ups) {
+                    let row = Row::new([resolution, scene, configuration], String::new(), String::new(), None);
+                    let cut = (row.cited_speed_up() * 100.0).floor() / 100.0;
+                    assert!((cut - printed).abs() < 1e-9, "{row:?}: {cut}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn an_error_of_a_tenth_of_the_range_is_20_db() {
+        assert!((Quality::new(20.0, None).rmse_percent - 10.0).abs() < 1e-12);
+        assert_eq!(Quality::new(f64::INFINITY, None).rmse_percent, 0.0);
+    }
+
+    #[test]
+    fn what_was_not_measured_leaves_the_cited_numbers_alone() {
+        let found = Found { time_ms: [9.0, 10.0, 12.0], speed_up: 1.0, quality: Quality::new(20.0, Some(0.5)) };
+        let row =
+            |configuration, found| Row::new([0, 2, configuration], "240x270".into(), "builtin:forest".into(), found);
+        let rows = [row(0, Some(found)), row(2, None)];
+        assert_eq!(time_table(&rows).rows[0][3..], ["Forest", "Base", "10.00", "3.00", "1.00", "22.84", "1.00"]);
+        assert_eq!(time_table(&rows).rows[1][5..], ["-", "-", "-", "17.54", "1.30"]);
+        assert_eq!(quality_table(&rows).rows[0][5..8], ["10.0000", "0.500000", "20.000"]);
+        assert_eq!(quality_table(&rows).rows[1][5..], ["-", "-", "-", "4.1787", "0.778536", "21.692"]);
+        let text = peres_csv(&rows);
+        assert!(text.lines().all(|line| line.split(',').count() == 16), "{text}");
+    }
+}

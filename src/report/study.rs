@@ -1,0 +1,238 @@
+//! Tables of studies: sequences, and seams beside those of Leria et al.
+
+use serde::Serialize;
+
+use super::bench::Errors;
+use super::{Column, Table, csv};
+use crate::exec::Stereo;
+use crate::metrics;
+use crate::metrics::temporal::TemporalError;
+use crate::scene::rig::Eye;
+
+/// A number, or a placeholder for one.
+pub(super) fn cell(value: Option<f64>, decimals: usize) -> String {
+    value.map_or("-".to_owned(), |v| format!("{v:.decimals$}"))
+}
+
+/// A line of cells under the names of their columns.
+pub(super) fn table<T>(columns: &[Column<T>], rows: &[T]) -> Table {
+    let line = |row: &T| columns.iter().map(|(_, cell)| cell(row)).collect();
+    Table { headers: columns.iter().map(|(name, _)| *name).collect(), rows: rows.iter().map(line).collect() }
+}
+
+/// One eye of a sequence against its reference.
+#[derive(Clone, Debug, Serialize)]
+pub struct SequenceRow {
+    pub eye: &'static str,
+    pub frames: usize,
+    /// Means over frames.
+    pub mean: Errors,
+    #[serde(flatten)]
+    pub temporal: TemporalError,
+    pub per_frame: Vec<metrics::Errors>,
+}
+
+impl SequenceRow {
+    pub fn new(eye: &'static str, per_frame: Vec<metrics::Errors>, temporal: TemporalError) -> Self {
+        Self { eye, frames: per_frame.len(), mean: Errors::mean_of(&per_frame), temporal, per_frame }
+    }
+}
+
+const SEQUENCE: &[Column<SequenceRow>] = &[
+    ("eye", |r| r.eye.to_owned()),
+    ("frames", |r| r.frames.to_string()),
+    ("relmse", |r| cell(r.mean.get("relmse"), 6)),
+    ("psnr", |r| cell(r.mean.get("psnr"), 4)),
+    ("flip", |r| cell(r.mean.get("flip"), 6)),
+    ("mean_ratio", |r| cell(r.mean.get("mean_ratio"), 6)),
+    ("flicker", |r| cell(r.temporal.flicker, 6)),
+    ("ghosting", |r| cell(r.temporal.ghosting, 4)),
+    ("new_share", |r| cell(r.temporal.new_share, 4)),
+];
+
+/// A line per eye.
+pub fn sequence_table(rows: &Stereo<SequenceRow>) -> Table {
+    table(SEQUENCE, &[rows.left.clone(), rows.right.clone()])
+}
+
+/// What a picture in stripes is worth, of one eye and frame. `one` is the picture of one device.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct SeamErrors {
+    /// Against the reference.
+    pub psnr: f64,
+    pub flip: f64,
+    /// RMSE near seams over RMSE elsewhere; `None` for one device.
+    pub seam: Option<f64>,
+    /// RMSE near seams over that of one's same rows: 1 is nothing.
+    pub seam_over_one: Option<f64>,
+    /// Against one: infinite, 0 and 0 for equal pictures.
+    pub psnr_one: f64,
+    pub flip_one: f64,
+    pub seam_rmse_one: Option<f64>,
+}
+
+impl SeamErrors {
+    /// Means; what is undefined in one is so in the mean.
+    pub fn mean_of(all: &[Self]) -> Self {
+        let mean = |of: fn(&Self) -> f64| all.iter().map(of).sum::<f64>() / all.len() as f64;
+        let mean_if = |of: fn(&Self) -> Option<f64>| {
+            let values: Option<Vec<f64>> = all.iter().map(of).collect();
+            values.map(|v| v.iter().sum::<f64>() / v.len() as f64)
+        };
+        Self {
+            psnr: mean(|e| e.psnr),
+            flip: mean(|e| e.flip),
+            seam: mean_if(|e| e.seam),
+            seam_over_one: mean_if(|e| e.seam_over_one),
+            psnr_one: mean(|e| e.psnr_one),
+            flip_one: mean(|e| e.flip_one),
+            seam_rmse_one: mean_if(|e| e.seam_rmse_one),
+        }
+    }
+}
+
+/// Lower quartile, median and upper quartile, between ranks by straight lines; 0 of no values.
+pub fn quartiles(mut values: Vec<f64>) -> [f64; 3] {
+    values.sort_by(f64::total_cmp);
+    [0.25, 0.5, 0.75].map(|share| {
+        let at = share * values.len().saturating_sub(1) as f64;
+        let value = |i: f64| values.get(i as usize).copied().unwrap_or(0.0);
+        value(at.floor()) + (value(at.ceil()) - value(at.floor())) * at.fract()
+    })
+}
+
+/// A seam policy on a number of devices, one eye.
+#[derive(Clone, Debug, Serialize)]
+pub struct SeamRow {
+    pub devices: usize,
+    /// `-` for one device.
+    pub policy: String,
+    pub eye: Eye,
+    #[serde(flatten)]
+    pub errors: SeamErrors,
+    /// Whether every frame has the bytes of one device's.
+    pub same_bytes: bool,
+    /// Quartiles of the warm frames' makespans.
+    pub time_ms: [f64; 3],
+}
+
+const SEAMS: &[Column<SeamRow>] = &[
+    ("devices", |r| r.devices.to_string()),
+    ("seam policy", |r| r.policy.clone()),
+    ("eye", |r| r.eye.to_string()),
+    ("psnr", |r| format!("{:.3}", r.errors.psnr)),
+    ("flip", |r| format!("{:.5}", r.errors.flip)),
+    ("seam", |r| cell(r.errors.seam, 4)),
+    ("seam / one's", |r| cell(r.errors.seam_over_one, 4)),
+    ("psnr to one", |r| format!("{:.3}", r.errors.psnr_one)),
+    ("flip to one", |r| format!("{:.5}", r.errors.flip_one)),
+    ("seam rmse to one", |r| cell(r.errors.seam_rmse_one, 6)),
+    ("same bytes", |r| if r.same_bytes { "yes" } else { "no" }.to_owned()),
+    ("ms", |r| format!("{:.1}", r.time_ms[1])),
+    ("iqr ms", |r| format!("{:.1}", r.time_ms[2] - r.time_ms[0])),
+];
+
+/// What the columns of [`seam_table`] are.
+pub const SEAM_NOTE: &str = "Means over frames. psnr (dB) and flip are against the reference; seam is the RMSE within 4 \
+    rows of where filtered stripes meet over that elsewhere, and seam / one's over that of the one-device picture's same \
+    rows: 1 is nothing. psnr, flip and seam rmse to one are against the one-device picture: inf, 0 and 0 where all bytes \
+    are the same. ms: median of warm frames, and the distance of their quartiles.";
+
+/// A line per setting and eye.
+pub fn seam_table(rows: &[SeamRow]) -> Table {
+    table(SEAMS, rows)
+}
+
+/// [`seam_table`] for programs.
+pub fn seam_csv(rows: &[SeamRow]) -> String {
+    csv(SEAMS, rows)
+}
+
+/// Leria, Mäkitalo & Jääskeläinen 2024, "Image quality related to seam artifacts": PSNR in dB, of San Miguel, Sponza and
+/// Bistro Exterior; what they call it, and the policy it is.
+const LERIA: [(&str, &str, [f64; 3]); 3] = [
+    ("no filter", "none", [20.30, 21.73, 20.89]),
+    ("bilateral filter", "filter", [19.90, 21.71, 20.46]),
+    ("no seam", "-", [20.83, 21.97, 21.09]),
+];
+
+/// What stands below [`leria_table`].
+pub const LERIA_NOTE: &str = "PSNR in dB, in brackets less that without seams. This shot: mean of both eyes, on the most \
+    devices; no seam is one device. Cited: Leria, Mäkitalo & Jääskeläinen 2024, Real-time Stereoscopic Image-parallel \
+    Path Tracing, 1280x720 per eye, 1 spp, 6 bounces, SVGF, several GPUs; other scenes, references and denoiser, so only \
+    the differences within a column are to be held against each other.";
+
+/// Our PSNR on the most devices beside the paper's.
+pub fn leria_table(rows: &[SeamRow]) -> Table {
+    let most = rows.iter().map(|r| r.devices).max().unwrap_or(0);
+    let psnr = |policy: &str| {
+        let own = rows.iter().filter(|r| r.policy == policy && (policy == "-" || r.devices == most));
+        let values: Vec<f64> = own.map(|r| r.errors.psnr).collect();
+        (!values.is_empty()).then(|| values.iter().sum::<f64>() / values.len() as f64)
+    };
+    let against = |value: f64, unseamed: f64| format!("{value:.2} ({:+.2})", value - unseamed);
+    let ours = |policy: &str| psnr(policy).zip(psnr("-")).map_or("-".to_owned(), |(p, one)| against(p, one));
+    let [.., (_, _, unseamed)] = LERIA;
+    let cited = LERIA.map(|(name, policy, values)| {
+        let theirs = values.iter().zip(unseamed).map(|(v, one)| against(*v, one));
+        [name.to_owned(), ours(policy)].into_iter().chain(theirs).collect()
+    });
+    let halo = vec!["halo".to_owned(), ours("halo"), "-".to_owned(), "-".to_owned(), "-".to_owned()];
+    let headers = vec!["picture", "this shot", "San Miguel (cited)", "Sponza (cited)", "Bistro Ext. (cited)"];
+    Table { headers, rows: cited.into_iter().chain([halo]).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(devices: usize, policy: &str, eye: Eye, psnr: f64) -> SeamRow {
+        let errors = SeamErrors {
+            psnr,
+            flip: 0.1,
+            seam: None,
+            seam_over_one: Some(1.0),
+            psnr_one: f64::INFINITY,
+            flip_one: 0.0,
+            seam_rmse_one: Some(0.0),
+        };
+        let policy = policy.to_owned();
+        SeamRow { devices, policy, eye, errors, same_bytes: true, time_ms: [1.0, 2.0, 4.0] }
+    }
+
+    #[test]
+    fn quartiles_lie_between_ranks() {
+        assert_eq!(quartiles(vec![4.0, 1.0, 3.0, 2.0, 5.0]), [2.0, 3.0, 4.0]);
+        assert_eq!(quartiles(vec![1.0, 2.0]), [1.25, 1.5, 1.75]);
+        assert_eq!(quartiles(vec![7.0]), [7.0; 3]);
+        assert_eq!(quartiles(Vec::new()), [0.0; 3]);
+    }
+
+    #[test]
+    fn the_papers_numbers_stand_beside_those_of_the_most_devices() {
+        let rows = [
+            row(1, "-", Eye::Left, 30.0),
+            row(1, "-", Eye::Right, 31.0),
+            row(2, "none", Eye::Left, 10.0),
+            row(4, "none", Eye::Left, 29.0),
+            row(4, "none", Eye::Right, 30.0),
+        ];
+        let found = leria_table(&rows).rows;
+        assert_eq!(found[0], ["no filter", "29.50 (-1.00)", "20.30 (-0.53)", "21.73 (-0.24)", "20.89 (-0.20)"]);
+        assert_eq!(found[1][1..3], ["-", "19.90 (-0.93)"]);
+        assert_eq!(found[2][1..3], ["30.50 (+0.00)", "20.83 (+0.00)"]);
+        assert_eq!(found[3], ["halo", "-", "-", "-", "-"]);
+    }
+
+    #[test]
+    fn equal_pictures_are_infinitely_near() {
+        let text = seam_csv(&[row(2, "halo", Eye::Left, 30.0)]);
+        let lines: Vec<Vec<&str>> = text.lines().map(|l| l.split(',').collect()).collect();
+        assert_eq!(lines[0].len(), lines[1].len(), "{text}");
+        let value = |name| lines[1][lines[0].iter().position(|n| *n == name).unwrap()];
+        assert_eq!(
+            [value("psnr to one"), value("same bytes"), value("seam"), value("iqr ms")],
+            ["inf", "yes", "-", "3.0"]
+        );
+    }
+}
