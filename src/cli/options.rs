@@ -83,16 +83,10 @@ pub struct RunOptions {
     /// Share of rows per device, as 5,1,2; of a stage as atrous=1,1,2; of a stage and view as path_trace.left=5,1,2
     #[arg(long, value_name = "A,B,…")]
     pub ratios: Vec<RatioRule>,
-    /// Reflections that light takes to the eye; direct light is always there, so 0 and 1 are alike
-    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(0..=1024))]
-    pub bounces: u32,
     #[arg(long, default_value_t = 0)]
     pub seed: u32,
     #[arg(long, default_value = "sobol")]
     pub sampler: Sampler,
-    /// Iterations of the denoiser
-    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(0..=10))]
-    pub iterations: u32,
     /// What happens where stripes meet
     #[arg(long, default_value = "halo")]
     pub seam: SeamOption,
@@ -172,8 +166,14 @@ pub struct RenderOptions {
     /// Samples per pixel
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     pub spp: u32,
+    /// Reflections that light takes to the eye; direct light is always there, so 0 and 1 are alike
+    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(0..=1024))]
+    pub bounces: u32,
     #[arg(long, default_value = "atrous")]
     pub denoiser: Denoiser,
+    /// Iterations of the denoiser
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(0..=10))]
+    pub iterations: u32,
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub frames: u32,
     /// Frames per second of the camera path

@@ -84,7 +84,8 @@ impl Plan {
         self.options.time + f64::from(frame) / self.options.fps
     }
 
-    fn fingerprint(&self, loaded: &Loaded, frame: u32) -> Fingerprint {
+    /// What a frame's samples are of.
+    pub fn fingerprint(&self, loaded: &Loaded, frame: u32) -> Fingerprint {
         let options = &self.options;
         Fingerprint::of(&Subject {
             scene: &loaded.scene,
