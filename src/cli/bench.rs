@@ -11,8 +11,7 @@ use anyhow::Context;
 
 use diptych::accumulation::hash_of;
 use diptych::control::{Ladder, Origin};
-use diptych::device::{DeviceInfo, wgsl};
-use diptych::graph::Stage;
+use diptych::device::{DeviceInfo, all_wgsl};
 use diptych::report::Table;
 use diptych::report::bench::{Row, Slope, csv, ladder_svg, mark_front, slopes, svg, table};
 use diptych::report::html::Section;
@@ -109,10 +108,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 fn subject(args: &Args, loaded: &Loaded, devices: &[DeviceInfo]) -> Result<String, Failure> {
     let quiet = RunOptions { out: PathBuf::new(), trace: None, quiet: true, json: false, ..args.options.clone() };
     let seen = reference::plan(args)?.fingerprint(loaded, 0).key();
-    let shaders = Stage::RATIO_GROUPS.map(|stage| wgsl(stage.name()));
+    let shaders = all_wgsl();
     let Args { virtual_devices, repeats, warm_up, .. } = args;
     let devices = Table::of_devices([devices]).rows;
-    Ok(hash_of(&format!("{quiet:?} {virtual_devices} {repeats} {warm_up} {seen} {devices:?} {shaders:?}")))
+    Ok(hash_of(&format!("{quiet:?} {virtual_devices} {repeats} {warm_up} {seen} {devices:?} {shaders}")))
 }
 
 fn say_reference(options: &RunOptions, reference: &Reference) {

@@ -15,7 +15,7 @@ const PROBATION: u32 = 16;
 const RETRY_AFTER: [u32; 2] = [32, 1024];
 /// Of the budget's upper end: what a frame counts as at least that was given up.
 const MISSED: f64 = 1.5;
-/// The margin for scatter is at most this, so that the aim stays within the band.
+/// The margin for scatter is at most this: a band of 11 to 20 ms still holds the aim.
 const MARGIN_MAX: f64 = 1.25;
 
 /// Foretells what a frame would take.
@@ -103,7 +103,7 @@ impl Controller {
         self.climbed = None;
     }
 
-    /// The rung of the next frame. Asks `predictor` once or twice per rung at most.
+    /// The rung of the next frame. Asks `predictor` of each rung a few times at most, of most rungs not at all.
     pub fn next(&mut self, predictor: &impl Predict) -> Decision {
         let times_ms = &self.times_ms;
         let predicted_ms = |rung: usize| {
