@@ -7,6 +7,7 @@ pub mod scene;
 pub mod accel;
 pub mod graph;
 pub mod schedule;
+pub mod control;
 pub mod device;
 pub mod stages;
 pub mod exec;

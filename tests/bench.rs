@@ -1,10 +1,14 @@
 //! `bench` measures what it says: the error of independent samples falls as their number to the −1/2, that of Sobol'
-//! samples no slower, and what it writes can be read.
+//! samples no slower; what it writes can be read, and what was measured is not measured again.
 
 mod common;
 
+use std::fs::OpenOptions;
+use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
+use std::process::{Command, Stdio};
 
+use ::diptych::control::Ladder;
 use common::diptych;
 use serde_json::Value;
 
@@ -37,6 +41,8 @@ fn errors_fall_as_the_square_root_of_samples() {
                 "none",
                 "--spp",
                 "2,8,32",
+                "--bounces",
+                "6",
                 "--repeats",
                 "12",
                 "--warm-up",
@@ -90,6 +96,87 @@ fn a_grid_has_its_rows_its_plot_and_its_reference() {
     let same = &event(&events, "result")["rows"][1]["errors"]["left"]["rmse"];
     let first = rows.iter().find(|r| r["denoiser"] == "none" && r["spp"] == 4).unwrap();
     assert_eq!(same, &first["errors"]["left"]["rmse"]);
+}
+
+/// All results but the page, which has the command line.
+fn results(out: &Path) -> Vec<String> {
+    let files = ["bench.csv", "bench.svg", "ladder.toml", "ladder.svg"];
+    files.map(|name| std::fs::read_to_string(out.join(name)).unwrap()).into()
+}
+
+fn count(events: &[Value], name: &str) -> usize {
+    events.iter().filter(|e| e["event"] == name).count()
+}
+
+#[test]
+fn a_run_that_was_killed_goes_on_and_one_that_is_done_gives_the_same_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path();
+    let options = ["--size", "32x18", "--quick", "--repeats", "2", "--reference-spp", "32"];
+    let args = ["bench", "builtin:cornell", "--json", "--out", out.to_str().unwrap()];
+    let mut killed = Command::new(env!("CARGO_BIN_EXE_diptych"))
+        .args([&args[..], &options].concat())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(killed.stdout.take().unwrap()).lines();
+    let first = lines.find_map(|l| Some(l.unwrap()).filter(|l| l.contains(r#""event":"setting""#))).unwrap();
+    killed.kill().unwrap();
+    killed.wait().unwrap();
+    let first: Value = serde_json::from_str(&first).unwrap();
+    assert!(!out.join("bench.csv").exists());
+    let journal = out.join("bench.journal.jsonl");
+    let kept = std::fs::read_to_string(&journal).unwrap().lines().count();
+    // What a run leaves that was killed within a line.
+    OpenOptions::new().append(true).open(&journal).unwrap().write_all(br#"{"subject":"#).unwrap();
+
+    let events = bench(out, &options);
+    let rows = event(&events, "result")["rows"].as_array().unwrap();
+    assert_eq!((rows.len(), count(&events, "setting")), (8, 8 - kept));
+    assert_eq!(rows[0]["time_ms"], first["time_ms"]);
+    let settings = |r: &Value| ["denoiser", "iterations", "bounces", "spp"].map(|name| r[name].to_string());
+    let mut different: Vec<_> = rows.iter().map(settings).collect();
+    different.sort();
+    different.dedup();
+    assert_eq!(different.len(), 8);
+
+    let done = results(out);
+    let events = bench(out, &options);
+    assert_eq!((count(&events, "setting"), count(&events, "frame")), (0, 0));
+    assert_eq!(results(out), done);
+
+    // Other settings count for nothing, and --fresh takes nothing.
+    let seeded = [&options[..], &["--seed", "3", "--spp", "1", "--denoiser", "none", "--bounces", "6"]].concat();
+    assert_eq!(count(&bench(out, &seeded), "setting"), 1);
+    let fresh = [&options[..], &["--fresh", "--spp", "1", "--denoiser", "none"]].concat();
+    assert_eq!(count(&bench(out, &fresh), "setting"), 2);
+}
+
+#[test]
+fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = ["--size", "48x27", "--quick", "--spp", "1,8", "--iterations", "2,5", "--reference-spp", "64"];
+    let events = bench(folder.path(), &options);
+    let rows = event(&events, "result")["rows"].as_array().unwrap();
+    let ladder = Ladder::read(&folder.path().join("ladder.toml")).unwrap();
+    let rungs = ladder.rungs();
+    assert!(rungs.len() > 1, "{ladder:?}");
+    assert!(rungs.windows(2).all(|p| p[0].time_ms < p[1].time_ms && p[0].flip > p[1].flip), "{ladder:?}");
+    assert_eq!((ladder.origin().shot.as_str(), ladder.origin().size.as_str()), ("builtin:cornell", "48x27"));
+    for rung in rungs {
+        let row = rows.iter().find(|r| r["time_ms"] == rung.time_ms).unwrap();
+        assert_eq!((&row["spp"], &row["on_front"]), (&rung.knobs.spp.into(), &true.into()));
+        let [left, right] = ["left", "right"].map(|eye| row["errors"][eye]["flip"].as_f64().unwrap());
+        assert!((rung.flip - (left + right) / 2.0).abs() < 1e-12);
+        let is_filtered = rung.knobs.denoiser == "atrous";
+        assert!(rung.stage_ms["path_trace"] > 0.0 && rung.stage_ms.contains_key("atrous") == is_filtered, "{rung:?}");
+    }
+    // Light that takes fewer reflections than it does in the reference misses some of it.
+    let ratio = |bounces: u32| {
+        let is = |r: &&Value| r["denoiser"] == "none" && r["spp"] == 8 && r["bounces"] == bounces;
+        rows.iter().find(is).unwrap()["errors"]["left"]["mean_ratio"].as_f64().unwrap()
+    };
+    assert!(ratio(2) < 0.97 * ratio(6), "{} and {}", ratio(2), ratio(6));
 }
 
 #[test]

@@ -11,7 +11,9 @@ impl Accel {
     /// scene. Triangles of instances that are stretched may seem nearer than they are.
     pub fn clearance(&self, point: Vec3) -> f32 {
         let mut nearest = f32::INFINITY;
-        self.visit(0, point, &mut nearest, |row, p, nearest| *nearest = distance(&self.triangles[row], p).min(*nearest));
+        self.visit(0, point, &mut nearest, |row, p, nearest| {
+            *nearest = distance(&self.triangles[row], p).min(*nearest)
+        });
         if self.instances.len() > 1 {
             self.visit(self.instance_tree, point, &mut nearest, |row, p, nearest| self.visit_instance(row, p, nearest));
         }
@@ -65,8 +67,7 @@ fn box_distance(bounds: &Aabb, point: Vec3) -> f32 {
 fn distance(t: &Triangle, p: Vec3) -> f32 {
     let (ab, ac, ap) = (t.v1 - t.v0, t.v2 - t.v0, p - t.v0);
     let (bp, cp) = (p - t.v1, p - t.v2);
-    let [d1, d2, d3, d4, d5, d6] =
-        [ab.dot(ap), ac.dot(ap), ab.dot(bp), ac.dot(bp), ab.dot(cp), ac.dot(cp)];
+    let [d1, d2, d3, d4, d5, d6] = [ab.dot(ap), ac.dot(ap), ab.dot(bp), ac.dot(bp), ab.dot(cp), ac.dot(cp)];
     let [va, vb, vc] = [d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2];
     let along = |from: Vec3, edge: Vec3| {
         let s = (p - from).dot(edge) / edge.length_squared();
@@ -117,7 +118,10 @@ mod tests {
                 let exact = flat.triangles.iter().map(|t| distance(t, p)).fold(f32::INFINITY, f32::min);
                 let found = accel.clearance(p);
                 assert!(found <= exact * 1.0001 + 1e-5, "{name} {p}: {found} against {exact}");
-                assert!(found >= exact * if layout == Layout::Flat { 0.9999 } else { 0.3 } - 1e-5, "{name} {p}: {found}");
+                assert!(
+                    found >= exact * if layout == Layout::Flat { 0.9999 } else { 0.3 } - 1e-5,
+                    "{name} {p}: {found}"
+                );
             }
         }
     }

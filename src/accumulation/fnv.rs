@@ -29,6 +29,13 @@ impl fmt::Write for Fnv {
     }
 }
 
+/// Of a text: 16 hexadecimal digits.
+pub fn hash_of(text: &str) -> String {
+    let mut fnv = Fnv::new();
+    fnv.bytes(text.as_bytes());
+    fnv.hex()
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -37,9 +44,7 @@ mod tests {
     #[test]
     fn known_texts_have_their_known_hashes() {
         for (text, hash) in [("", "cbf29ce484222325"), ("a", "af63dc4c8601ec8c"), ("foobar", "85944171f73967e8")] {
-            let mut fnv = Fnv::new();
-            fnv.bytes(text.as_bytes());
-            assert_eq!(fnv.hex(), hash, "{text}");
+            assert_eq!(hash_of(text), hash, "{text}");
         }
     }
 }

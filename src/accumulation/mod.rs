@@ -11,6 +11,7 @@ mod passes;
 
 pub use checkpoint::{Checkpoint, CheckpointError};
 pub use fingerprint::{Fingerprint, Subject};
+pub use fnv::hash_of;
 pub use passes::{AccumulateError, Done, Job, Pass, accumulate};
 
 use std::fmt;

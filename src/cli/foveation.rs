@@ -30,6 +30,11 @@ pub struct FoveationOptions {
 }
 
 impl FoveationOptions {
+    /// Every pixel alike, with this many iterations.
+    pub fn none(iterations: u32) -> Self {
+        Self { foveation: FoveationMode::None, gaze: None, iterations: Some(Iterations::All(iterations)) }
+    }
+
     /// Iterations of the inner, middle and outer layer.
     pub fn layer_iterations(&self) -> [u32; 3] {
         match (&self.iterations, self.foveation) {

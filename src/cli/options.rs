@@ -87,15 +87,10 @@ pub struct RunOptions {
     /// Share of rows per device, as 5,1,2; of a stage as atrous=1,1,2; of a stage and view as path_trace.left=5,1,2
     #[arg(long, value_name = "A,B,…")]
     pub ratios: Vec<RatioRule>,
-    /// Reflections that light takes to the eye; direct light is always there, so 0 and 1 are alike
-    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(0..=1024))]
-    pub bounces: u32,
     #[arg(long, default_value_t = 0)]
     pub seed: u32,
     #[arg(long, default_value = "sobol")]
     pub sampler: Sampler,
-    #[command(flatten)]
-    pub foveated: FoveationOptions,
     /// What happens where stripes meet
     #[arg(long, default_value = "halo")]
     pub seam: SeamOption,
@@ -163,7 +158,7 @@ impl RunOptions {
             self.balance() == Balance::Static || self.ratios.is_empty(),
             "--ratios are for --balance static"
         );
-        self.foveated.check()
+        Ok(())
     }
 }
 
@@ -175,8 +170,13 @@ pub struct RenderOptions {
     /// Samples per pixel
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
     pub spp: u32,
-    #[arg(long, default_value = "atrous")]
+    /// Reflections that light takes to the eye; direct light is always there, so 0 and 1 are alike
+    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(0..=1024))]
+    pub bounces: u32,
+    #[arg(long, default_value = "svgf")]
     pub denoiser: Denoiser,
+    #[command(flatten)]
+    pub foveated: FoveationOptions,
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     pub frames: u32,
     /// Frames per second of the camera path
@@ -250,6 +250,7 @@ impl RenderOptions {
                 self.frames - 1
             );
         }
+        self.foveated.check()?;
         self.run.check()
     }
 }

@@ -19,6 +19,11 @@ impl Progress {
         Self::with_template(spp, "{bar:30} {pos}/{len} spp {msg}", quiet, json)
     }
 
+    /// Counts what steps of unequal length take; the message says how far that is.
+    pub fn work(units: u64, quiet: bool, json: bool) -> Self {
+        Self::with_template(units, "{bar:30} {msg}", quiet, json)
+    }
+
     fn with_template(steps: u64, template: &str, quiet: bool, json: bool) -> Self {
         let shown = !quiet && !json && std::io::stderr().is_terminal();
         let bar = shown.then(|| {

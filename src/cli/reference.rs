@@ -64,9 +64,10 @@ impl Plan {
             let what = anyhow::anyhow!("--clamp is biased, --reference is not: leave one out");
             return Err(Failure::Input(what));
         }
-        let foveated = FoveationOptions { foveation: FoveationMode::None, gaze: None, iterations: None };
-        let run = RunOptions { reproject: Switch::Off, foveated, ..options.run.clone() };
-        let unbiased = RenderOptions { run, denoiser: Denoiser::None, spp: passes.pass_spp, ..options.clone() };
+        let foveated = FoveationOptions::none(0);
+        let run = RunOptions { reproject: Switch::Off, ..options.run.clone() };
+        let unbiased =
+            RenderOptions { run, foveated, denoiser: Denoiser::None, spp: passes.pass_spp, ..options.clone() };
         let PassOptions { time_limit, passes_out, .. } = passes;
         Ok(Self { options: unbiased, spp: options.spp, time_limit, folder: passes_out })
     }
@@ -86,7 +87,8 @@ impl Plan {
         self.options.time + f64::from(frame) / self.options.fps
     }
 
-    fn fingerprint(&self, loaded: &Loaded, frame: u32) -> Fingerprint {
+    /// What a frame's samples are of.
+    pub fn fingerprint(&self, loaded: &Loaded, frame: u32) -> Fingerprint {
         let options = &self.options;
         Fingerprint::of(&Subject {
             scene: &loaded.scene,

@@ -44,8 +44,8 @@ impl Args {
         let mut args = self.clone();
         if let Some(preset) = self.preset {
             args.options.spp = Preset::SPP;
-            args.options.run.foveated.foveation = preset.foveation();
-            args.options.run.foveated.iterations = Some(preset.iterations());
+            args.options.foveated.foveation = preset.foveation();
+            args.options.foveated.iterations = Some(preset.iterations());
         }
         args
     }

@@ -13,7 +13,7 @@ pub use clock::GpuClock;
 pub use failure::{DeviceFailure, FailureKind};
 #[cfg(test)]
 pub(crate) use shader::expand;
-pub use shader::{ShaderChecks, override_names, wgsl};
+pub use shader::{ShaderChecks, all_wgsl, override_names, wgsl};
 
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;

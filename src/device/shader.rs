@@ -67,6 +67,11 @@ fn file(name: &str) -> Option<&'static str> {
     FILES.iter().find(|(n, _)| *n == name).map(|(_, text)| *text)
 }
 
+/// The text of all files, to tell versions apart.
+pub fn all_wgsl() -> String {
+    FILES.iter().map(|(_, text)| *text).collect()
+}
+
 /// The whole text of a stage's shader.
 ///
 /// # Panics

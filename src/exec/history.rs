@@ -90,7 +90,8 @@ mod tests {
         for (to, turned) in moves.into_iter().flat_map(|m| [(m, DVec3::ZERO), (m, DVec3::new(0.1, 0.2, 0.0))]) {
             let rig = rig(to, turned);
             let (now, before) = (eyes(&rig, 1.0), eyes(&rig, 0.0));
-            let frame = Frame { views: now, width: 160, height: 90, centre: glam::Vec2::splat(0.5), ..Default::default() };
+            let frame =
+                Frame { views: now, width: 160, height: 90, centre: glam::Vec2::splat(0.5), ..Default::default() };
             let clearance = 0.7;
             let bound = most_rows(&frame, &before, [1.0 / clearance; 2]).unwrap();
             let mut most: f64 = 0.0;

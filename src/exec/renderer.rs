@@ -8,11 +8,11 @@ use std::time::{Duration, Instant};
 use crossbeam::channel::{Receiver, Sender, unbounded};
 
 use super::crew::Crew;
+use super::history::history_rows;
 use super::messages::{Answer, FrameJob, Order, Parcel, Pixels, Stop};
 use super::post::Post;
 use super::watchdog::Watchdog;
 use super::worker::Worker;
-use super::history::history_rows;
 use super::{ExecError, Fault, FrameReport, Injection, RenderSettings, Tally, Trouble, costs};
 use crate::device::{DeviceFailure, DeviceInfo, GpuDevice};
 use crate::graph::{Assignment, FrameGraph, FrameSpec, PhysicalImage, Seam, Stage, Views, passes};

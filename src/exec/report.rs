@@ -111,7 +111,7 @@ impl Tally {
 }
 
 /// Both eyes.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Stereo<T> {
     pub left: T,
     pub right: T,

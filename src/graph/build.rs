@@ -5,9 +5,9 @@ use std::ops::Range;
 
 use petgraph::graph::{DiGraph, NodeIndex};
 
+use super::Assignment;
 use super::resource::Resource;
 use super::table::{FrameSpec, Pass, Stage, passes};
-use super::Assignment;
 use crate::scene::rig::Eye;
 
 /// Position of a task in the one order that all devices keep to. Downloads follow their producer, uploads wait for their

@@ -1,14 +1,18 @@
-//! What a grid of settings costs and how wrong it is: rows, CSV, the plot of time against error, and how fast the error
-//! falls with samples.
+//! What a grid of settings costs and how wrong it is: rows, CSV, fronts of time against error, and the quality ladder.
 
-use std::fmt;
+mod slopes;
 
-use serde::Serialize;
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+pub use slopes::{Slope, log_slope, slopes};
 
 use super::plot::{Axis, Chart, Series, line_chart_svg};
 use super::{ReportError, Table, median_of};
 use crate::accumulation::Noise;
-use crate::exec::Stereo;
+use crate::control::{Knobs, Ladder, Rung, front};
+use crate::exec::{FrameReport, Stereo, TimedTask};
 use crate::metrics;
 
 /// The metrics that tables show, in their order; others follow in files.
@@ -18,7 +22,7 @@ const SHOWN: [&str; 6] = ["rmse", "relmse", "psnr", "ssim", "flip", "mean_ratio"
 const NOISE_MARGIN: f64 = 4.0;
 
 /// An eye's errors by name, as many as [`metrics::Errors`] has.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Errors(serde_json::Map<String, serde_json::Value>);
 
@@ -46,130 +50,97 @@ impl Errors {
     }
 }
 
-/// One setting.
-#[derive(Clone, Debug, Serialize)]
-pub struct Row {
-    pub denoiser: String,
-    pub iterations: u32,
-    pub spp: u32,
+/// A frame of a setting.
+#[derive(Clone, Debug)]
+pub struct Repeat {
+    pub makespan_ms: f64,
+    /// Busy time by stage, summed over views and devices.
+    pub stage_ms: BTreeMap<String, f64>,
+    pub errors: Stereo<metrics::Errors>,
+}
+
+impl Repeat {
+    pub fn new(frame: &FrameReport, errors: Stereo<metrics::Errors>) -> Self {
+        let mut stage_ms = BTreeMap::new();
+        for task in frame.tasks.iter().filter(|t| matches!(t.kind, TimedTask::Gpu(_))) {
+            *stage_ms.entry(task.stage.to_owned()).or_default() += task.end_ms - task.begin_ms;
+        }
+        Self { makespan_ms: frame.makespan_ms, stage_ms, errors }
+    }
+}
+
+/// What was found of a setting.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Measured {
     /// Median, least and most of the repeats' makespans.
     pub time_ms: f64,
     pub time_ms_min: f64,
     pub time_ms_max: f64,
+    /// Medians of busy times.
+    pub stage_ms: BTreeMap<String, f64>,
     pub errors: Stereo<Errors>,
     /// relMSE of each repeat.
     pub relmse_repeats: Stereo<Vec<f64>>,
-    /// No other setting is both faster and better by both eyes' relMSE.
-    pub on_front: bool,
 }
 
-impl Row {
-    /// Of repeats: makespans, and comparisons per eye.
-    pub fn new(
-        denoiser: String,
-        iterations: u32,
-        spp: u32,
-        times_ms: Vec<f64>,
-        found: &Stereo<Vec<metrics::Errors>>,
-    ) -> Self {
+impl Measured {
+    pub fn of(repeats: &[Repeat]) -> Self {
+        let times_ms: Vec<f64> = repeats.iter().map(|r| r.makespan_ms).collect();
+        let stages = repeats.iter().flat_map(|r| r.stage_ms.keys());
+        let stage_ms =
+            |stage: &String| median_of(repeats.iter().filter_map(|r| r.stage_ms.get(stage).copied()).collect());
+        let eye = |of: fn(&Repeat) -> &metrics::Errors| repeats.iter().map(|r| *of(r)).collect::<Vec<_>>();
+        let found = Stereo { left: eye(|r| &r.errors.left), right: eye(|r| &r.errors.right) };
         let relmse = |c: &[metrics::Errors]| c.iter().map(|c| c.relmse).collect();
         Self {
-            denoiser,
-            iterations,
-            spp,
             time_ms_min: times_ms.iter().copied().fold(f64::INFINITY, f64::min),
             time_ms_max: times_ms.iter().copied().fold(0.0, f64::max),
             time_ms: median_of(times_ms),
+            stage_ms: stages.map(|stage| (stage.clone(), stage_ms(stage))).collect(),
             errors: Stereo { left: Errors::mean_of(&found.left), right: Errors::mean_of(&found.right) },
             relmse_repeats: Stereo { left: relmse(&found.left), right: relmse(&found.right) },
-            on_front: false,
         }
     }
 
-    /// Of both eyes; the error that settings are held against each other by. RMSE would hang on the few pixels at the
-    /// edges of lamps, which no filter touches.
-    fn relmse(&self) -> f64 {
-        let [l, r] = [&self.errors.left, &self.errors.right].map(|e| e.get("relmse").unwrap_or(f64::INFINITY));
+    /// Mean of both eyes; infinite if it is undefined in one.
+    fn error(&self, name: &str) -> f64 {
+        let [l, r] = [&self.errors.left, &self.errors.right].map(|e| e.get(name).unwrap_or(f64::INFINITY));
         (l + r) / 2.0
     }
 }
 
+/// One setting.
+#[derive(Clone, Debug, Serialize)]
+pub struct Row {
+    #[serde(flatten)]
+    pub knobs: Knobs,
+    #[serde(flatten)]
+    pub measured: Measured,
+    /// No other setting is both faster and better by both eyes' FLIP.
+    pub on_front: bool,
+}
+
+impl Row {
+    pub fn new(knobs: Knobs, measured: Measured) -> Self {
+        Self { knobs, measured, on_front: false }
+    }
+
+    pub fn rung(&self) -> Rung {
+        let Measured { time_ms, stage_ms, .. } = &self.measured;
+        let [flip, relmse] = ["flip", "relmse"].map(|name| self.measured.error(name));
+        Rung { time_ms: *time_ms, flip, relmse, knobs: self.knobs.clone(), stage_ms: stage_ms.clone() }
+    }
+}
+
+fn points(rows: &[&Row], error: &str) -> Vec<(f64, f64)> {
+    rows.iter().map(|r| (r.measured.time_ms, r.measured.error(error))).collect()
+}
+
 /// Marks the rows of the Pareto front.
 pub fn mark_front(rows: &mut [Row]) {
-    let all: Vec<(f64, f64)> = rows.iter().map(|r| (r.time_ms, r.relmse())).collect();
-    for (row, own) in rows.iter_mut().zip(&all) {
-        row.on_front = !all.iter().any(|o| o.0 <= own.0 && o.1 <= own.1 && o != own);
+    for i in front(&points(&rows.iter().collect::<Vec<_>>(), "flip")) {
+        rows[i].on_front = true;
     }
-}
-
-/// Exponent of the error, √relMSE, over samples per pixel: −0.5 for independent samples.
-#[derive(Clone, Debug, Serialize)]
-pub struct Slope {
-    pub denoiser: String,
-    pub eye: &'static str,
-    /// Mean over the repeats' slopes.
-    pub slope: f64,
-    /// Of that mean; `None` for a single repeat.
-    pub standard_error: Option<f64>,
-    /// Settings that it goes through.
-    pub points: usize,
-}
-
-impl fmt::Display for Slope {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { denoiser, eye, slope, standard_error, points } = self;
-        let error = standard_error.map_or(String::new(), |e| format!(" ± {e:.3}"));
-        write!(f, "{denoiser}, {eye} eye: √relMSE ∝ spp^{slope:.3}{error} over {points} settings")?;
-        write!(f, " (independent samples: -0.5)")
-    }
-}
-
-/// Least squares through (ln x, ln y); `None` for fewer than two different x.
-pub fn log_slope(points: &[(f64, f64)]) -> Option<f64> {
-    let logs: Vec<(f64, f64)> = points.iter().map(|p| (p.0.ln(), p.1.ln())).collect();
-    let mean = |f: &dyn Fn(&(f64, f64)) -> f64| logs.iter().map(f).sum::<f64>() / logs.len() as f64;
-    let (x, y) = (mean(&|p| p.0), mean(&|p| p.1));
-    let spread: f64 = logs.iter().map(|p| (p.0 - x).powi(2)).sum();
-    (spread > 0.0).then(|| logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum::<f64>() / spread)
-}
-
-/// Slopes per denoiser and eye. The reference's noise, which adds to every relMSE, is taken off; settings whose error is
-/// lost in it are left out, as is 1 spp, whose sample goes through the pixel's centre and estimates another image.
-pub fn slopes(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Vec<Slope> {
-    let mut denoisers: Vec<&str> = rows.iter().map(|r| r.denoiser.as_str()).collect();
-    denoisers.dedup();
-    let of = |denoiser: &&str| {
-        let own = rows.iter().filter(|r| r.denoiser == *denoiser && r.spp > 1);
-        let eyes = own.map(|r| (r.spp, &r.relmse_repeats));
-        let left = eyes.clone().map(|(spp, e)| (spp, e.left.as_slice())).collect();
-        let right = eyes.map(|(spp, e)| (spp, e.right.as_slice())).collect();
-        [
-            slope(denoiser, "left", left, noise.map_or(0.0, |n| n.left.relmse)),
-            slope(denoiser, "right", right, noise.map_or(0.0, |n| n.right.relmse)),
-        ]
-    };
-    denoisers.iter().flat_map(of).flatten().collect()
-}
-
-/// Through the relMSE of each repeat, by samples per pixel.
-fn slope(denoiser: &str, eye: &'static str, mut settings: Vec<(u32, &[f64])>, noise: f64) -> Option<Slope> {
-    settings.retain(|(_, repeats)| repeats.iter().all(|&e| e > NOISE_MARGIN * noise));
-    let fit = |i: usize| {
-        let point = |(spp, repeats): &(u32, &[f64])| Some((f64::from(*spp), (repeats.get(i)? - noise).sqrt()));
-        log_slope(&settings.iter().map(point).collect::<Option<Vec<_>>>()?)
-    };
-    let fits: Vec<f64> = (0..settings.first()?.1.len()).map_while(fit).collect();
-    let (slope, standard_error) = mean_and_error(&fits)?;
-    Some(Slope { denoiser: denoiser.to_owned(), eye, slope, standard_error, points: settings.len() })
-}
-
-/// Mean and its standard error, which takes two values; none of no values.
-fn mean_and_error(values: &[f64]) -> Option<(f64, Option<f64>)> {
-    let n = values.len() as f64;
-    let mean = values.iter().sum::<f64>() / n;
-    let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
-    let error = (values.len() > 1).then(|| (squares / (n - 1.0) / n).sqrt());
-    (!values.is_empty()).then_some((mean, error))
 }
 
 /// What all rows of a table share: names and values of columns.
@@ -177,20 +148,24 @@ pub type Shared = Vec<(&'static str, String)>;
 
 /// A line per setting and eye. What is undefined is empty.
 pub fn csv(shared: &Shared, rows: &[Row]) -> String {
-    let metrics = rows.first().map_or(Vec::new(), |r| r.errors.left.names());
+    let metrics = rows.first().map_or(Vec::new(), |r| r.measured.errors.left.names());
     let mut text = String::new();
     for (name, _) in shared {
         text += &format!("{name},");
     }
-    text += "denoiser,iterations,spp,time_ms,time_ms_min,time_ms_max,on_front,eye";
+    text += "denoiser,iterations,bounces,foveation,scale,spp,time_ms,time_ms_min,time_ms_max,on_front,eye";
     metrics.iter().for_each(|m| text += &format!(",{m}"));
     text.push('\n');
     for row in rows {
-        for (eye, errors) in [("left", &row.errors.left), ("right", &row.errors.right)] {
+        let Row { knobs, measured, on_front } = row;
+        let Knobs { spp, bounces, denoiser, iterations, fovea, scale } = knobs;
+        let foveation = if fovea.is_some() { "layers" } else { "none" };
+        let settings = format!("{denoiser},{iterations},{bounces},{foveation},{scale},{spp}");
+        let Measured { time_ms, time_ms_min, time_ms_max, errors, .. } = measured;
+        let times = format!("{time_ms:.4},{time_ms_min:.4},{time_ms_max:.4}");
+        for (eye, errors) in [("left", &errors.left), ("right", &errors.right)] {
             shared.iter().for_each(|(_, value)| text += &format!("{value},"));
-            let Row { denoiser, iterations, spp, time_ms, time_ms_min, time_ms_max, on_front, .. } = row;
-            let times = format!("{time_ms:.4},{time_ms_min:.4},{time_ms_max:.4}");
-            text += &format!("{denoiser},{iterations},{spp},{times},{on_front},{eye}");
+            text += &format!("{settings},{times},{on_front},{eye}");
             for name in &metrics {
                 text += &errors.get(name).map_or(",".to_owned(), |v| format!(",{v:.9}"));
             }
@@ -200,54 +175,68 @@ pub fn csv(shared: &Shared, rows: &[Row]) -> String {
     text
 }
 
-/// Time against both eyes' relMSE, a line per denoiser, and the reference's noise below them.
+/// Time against both eyes' relMSE: the front of each denoiser, and the reference's noise below them.
 ///
 /// # Errors
 /// [`ReportError`] if there is nothing to draw.
 pub fn svg(title: String, rows: &[Row], noise: Option<&Stereo<Noise>>) -> Result<String, ReportError> {
-    let chart = Chart {
-        title,
-        x: Axis { label: "time of a frame, ms".into(), log: true },
-        y: Axis { label: "relMSE, mean of both eyes".into(), log: true },
-    };
-    let mut series: Vec<Series> = Vec::new();
-    for row in rows {
-        let point = (row.time_ms, row.relmse());
-        match series.iter_mut().find(|s| s.name == row.denoiser) {
-            Some(line) => line.points.push(point),
-            None => series.push(Series { name: row.denoiser.clone(), points: vec![point], band: None, guide: false }),
-        }
-    }
-    for line in &mut series {
-        line.points.sort_by(|a, b| a.0.total_cmp(&b.0));
-    }
+    let mut series = fronts(rows, "relmse");
     if let Some(noise) = noise {
         let level = (noise.left.relmse + noise.right.relmse) / 2.0;
-        let ends = rows.iter().map(|r| r.time_ms).fold([f64::INFINITY, 0.0], |[a, b], t| [a.min(t), b.max(t)]);
+        let times_ms = rows.iter().map(|r| r.measured.time_ms);
+        let ends = times_ms.fold([f64::INFINITY, 0.0], |[a, b], t| [a.min(t), b.max(t)]);
         let points = ends.map(|t| (t, level)).into();
         series.push(Series { name: "noise of the reference".into(), points, band: None, guide: true });
     }
-    line_chart_svg(&chart, &series)
+    time_chart(title, "relMSE, mean of both eyes", &series)
+}
+
+/// Time against both eyes' FLIP: the front of each denoiser, and the ladder.
+///
+/// # Errors
+/// [`ReportError`] if there is nothing to draw.
+pub fn ladder_svg(title: String, rows: &[Row], ladder: &Ladder) -> Result<String, ReportError> {
+    let mut series = fronts(rows, "flip");
+    let points = ladder.rungs().iter().map(|r| (r.time_ms, r.flip)).collect();
+    series.push(Series { name: "ladder".into(), points, band: None, guide: true });
+    time_chart(title, "FLIP, mean of both eyes", &series)
+}
+
+fn time_chart(title: String, error: &str, series: &[Series]) -> Result<String, ReportError> {
+    let (x, y) = ("time of a frame, ms".into(), error.into());
+    line_chart_svg(&Chart { title, x: Axis { label: x, log: true }, y: Axis { label: y, log: true } }, series)
+}
+
+/// Of each denoiser the settings that no other one of it beats.
+fn fronts(rows: &[Row], error: &str) -> Vec<Series> {
+    let mut denoisers: Vec<&str> = rows.iter().map(|r| r.knobs.denoiser.as_str()).collect();
+    denoisers.dedup();
+    let series = |name: &&str| {
+        let points = points(&rows.iter().filter(|r| r.knobs.denoiser == *name).collect::<Vec<_>>(), error);
+        let points = front(&points).into_iter().map(|i| points[i]).collect();
+        Series { name: (*name).to_owned(), points, band: None, guide: false }
+    };
+    denoisers.iter().map(series).collect()
 }
 
 /// A line per setting and eye.
 pub fn table(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Table {
     let metrics: Vec<&str> =
-        SHOWN.into_iter().filter(|m| rows.iter().any(|r| r.errors.left.0.contains_key(*m))).collect();
-    let mut headers = vec!["denoiser", "spp", "ms", "eye"];
+        SHOWN.into_iter().filter(|m| rows.iter().any(|r| r.measured.errors.left.0.contains_key(*m))).collect();
+    let mut headers = vec!["denoiser", "iterations", "bounces", "spp", "ms", "eye"];
     headers.extend(&metrics);
     headers.push("note");
     let mut lines = Vec::new();
-    for row in rows {
+    for Row { knobs, measured, on_front } in rows {
         let of = |n: fn(&Stereo<Noise>) -> f64| noise.map_or(0.0, n);
-        for (eye, errors, noise) in
-            [("left", &row.errors.left, of(|n| n.left.relmse)), ("right", &row.errors.right, of(|n| n.right.relmse))]
-        {
-            let mut line =
-                vec![row.denoiser.clone(), row.spp.to_string(), format!("{:.1}", row.time_ms), eye.to_owned()];
+        let Stereo { left, right } = &measured.errors;
+        for (eye, errors, noise) in [("left", left, of(|n| n.left.relmse)), ("right", right, of(|n| n.right.relmse))] {
+            let mut line = vec![knobs.denoiser.clone()];
+            line.extend([knobs.iterations, knobs.bounces, knobs.spp].map(|n| n.to_string()));
+            line.extend([format!("{:.1}", measured.time_ms), eye.to_owned()]);
             line.extend(metrics.iter().map(|m| errors.get(m).map_or("-".into(), |v| format!("{v:.4}"))));
             let is_lost = errors.get("relmse").is_some_and(|e| e < NOISE_MARGIN * noise);
-            let front = if row.on_front { "front" } else { "" };
+            let front = if *on_front { "front" } else { "" };
             line.push(if is_lost { "within the reference's noise".into() } else { front.to_owned() });
             lines.push(line);
         }
@@ -258,38 +247,22 @@ pub fn table(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Table {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::control::Origin;
     use crate::image::{Extent, RgbImage};
     use crate::metrics::compare;
 
     /// A setting whose repeats have these RMSE in the left eye, and twice that in the right.
-    fn row(denoiser: &str, spp: u32, time_ms: f64, rmse: &[f64]) -> Row {
+    pub(super) fn row(denoiser: &str, spp: u32, time_ms: f64, rmse: &[f64]) -> Row {
         let black = RgbImage::filled(Extent::new(12, 12), [0.0; 3]);
         let flat = |v: f64| compare(&black, &RgbImage::filled(black.extent, [v as f32; 3])).unwrap();
-        let eye = |scale: f64| rmse.iter().map(|v| flat(v * scale)).collect();
-        Row::new(denoiser.into(), 0, spp, vec![time_ms; rmse.len()], &Stereo { left: eye(1.0), right: eye(2.0) })
-    }
-
-    #[test]
-    fn a_power_law_has_its_exponent() {
-        let points: Vec<(f64, f64)> = [2.0f64, 4.0, 8.0, 64.0].map(|n| (n, 3.0 * n.powf(-0.7))).into();
-        assert!((log_slope(&points).unwrap() + 0.7).abs() < 1e-12);
-        assert_eq!((log_slope(&points[..1]), log_slope(&[])), (None, None));
-    }
-
-    #[test]
-    fn the_references_noise_is_taken_off_and_one_sample_left_out() {
-        // The relMSE of a flat image to a black one is 100 times its square.
-        let noise = Stereo { left: Noise { rmse: 0.01, relmse: 0.01 }, right: Noise { rmse: 0.02, relmse: 0.04 } };
-        let seen = |n: f64| (0.16 / n + 1e-4).sqrt();
-        // At 4096 samples the error is below the noise, at 1 it is that of another estimator.
-        let spps = [1u32, 2, 8, 64, 4096];
-        let rows: Vec<Row> = spps.map(|n| row("none", n, 1.0, &[if n == 1 { 9.0 } else { seen(n.into()) }; 2])).into();
-        let found = slopes(&rows, Some(&noise));
-        assert_eq!(found.len(), 2);
-        for slope in found {
-            assert!((slope.slope + 0.5).abs() < 1e-5, "{slope:?}");
-            assert_eq!((slope.points, slope.standard_error.unwrap() < 1e-9), (3, true));
-        }
+        let repeat = |v: &f64| Repeat {
+            makespan_ms: time_ms,
+            stage_ms: [("atrous".to_owned(), time_ms / 4.0)].into(),
+            errors: Stereo { left: flat(*v), right: flat(2.0 * v) },
+        };
+        let repeats: Vec<Repeat> = rmse.iter().map(repeat).collect();
+        let knobs = Knobs { spp, bounces: 6, denoiser: denoiser.into(), iterations: 0, fovea: None, scale: 1.0 };
+        Row::new(knobs, Measured::of(&repeats))
     }
 
     #[test]
@@ -308,13 +281,26 @@ mod tests {
     fn a_csv_has_a_column_per_metric_and_a_line_per_eye() {
         let text = csv(&vec![("devices", "2".into())], &[row("none", 4, 12.5, &[0.25, 0.75])]);
         let lines: Vec<&str> = text.lines().collect();
-        assert!(lines[0].starts_with("devices,denoiser,iterations,spp,time_ms,"), "{text}");
+        assert!(lines[0].starts_with("devices,denoiser,iterations,bounces,foveation,scale,spp,time_ms,"), "{text}");
         assert!(lines[0].contains(",eye,rmse,relmse,psnr,ssim,"), "{text}");
-        assert!(lines[1].starts_with("2,none,0,4,12.5000,12.5000,12.5000,false,left,0.500000000,"), "{text}");
+        assert!(lines[1].starts_with("2,none,0,6,none,1,4,12.5000,12.5000,12.5000,false,left,0.500000000,"), "{text}");
         assert!(lines[2].contains(",right,1.000000000,"), "{text}");
         assert!(lines.iter().all(|l| l.split(',').count() == lines[0].split(',').count()), "{text}");
         // The mean ratio to a black reference is undefined.
         assert!(lines[1].contains(",,"), "{text}");
+    }
+
+    #[test]
+    fn charts_leave_out_what_is_on_no_front() {
+        let rows = [row("a", 1, 1.0, &[0.4]), row("a", 2, 2.0, &[0.5]), row("a", 4, 3.0, &[0.3])];
+        let svg = svg("t".into(), &rows, None).unwrap();
+        assert_eq!(svg.matches("<circle").count(), 2);
+        let rungs: Vec<Rung> = rows.iter().map(Row::rung).collect();
+        let origin = Origin { shot: "s".into(), size: "8x8".into(), devices: Vec::new(), version: "0".into() };
+        let ladder = Ladder::of_measured(origin, &rungs).unwrap();
+        assert_eq!(ladder.rungs().iter().map(|r| r.time_ms).collect::<Vec<_>>(), [1.0, 3.0]);
+        assert_eq!(ladder.rungs()[1].stage_ms["atrous"], 0.75);
+        assert!(ladder_svg("t".into(), &rows, &ladder).unwrap().contains("ladder"));
     }
 
     #[test]

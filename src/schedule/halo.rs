@@ -154,10 +154,8 @@ mod tests {
                     let mut expected = passes(&spec);
                     expected.retain(|p| p.link.is_some() && p.view == eye);
                     let receives = |p: &Pass| plan.receives_before(p.link.unwrap_or(0));
-                    let of = |p: &Pass| Rows {
-                        margin: p.margin_rows,
-                        halo: receives(p).then_some(p.reads[0].halo_rows),
-                    };
+                    let of =
+                        |p: &Pass| Rows { margin: p.margin_rows, halo: receives(p).then_some(p.reads[0].halo_rows) };
                     let expected: Vec<Rows> = expected.iter().map(of).collect();
                     assert_eq!(found[eye as usize], expected, "{plan:?} {eye}");
                 }

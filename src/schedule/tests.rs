@@ -3,7 +3,9 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::graph::{Assignment, Filter, FrameGraph, FrameSpec, HaloPlan, Seam, Stage, Stripes, TaskKind, Views, build_tests};
+use crate::graph::{
+    Assignment, Filter, FrameGraph, FrameSpec, HaloPlan, Seam, Stage, Stripes, TaskKind, Views, build_tests,
+};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
 

@@ -12,9 +12,11 @@ use diptych::report::peres::{
 };
 use diptych::report::study::quartiles;
 
+use super::Args;
+use super::reference::{own, single};
 use super::timed::{Setting, Timed, TimedFrame};
-use super::{Args, own, single};
 use crate::cli::failure::Failure;
+use crate::cli::foveation::{FoveationMode, FoveationOptions, Iterations};
 use crate::cli::interrupt;
 use crate::cli::options::{Denoiser, RenderOptions, RunOptions};
 use crate::cli::output;
@@ -74,11 +76,15 @@ const STUDIED: [Configuration; 3] = [
 ];
 
 impl Configuration {
-    /// One frame of it; `None` for what cannot be rendered: foveation by layers.
-    fn fill(&self, run: &RunOptions) -> Option<RenderOptions> {
-        let [iterations, ..] = self.iterations;
-        let run = RunOptions { iterations, ..run.clone() };
-        (!self.is_foveated).then(|| single(run, Denoiser::Atrous, SPP))
+    /// One frame of it.
+    fn fill(&self, run: &RunOptions) -> RenderOptions {
+        let foveation = if self.is_foveated { FoveationMode::Layers } else { FoveationMode::None };
+        let iterations = match self.iterations {
+            [all, ..] if !self.is_foveated => Iterations::All(all),
+            layers => Iterations::Layers(layers),
+        };
+        let foveated = FoveationOptions { foveation, gaze: None, iterations: Some(iterations) };
+        RenderOptions { spp: SPP, foveated, ..single(run.clone(), Denoiser::Atrous) }
     }
 }
 
@@ -132,22 +138,20 @@ impl Study<'_> {
         let run = RunOptions { shot: shot.clone(), size, ..self.args.options.clone() };
         let args = Args { options: run, ..self.args.clone() };
         let loaded = setup::load(&args.options)?;
-        let reference = own(&args, &loaded, self.tracing)?;
+        let reference = own(&args, &loaded, self.tracing, None)?;
         interrupt::check()?;
         let noise = reference.noise.as_ref().map_or(String::new(), |noise| format!("; its own noise: {noise}"));
         self.notes.push(format!("Reference of {shot} at {size}: {}{noise}.", reference.origin));
         let timed = Timed { args: &args, loaded: &loaded, progress: &self.progress, tracing: self.tracing };
         let mut base_ms = None;
         for (i, configuration) in STUDIED.iter().enumerate() {
-            let mut found = None;
-            if let Some(options) = configuration.fill(&args.options) {
-                let name = format!("{} of {shot} at {size}", configuration.name);
-                let virtual_devices = Some(args.virtual_devices);
-                let warm = timed.frames(&Setting { number: self.settings, name, options, virtual_devices })?;
-                self.settings += 1;
-                found = Some(judge(&warm.frames, &reference.images, &mut base_ms)?);
-            }
-            self.rows.push(Row::new([resolution, scene, i], size.to_string(), shot.clone(), found));
+            let options = configuration.fill(&args.options);
+            let name = format!("{} of {shot} at {size}", configuration.name);
+            let virtual_devices = Some(args.virtual_devices);
+            let warm = timed.frames(&Setting { number: self.settings, name, options, virtual_devices })?;
+            self.settings += 1;
+            let found = judge(&warm.frames, &reference.images, &mut base_ms)?;
+            self.rows.push(Row::new([resolution, scene, i], size.to_string(), shot.clone(), Some(found)));
         }
         Ok(())
     }

@@ -15,8 +15,9 @@ use diptych::report::study::{
 };
 use diptych::scene::rig::Eye;
 
+use super::Args;
+use super::reference::{Reference, given, own, single};
 use super::timed::{Setting, Timed, TimedFrame, Warm};
-use super::{Args, Reference, given, own, single};
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
 use crate::cli::options::{Balance, Denoiser, RenderOptions, RunOptions, SeamOption};
@@ -56,7 +57,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let reference = match &args.reference {
         Some(folder) => given(folder, &options)?,
-        None => own(args, &loaded, &tracing)?,
+        None => own(args, &loaded, &tracing, None)?,
     };
     let frames = u64::from(args.warm_up + args.repeats);
     let settings = 1 + args.seams.counts().len() * SeamOption::value_variants().len();
@@ -76,7 +77,7 @@ fn settings(args: &Args) -> Result<RenderOptions, Failure> {
     }
     let denoiser = args.denoiser.first().copied().unwrap_or(Denoiser::Atrous);
     let spp = args.spp.first().copied().unwrap_or(1);
-    let options = single(run, denoiser, spp);
+    let options = RenderOptions { spp, ..single(run, denoiser) };
     options.check().map_err(Failure::Input)?;
     if options.iterations() == 0 {
         return Err(Failure::Input(anyhow!("--seams: without a denoiser stripes leave no seam")));

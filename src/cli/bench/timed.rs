@@ -5,7 +5,8 @@ use diptych::exec::{FrameReport, Stereo};
 use diptych::image::RgbImage;
 use diptych::trace::frames::record_devices;
 
-use super::{Args, FRAMES_MAX};
+use super::Args;
+use super::grid::FRAMES_MAX;
 use crate::cli::failure::Failure;
 use crate::cli::faults::refuse_faults;
 use crate::cli::interrupt;

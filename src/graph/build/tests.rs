@@ -156,11 +156,7 @@ fn equal_stripes_reproject_without_any_transfer() {
 #[test]
 fn history_crosses_by_as_many_rows_as_it_may_have_moved() {
     let stripes = Assignment::uniform(Stripes::even(180, 2));
-    let spec = FrameSpec {
-        filter: Filter::Svgf,
-        history_rows: Some(8),
-        ..spec(2, Seam::Halo(HaloPlan::RECOMPUTE))
-    };
+    let spec = FrameSpec { filter: Filter::Svgf, history_rows: Some(8), ..spec(2, Seam::Halo(HaloPlan::RECOMPUTE)) };
     let graph = FrameGraph::build(&spec, &stripes, Some(&stripes));
     let mut rows: HashMap<Resource, u32> = HashMap::new();
     for task in graph.dag.node_weights() {

@@ -1,0 +1,189 @@
+//! The grid: each setting rendered, timed and compared, but those that the journal has.
+
+use std::time::Instant;
+
+use clap::ValueEnum;
+
+use diptych::control::Knobs;
+use diptych::exec::{FrameReport, Stereo};
+use diptych::metrics;
+use diptych::report::bench::{Measured, Repeat, Row};
+use diptych::trace::frames::record_devices;
+
+use super::Args;
+use super::journal::Journal;
+use super::reference::{Reference, single};
+use crate::cli::failure::Failure;
+use crate::cli::faults::refuse_faults;
+use crate::cli::foveation::FoveationOptions;
+use crate::cli::interrupt;
+use crate::cli::options::{Denoiser, RenderOptions};
+use crate::cli::progress::Progress;
+use crate::cli::setup::{self, Loaded, Tracing};
+
+/// More than the frames of a setting can be.
+pub const FRAMES_MAX: u32 = 10_000;
+
+impl Args {
+    fn spp(&self) -> Vec<u32> {
+        chosen(&self.spp, if self.quick { &[1, 4] } else { &[1, 2, 4, 8, 16] })
+    }
+
+    pub fn bounces(&self) -> Vec<u32> {
+        chosen(&self.bounces, &[2, 6])
+    }
+
+    fn iterations(&self) -> Vec<u32> {
+        chosen(&self.iterations, if self.quick { &[5] } else { &[3, 5] })
+    }
+
+    fn denoisers(&self) -> Vec<Denoiser> {
+        chosen(&self.denoiser, Denoiser::value_variants())
+    }
+
+    /// The settings of the grid, samples changing fastest.
+    fn settings(&self) -> Vec<Setting> {
+        let mut settings = Vec::new();
+        for denoiser in self.denoisers() {
+            let iterations = if denoiser == Denoiser::None { vec![0] } else { self.iterations() };
+            for iterations in iterations {
+                for bounces in self.bounces() {
+                    settings.extend(self.spp().into_iter().map(|spp| Setting { denoiser, iterations, bounces, spp }));
+                }
+            }
+        }
+        settings
+    }
+}
+
+/// What is asked for, each once, or else the default.
+fn chosen<T: Copy + PartialEq>(asked: &[T], default: &[T]) -> Vec<T> {
+    let mut once = Vec::new();
+    for &value in if asked.is_empty() { default } else { asked } {
+        if !once.contains(&value) {
+            once.push(value);
+        }
+    }
+    once
+}
+
+#[derive(Clone, Copy)]
+struct Setting {
+    denoiser: Denoiser,
+    iterations: u32,
+    bounces: u32,
+    spp: u32,
+}
+
+impl Setting {
+    fn knobs(&self) -> Knobs {
+        let Self { denoiser, iterations, bounces, spp } = *self;
+        Knobs { spp, bounces, denoiser: setup::name(&denoiser), iterations, fovea: None, scale: 1.0 }
+    }
+
+    /// About how long a frame takes, in any unit: as samples, and once for all else.
+    fn work(&self) -> u64 {
+        u64::from(self.spp) + 1
+    }
+}
+
+/// What all settings have in common.
+pub struct Grid<'a> {
+    args: &'a Args,
+    loaded: &'a Loaded,
+    reference: &'a Reference,
+    tracing: &'a Tracing,
+}
+
+impl<'a> Grid<'a> {
+    pub fn new(args: &'a Args, loaded: &'a Loaded, reference: &'a Reference, tracing: &'a Tracing) -> Self {
+        Self { args, loaded, reference, tracing }
+    }
+
+    /// A row per setting. What is measured is in the journal before the next setting is begun.
+    pub fn measure(&self, mut journal: Journal) -> Result<Vec<Row>, Failure> {
+        let settings = self.args.settings();
+        let key = &self.reference.key;
+        let missing: Vec<_> = settings.iter().filter(|s| journal.find(key, &s.knobs()).is_none()).copied().collect();
+        let mut ahead = Ahead::new(self.args, &missing, settings.len());
+        for (number, setting) in missing.iter().enumerate() {
+            let measured = self.measure_one(number as u32, setting, &mut ahead)?;
+            journal.add(key, &setting.knobs(), &measured)?;
+            ahead.row(&measured, &setting.knobs());
+        }
+        ahead.progress.finish();
+        let row = |s: &Setting| Some(Row::new(s.knobs(), journal.find(key, &s.knobs())?.clone()));
+        Ok(settings.iter().filter_map(row).collect())
+    }
+
+    /// Times and errors of a setting, the `number`th.
+    fn measure_one(&self, number: u32, setting: &Setting, ahead: &mut Ahead) -> Result<Measured, Failure> {
+        let Self { args, loaded, reference, tracing } = self;
+        let Setting { denoiser, iterations, bounces, spp } = *setting;
+        let foveated = FoveationOptions::none(iterations);
+        let options = RenderOptions { spp, bounces, foveated, ..single(args.options.clone(), denoiser) };
+        let gpus = setup::open_devices(&options, usize::from(args.virtual_devices))?;
+        let mut renderer = setup::renderer(&options, loaded, gpus, tracing.recorder.origin())?;
+        record_devices(&tracing.recorder, renderer.devices());
+        let mut repeats = Vec::new();
+        for i in 0..args.warm_up + args.repeats {
+            let frame = renderer.render(&loaded.shot.rig, options.time, i)?;
+            refuse_faults(&renderer)?;
+            interrupt::check()?;
+            ahead.frame(setting, frame.makespan_ms);
+            if i >= args.warm_up {
+                // Each setting's frames get numbers of their own in the trace.
+                tracing.record(&options, &FrameReport { index: number * FRAMES_MAX + i, ..frame.clone() });
+                let image = renderer.read_linear()?;
+                let left = metrics::compare(&reference.images.left, &image.left)?;
+                let right = metrics::compare(&reference.images.right, &image.right)?;
+                repeats.push(Repeat::new(&frame, Stereo { left, right }));
+            }
+        }
+        Ok(Measured::of(&repeats))
+    }
+}
+
+/// How far the settings are, and how long the rest will take.
+struct Ahead {
+    progress: Progress,
+    begin: Instant,
+    settings: usize,
+    rows: usize,
+    /// Of [`Setting::work`].
+    work: u64,
+    done: u64,
+}
+
+impl Ahead {
+    fn new(args: &Args, missing: &[Setting], settings: usize) -> Self {
+        let work = missing.iter().map(Setting::work).sum::<u64>() * u64::from(args.warm_up + args.repeats);
+        let progress = Progress::work(work, args.options.quiet, args.options.json);
+        Self { progress, begin: Instant::now(), settings, rows: settings - missing.len(), work, done: 0 }
+    }
+
+    fn left_s(&self) -> f64 {
+        self.begin.elapsed().as_secs_f64() * (self.work - self.done) as f64 / self.done.max(1) as f64
+    }
+
+    fn frame(&mut self, setting: &Setting, makespan_ms: f64) {
+        self.done += setting.work();
+        let Knobs { denoiser, iterations, bounces, spp, .. } = setting.knobs();
+        let event = serde_json::json!({
+            "event": "frame", "denoiser": denoiser, "iterations": iterations, "bounces": bounces, "spp": spp,
+            "makespan_ms": makespan_ms,
+        });
+        let (number, settings, left_s) = (self.rows + 1, self.settings, self.left_s());
+        let what = format!("{number} of {settings}: {denoiser} x{iterations}, {bounces} bounces, {spp} spp");
+        self.progress.at(self.done, format!("{what}, {makespan_ms:.1} ms, {left_s:.0} s to go"), Some(&event));
+    }
+
+    fn row(&mut self, measured: &Measured, knobs: &Knobs) {
+        self.rows += 1;
+        let event = serde_json::json!({
+            "event": "setting", "done": self.rows, "of": self.settings, "left_s": self.left_s(), "knobs": knobs,
+            "time_ms": measured.time_ms,
+        });
+        self.progress.at(self.done, String::new(), Some(&event));
+    }
+}

@@ -1,0 +1,87 @@
+//! What `bench` has measured so far, a line per setting, so that a run that was ended goes on from there.
+
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use serde::{Deserialize, Serialize};
+
+use diptych::control::Knobs;
+use diptych::report::bench::Measured;
+
+use crate::cli::failure::Failure;
+
+/// The file's name in `--out`.
+pub const FILE: &str = "bench.journal.jsonl";
+
+/// A line of the file.
+#[derive(Serialize, Deserialize)]
+struct Entry {
+    /// Hash of all that decides what is measured but what is named below.
+    subject: String,
+    /// What the errors are against.
+    reference: String,
+    knobs: Knobs,
+    measured: Measured,
+}
+
+pub struct Journal {
+    path: PathBuf,
+    file: File,
+    subject: String,
+    /// Of this subject.
+    entries: Vec<Entry>,
+}
+
+impl Journal {
+    /// Opens or makes the journal in `folder`; `fresh` empties it. Lines of other subjects stay and count for nothing,
+    /// nor does one that was not finished.
+    pub fn open(folder: &Path, subject: String, fresh: bool) -> Result<Self, Failure> {
+        let path = folder.join(FILE);
+        let (file, text) = open(&path, fresh)
+            .with_context(|| format!("cannot open the journal {}: check that you may write it", path.display()))?;
+        let entries = text.lines().filter_map(|line| serde_json::from_str(line).ok());
+        let entries = entries.filter(|e: &Entry| e.subject == subject).collect();
+        Ok(Self { path, file, subject, entries })
+    }
+
+    /// Whether anything was measured against this reference.
+    pub fn knows(&self, reference: &str) -> bool {
+        self.entries.iter().any(|e| e.reference == reference)
+    }
+
+    /// What was last found of a setting.
+    pub fn find(&self, reference: &str, knobs: &Knobs) -> Option<&Measured> {
+        let found = self.entries.iter().rfind(|e| e.reference == reference && e.knobs == *knobs);
+        found.map(|e| &e.measured)
+    }
+
+    /// Writes a line before anything else is done.
+    pub fn add(&mut self, reference: &str, knobs: &Knobs, measured: &Measured) -> Result<(), Failure> {
+        let (knobs, measured) = (knobs.clone(), measured.clone());
+        let entry = Entry { subject: self.subject.clone(), reference: reference.to_owned(), knobs, measured };
+        let line = serde_json::to_string(&entry).context("cannot write a setting as JSON")? + "\n";
+        let written = self.file.write_all(line.as_bytes());
+        written.with_context(|| format!("cannot write to {}", self.path.display()))?;
+        self.entries.push(entry);
+        Ok(())
+    }
+}
+
+/// The file, to be written at its end, which is that of a line, and its text.
+fn open(path: &Path, fresh: bool) -> io::Result<(File, String)> {
+    let text = match fs::read(path) {
+        Ok(bytes) if !fresh => String::from_utf8_lossy(&bytes).into_owned(),
+        Err(e) if e.kind() != io::ErrorKind::NotFound => return Err(e),
+        _ => String::new(),
+    };
+    let mut file = OpenOptions::new().create(true).append(true).open(path)?;
+    if fresh {
+        file.set_len(0)?;
+    }
+    if !text.is_empty() && !text.ends_with('\n') {
+        file.write_all(b"\n")?;
+    }
+    Ok((file, text))
+}

@@ -1,0 +1,97 @@
+//! What a grid of settings is held against: images of another renderer, or a reference of our own, kept for later runs.
+
+use std::path::Path;
+
+use diptych::accumulation::{Noise, hash_of};
+use diptych::exec::Stereo;
+use diptych::image::{RgbImage, exr};
+
+use super::Args;
+use super::journal::Journal;
+use crate::cli::failure::Failure;
+use crate::cli::foveation::FoveationOptions;
+use crate::cli::options::{Denoiser, RenderOptions, RunOptions};
+use crate::cli::reference::{PASS_SPP, PassOptions, Plan};
+use crate::cli::setup::{self, Loaded, Tracing};
+
+/// The seed of references, so that they share no random number with what is held against them.
+const SEED: u32 = 0x5eed_0001;
+
+/// What is right, as far as that is known.
+pub struct Reference {
+    pub images: Stereo<RgbImage>,
+    /// Of a reference of our own.
+    pub noise: Option<Stereo<Noise>>,
+    /// In words.
+    pub origin: String,
+    /// Tells it from others of the same subject.
+    pub key: String,
+}
+
+/// The one that the options name, or our own.
+pub fn find(args: &Args, loaded: &Loaded, tracing: &Tracing, journal: &Journal) -> Result<Reference, Failure> {
+    match &args.reference {
+        Some(folder) => given(folder, &args.options),
+        None => own(args, loaded, tracing, Some(journal)),
+    }
+}
+
+pub fn given(folder: &Path, options: &RunOptions) -> Result<Reference, Failure> {
+    let read = |name: &str| -> Result<RgbImage, Failure> {
+        let path = folder.join(name);
+        let image = exr::read_rgb(&path).map_err(|e| Failure::Input(e.into()))?;
+        if image.extent != options.size {
+            let what = format!("{} is {}, not {}: ask for its --size", path.display(), image.extent, options.size);
+            return Err(Failure::Input(anyhow::anyhow!(what)));
+        }
+        Ok(image)
+    };
+    let images = Stereo { left: read("left.exr")?, right: read("right.exr")? };
+    let key = [&images.left, &images.right].map(|image| hash_of(&format!("{:?}", image.pixels)));
+    let origin = format!("{}; its noise is unknown, and errors below it mean nothing", folder.display());
+    Ok(Reference { images, noise: None, origin, key: key.join(" ") })
+}
+
+/// How our own is made.
+pub fn plan(args: &Args) -> Result<Plan, Failure> {
+    let options = &args.options;
+    let seed = if options.seed == SEED { !SEED } else { SEED };
+    let run = RunOptions { seed, clamp: None, sampler: Default::default(), ..options.clone() };
+    let passes = PassOptions { time_limit: Some(args.reference_time_limit), passes_out: None, pass_spp: PASS_SPP };
+    let spp = args.reference_spp.unwrap_or(if args.quick { 256 } else { 1024 });
+    let bounces = args.bounces().into_iter().max().unwrap_or(0);
+    Plan::new(&RenderOptions { spp, bounces, ..single(run, Denoiser::None) }, passes)
+}
+
+/// The reference that is kept for this shot and these settings, made or gone on with where it has too few samples and
+/// nothing was measured against it.
+pub fn own(args: &Args, loaded: &Loaded, tracing: &Tracing, journal: Option<&Journal>) -> Result<Reference, Failure> {
+    let options = &args.options;
+    let mut plan = plan(args)?;
+    let kept = args.reference_dir.clone().unwrap_or_else(|| options.out.join("reference"));
+    let folder = plan.keep_below(&kept, loaded);
+    plan.prepare(loaded, "--reference-dir")?;
+    let begun = plan.begun(loaded, 0)?;
+    let key = |samples: u32| format!("{samples} spp");
+    let (accumulation, how) =
+        if begun.samples() >= plan.spp() || journal.is_some_and(|j| j.knows(&key(begun.samples()))) {
+            let how = format!("{} samples per pixel, kept from an earlier run", begun.samples());
+            (begun, how)
+        } else {
+            let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
+            let mut renderer = setup::renderer(&plan.options, loaded, gpus, tracing.recorder.origin())?;
+            let done = plan.accumulate(&mut renderer, loaded, 0, begun, tracing)?;
+            (done.accumulation, done.row.to_string())
+        };
+    let images = accumulation.mean();
+    exr::write_rgb(&folder.join("left.exr"), &images.left)?;
+    exr::write_rgb(&folder.join("right.exr"), &images.right)?;
+    let (origin, key) = (format!("{how}, in {}", folder.display()), key(accumulation.samples()));
+    Ok(Reference { images, noise: accumulation.noise(), origin, key })
+}
+
+/// One frame of one sample.
+pub fn single(run: RunOptions, denoiser: Denoiser) -> RenderOptions {
+    let (spp, bounces, foveated) = (1, 6, FoveationOptions::none(5));
+    RenderOptions { run, spp, bounces, denoiser, foveated, frames: 1, fps: 1.0, frames_in_flight: 1, aov: Vec::new() }
+}

@@ -1,0 +1,45 @@
+//! The band that frames' makespans are kept in.
+
+/// Where within the band the controller aims, as a share of the way from its lower to its upper end.
+const AIM: f64 = 0.8;
+
+#[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
+#[error("a budget of {lo_ms} to {hi_ms} ms is none: give two times, 0 < LO < HI")]
+pub struct BudgetError {
+    lo_ms: f64,
+    hi_ms: f64,
+}
+
+/// Makespans from `lo_ms`, below which quality is given away, to `hi_ms`, above which frames are late.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Budget {
+    lo_ms: f64,
+    hi_ms: f64,
+}
+
+impl Budget {
+    /// # Errors
+    /// [`BudgetError`] unless 0 < `lo_ms` < `hi_ms`, both finite.
+    pub fn new(lo_ms: f64, hi_ms: f64) -> Result<Self, BudgetError> {
+        let is_band = lo_ms > 0.0 && lo_ms < hi_ms && hi_ms.is_finite();
+        if is_band { Ok(Self { lo_ms, hi_ms }) } else { Err(BudgetError { lo_ms, hi_ms }) }
+    }
+
+    pub fn lo_ms(&self) -> f64 {
+        self.lo_ms
+    }
+
+    pub fn hi_ms(&self) -> f64 {
+        self.hi_ms
+    }
+
+    /// The dearest that a rung may be to be taken.
+    pub fn aim_ms(&self) -> f64 {
+        self.lo_ms + AIM * (self.hi_ms - self.lo_ms)
+    }
+
+    /// ... where the next cheaper one would leave the band at its lower end.
+    pub fn coarse_aim_ms(&self) -> f64 {
+        0.5 * (self.aim_ms() + self.hi_ms)
+    }
+}

@@ -1,0 +1,177 @@
+//! Picks the rung of the next frame.
+//!
+//! Within the band it stays. Above it, it drops at once to the best rung that is expected to fit; with time to spare it
+//! climbs to the next rung that fits, slowly. Expected is what the predictor says, times what its predictions were off by
+//! lately ([`super::correction`]). The aim is lowered and the band narrowed by how much frames scatter.
+
+use super::correction::Correction;
+use super::{Budget, Ladder};
+
+/// Frames between one change and a climb, at least.
+pub const CLIMB_EVERY: u32 = 8;
+/// A drop within this many frames after a climb says that the climb was a mistake.
+const PROBATION: u32 = 16;
+/// Frames for which a rung is left alone after the first such mistake; doubled by each further one, up to the second.
+const RETRY_AFTER: [u32; 2] = [32, 1024];
+/// Of the budget's upper end: what a frame counts as at least that was given up.
+const MISSED: f64 = 1.5;
+/// The margin for scatter is at most this: a band of 11 to 20 ms still holds the aim.
+const MARGIN_MAX: f64 = 1.25;
+
+/// Foretells what a frame would take.
+pub trait Predict {
+    /// Makespan of the next frame on this rung, ms. What is not a number above 0 is not believed: the ladder's own
+    /// measurement then stands in.
+    fn makespan_ms(&self, rung: usize) -> f64;
+}
+
+impl<F: Fn(usize) -> f64> Predict for F {
+    fn makespan_ms(&self, rung: usize) -> f64 {
+        self(rung)
+    }
+}
+
+/// What came of a frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Makespan {
+    Ms(f64),
+    /// It was given up after this time. Counts as over budget.
+    Missed {
+        after_ms: f64,
+    },
+}
+
+/// What the next frame is to be rendered with.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Decision {
+    /// Index into the ladder's rungs.
+    pub rung: usize,
+    /// Corrected prediction of the frame's makespan.
+    pub expected_ms: f64,
+    /// False: no rung is expected to be within the budget, and this is the cheapest.
+    pub fits: bool,
+}
+
+/// What climbs to a rung came to.
+#[derive(Clone, Debug)]
+struct Trial {
+    /// The first decision that may climb to it.
+    from: u64,
+    /// How long the next mistake keeps the rung out.
+    retry_after: u32,
+}
+
+#[derive(Clone, Debug)]
+pub struct Controller {
+    budget: Budget,
+    /// The ladder's.
+    times_ms: Vec<f64>,
+    correction: Correction,
+    /// Of the last frame; none before the first.
+    rung: Option<usize>,
+    decisions: u64,
+    changed_at: u64,
+    /// The rung of the last climb and when it was, while it is on probation.
+    climbed: Option<(usize, u64)>,
+    trials: Vec<Trial>,
+}
+
+impl Controller {
+    pub fn new(ladder: &Ladder, budget: Budget) -> Self {
+        let times_ms: Vec<f64> = ladder.rungs().iter().map(|r| r.time_ms).collect();
+        let trials = vec![Trial { from: 0, retry_after: RETRY_AFTER[0] }; times_ms.len()];
+        let correction = Correction::default();
+        Self { budget, times_ms, correction, rung: None, decisions: 0, changed_at: 0, climbed: None, trials }
+    }
+
+    /// Takes in a finished frame, in any order and however many frames after its decision.
+    pub fn observe(&mut self, rung: usize, makespan: Makespan) {
+        let floor_ms = MISSED * self.budget.hi_ms();
+        let ms = match makespan {
+            Makespan::Ms(ms) if ms.is_finite() && ms > 0.0 => ms,
+            Makespan::Missed { after_ms } if after_ms.is_finite() => after_ms.max(floor_ms),
+            _ => floor_ms,
+        };
+        self.correction.learn(rung.min(self.times_ms.len() - 1), ms);
+    }
+
+    /// Devices have come, gone or changed their speed: the last frames tell nothing of the next, but the predictor is
+    /// as far off as it was.
+    pub fn devices_changed(&mut self) {
+        self.correction.forget_frames();
+        self.changed_at = self.decisions;
+        self.climbed = None;
+    }
+
+    /// The rung of the next frame. Asks `predictor` of each rung a few times at most, of most rungs not at all.
+    pub fn next(&mut self, predictor: &impl Predict) -> Decision {
+        let times_ms = &self.times_ms;
+        let predicted_ms = |rung: usize| {
+            let ms = predictor.makespan_ms(rung);
+            if ms.is_finite() && ms > 0.0 { ms } else { times_ms[rung] }
+        };
+        self.correction.update(predicted_ms);
+        let factor = self.correction.factor();
+        let expected_ms = |rung: usize| predicted_ms(rung) * factor;
+        let chosen = self.choose(expected_ms);
+        let expected_ms = expected_ms(chosen);
+        self.take(chosen);
+        Decision { rung: chosen, expected_ms, fits: chosen > 0 || expected_ms <= self.budget.hi_ms() }
+    }
+
+    fn choose(&self, expected_ms: impl Fn(usize) -> f64) -> usize {
+        let margin = self.correction.margin().min(MARGIN_MAX);
+        let [hi_ms, aim_ms, coarse_aim_ms] =
+            [self.budget.hi_ms(), self.budget.aim_ms(), self.budget.coarse_aim_ms()].map(|ms| ms / margin);
+        let lo_ms = self.budget.lo_ms();
+        let Some(rung) = self.rung else {
+            return best_below(self.times_ms.len(), lo_ms, [aim_ms, coarse_aim_ms], expected_ms);
+        };
+        let now_ms = expected_ms(rung);
+        if now_ms > hi_ms {
+            return best_below(rung, lo_ms, [aim_ms, coarse_aim_ms], expected_ms);
+        }
+        if self.decisions - self.changed_at < u64::from(CLIMB_EVERY) {
+            return rung;
+        }
+        let limit_ms = if now_ms < lo_ms { coarse_aim_ms } else { aim_ms };
+        let next = (rung + 1..self.times_ms.len()).find(|&r| expected_ms(r) <= limit_ms);
+        next.filter(|&r| self.decisions >= self.trials[r].from).unwrap_or(rung)
+    }
+
+    /// Counts the decision, and judges the last climb.
+    fn take(&mut self, chosen: usize) {
+        let now = self.decisions;
+        self.decisions += 1;
+        if let Some((rung, at)) = self.climbed {
+            let trial = &mut self.trials[rung];
+            if now - at > u64::from(PROBATION) {
+                trial.retry_after = RETRY_AFTER[0];
+                self.climbed = None;
+            } else if chosen < rung {
+                trial.from = now + u64::from(trial.retry_after);
+                trial.retry_after = (2 * trial.retry_after).min(RETRY_AFTER[1]);
+                self.climbed = None;
+            }
+        }
+        let Some(before) = self.rung.replace(chosen) else { return };
+        if chosen != before {
+            self.changed_at = now;
+        }
+        if chosen > before {
+            self.climbed = Some((chosen, now));
+        }
+    }
+}
+
+/// The best of the first `rungs` rungs that is expected to take no more than the first limit; where that leaves the band
+/// at its lower end and the next one is within the second limit, the next one. The floor if none fits.
+fn best_below(rungs: usize, lo_ms: f64, limits_ms: [f64; 2], expected_ms: impl Fn(usize) -> f64) -> usize {
+    let best = (0..rungs).rev().find(|&r| expected_ms(r) <= limits_ms[0]);
+    let next = best.map_or(0, |r| r + 1);
+    match best {
+        Some(rung) if expected_ms(rung) >= lo_ms => rung,
+        _ if next < rungs && expected_ms(next) <= limits_ms[1] => next,
+        best => best.unwrap_or(0),
+    }
+}

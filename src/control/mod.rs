@@ -1,0 +1,16 @@
+//! Keeps the budget: a ladder of settings ordered by what they cost, and a controller that picks each frame's rung.
+//!
+//! The [`Ladder`] is measured beforehand (`diptych bench`). Each frame the [`Controller`] asks a predictor what rungs would
+//! take now, corrects that by how far predictions of the last frames were off, and stays, climbs by one or drops as far
+//! as it must. No wgpu here: whole runs are tested on simulated plants.
+
+mod budget;
+mod controller;
+mod correction;
+mod front;
+mod ladder;
+
+pub use budget::{Budget, BudgetError};
+pub use controller::{CLIMB_EVERY, Controller, Decision, Makespan, Predict};
+pub use front::front;
+pub use ladder::{Knobs, Ladder, LadderError, MIN_STEP, Origin, Rung};

@@ -1,0 +1,131 @@
+//! How fast the error falls with samples.
+
+use std::fmt;
+
+use serde::Serialize;
+
+use super::{Measured, NOISE_MARGIN, Row};
+use crate::accumulation::Noise;
+use crate::exec::Stereo;
+
+/// Exponent of the error, √relMSE, over samples per pixel: −0.5 for independent samples.
+#[derive(Clone, Debug, Serialize)]
+pub struct Slope {
+    pub denoiser: String,
+    pub iterations: u32,
+    pub eye: &'static str,
+    /// Mean over the repeats' slopes.
+    pub slope: f64,
+    /// Of that mean; `None` for a single repeat.
+    pub standard_error: Option<f64>,
+    /// Settings that it goes through.
+    pub points: usize,
+}
+
+impl fmt::Display for Slope {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { denoiser, iterations, eye, slope, standard_error, points } = self;
+        let iterations = if *iterations == 0 { String::new() } else { format!(" x{iterations}") };
+        let error = standard_error.map_or(String::new(), |e| format!(" ± {e:.3}"));
+        write!(f, "{denoiser}{iterations}, {eye} eye: √relMSE ∝ spp^{slope:.3}{error} over {points} settings")?;
+        write!(f, " (independent samples: -0.5)")
+    }
+}
+
+/// Least squares through (ln x, ln y); `None` for fewer than two different x.
+pub fn log_slope(points: &[(f64, f64)]) -> Option<f64> {
+    let logs: Vec<(f64, f64)> = points.iter().map(|p| (p.0.ln(), p.1.ln())).collect();
+    let mean = |f: &dyn Fn(&(f64, f64)) -> f64| logs.iter().map(f).sum::<f64>() / logs.len() as f64;
+    let (x, y) = (mean(&|p| p.0), mean(&|p| p.1));
+    let spread: f64 = logs.iter().map(|p| (p.0 - x).powi(2)).sum();
+    (spread > 0.0).then(|| logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum::<f64>() / spread)
+}
+
+/// Slopes per denoiser, its iterations, and eye, of the rows with most bounces, as many as the reference has. The
+/// reference's noise, which adds to every relMSE, is taken off; settings whose error is lost in it are left out, as is
+/// 1 spp, whose sample goes through the pixel's centre and estimates another image.
+pub fn slopes(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Vec<Slope> {
+    let bounces = rows.iter().map(|r| r.knobs.bounces).max();
+    let rows: Vec<&Row> = rows.iter().filter(|r| Some(r.knobs.bounces) == bounces).collect();
+    let mut filters: Vec<(&str, u32)> = rows.iter().map(|r| filter(r)).collect();
+    filters.dedup();
+    let of = |name: &(&str, u32)| {
+        let own = || rows.iter().filter(|r| filter(r) == *name && r.knobs.spp > 1);
+        let eye = |of: fn(&Measured) -> &Vec<f64>| own().map(|r| (r.knobs.spp, of(&r.measured).as_slice())).collect();
+        let noises = noise.map_or([0.0; 2], |n| [n.left.relmse, n.right.relmse]);
+        [
+            slope(*name, "left", eye(|m| &m.relmse_repeats.left), noises[0]),
+            slope(*name, "right", eye(|m| &m.relmse_repeats.right), noises[1]),
+        ]
+    };
+    filters.iter().flat_map(of).flatten().collect()
+}
+
+fn filter(row: &Row) -> (&str, u32) {
+    (&row.knobs.denoiser, row.knobs.iterations)
+}
+
+/// Through the relMSE of each repeat, by samples per pixel.
+fn slope(
+    (denoiser, iterations): (&str, u32),
+    eye: &'static str,
+    mut settings: Vec<(u32, &[f64])>,
+    noise: f64,
+) -> Option<Slope> {
+    settings.retain(|(_, repeats)| repeats.iter().all(|&e| e > NOISE_MARGIN * noise));
+    let fit = |i: usize| {
+        let point = |(spp, repeats): &(u32, &[f64])| Some((f64::from(*spp), (repeats.get(i)? - noise).sqrt()));
+        log_slope(&settings.iter().map(point).collect::<Option<Vec<_>>>()?)
+    };
+    let fits: Vec<f64> = (0..settings.first()?.1.len()).map_while(fit).collect();
+    let (slope, standard_error) = mean_and_error(&fits)?;
+    Some(Slope { denoiser: denoiser.to_owned(), iterations, eye, slope, standard_error, points: settings.len() })
+}
+
+/// Mean and its standard error, which takes two values; none of no values.
+fn mean_and_error(values: &[f64]) -> Option<(f64, Option<f64>)> {
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let squares: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
+    let error = (values.len() > 1).then(|| (squares / (n - 1.0) / n).sqrt());
+    (!values.is_empty()).then_some((mean, error))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::row;
+    use super::*;
+
+    #[test]
+    fn a_power_law_has_its_exponent() {
+        let points: Vec<(f64, f64)> = [2.0f64, 4.0, 8.0, 64.0].map(|n| (n, 3.0 * n.powf(-0.7))).into();
+        assert!((log_slope(&points).unwrap() + 0.7).abs() < 1e-12);
+        assert_eq!((log_slope(&points[..1]), log_slope(&[])), (None, None));
+    }
+
+    #[test]
+    fn the_references_noise_is_taken_off_and_one_sample_left_out() {
+        // The relMSE of a flat image to a black one is 100 times its square.
+        let noise = Stereo { left: Noise { rmse: 0.01, relmse: 0.01 }, right: Noise { rmse: 0.02, relmse: 0.04 } };
+        let seen = |n: f64| (0.16 / n + 1e-4).sqrt();
+        // At 4096 samples the error is below the noise, at 1 it is that of another estimator.
+        let spps = [1u32, 2, 8, 64, 4096];
+        let rows: Vec<Row> = spps.map(|n| row("none", n, 1.0, &[if n == 1 { 9.0 } else { seen(n.into()) }; 2])).into();
+        let found = slopes(&rows, Some(&noise));
+        assert_eq!(found.len(), 2);
+        for slope in found {
+            assert!((slope.slope + 0.5).abs() < 1e-5, "{slope:?}");
+            assert_eq!((slope.points, slope.standard_error.unwrap() < 1e-9), (3, true));
+        }
+    }
+
+    #[test]
+    fn fewer_bounces_than_the_reference_has_tell_no_slope() {
+        let mut rows: Vec<Row> = [2, 8].map(|spp| row("none", spp, 1.0, &[1.0 / f64::from(spp)])).into();
+        let all = slopes(&rows, None);
+        rows.extend([2, 8].map(|spp| row("none", spp, 0.5, &[0.5])));
+        rows[2..].iter_mut().for_each(|r| r.knobs.bounces = 2);
+        let found = slopes(&rows, None);
+        assert_eq!((found.len(), found[0].slope), (2, all[0].slope));
+    }
+}

@@ -1,0 +1,124 @@
+//! A renderer that the controller can be tried on: what a frame takes is what its rung costs, times the load, times noise.
+
+use std::collections::VecDeque;
+
+use diptych::control::{Budget, Controller, Decision, Knobs, Ladder, Makespan, Origin, Rung};
+
+pub const LO_MS: f64 = 11.0;
+pub const HI_MS: f64 = 20.0;
+
+/// A ladder whose rungs take these times.
+pub fn ladder(times_ms: &[f64]) -> Ladder {
+    let rung = |(i, &time_ms): (usize, &f64)| Rung {
+        time_ms,
+        flip: 0.9 / (i + 1) as f64,
+        relmse: 0.1,
+        knobs: Knobs { spp: i as u32 + 1, bounces: 6, denoiser: "none".into(), iterations: 0, fovea: None, scale: 1.0 },
+        stage_ms: Default::default(),
+    };
+    let origin = Origin { shot: "s".into(), size: "8x8".into(), devices: vec!["d".into()], version: "0".into() };
+    Ladder::new(origin, times_ms.iter().enumerate().map(rung).collect()).unwrap()
+}
+
+/// A ladder's times: from `floor_ms` up by these factors.
+pub fn times(floor_ms: f64, steps: &[f64]) -> Vec<f64> {
+    let mut times_ms = vec![floor_ms];
+    for step in steps {
+        times_ms.push(times_ms[times_ms.len() - 1] * step);
+    }
+    times_ms
+}
+
+pub struct Plant<'a> {
+    /// What rungs cost under a load of 1.
+    pub times_ms: &'a [f64],
+    /// By frame.
+    pub load: &'a dyn Fn(usize) -> f64,
+    /// What the predictor says by frame and rung; none: the ladder's times.
+    pub predicted_ms: Option<&'a dyn Fn(usize, usize) -> f64>,
+    /// Standard deviation of the logarithm.
+    pub noise: f64,
+    pub seed: u64,
+    /// A frame's time is known when this many more have been decided.
+    pub delay: usize,
+    /// Frames that take longer are given up, and nobody knows what they would have taken.
+    pub patience_ms: f64,
+}
+
+impl<'a> Plant<'a> {
+    /// Without noise; each frame is known when the next one is decided.
+    pub fn new(times_ms: &'a [f64], load: &'a dyn Fn(usize) -> f64) -> Self {
+        Self { times_ms, load, predicted_ms: None, noise: 0.0, seed: 0, delay: 0, patience_ms: f64::INFINITY }
+    }
+
+    pub fn run(&self, frames: usize) -> Run {
+        let budget = Budget::new(LO_MS, HI_MS).unwrap();
+        self.run_with(Controller::new(&ladder(self.times_ms), budget), frames)
+    }
+
+    pub fn run_with(&self, mut controller: Controller, frames: usize) -> Run {
+        let mut random = Random(self.seed);
+        let (mut steps, mut in_flight) = (Vec::new(), VecDeque::new());
+        for frame in 0..frames {
+            if in_flight.len() > self.delay {
+                let (rung, makespan) = in_flight.pop_front().unwrap();
+                controller.observe(rung, makespan);
+            }
+            let decision =
+                controller.next(&|rung: usize| self.predicted_ms.map_or(self.times_ms[rung], |ms| ms(frame, rung)));
+            let mean_ms = self.times_ms[decision.rung] * (self.load)(frame);
+            let ms = mean_ms * (self.noise * random.normal()).exp();
+            let missed = Makespan::Missed { after_ms: 0.0 };
+            in_flight.push_back((decision.rung, if ms > self.patience_ms { missed } else { Makespan::Ms(ms) }));
+            steps.push(Step { decision, mean_ms, ms });
+        }
+        Run(steps)
+    }
+}
+
+pub struct Step {
+    pub decision: Decision,
+    /// Without noise.
+    pub mean_ms: f64,
+    pub ms: f64,
+}
+
+pub struct Run(pub Vec<Step>);
+
+impl Run {
+    /// Frames from `begin` on that another rung than the frame before has.
+    pub fn changes_from(&self, begin: usize) -> usize {
+        self.0[begin..].windows(2).filter(|pair| pair[0].decision.rung != pair[1].decision.rung).count()
+    }
+
+    /// The first frame from `begin` on that is, but for noise, outside the band.
+    pub fn outside_from(&self, begin: usize) -> Option<(usize, f64)> {
+        let frames = self.0.iter().map(|s| s.mean_ms).enumerate().skip(begin);
+        frames.into_iter().find(|(_, ms)| !(LO_MS..=HI_MS).contains(ms))
+    }
+
+    /// Share of frames from `begin` on for which this is so.
+    pub fn share_from(&self, begin: usize, is_so: impl Fn(&Step) -> bool) -> f64 {
+        let frames = &self.0[begin..];
+        frames.iter().filter(|s| is_so(s)).count() as f64 / frames.len() as f64
+    }
+}
+
+/// SplitMix64 (Steele, Lea & Flood 2014).
+struct Random(u64);
+
+impl Random {
+    /// 0 < value < 1.
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        let z = (self.0 ^ self.0 >> 30).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let z = (z ^ z >> 27).wrapping_mul(0x94d0_49bb_1331_11eb);
+        (((z ^ z >> 31) >> 11) as f64 + 0.5) / (1u64 << 53) as f64
+    }
+
+    /// By Box & Muller (1958).
+    fn normal(&mut self) -> f64 {
+        let (radius, angle) = ((-2.0 * self.uniform().ln()).sqrt(), std::f64::consts::TAU * self.uniform());
+        radius * angle.cos()
+    }
+}
