@@ -9,7 +9,7 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use diptych::graph::{Assignment, FrameGraph, FrameSpec, HaloPlan, Seam, TaskKind, Views};
+use diptych::graph::{Assignment, Filter, FrameGraph, FrameSpec, HaloPlan, Seam, TaskKind, Views};
 use diptych::image::Extent;
 use diptych::schedule::{
     CostModel, FrameCosts, Heft, Measured, Policy, StageCost, TransferCost, choose_halo, simulate,

@@ -10,7 +10,7 @@ use diptych::image::stereo;
 use diptych::report::run::ReferenceRow;
 
 use super::failure::Failure;
-use super::foveation::{FoveationMode, FoveationOptions};
+use super::foveation::FoveationOptions;
 use super::interrupt::INTERRUPTED;
 use super::options::{Denoiser, RenderOptions, RunOptions, Switch};
 use super::output;

@@ -21,6 +21,10 @@ use crate::cli::options::{Denoiser, RenderOptions};
 use crate::cli::progress::Progress;
 use crate::cli::setup::{self, Loaded, Tracing};
 
+/// Frames per second of the camera on its way to the instant that is compared, and how many of them at least history takes.
+const FPS: f64 = 72.0;
+const HISTORY_FRAMES: u32 = 15;
+
 /// More than the frames of a setting can be.
 pub const FRAMES_MAX: u32 = 10_000;
 
@@ -81,6 +85,16 @@ impl Setting {
         Knobs { spp, bounces, denoiser: setup::name(&denoiser), iterations, fovea: None, scale: 1.0 }
     }
 
+    /// Frames before those that are measured: enough for a history to grow old, where there is one.
+    fn warm_up(&self, args: &Args) -> u32 {
+        if self.denoiser == Denoiser::Svgf { args.warm_up.max(HISTORY_FRAMES) } else { args.warm_up }
+    }
+
+    /// How long its frames take, about, in any unit.
+    fn total_work(&self, args: &Args) -> u64 {
+        self.work() * u64::from(self.warm_up(args) + args.repeats)
+    }
+
     /// About how long a frame takes, in any unit: as samples, and once for all else.
     fn work(&self) -> u64 {
         u64::from(self.spp) + 1
@@ -126,12 +140,15 @@ impl<'a> Grid<'a> {
         let mut renderer = setup::renderer(&options, loaded, gpus, tracing.recorder.origin())?;
         record_devices(&tracing.recorder, renderer.devices());
         let mut repeats = Vec::new();
-        for i in 0..args.warm_up + args.repeats {
-            let frame = renderer.render(&loaded.shot.rig, options.time, i)?;
+        let warm_up = setting.warm_up(args);
+        for i in 0..warm_up + args.repeats {
+            // The camera comes along its path, so that history is of other frames than the ones that are compared.
+            let ahead_s = f64::from(warm_up.saturating_sub(i)) / FPS;
+            let frame = renderer.render(&loaded.shot.rig, options.time - ahead_s, i)?;
             refuse_faults(&renderer)?;
             interrupt::check()?;
             ahead.frame(setting, frame.makespan_ms);
-            if i >= args.warm_up {
+            if i >= warm_up {
                 // Each setting's frames get numbers of their own in the trace.
                 tracing.record(&options, &FrameReport { index: number * FRAMES_MAX + i, ..frame.clone() });
                 let image = renderer.read_linear()?;
@@ -157,7 +174,7 @@ struct Ahead {
 
 impl Ahead {
     fn new(args: &Args, missing: &[Setting], settings: usize) -> Self {
-        let work = missing.iter().map(Setting::work).sum::<u64>() * u64::from(args.warm_up + args.repeats);
+        let work = missing.iter().map(|s| s.total_work(args)).sum();
         let progress = Progress::work(work, args.options.quiet, args.options.json);
         Self { progress, begin: Instant::now(), settings, rows: settings - missing.len(), work, done: 0 }
     }
