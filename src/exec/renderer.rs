@@ -269,10 +269,11 @@ impl Renderer {
             }
         }
         let (first_fault, attempts, begin_ms) = (frame.first_fault, frame.attempts, frame.report.begin_ms);
+        // What was to happen may not have come to pass when devices were called off.
+        self.trouble.injections.extend(frame.injections.into_iter().filter(|i| !failed.contains_key(&i.device)));
         self.take_out(index, failed)?;
         self.hand_out(frame.inputs, Some((first_fault, attempts + 1, begin_ms)));
         for frame in behind {
-            // What was to happen may not have come to pass when it was called off.
             self.trouble.injections.extend(frame.injections);
             self.hand_out(frame.inputs, None);
         }
