@@ -60,7 +60,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let counts = all(inside == there) && (dx != 0 || dy != 0) && value.a != MISSING;
             let tap_bits = guide_image[tap];
             let least = select(0.0, LAST_RESORT, is_missing && tap_bits.w != NO_NORMAL);
-            let w = select(0.0, max(surface_weight(guide, tap_bits), least), counts);
+            let w = select(0.0, max(surface_weight(guide, tap_bits, 0.0), least), counts);
             let l = luminance(value.rgb);
             sum += value.rgb * w;
             first += l * w;

@@ -17,21 +17,18 @@ fn comparable(c: vec3<f32>) -> vec3<f32> {
     return c / (1.0 + luminance(c));
 }
 
-fn edge_weight(centre: Guide, colour: vec3<f32>, tap_bits: vec4<u32>, tap_colour: vec3<f32>, inverse_sigma2: f32) -> f32 {
+// How much a tap shares the centre's surface, and whatever else makes them differ.
+fn surface_weight(centre: Guide, tap_bits: vec4<u32>, difference: f32) -> f32 {
     let cosine = max(dot(centre.normal, unpack_normal(tap_bits.w)), 0.0);
     let c2 = cosine * cosine;
     let c4 = c2 * c2;
     let off = dot(centre.normal, bitcast<vec3<f32>>(tap_bits.xyz) - centre.position) * centre.inverse_reach;
-    let d = colour - comparable(tap_colour);
-    let w = c4 * c4 * exp(-min(off * off + dot(d, d) * inverse_sigma2, 80.0));
+    let w = c4 * c4 * exp(-min(off * off + difference, 80.0));
     return select(w, 0.0, tap_bits.w == NO_NORMAL);
 }
 
-// How much a tap shares the centre's surface, whatever light falls on it.
-fn surface_weight(centre: Guide, tap_bits: vec4<u32>) -> f32 {
-    let cosine = max(dot(centre.normal, unpack_normal(tap_bits.w)), 0.0);
-    let c2 = cosine * cosine;
-    let c4 = c2 * c2;
-    let off = dot(centre.normal, bitcast<vec3<f32>>(tap_bits.xyz) - centre.position) * centre.inverse_reach;
-    return select(c4 * c4 * exp(-min(off * off, 80.0)), 0.0, tap_bits.w == NO_NORMAL);
+// ... which is colour, as `comparable` has it.
+fn edge_weight(centre: Guide, colour: vec3<f32>, tap_bits: vec4<u32>, tap_colour: vec3<f32>, inverse_sigma2: f32) -> f32 {
+    let d = colour - comparable(tap_colour);
+    return surface_weight(centre, tap_bits, dot(d, d) * inverse_sigma2);
 }

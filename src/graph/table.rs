@@ -181,7 +181,7 @@ impl FrameSpec {
                 let iteration = |index| Link {
                     stage: Stage::Svgf,
                     index,
-                    reach_rows: 2 * svgf_step(index),
+                    reach_rows: svgf_step(index),
                     source: if index == 1 { History } else { filtered(index + 2) },
                     target: if index == 0 { History } else { filtered(index + 3) },
                 };
