@@ -142,7 +142,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let alpha = new_samples / total;
-    let value = luminance(now.rgb);
+    let value = brightness(now.rgb);
     let old_mean = past.mean * scale;
     let difference = value - old_mean;
     let mean = old_mean + alpha * difference;

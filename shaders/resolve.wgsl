@@ -48,8 +48,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         for (var dx = -1; dx <= 1; dx += 1) {
             let held = clamp(vec2<i32>(pixel) + vec2<i32>(dx, dy), low, high);
             let c = composed[u32(held.y) * frame.width + u32(held.x)];
-            mean += c.rgb;
-            square += c.rgb * c.rgb;
+            // Squares stay finite.
+            let bounded = min(c.rgb, vec3<f32>(1e18));
+            mean += bounded;
+            square += bounded * bounded;
             let is_nearer = c.a > 0.0 && (depth <= 0.0 || c.a < depth);
             front = select(front, held, is_nearer);
             depth = select(depth, c.a, is_nearer);
@@ -64,7 +66,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let direction = ray_direction(pass_.view, at_front);
     let seen = seen_at(select(eye.origin + direction, frame.views[pass_.view].origin + direction * depth, depth > 0.0), eye);
     let size = vec2<f32>(f32(frame.width), f32(frame.height));
-    let moved = clamp(vec2<f32>(pixel) + seen.xy - at_front, vec2<f32>(-2.0), size + 1.0);
+    let motion = seen.xy - at_front;
+    let is_still = all(abs(motion) < vec2<f32>(0.01));
+    let moved = clamp(vec2<f32>(pixel) + select(motion, vec2<f32>(0.0), is_still), vec2<f32>(-2.0), size + 1.0);
     let base = floor(moved);
     let fraction = moved - base;
     let reach = i32(frame.history_rows);
@@ -86,7 +90,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             old += last_resolved[u32(held.y) * frame.width + u32(held.x)] * w;
         }
     }
-    let is_still = all(abs(moved - vec2<f32>(pixel)) < vec2<f32>(0.01));
     let longest = select(LONGEST_MOVED / (1.0 + luminance(deviation) * frame.exposure), LONGEST_STILL, is_still);
     let frames = select(0.0, clamp(round(old.a), 0.0, longest), has_history);
 

@@ -28,7 +28,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let step = i32(pass_.arg0);
     let guide = guide_for(bits, frame.views[pass_.view].origin, 0.02);
     let is_missing = centre.a < 0.0;
-    let own = luminance(centre.rgb);
+    let own = brightness(centre.rgb);
     let sigma2 = bitcast<f32>(pass_.arg1);
     // A pixel without light takes whatever its surface has.
     let compares = select(1.0, 0.0, is_missing);
@@ -49,7 +49,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let tap = u32(inside.y) * frame.width + u32(inside.x);
             let value = source[tap];
             let counts = all(inside == there) && (dx != 0 || dy != 0) && value.a >= 0.0;
-            let l = luminance(value.rgb);
+            let l = brightness(value.rgb);
             let d2 = (own - l) * (own - l) / (sigma2 * (max(centre.a, 0.0) + value.a) + 1e-6 * own * l + 1e-20);
             let w = surface_weight(guide, guide_image[tap], sqrt(d2) * compares);
             let k = select(0.0, kernel[dx + 1] * kernel[dy + 1] * w, counts);

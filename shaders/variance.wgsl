@@ -47,7 +47,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let is_missing = centre.a == MISSING;
     var sum = select(centre.rgb, vec3<f32>(0.0), is_missing);
     var weight = select(1.0, 0.0, is_missing);
-    let own = luminance(sum);
+    let own = brightness(sum);
     var first = own;
     var second = own * own;
     let far = select(REACH, -1, is_known);
@@ -61,7 +61,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let tap_bits = guide_image[tap];
             let least = select(0.0, LAST_RESORT, is_missing && tap_bits.w != NO_NORMAL);
             let w = select(0.0, max(surface_weight(guide, tap_bits, 0.0), least), counts);
-            let l = luminance(value.rgb);
+            let l = brightness(value.rgb);
             sum += value.rgb * w;
             first += l * w;
             second += l * l * w;

@@ -11,8 +11,9 @@ mod surfaces;
 
 use common::{Stage, Subject, still_rig};
 use diptych::image::RgbImage;
+use diptych::scene::shot::Gaze;
 use diptych::scene::{AlphaMode, Scene};
-use diptych::stages::Sampler;
+use diptych::stages::{Foveation, Sampler};
 use reference::Pinhole;
 
 const WIDTH: u32 = 32;
@@ -77,6 +78,26 @@ fn hold(row: Row) {
 #[test]
 fn every_sample_of_every_row_is_finite() {
     rows::all().into_iter().for_each(hold);
+}
+
+/// What is accumulated, filtered and antialiased over frames, from few samples, is a radiance everywhere.
+#[test]
+fn every_row_is_finite_through_history_and_filters() {
+    for row in rows::all() {
+        let subject = subject(row.name, row.scene, row.camera);
+        let [width, height] = row.effort.size;
+        let mut settings = subject.accumulated(width, height);
+        settings.bounces = row.effort.bounces;
+        let gaze = Gaze { path: vec![[0.0, 0.5, 0.5]] };
+        settings.stages.foveation = Some(Foveation::new([gaze.clone(), gaze], [2, 3, 5]));
+        let mut stage = Stage::alone(&subject, &settings);
+        for frame in 0..3 {
+            let linear = stage.frame(frame).linear;
+            for pixel in linear.left.pixels.iter().chain(&linear.right.pixels) {
+                assert!(pixel.iter().all(|c| c.is_finite() && *c >= 0.0), "{}, frame {frame}: {pixel:?}", row.name);
+            }
+        }
+    }
 }
 
 /// However many layers a ray has to look through, on whatever driver: its sample is right, or it is counted.

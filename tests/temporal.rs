@@ -1,0 +1,82 @@
+//! Frames that know the ones before them: they come closer to what is right, keep their energy, and drag nothing along.
+
+mod common;
+
+use common::{Stage, Subject};
+use diptych::exec::{RenderSettings, Stereo};
+use diptych::image::RgbImage;
+use diptych::metrics::{self, Errors};
+
+const WIDTH: u32 = 96;
+const HEIGHT: u32 = 64;
+const FPS: f64 = 72.0;
+
+/// Many samples all over each pixel, with random numbers of their own.
+fn reference(subject: &Subject, time_s: f64) -> Stereo<RgbImage> {
+    let mut settings = subject.settings(WIDTH, HEIGHT);
+    settings.seed = 99;
+    settings.stages.spp = 256;
+    Stage::alone(subject, &settings).frame_at(time_s, 0).linear
+}
+
+fn errors(reference: &Stereo<RgbImage>, found: &Stereo<RgbImage>) -> [Errors; 2] {
+    [(&reference.left, &found.left), (&reference.right, &found.right)].map(|(a, b)| metrics::compare(a, b).unwrap())
+}
+
+/// The last of `frames` frames whose camera comes along its path.
+fn arrived(subject: &Subject, settings: &RenderSettings, time_s: f64, frames: u32) -> Stereo<RgbImage> {
+    let mut stage = Stage::alone(subject, settings);
+    let at = |i: u32| time_s - f64::from(frames - 1 - i) / FPS;
+    (0..frames - 1).for_each(|i| drop(stage.frame_at(at(i), i)));
+    stage.frame_at(time_s, frames - 1).linear
+}
+
+#[test]
+fn still_frames_converge_and_keep_their_energy() {
+    let subject = Subject::load("builtin:checker");
+    let right = reference(&subject, 0.0);
+    let mut stage = Stage::alone(&subject, &subject.accumulated(WIDTH, HEIGHT));
+    let frames: Vec<_> = (0..48).map(|i| stage.frame(i).linear).collect();
+    let [first, later, last] = [0, 11, 47].map(|i: usize| errors(&right, &frames[i]));
+    for eye in [0, 1] {
+        println!("relMSE {} {} {}", first[eye].relmse, later[eye].relmse, last[eye].relmse);
+        assert!(later[eye].relmse < 0.6 * first[eye].relmse && last[eye].relmse < 0.8 * later[eye].relmse);
+        let mean = last[eye].mean_ratio.unwrap();
+        assert!((mean - 1.0).abs() < 0.01, "a mean of {mean}");
+    }
+}
+
+#[test]
+fn frames_on_their_way_are_better_than_frames_alone() {
+    for shot in ["builtin:atrium", "builtin:checker"] {
+        let subject = Subject::load(shot);
+        let time_s = 0.5;
+        let right = reference(&subject, time_s);
+        let with_history = errors(&right, &arrived(&subject, &subject.accumulated(WIDTH, HEIGHT), time_s, 16));
+        let alone = subject.denoised(WIDTH, HEIGHT);
+        let alone = errors(&right, &arrived(&subject, &alone, time_s, 1));
+        for (a, b) in with_history.iter().zip(&alone) {
+            let (a_flip, b_flip, mean) = (a.flip, b.flip, a.mean_ratio.unwrap());
+            println!("{shot}: FLIP {a_flip} instead of {b_flip}, mean {mean}");
+            assert!(a_flip < 0.7 * b_flip, "{shot}: FLIP {a_flip} instead of {b_flip}");
+            assert!((mean - 1.0).abs() < 0.02, "{shot}: a mean of {mean}");
+        }
+    }
+}
+
+/// Eyes that see nothing again of what they saw have no history: the frame is that of a run that begins there.
+#[test]
+fn a_cut_leaves_no_ghost() {
+    let mut subject = Subject::load("builtin:atrium");
+    subject.rig.keys.truncate(2);
+    let [now, back] = &mut subject.rig.keys[..] else { panic!("the path has a way to go") };
+    (back.position, back.target) = (now.position, 2.0 * now.position - now.target);
+    let far_s = back.time_s;
+    let settings = subject.accumulated(WIDTH, HEIGHT);
+    let mut stage = Stage::alone(&subject, &settings);
+    (0..3).for_each(|i| drop(stage.frame_at(0.0, i)));
+    let cut = stage.frame_at(far_s, 3);
+    assert_eq!(cut.report.spec.history_rows, None);
+    let fresh = Stage::alone(&subject, &settings).frame_at(far_s, 3);
+    assert!(cut.linear == fresh.linear);
+}
