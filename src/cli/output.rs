@@ -10,6 +10,7 @@ use diptych::graph::PhysicalImage;
 use diptych::image::display::{DisplayImage, write_png};
 use diptych::image::file::atomic_write;
 use diptych::image::{Extent, Image, RgbImage, exr, stereo};
+use diptych::metrics::heatmap::map_of_numbers;
 use diptych::report::html::{Section, page};
 use diptych::stages::{Aov, Foveation};
 
@@ -109,6 +110,11 @@ impl FrameImages {
                 let path = name(&format!("{eye}.{}", aov.name()), "exr");
                 exr::write_channels(&path, self.linear.left.extent, &channels)?;
             }
+        }
+        for (aov, Stereo { left, right }) in self.aovs.iter().filter(|(aov, _)| aov.counts()) {
+            let most = left.iter().chain(right).flatten().fold(0.0, |a: f32, b| a.max(*b));
+            let map = |planes: &[Vec<f32>]| map_of_numbers(&planes[0], most, self.linear.left.extent);
+            write_png(&name(aov.name(), "png"), &stereo::side_by_side(&map(left), &map(right))?)?;
         }
         write_png(&name("stereo", "png"), &stereo::side_by_side(&self.display.left, &self.display.right)?)?;
         if anaglyph {

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use crate::image::display::{DisplayImage, display_value, level};
-use crate::image::{Image, ImageError, RgbImage, check_same_size};
+use crate::image::{Extent, Image, ImageError, RgbImage, check_same_size};
 
 use super::Pair;
 
@@ -34,6 +34,13 @@ fn cubehelix(position: f64) -> [f64; 3] {
     let (sin, cos) = angle.sin_cos();
     [(-0.14861, 1.78277), (-0.29227, -0.90649), (1.97294, 0.0)]
         .map(|(along_cos, along_sin)| position + amplitude * (along_cos * cos + along_sin * sin))
+}
+
+/// Colours numbers from black, 0, to the pale end of the scale, `most`; row-major.
+pub fn map_of_numbers(numbers: &[f32], most: f32, extent: Extent) -> DisplayImage {
+    // The last tenth is too near white to be told apart.
+    let colour = |n: &f32| cubehelix(f64::from(n / most.max(f32::MIN_POSITIVE)).clamp(0.0, 1.0) * 0.9).map(level);
+    Image { extent, pixels: numbers.iter().map(colour).collect() }
 }
 
 /// Colours the FLIP of each pixel by the magma map, as FLIP is shown elsewhere: black is 0, pale yellow is 1.
@@ -74,7 +81,6 @@ fn magma(position: f64) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::image::Extent;
 
     #[test]
     fn equal_is_black_and_opposite_is_white() {

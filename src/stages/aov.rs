@@ -47,6 +47,11 @@ pub enum Aov {
 }
 
 impl Aov {
+    /// Whether it is one number, small and whole, for which a picture of both eyes is of use.
+    pub fn counts(self) -> bool {
+        matches!(self, Self::Holes | Self::Spp | Self::Stripes)
+    }
+
     pub fn name(self) -> &'static str {
         match self {
             Self::Albedo => "albedo",
