@@ -1,9 +1,9 @@
 // One auxiliary image per dispatch, from the hit behind the pixel's centre.
 
-//!include frame rng scene light_tree environment lights trace surface pack motion
+//!include frame rng scene light_tree environment lights trace surface split pack motion
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
-@group(1) @binding(1) var<storage, read> albedo_image: array<vec4<f32>>;
+@group(1) @binding(1) var<storage, read> albedo_image: array<vec4<u32>>;
 @group(1) @binding(2) var<storage, read> emission_image: array<vec4<f32>>;
 @group(1) @binding(3) var<storage, read> tally_image: array<u32>;
 @group(1) @binding(4) var<storage, read_write> aov: array<vec4<f32>>;
@@ -31,13 +31,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var value = vec3<f32>(0.0);
     switch pass_.arg0 {
         case ALBEDO: {
-            value = albedo_image[at].rgb;
+            value = unpack_albedo(albedo_image[at]).all;
         }
         case DEPTH: {
             value = vec3<f32>(emission_image[at].a);
         }
         case ROUGHNESS: {
-            value = vec3<f32>(albedo_image[at].a);
+            value = vec3<f32>(unpack_albedo(albedo_image[at]).roughness);
         }
         case HOLES: {
             value = vec3<f32>(f32(tally_image[at] >> 28u));
