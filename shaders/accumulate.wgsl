@@ -2,6 +2,7 @@
 // gathered on a pixel's surface is found by the camera's motion and joined with what this frame saw. Departures:
 // - Means and variances are weighted by samples (West 1979), so frames of few and of many samples mix as they should.
 // - How long a history counts is bounded by what resampling has blurred and by how far a short mean is off the long one.
+// - Gloss, where a scene has it, is accumulated beside matte light and counts on fewer of the same frames.
 // - Where the right eye finds no history, the left eye's is looked up.
 
 //!include frame split motion pack variance
@@ -18,7 +19,7 @@
 @group(1) @binding(8) var<storage, read> left_history: array<vec4<u32>>;
 // Light, and the variance of its luminance or why there is none.
 @group(1) @binding(9) var<storage, read_write> accumulated: array<vec4<u32>>;
-// As bits: mean luminance and its variance per sample; samples and recent mean as half floats; material and, in the
+// As bits: mean luminance and its variance per sample, or with gloss of both lights as half floats; samples and recent mean as half floats; material and, in the
 // upper 8 bits, frames.
 @group(1) @binding(10) var<storage, read_write> moments: array<vec4<u32>>;
 @group(1) @binding(11) var<uniform> previous: Previous;

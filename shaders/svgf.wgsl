@@ -4,6 +4,8 @@
 // - 3x3 taps instead of 5x5: of 16 frames at one sample both eyes come out closer to a reference (FLIP falls by 4 to 5 %), at
 //   less than half the cost and half the halo.
 // - Surfaces are told apart by the distance off the centre's plane, as in `atrous.wgsl`, instead of by depth gradients.
+// - Gloss, where a scene has it, is filtered along with matte light, each by its own luminance and variance (the paper
+//   tells direct light from indirect instead).
 // - Differences are measured by what both pixels may be off, so that light passes in both directions alike.
 
 //!include frame split rng pack edges foveation variance

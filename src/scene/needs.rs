@@ -31,7 +31,8 @@ pub struct SceneNeeds {
     pub instances: bool,
 }
 
-/// Largest perceptual roughness of gloss. At 0.6 FLIP falls by 6 % for filtering it apart, at 1 it does not fall.
+/// Roughness from which on there is no gloss. Filtered apart, surfaces of 0.2 to 0.35 come out closer to a reference by
+/// 21 % in FLIP and surfaces of 0.6 by 6 %; with 1 a scene gains nothing or loses 1 %.
 const GLOSS_ROUGHNESS: f32 = 0.7;
 
 /// Textures can only make a surface smoother.
