@@ -2,23 +2,24 @@
 // gathered on a pixel's surface is found by the camera's motion and joined with what this frame saw. Departures:
 // - Means and variances are weighted by samples (West 1979), so frames of few and of many samples mix as they should.
 // - How long a history counts is bounded by what resampling has blurred and by how far a short mean is off the long one.
+// - Gloss, where a scene has it, is accumulated beside matte light and counts on fewer of the same frames.
 // - Where the right eye finds no history, the left eye's is looked up.
 
-//!include frame motion pack variance
+//!include frame split motion pack variance
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> guide_image: array<vec4<u32>>;
 // Radiance over albedo; alpha 0: not sampled.
-@group(1) @binding(2) var<storage, read> radiance: array<vec4<f32>>;
+@group(1) @binding(2) var<storage, read> radiance: array<vec4<u32>>;
 @group(1) @binding(3) var<storage, read> last_guide: array<vec4<u32>>;
 @group(1) @binding(4) var<storage, read> last_moments: array<vec4<u32>>;
-@group(1) @binding(5) var<storage, read> last_history: array<vec4<f32>>;
+@group(1) @binding(5) var<storage, read> last_history: array<vec4<u32>>;
 @group(1) @binding(6) var<storage, read> left_guide: array<vec4<u32>>;
 @group(1) @binding(7) var<storage, read> left_moments: array<vec4<u32>>;
-@group(1) @binding(8) var<storage, read> left_history: array<vec4<f32>>;
+@group(1) @binding(8) var<storage, read> left_history: array<vec4<u32>>;
 // Light, and the variance of its luminance or why there is none.
-@group(1) @binding(9) var<storage, read_write> accumulated: array<vec4<f32>>;
-// As bits: mean luminance and its variance per sample; samples and recent mean as half floats; material and, in the
+@group(1) @binding(9) var<storage, read_write> accumulated: array<vec4<u32>>;
+// As bits: mean luminance and its variance per sample, or with gloss of both lights as half floats; samples and recent mean as half floats; material and, in the
 // upper 8 bits, frames.
 @group(1) @binding(10) var<storage, read_write> moments: array<vec4<u32>>;
 @group(1) @binding(11) var<uniform> previous: Previous;
@@ -37,8 +38,10 @@ const MOST_HALF: f32 = 65504.0;
 
 struct Past {
     light: vec3<f32>,
-    mean: f32,
-    variance: f32,
+    gloss: vec3<f32>,
+    // Of matte and of gloss.
+    mean: vec2<f32>,
+    variance: vec2<f32>,
     recent: f32,
     samples: f32,
     frames: f32,
@@ -49,14 +52,40 @@ struct Past {
 struct Tap {
     guide: vec4<u32>,
     moments: vec4<u32>,
-    light: vec3<f32>,
+    light: SplitLight,
 }
 
 fn tap_at(at: u32, of_left: bool) -> Tap {
     if of_left {
-        return Tap(left_guide[at], left_moments[at], left_history[at].rgb);
+        return Tap(left_guide[at], left_moments[at], unpack_light(left_history[at]));
     }
-    return Tap(last_guide[at], last_moments[at], last_history[at].rgb);
+    return Tap(last_guide[at], last_moments[at], unpack_light(last_history[at]));
+}
+
+struct Known {
+    mean: vec2<f32>,
+    variance: vec2<f32>,
+}
+
+fn unpack_moments(bits: vec2<u32>) -> Known {
+    if !HAS_GLOSS {
+        return Known(vec2<f32>(bitcast<f32>(bits.x), 0.0), vec2<f32>(bitcast<f32>(bits.y), 0.0));
+    }
+    return Known(unpack2x16float(bits.x) / frame.exposure, unpack_deviations(bits.y));
+}
+
+fn pack_moments(known: Known) -> vec2<u32> {
+    if !HAS_GLOSS {
+        return bitcast<vec2<u32>>(vec2<f32>(known.mean.x, known.variance.x));
+    }
+    let mean = known.mean * frame.exposure;
+    return vec2<u32>(pack_pair(mean.x, mean.y), pack_deviations(known.variance));
+}
+
+// Longest history of gloss in frames, once the eye has moved: the smoother, the faster it changes.
+fn gloss_longest(hit: u32) -> f32 {
+    let roughness = f32((hit >> ROUGHNESS_SHIFT) & 63u) / ROUGHNESS_STEPS;
+    return mix(LONGEST_VIEW_DEPENDENT, LONGEST_MOVED, min(2.0 * roughness, 1.0));
 }
 
 // History of the surface at `position` around image point `seen` of the frame before.
@@ -80,9 +109,11 @@ fn past_at(seen: vec3<f32>, row: u32, of_left: bool, position: vec3<f32>, normal
         let half = unpack2x16float(tap.moments.z);
         let near = select(fraction, 1.0 - fraction, offset == vec2<i32>(0));
         let w = select(0.0, near.x * near.y, is_same && half.x > 0.0);
-        past.light += tap.light * w;
-        past.mean += bitcast<f32>(tap.moments.x) * w;
-        past.variance += bitcast<f32>(tap.moments.y) * w;
+        let known = unpack_moments(tap.moments.xy);
+        past.light += tap.light.matte * w;
+        past.gloss += tap.light.gloss * w;
+        past.mean += known.mean * w;
+        past.variance += known.variance * w;
         past.recent += half.y * w;
         past.samples += half.x * w;
         past.frames += f32(tap.moments.w >> 24u) * w;
@@ -100,10 +131,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let at = pixel_index(pixel);
     let bits = guide_image[at];
     let hit = hit_image[at].w;
-    let now = radiance[at];
+    let now = unpack_light(radiance[at]);
     let material = hit & MATERIAL_MASK;
     if bits.w == NO_NORMAL {
-        accumulated[at] = vec4<f32>(0.0);
+        accumulated[at] = vec4<u32>(0u);
         moments[at] = vec4<u32>(0u, 0u, 0u, material);
         return;
     }
@@ -123,13 +154,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let scale = select(0.0, 1.0 / past.found, found);
     var samples = past.samples * scale;
     var frames = past.frames * scale;
-    let sampled = now.a > 0.0;
+    let sampled = now.a.x > 0.0;
     let new_samples = select(0.0, f32(frame.spp), sampled);
     // Resampling blurs most between pixels.
     let between = 4.0 * max(fraction.x * (1.0 - fraction.x), fraction.y * (1.0 - fraction.y));
     var longest = mix(LONGEST_STILL, LONGEST_MOVED, min(2.0 * between, 1.0));
     let eye_moved = any(previous.views[pass_.view].origin != frame.views[pass_.view].origin);
-    if (hit & FLAG_VIEW_DEPENDENT) != 0u && eye_moved {
+    if !HAS_GLOSS && (hit & FLAG_VIEW_DEPENDENT) != 0u && eye_moved {
         longest = LONGEST_VIEW_DEPENDENT;
     }
     let keep = min(longest / max(frames, 1.0), 1.0);
@@ -137,25 +168,37 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     frames *= keep;
     let total = samples + new_samples;
     if total <= 0.0 {
-        accumulated[at] = vec4<f32>(0.0, 0.0, 0.0, MISSING);
+        accumulated[at] = pack_light(SplitLight(vec3<f32>(0.0), vec3<f32>(0.0), vec2<f32>(MISSING)));
         moments[at] = vec4<u32>(0u, 0u, 0u, material);
         return;
     }
     let alpha = new_samples / total;
-    let value = brightness(now.rgb);
+    // Gloss counts on fewer of its frames.
+    var alphas = vec2<f32>(alpha);
+    var totals = vec2<f32>(total);
+    if HAS_GLOSS {
+        let gloss_keep = select(1.0, min(gloss_longest(hit) / max(frames, 1.0), 1.0), eye_moved);
+        totals.y = samples * gloss_keep + new_samples;
+        alphas.y = select(0.0, new_samples / totals.y, totals.y > 0.0);
+    }
+    let value = luminances(now);
     let old_mean = past.mean * scale;
     let difference = value - old_mean;
-    let mean = old_mean + alpha * difference;
-    let variance = mix(past.variance * scale, new_samples * difference * (value - mean), alpha);
-    let recent = mix(past.recent * scale, value, max(alpha, select(0.0, 1.0 / RECENT_FRAMES, sampled)));
+    let mean = old_mean + alphas * difference;
+    let variance = mix(past.variance * scale, new_samples * difference * (value - mean), alphas);
+    let recent = mix(past.recent * scale, value.x, max(alpha, select(0.0, 1.0 / RECENT_FRAMES, sampled)));
     frames += select(0.0, 1.0, sampled);
     // Light has changed when the recent mean is off the long one by more than both may vary.
-    let spread = variance * (1.0 / (2.0 * RECENT_FRAMES - 1.0) + 1.0 / frames) * frames / total;
-    let off = (recent - mean) * (recent - mean) / max(TRUSTED_DEVIATIONS * TRUSTED_DEVIATIONS * spread, 1e-20);
+    let spread = variance.x * (1.0 / (2.0 * RECENT_FRAMES - 1.0) + 1.0 / frames) * frames / total;
+    let off = (recent - mean.x) * (recent - mean.x) / max(TRUSTED_DEVIATIONS * TRUSTED_DEVIATIONS * spread, 1e-20);
     let trust = select(1.0, max(1.0 / off, min(FEW_FRAMES / frames, 1.0)), off > 1.0 && frames > FEW_FRAMES);
-    let known = variance / total * frames / max(frames - 1.0, 1.0);
-    accumulated[at] = vec4<f32>(mix(past.light * scale, now.rgb, alpha), select(UNKNOWN, known, frames >= FEW_FRAMES));
+    let known = variance / totals * frames / max(frames - 1.0, 1.0);
+    accumulated[at] = pack_light(SplitLight(
+        mix(past.light * scale, now.matte, alphas.x),
+        mix(past.gloss * scale, now.gloss, alphas.y),
+        select(vec2<f32>(UNKNOWN), known, frames >= FEW_FRAMES),
+    ));
     let half = pack2x16float(min(vec2<f32>(total * trust, recent), vec2<f32>(MOST_HALF)));
     let count = u32(clamp(round(frames * trust), 1.0, 255.0));
-    moments[at] = vec4<u32>(bitcast<u32>(mean), bitcast<u32>(variance), half, material | (count << 24u));
+    moments[at] = vec4<u32>(pack_moments(Known(mean, variance)), half, material | (count << 24u));
 }

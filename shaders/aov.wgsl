@@ -1,9 +1,9 @@
 // One auxiliary image per dispatch, from the hit behind the pixel's centre.
 
-//!include frame rng scene light_tree environment lights trace surface pack motion
+//!include frame rng scene light_tree environment lights trace surface bsdf path split pack motion
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
-@group(1) @binding(1) var<storage, read> albedo_image: array<vec4<f32>>;
+@group(1) @binding(1) var<storage, read> albedo_image: array<vec4<u32>>;
 @group(1) @binding(2) var<storage, read> emission_image: array<vec4<f32>>;
 @group(1) @binding(3) var<storage, read> tally_image: array<u32>;
 @group(1) @binding(4) var<storage, read_write> aov: array<vec4<f32>>;
@@ -20,6 +20,11 @@ const HOLES: u32 = 6u;
 const SPP: u32 = 7u;
 const STRIPES: u32 = 8u;
 
+fn centre_hit(pixel: vec2<u32>, hit: vec4<u32>) -> FirstHit {
+    let direction = ray_direction(pass_.view, vec2<f32>(pixel) + frame.centre);
+    return first_hit(Hit(0.0, hit.x, bitcast<vec2<f32>>(hit.yz)), pass_.view, direction);
+}
+
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
@@ -31,13 +36,20 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var value = vec3<f32>(0.0);
     switch pass_.arg0 {
         case ALBEDO: {
-            value = albedo_image[at].rgb;
+            value = unpack_albedo(albedo_image[at]).all;
+            // Packed with gloss it is rounded; the surface itself is not.
+            if HAS_GLOSS && frame.spp == 1u {
+                value = centre_hit(pixel, hit).albedo;
+            }
         }
         case DEPTH: {
             value = vec3<f32>(emission_image[at].a);
         }
         case ROUGHNESS: {
-            value = vec3<f32>(albedo_image[at].a);
+            value = vec3<f32>(unpack_albedo(albedo_image[at]).roughness);
+            if HAS_GLOSS && (hit.x & SPHERE) == 0u {
+                value = vec3<f32>(centre_hit(pixel, hit).surface.roughness);
+            }
         }
         case HOLES: {
             value = vec3<f32>(f32(tally_image[at] >> 28u));

@@ -1,9 +1,9 @@
 // Puts albedo and emission back (remodulation), for `resolve`.
 
-//!include frame
+//!include frame split
 
-@group(1) @binding(0) var<storage, read> radiance: array<vec4<f32>>;
-@group(1) @binding(1) var<storage, read> albedo: array<vec4<f32>>;
+@group(1) @binding(0) var<storage, read> radiance: array<vec4<u32>>;
+@group(1) @binding(1) var<storage, read> albedo: array<vec4<u32>>;
 @group(1) @binding(2) var<storage, read> emission: array<vec4<f32>>;
 @group(1) @binding(3) var<storage, read_write> composed: array<vec4<f32>>;
 
@@ -15,5 +15,5 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let at = pixel_index(pixel);
     // Depth goes along: it tells how a pixel moved.
-    composed[at] = vec4<f32>(radiance[at].rgb * albedo[at].rgb + emission[at].rgb, emission[at].a);
+    composed[at] = vec4<f32>(remodulated(unpack_light(radiance[at]), unpack_albedo(albedo[at])) + emission[at].rgb, emission[at].a);
 }

@@ -1,7 +1,7 @@
 // Primary visibility of one view: the surface behind each pixel's centre. Where later stages need the mean over the
 // pixel (several samples, and no path tracing to bring it), it is taken here too.
 
-//!include frame rng scene light_tree environment lights trace surface bsdf path pack pixel foveation
+//!include frame rng scene light_tree environment lights trace surface bsdf split path pack pixel foveation
 
 // As pass_.arg2: path tracing brings the means of the pixels that it samples.
 const UNSAMPLED_ONLY: u32 = 1u;
@@ -31,6 +31,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var tag = MATERIAL_NONE;
     if is_surface {
         tag = first.surface.material | select(0u, FLAG_VIEW_DEPENDENT, is_view_dependent(first.surface));
+        if HAS_GLOSS {
+            tag |= u32(round(first.surface.roughness * ROUGHNESS_STEPS)) << ROUGHNESS_SHIFT;
+        }
     }
     hit_image[at] = vec4<u32>(hit.prim, bitcast<vec2<u32>>(hit.bary), tag);
     guide_image[at] = select(
@@ -39,14 +42,17 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         is_surface,
     );
     let depth = select(hit.t, 0.0, hit.prim == NO_PRIM);
-    albedo_image[at] = vec4<f32>(first.albedo, select(1.0, first.surface.roughness, is_surface));
+    let roughness = select(1.0, first.surface.roughness, is_surface);
+    albedo_image[at] = pack_albedo(Albedo(first.albedo, first.matte, roughness));
     emission_image[at] = vec4<f32>(first.emission, depth);
     tally_image[at] = add_tally(0u, 1u, select(0u, 1u, was_cut_short));
 }
 
 // Samples [begin, end) go into the running means.
 fn average_footprint(pixel: vec2<u32>, at: u32, begin: u32, end: u32) {
-    var albedo = select(vec3<f32>(0.0), albedo_image[at].rgb, begin > 0u);
+    let centre = unpack_albedo(albedo_image[at]);
+    var albedo = select(vec3<f32>(0.0), centre.all, begin > 0u);
+    var matte = select(vec3<f32>(0.0), centre.matte, begin > 0u);
     var emission = select(vec3<f32>(0.0), emission_image[at].rgb, begin > 0u);
     var mixed = false;
     for (var i = begin; i < end; i += 1u) {
@@ -57,9 +63,10 @@ fn average_footprint(pixel: vec2<u32>, at: u32, begin: u32, end: u32) {
         mixed = mixed || is_elsewhere(at, first);
         let step = 1.0 / f32(i + 1u);
         albedo += (first.albedo - albedo) * step;
+        matte += (first.matte - matte) * step;
         emission += (first.emission - emission) * step;
     }
-    albedo_image[at] = vec4<f32>(albedo, albedo_image[at].a);
+    albedo_image[at] = pack_albedo(Albedo(albedo, matte, centre.roughness));
     emission_image[at] = vec4<f32>(emission, emission_image[at].a);
     tally_image[at] = add_tally(tally_image[at], end - begin, select(0u, 1u, was_cut_short));
     if mixed {

@@ -2,7 +2,7 @@
 // from their compacted list, so that no lane idles: the divergence that Leria et al. name as the limit of their
 // hole-filling. One pipeline for both, since drivers take seconds to compile it.
 
-//!include frame rng scene light_tree environment lights trace surface bsdf path pack pixel
+//!include frame rng scene light_tree environment lights trace surface bsdf split path pack pixel
 
 // Count of holes, then the dispatch's three workgroup counts, then pixel indices.
 @group(1) @binding(6) var<storage, read> holes: array<u32>;

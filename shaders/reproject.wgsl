@@ -4,14 +4,14 @@
 // With foveation, left pixels that were not sampled give nothing, surfaces may differ more in the outer layers, and only
 // pixels that the right eye's own mask asks for become holes.
 
-//!include frame rng pack foveation
+//!include frame split rng pack foveation
 
 @group(1) @binding(0) var<storage, read> left_hit: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> left_guide: array<vec4<u32>>;
-@group(1) @binding(2) var<storage, read> left_radiance: array<vec4<f32>>;
+@group(1) @binding(2) var<storage, read> left_radiance: array<vec4<u32>>;
 @group(1) @binding(3) var<storage, read> right_hit: array<vec4<u32>>;
 @group(1) @binding(4) var<storage, read> right_guide: array<vec4<u32>>;
-@group(1) @binding(5) var<storage, read_write> right_radiance: array<vec4<f32>>;
+@group(1) @binding(5) var<storage, read_write> right_radiance: array<vec4<u32>>;
 @group(1) @binding(6) var<storage, read_write> right_tally: array<u32>;
 @group(1) @binding(7) var<storage, read_write> holes: array<atomic<u32>>;
 
@@ -45,7 +45,7 @@ fn why_not(x: i32, row: u32, position: vec3<f32>, normal: vec3<f32>, material: u
     if dot(normal, unpack_normal(guide.w)) <= 1.0 - 0.01 * slack {
         return NORMAL;
     }
-    if FOVEATED && left_radiance[at].a == 0.0 {
+    if FOVEATED && left_radiance[at].w == 0u {
         return SKIPPED;
     }
     return 0u;
@@ -74,7 +74,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let at = pixel_index(pixel);
     let hit = right_hit[at];
     let guide = right_guide[at];
-    right_radiance[at] = vec4<f32>(0.0);
+    right_radiance[at] = vec4<u32>(0u);
     var wanted = true;
     var slack = 1.0;
     var is_inner = true;
@@ -128,7 +128,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let row = pixel.y * frame.width;
     let last = i32(frame.width) - 1;
-    let tap0 = left_radiance[row + u32(clamp(first, 0, last))];
-    let tap1 = left_radiance[row + u32(clamp(first + 1, 0, last))];
-    right_radiance[at] = vec4<f32>((tap0.rgb * w0 + tap1.rgb * w1) / sum, 1.0);
+    let tap0 = unpack_light(left_radiance[row + u32(clamp(first, 0, last))]);
+    let tap1 = unpack_light(left_radiance[row + u32(clamp(first + 1, 0, last))]);
+    let matte = (tap0.matte * w0 + tap1.matte * w1) / sum;
+    let gloss = (tap0.gloss * w0 + tap1.gloss * w1) / sum;
+    right_radiance[at] = pack_light(SplitLight(matte, gloss, vec2<f32>(1.0)));
 }

@@ -1,11 +1,11 @@
 // Bilateral filter across the seams between stripes that were filtered apart (Leria et al.). Rows near a seam are
 // smoothed, all others copied.
 
-//!include frame pack edges
+//!include frame split pack edges
 
 @group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
-@group(1) @binding(1) var<storage, read> source: array<vec4<f32>>;
-@group(1) @binding(2) var<storage, read_write> filtered: array<vec4<f32>>;
+@group(1) @binding(1) var<storage, read> source: array<vec4<u32>>;
+@group(1) @binding(2) var<storage, read_write> filtered: array<vec4<u32>>;
 
 const REACH: i32 = 4;
 
@@ -20,30 +20,34 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let at = pixel_index(pixel);
-    let centre = source[at];
+    let centre = unpack_light(source[at]);
     let bits = guide_image[at];
     if bits.w == NO_NORMAL || !(is_near(pixel.y, pass_.row_begin) || is_near(pixel.y, pass_.row_end)) {
-        filtered[at] = centre;
+        filtered[at] = source[at];
         return;
     }
     let guide = guide_for(bits, frame.views[pass_.view].origin, 0.01);
-    let colour = comparable(centre.rgb);
+    let colour = comparable(centre.matte + centre.gloss);
     let low = vec2<i32>(0, i32(pass_.valid_begin));
     let high = vec2<i32>(i32(frame.width) - 1, i32(pass_.valid_end) - 1);
     var sum = vec3<f32>(0.0);
+    var gloss_sum = vec3<f32>(0.0);
     var weight = 0.0;
     for (var dy = -REACH; dy <= REACH; dy += 1) {
         for (var dx = -REACH; dx <= REACH; dx += 1) {
             let there = vec2<i32>(pixel) + vec2<i32>(dx, dy);
             let inside = clamp(there, low, high);
             let tap = u32(inside.y) * frame.width + u32(inside.x);
-            let value = source[tap];
+            let value = unpack_light(source[tap]);
             let near = exp(-f32(dx * dx + dy * dy) / 8.0);
-            let w = near * edge_weight(guide, colour, guide_image[tap], value.rgb, bitcast<f32>(pass_.arg1));
+            let w = near * edge_weight(guide, colour, guide_image[tap], value.matte + value.gloss, bitcast<f32>(pass_.arg1));
             let k = select(0.0, w, all(inside == there));
-            sum += value.rgb * k;
+            sum += value.matte * k;
+            gloss_sum += value.gloss * k;
             weight += k;
         }
     }
-    filtered[at] = vec4<f32>(select(centre.rgb, sum / max(weight, 1e-30), weight > 1e-30), centre.a);
+    let matte = select(centre.matte, sum / max(weight, 1e-30), weight > 1e-30);
+    let gloss = select(centre.gloss, gloss_sum / max(weight, 1e-30), weight > 1e-30);
+    filtered[at] = pack_light(SplitLight(matte, gloss, centre.a));
 }

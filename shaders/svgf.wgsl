@@ -4,13 +4,15 @@
 // - 3x3 taps instead of 5x5: of 16 frames at one sample both eyes come out closer to a reference (FLIP falls by 4 to 5 %), at
 //   less than half the cost and half the halo.
 // - Surfaces are told apart by the distance off the centre's plane, as in `atrous.wgsl`, instead of by depth gradients.
+// - Gloss, where a scene has it, is filtered along with matte light, each by its own luminance and variance (the paper
+//   tells direct light from indirect instead).
 // - Differences are measured by what both pixels may be off, so that light passes in both directions alike.
 
-//!include frame rng pack edges foveation variance
+//!include frame split rng pack edges foveation variance
 
 @group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
-@group(1) @binding(1) var<storage, read> source: array<vec4<f32>>;
-@group(1) @binding(2) var<storage, read_write> filtered: array<vec4<f32>>;
+@group(1) @binding(1) var<storage, read> source: array<vec4<u32>>;
+@group(1) @binding(2) var<storage, read_write> filtered: array<vec4<u32>>;
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -19,16 +21,16 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let at = pixel_index(pixel);
-    let centre = source[at];
+    let centre = unpack_light(source[at]);
     let bits = guide_image[at];
     if bits.w == NO_NORMAL {
-        filtered[at] = vec4<f32>(0.0);
+        filtered[at] = vec4<u32>(0u);
         return;
     }
     let step = i32(pass_.arg0);
     let guide = guide_for(bits, frame.views[pass_.view].origin, 0.02);
-    let is_missing = centre.a < 0.0;
-    let own = brightness(centre.rgb);
+    let is_missing = centre.a.x < 0.0;
+    let own = luminances(centre);
     let sigma2 = bitcast<f32>(pass_.arg1);
     // A pixel without light takes whatever its surface has.
     let compares = select(1.0, 0.0, is_missing);
@@ -36,8 +38,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let low = vec2<i32>(0, i32(pass_.valid_begin));
     let high = vec2<i32>(i32(frame.width) - 1, i32(pass_.valid_end) - 1);
     var weight = select(0.25, 0.0, is_missing);
-    var sum = centre.rgb * weight;
-    var variance = max(centre.a, 0.0) * weight * weight;
+    var sum = centre.matte * weight;
+    var gloss_sum = centre.gloss * weight;
+    var gloss_weight = weight;
+    var variance = max(centre.a, vec2<f32>(0.0)) * weight * weight;
     var last_dy = 1;
     if FOVEATED {
         last_dy = select(-2, 1, pass_.arg2 < frame.layer_iterations[layer_of(pixel, pass_.view)]);
@@ -47,21 +51,26 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let there = vec2<i32>(pixel) + vec2<i32>(dx, dy) * step;
             let inside = clamp(there, low, high);
             let tap = u32(inside.y) * frame.width + u32(inside.x);
-            let value = source[tap];
-            let counts = all(inside == there) && (dx != 0 || dy != 0) && value.a >= 0.0;
-            let l = brightness(value.rgb);
-            let d2 = (own - l) * (own - l) / (sigma2 * (max(centre.a, 0.0) + value.a) + 1e-6 * own * l + 1e-20);
-            let w = surface_weight(guide, guide_image[tap], sqrt(d2) * compares);
-            let k = select(0.0, kernel[dx + 1] * kernel[dy + 1] * w, counts);
-            sum += value.rgb * k;
+            let value = unpack_light(source[tap]);
+            let counts = all(inside == there) && (dx != 0 || dy != 0) && value.a.x >= 0.0;
+            let l = luminances(value);
+            let d2 = (own - l) * (own - l) / (sigma2 * (max(centre.a, vec2<f32>(0.0)) + value.a) + 1e-6 * own * l + 1e-20);
+            let d = sqrt(d2) * compares;
+            let taps = vec2<f32>(surface_weight(guide, guide_image[tap], d.x), surface_weight(guide, guide_image[tap], d.y));
+            let k = select(vec2<f32>(0.0), kernel[dx + 1] * kernel[dy + 1] * taps, counts);
+            sum += value.matte * k.x;
+            gloss_sum += value.gloss * k.y;
             variance += value.a * k * k;
-            weight += k;
+            weight += k.x;
+            gloss_weight += k.y;
         }
     }
     if FOVEATED && last_dy < 0 {
-        filtered[at] = centre;
+        filtered[at] = source[at];
         return;
     }
-    let scale = select(0.0, 1.0 / weight, weight > 0.0);
-    filtered[at] = vec4<f32>(sum * scale, select(MISSING, variance * scale * scale, weight > 0.0));
+    let weights = vec2<f32>(weight, gloss_weight);
+    let scale = select(vec2<f32>(0.0), 1.0 / weights, weights > vec2<f32>(0.0));
+    let known = select(vec2<f32>(MISSING), variance * scale * scale, weights > vec2<f32>(0.0));
+    filtered[at] = pack_light(SplitLight(sum * scale.x, gloss_sum * scale.y, known));
 }

@@ -1,12 +1,12 @@
 // Variance that guides the filter (Schied et al. 2017): smoothed over 3x3 pixels where it is known over time, estimated
 // from 7x7 pixels of the same surface where history is short; their mean then replaces the pixel's own light, as in the
-// authors' code. Departure: the 3x3 smoothing comes once, before the first iteration instead of in each.
+// authors' code. Gloss has its own, by the same taps. Departure: the 3x3 smoothing comes once, before the first iteration instead of in each.
 
-//!include frame pack edges variance
+//!include frame split pack edges variance
 
 @group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
-@group(1) @binding(1) var<storage, read> source: array<vec4<f32>>;
-@group(1) @binding(2) var<storage, read_write> filtered: array<vec4<f32>>;
+@group(1) @binding(1) var<storage, read> source: array<vec4<u32>>;
+@group(1) @binding(2) var<storage, read_write> filtered: array<vec4<u32>>;
 
 // Mirrors `VARIANCE_REACH_ROWS` in `graph::table`.
 const REACH: i32 = 3;
@@ -20,34 +20,35 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let at = pixel_index(pixel);
-    let centre = source[at];
+    let centre = unpack_light(source[at]);
     let bits = guide_image[at];
     if bits.w == NO_NORMAL {
-        filtered[at] = vec4<f32>(0.0);
+        filtered[at] = vec4<u32>(0u);
         return;
     }
     let low = vec2<i32>(0, i32(pass_.valid_begin));
     let high = vec2<i32>(i32(frame.width) - 1, i32(pass_.valid_end) - 1);
-    let is_known = centre.a >= 0.0;
-    var smooth_sum = max(centre.a, 0.0) * 0.25;
+    let is_known = centre.a.x >= 0.0;
+    var smooth_sum = max(centre.a, vec2<f32>(0.0)) * 0.25;
     var smooth_weight = 0.25;
     let near = select(-1, 1, is_known);
     for (var dy = -near; dy <= near; dy += 1) {
         for (var dx = -1; dx <= 1; dx += 1) {
             let there = vec2<i32>(pixel) + vec2<i32>(dx, dy);
             let inside = clamp(there, low, high);
-            let variance = source[u32(inside.y) * frame.width + u32(inside.x)].a;
+            let variance = unpack_light(source[u32(inside.y) * frame.width + u32(inside.x)]).a;
             let k = select(0.0625, 0.125, dx == 0 || dy == 0);
-            let w = select(0.0, k, all(inside == there) && variance >= 0.0 && (dx != 0 || dy != 0));
-            smooth_sum += max(variance, 0.0) * w;
+            let w = select(0.0, k, all(inside == there) && variance.x >= 0.0 && (dx != 0 || dy != 0));
+            smooth_sum += max(variance, vec2<f32>(0.0)) * w;
             smooth_weight += w;
         }
     }
     let guide = guide_for(bits, frame.views[pass_.view].origin, 0.02);
-    let is_missing = centre.a == MISSING;
-    var sum = select(centre.rgb, vec3<f32>(0.0), is_missing);
+    let is_missing = centre.a.x == MISSING;
+    var sum = select(centre.matte, vec3<f32>(0.0), is_missing);
+    var gloss_sum = select(centre.gloss, vec3<f32>(0.0), is_missing);
     var weight = select(1.0, 0.0, is_missing);
-    let own = brightness(sum);
+    let own = luminances(SplitLight(sum, gloss_sum, vec2<f32>(0.0)));
     var first = own;
     var second = own * own;
     let far = select(REACH, -1, is_known);
@@ -56,13 +57,14 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let there = vec2<i32>(pixel) + vec2<i32>(dx, dy);
             let inside = clamp(there, low, high);
             let tap = u32(inside.y) * frame.width + u32(inside.x);
-            let value = source[tap];
-            let counts = all(inside == there) && (dx != 0 || dy != 0) && value.a != MISSING;
+            let value = unpack_light(source[tap]);
+            let counts = all(inside == there) && (dx != 0 || dy != 0) && value.a.x != MISSING;
             let tap_bits = guide_image[tap];
             let least = select(0.0, LAST_RESORT, is_missing && tap_bits.w != NO_NORMAL);
             let w = select(0.0, max(surface_weight(guide, tap_bits, 0.0), least), counts);
-            let l = brightness(value.rgb);
-            sum += value.rgb * w;
+            let l = luminances(value);
+            sum += value.matte * w;
+            gloss_sum += value.gloss * w;
             first += l * w;
             second += l * l * w;
             weight += w;
@@ -70,7 +72,11 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let scale = select(0.0, 1.0 / weight, weight > 0.0);
     let mean = first * scale;
-    let spatial = max(second * scale - mean * mean, 0.0);
+    let spatial = max(second * scale - mean * mean, vec2<f32>(0.0));
     let variance = select(spatial, smooth_sum / smooth_weight, is_known);
-    filtered[at] = vec4<f32>(select(sum * scale, centre.rgb, is_known), select(MISSING, variance, weight > 0.0));
+    filtered[at] = pack_light(SplitLight(
+        select(sum * scale, centre.matte, is_known),
+        select(gloss_sum * scale, centre.gloss, is_known),
+        select(vec2<f32>(MISSING), variance, weight > 0.0),
+    ));
 }

@@ -132,13 +132,13 @@ fn a_run_that_was_killed_goes_on_and_one_that_is_done_gives_the_same_files() {
 
     let events = bench(out, &options);
     let rows = event(&events, "result")["rows"].as_array().unwrap();
-    assert_eq!((rows.len(), count(&events, "setting")), (8, 8 - kept));
+    assert_eq!((rows.len(), count(&events, "setting")), (12, 12 - kept));
     assert_eq!(rows[0]["time_ms"], first["time_ms"]);
     let settings = |r: &Value| ["denoiser", "iterations", "bounces", "spp"].map(|name| r[name].to_string());
     let mut different: Vec<_> = rows.iter().map(settings).collect();
     different.sort();
     different.dedup();
-    assert_eq!(different.len(), 8);
+    assert_eq!(different.len(), 12);
 
     let done = results(out);
     let events = bench(out, &options);

@@ -146,13 +146,20 @@ fn learned_stripes_that_move_along_the_camera_path_give_the_bytes_of_one_device(
 /// Frames close enough for surfaces to be seen again, on stripes that jump and vanish.
 #[test]
 fn history_that_crosses_stripes_gives_the_bytes_of_one_device() {
-    let subject = Subject::load("builtin:atrium");
+    for (name, gloss) in [("builtin:atrium", true), ("builtin:cornell", false)] {
+        let subject = Subject::load(name);
+        assert_eq!(subject.needs.gloss, gloss, "{name}");
+        hold_history_against_one_device(&subject);
+    }
+}
+
+fn hold_history_against_one_device(subject: &Subject) {
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
     let times_s: Vec<f64> = (0..6).map(|i| f64::from(i) * 0.05).collect();
-    let one = Stage::with(&subject, &settings, 1, Box::new(Measured::new(HEIGHT, 1))).frames_in_flight(&times_s);
+    let one = Stage::with(subject, &settings, 1, Box::new(Measured::new(HEIGHT, 1))).frames_in_flight(&times_s);
     let history: Vec<_> = one.iter().map(|f| f.report.spec.history_rows).collect();
     assert!(history[0].is_none() && history[1..].iter().all(Option::is_some), "{history:?}");
-    let fresh = Stage::even(&subject, &settings, 1).frame_at(times_s[5], 5).linear;
+    let fresh = Stage::even(subject, &settings, 1).frame_at(times_s[5], 5).linear;
     assert!(one[5].linear.left != fresh.left && one[5].linear.right != fresh.right, "history changes nothing");
     let rules = ["1,1,1", "5,1,2", "1,0,1", "1,2,9", "1,2,9", "atrous.left=1,9,1"];
     for (plan, in_flight) in [(HaloPlan::RECOMPUTE, 1), (HaloPlan::EXCHANGE, 3)] {
@@ -161,9 +168,9 @@ fn history_that_crosses_stripes_gives_the_bytes_of_one_device() {
         settings.stages.frames_in_flight = in_flight;
         let script: Vec<_> = rules.iter().map(|rule| ratios(3, &[rule])).collect();
         let script = Box::new(Script { frames: script.into_iter() });
-        let three = Stage::with(&subject, &settings, 3, script).frames_in_flight(&times_s);
+        let three = Stage::with(subject, &settings, 3, script).frames_in_flight(&times_s);
         for (a, b) in one.iter().zip(&three) {
-            assert_same(&format!("{plan:?}, frame {}", a.report.index), &a.linear, &b.linear);
+            assert_same(&format!("{}, {plan:?}, frame {}", subject.name, a.report.index), &a.linear, &b.linear);
         }
     }
 }

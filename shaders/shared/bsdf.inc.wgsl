@@ -173,6 +173,15 @@ fn is_straight(eta: f32) -> bool {
     return abs(eta - 1.0) < 1e-3;
 }
 
+// Share of the value of `evaluate` that is the Lambertian lobe's.
+fn matte_share(s: Surface, v: vec3<f32>, l: vec3<f32>, value: vec3<f32>) -> vec3<f32> {
+    let nl = max(dot(s.normal, l), 0.0);
+    let vh = clamp(dot(v, normalize(v + l)), 0.0, 1.0);
+    let matte = s.diffuse * (layer_passage(s, vh, nl) * nl / PI * (1.0 - s.coat));
+    let is_above = dot(s.geometric_normal, l) > 0.0;
+    return select(vec3<f32>(0.0), min(matte / max(value, vec3<f32>(1e-20)), vec3<f32>(1.0)), is_above);
+}
+
 fn sample_bsdf(s: Surface, v: vec3<f32>, pick: f32, u: vec2<f32>) -> BsdfSample {
     var out: BsdfSample;
     out.pdf = 0.0;

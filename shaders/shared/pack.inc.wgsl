@@ -4,6 +4,9 @@
 const FLAG_MIXED: u32 = 0x80000000u;
 const FLAG_VIEW_DEPENDENT: u32 = 0x40000000u;
 const MATERIAL_MASK: u32 = 0x00ffffffu;
+// Roughness, where a scene has gloss.
+const ROUGHNESS_SHIFT: u32 = 24u;
+const ROUGHNESS_STEPS: f32 = 63.0;
 const MATERIAL_NONE: u32 = 0x00ffffffu;
 
 // `guide` image: position as bits, packed shading normal; NO_NORMAL where there is no surface to light (sky, spheres).

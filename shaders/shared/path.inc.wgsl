@@ -13,8 +13,10 @@ const LOBE_DIRECTION: u32 = 3u;
 const SURVIVAL: u32 = 4u;
 
 struct PathSample {
-    // Light sent towards the viewer by the first surface; its own emission is not in it.
+    // Light sent towards the viewer by the first surface; its own emission is not in it. Where a scene has gloss, by its
+    // Lambertian lobe, and by its facets.
     radiance: vec3<f32>,
+    gloss: vec3<f32>,
     rays: u32,
 }
 
@@ -24,6 +26,7 @@ struct FirstHit {
     surface: Surface,
     emission: vec3<f32>,
     albedo: vec3<f32>,
+    matte: vec3<f32>,
     // Share of light that a volume lets through on the way to the eye.
     transmittance: vec3<f32>,
 }
@@ -46,6 +49,7 @@ fn first_hit(hit: Hit, view: u32, direction: vec3<f32>) -> FirstHit {
     var f: FirstHit;
     f.hit = hit;
     f.albedo = vec3<f32>(0.0);
+    f.matte = vec3<f32>(0.0);
     f.transmittance = vec3<f32>(1.0);
     if hit.prim == NO_PRIM {
         f.emission = environment(direction);
@@ -62,6 +66,7 @@ fn first_hit(hit: Hit, view: u32, direction: vec3<f32>) -> FirstHit {
         }
         f.emission = f.surface.emission * f.transmittance;
         f.albedo = f.surface.albedo * f.transmittance;
+        f.matte = f.surface.matte * f.transmittance;
     }
     return f;
 }
@@ -84,8 +89,9 @@ fn lit_normal(s: Surface) -> vec3<f32> {
     return select(s.normal, vec3<f32>(0.0), HAS_TRANSMISSION && max3(s.transmitted) > 0.0);
 }
 
-// Light that reaches the surface straight from a sampled light and is scattered towards the viewer.
-fn direct_light(s: Surface, v: vec3<f32>, medium: Medium, depth: u32, rng: ptr<function, Rng>, rays: ptr<function, u32>) -> vec3<f32> {
+// Light that reaches the surface straight from a sampled light and is scattered towards the viewer. With gloss, `share` is
+// the Lambertian lobe's of what the first surface scatters.
+fn direct_light(s: Surface, v: vec3<f32>, medium: Medium, depth: u32, rng: ptr<function, Rng>, rays: ptr<function, u32>, share: ptr<function, vec3<f32>>) -> vec3<f32> {
     let choice = random_at(rng, depth, LIGHT_CHOICE);
     let u = random_at(rng, depth, LIGHT_POINT);
     let light = sample_light(s.position, lit_normal(s), choice, u);
@@ -95,6 +101,9 @@ fn direct_light(s: Surface, v: vec3<f32>, medium: Medium, depth: u32, rng: ptr<f
     let scattered = evaluate(s, v, light.direction);
     if max3(scattered.value) <= 0.0 {
         return vec3<f32>(0.0);
+    }
+    if HAS_GLOSS && depth == 1u {
+        *share = matte_share(s, v, light.direction, scattered.value);
     }
     *rays += 1u;
     if is_light_hidden(leave(s, light.direction), s.position, light, alpha_key(*rng)) {
@@ -132,8 +141,17 @@ fn escaped_light(direction: vec3<f32>, b: BsdfSample) -> vec3<f32> {
     return frame.env_radiance;
 }
 
+fn gather(into: ptr<function, PathSample>, light: vec3<f32>, share: vec3<f32>) {
+    if HAS_GLOSS {
+        (*into).radiance += light * share;
+        (*into).gloss += light * (1.0 - share);
+    } else {
+        (*into).radiance += light;
+    }
+}
+
 fn trace_path(first: Surface, direction_in: vec3<f32>, rng: ptr<function, Rng>) -> PathSample {
-    var result = PathSample(vec3<f32>(0.0), 0u);
+    var result = PathSample(vec3<f32>(0.0), vec3<f32>(0.0), 0u);
     var s = first;
     var v = -direction_in;
     var medium = Medium(vec3<f32>(0.0), false);
@@ -142,11 +160,12 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, rng: ptr<function, Rng>) 
     }
     var throughput = vec3<f32>(1.0);
     var rays = 0u;
+    var share = vec3<f32>(1.0);
     for (var depth = 1u; depth <= frame.reflections; depth += 1u) {
         let is_last = depth == frame.reflections;
         if has_lights() {
-            let direct = throughput * direct_light(s, v, medium, depth, rng, &rays);
-            result.radiance += select(clamp_indirect(direct), direct, depth == 1u);
+            let direct = throughput * direct_light(s, v, medium, depth, rng, &rays, &share);
+            gather(&result, select(clamp_indirect(direct), direct, depth == 1u), share);
         }
         let b = sample_bsdf(s, v, random_at(rng, depth, LOBE_CHOICE).x, random_at(rng, depth, LOBE_DIRECTION));
         if !(b.pdf > 0.0) {
@@ -154,6 +173,9 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, rng: ptr<function, Rng>) 
         }
         let direction = b.direction;
         throughput *= b.weight;
+        if HAS_GLOSS && depth == 1u {
+            share = select(matte_share(s, v, b.direction, b.weight * b.pdf), vec3<f32>(0.0), b.is_delta);
+        }
         if max3(throughput) <= 0.0 {
             break;
         }
@@ -194,7 +216,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, rng: ptr<function, Rng>) 
             }
         }
         found *= throughput;
-        result.radiance += select(clamp_indirect(found), found, depth == 1u);
+        gather(&result, select(clamp_indirect(found), found, depth == 1u), share);
         if !is_surface || is_last {
             break;
         }

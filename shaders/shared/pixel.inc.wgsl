@@ -1,9 +1,9 @@
 // All samples of a pixel in one pass.
 
 @group(1) @binding(0) var<storage, read_write> hit_image: array<vec4<u32>>;
-@group(1) @binding(1) var<storage, read_write> albedo_image: array<vec4<f32>>;
+@group(1) @binding(1) var<storage, read_write> albedo_image: array<vec4<u32>>;
 @group(1) @binding(2) var<storage, read_write> emission_image: array<vec4<f32>>;
-@group(1) @binding(3) var<storage, read_write> radiance_image: array<vec4<f32>>;
+@group(1) @binding(3) var<storage, read_write> radiance_image: array<vec4<u32>>;
 @group(1) @binding(4) var<storage, read_write> tally_image: array<u32>;
 @group(1) @binding(5) var<storage, read_write> guide_image: array<vec4<u32>>;
 
@@ -39,10 +39,12 @@ fn is_elsewhere(at: u32, f: FirstHit) -> bool {
     return dot(n, f.surface.normal) < 0.95 || apart > 0.005 * f.hit.t;
 }
 
-// Demodulated radiance. What is black reflects nothing.
-fn over_albedo(radiance: vec3<f32>, albedo: vec3<f32>) -> vec3<f32> {
-    const BLACK: vec3<f32> = vec3<f32>(1e-6);
-    return select(vec3<f32>(0.0), radiance / max(albedo, BLACK), albedo > BLACK);
+// Demodulated radiance.
+fn over_albedo(reflected: vec3<f32>, gloss: vec3<f32>, albedo: Albedo) -> SplitLight {
+    if !HAS_GLOSS {
+        return SplitLight(over(reflected, albedo.all), vec3<f32>(0.0), vec2<f32>(1.0));
+    }
+    return SplitLight(over(reflected, albedo.matte), over(gloss, albedo.all - albedo.matte), vec2<f32>(1.0));
 }
 
 // Samples [pass_.arg0, pass_.arg1) of `pixel` of view `view`. Albedo, emission and radiance hold running means until
@@ -57,6 +59,8 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
     var albedo = vec3<f32>(0.0);
     var emission = vec3<f32>(0.0);
     var reflected = vec3<f32>(0.0);
+    var gloss = vec3<f32>(0.0);
+    var matte = vec3<f32>(0.0);
     var i = begin;
     for (; i < end; i += 1u) {
         was_cut_short = false;
@@ -74,7 +78,7 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
         if JITTER {
             mixed = mixed || is_elsewhere(at, first);
         }
-        var path = PathSample(vec3<f32>(0.0), 0u);
+        var path = PathSample(vec3<f32>(0.0), vec3<f32>(0.0), 0u);
         if (hit.prim & SPHERE) == 0u {
             path = trace_path(first.surface, direction, &rng);
         }
@@ -85,28 +89,35 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
             albedo += first.albedo;
             emission += first.emission;
             reflected += radiance;
+            gloss += path.gloss * first.transmittance;
+            matte += first.matte;
         }
     }
     // Samples that the driver did not let begin.
     tally_image[at] = add_tally(tally, 0u, end - i);
     if !JITTER {
-        radiance_image[at] = vec4<f32>(over_albedo(reflected, albedo), 1.0);
+        radiance_image[at] = pack_light(over_albedo(reflected, gloss, Albedo(albedo, matte, 0.0)));
         return;
     }
     if mixed {
         hit_image[at].w |= FLAG_MIXED;
     }
     let keep = f32(begin) * scale;
-    let old_albedo = select(vec4<f32>(0.0), albedo_image[at], begin > 0u);
+    let old_albedo = unpack_albedo(albedo_image[at]);
     let old_emission = select(vec4<f32>(0.0), emission_image[at], begin > 0u);
-    let old_radiance = select(vec4<f32>(0.0), radiance_image[at], begin > 0u);
-    let mean_albedo = old_albedo.rgb * keep + albedo * scale;
-    let mean_reflected = old_radiance.rgb * keep + reflected * scale;
-    albedo_image[at] = vec4<f32>(mean_albedo, albedo_image[at].a);
+    let old_radiance = unpack_light(select(vec4<u32>(0u), radiance_image[at], begin > 0u));
+    let mean_albedo = Albedo(
+        select(vec3<f32>(0.0), old_albedo.all, begin > 0u) * keep + albedo * scale,
+        select(vec3<f32>(0.0), old_albedo.matte, begin > 0u) * keep + matte * scale,
+        old_albedo.roughness,
+    );
+    let mean_reflected = old_radiance.matte * keep + reflected * scale;
+    let mean_gloss = old_radiance.gloss * keep + gloss * scale;
+    albedo_image[at] = pack_albedo(mean_albedo);
     emission_image[at] = vec4<f32>(old_emission.rgb * keep + emission * scale, emission_image[at].a);
     if end < frame.spp {
-        radiance_image[at] = vec4<f32>(mean_reflected, 1.0);
+        radiance_image[at] = pack_light(SplitLight(mean_reflected, mean_gloss, vec2<f32>(1.0)));
         return;
     }
-    radiance_image[at] = vec4<f32>(over_albedo(mean_reflected, mean_albedo), 1.0);
+    radiance_image[at] = pack_light(over_albedo(mean_reflected, mean_gloss, mean_albedo));
 }

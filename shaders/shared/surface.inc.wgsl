@@ -23,6 +23,8 @@ struct Surface {
 
     // Share of even light from all around that is sent towards the viewer; what radiance is divided by for filtering.
     albedo: vec3<f32>,
+    // The Lambertian lobe's part of it.
+    matte: vec3<f32>,
     // Perceptual; 1 where there is no lobe that could be smooth.
     roughness: f32,
     // GGX width of reflection and transmission.
@@ -287,12 +289,14 @@ fn describe_lobes(s: ptr<function, Surface>, p: Parameters, m: Material, to_view
     (*s).diffuse = (1.0 - metallic) * (1.0 - transmission) * base;
     (*s).roughness = select(roughness, 1.0, (*s).f90.x == 0.0 && transmission == 0.0);
     (*s).albedo = ((*s).diffuse + (*s).transmitted) * (1.0 - (*s).layer_albedo) + (*s).f0 * table.towards.x + (*s).f90 * table.towards.y;
+    (*s).matte = (*s).diffuse * (1.0 - (*s).layer_albedo);
     if HAS_CLEARCOAT {
         let coat_roughness = clamp(p.coat_roughness, 0.0, 1.0);
         (*s).coat_alpha = coat_roughness * coat_roughness;
         (*s).coat = p.coat * mix(schlick_weight(abs(dot((*s).coat_normal, to_viewer))), 1.0, 0.04);
         (*s).emission *= 1.0 - (*s).coat;
         (*s).albedo = mix((*s).albedo, vec3<f32>(1.0), (*s).coat);
+        (*s).matte *= 1.0 - (*s).coat;
     }
     (*s).odds = lobe_odds(*s, table.towards);
 }

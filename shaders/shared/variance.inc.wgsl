@@ -3,8 +3,3 @@
 const UNKNOWN: f32 = -1.0;
 // or no light at all.
 const MISSING: f32 = -2.0;
-
-// Luminance whose square and sums of squares stay finite.
-fn brightness(c: vec3<f32>) -> f32 {
-    return min(luminance(c), 1e18);
-}

@@ -70,7 +70,7 @@ pub fn renderer(
     let trouble = options.faults.trouble(gpus.len())?;
     let stages = StageSettings {
         extent: options.size,
-        needs: if options.no_skip { SceneNeeds::ALL } else { loaded.needs },
+        needs: if options.no_skip { SceneNeeds { gloss: loaded.needs.gloss, ..SceneNeeds::ALL } } else { loaded.needs },
         sampler: options.sampler,
         spp: options.spp,
         filter: options.filter(),

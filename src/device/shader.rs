@@ -40,6 +40,7 @@ const FILES: &[(&str, &str)] = shader_files![
     "shared/surface.inc",
     "shared/bsdf.inc",
     "shared/path.inc",
+    "shared/split.inc",
     "shared/pack.inc",
     "shared/pixel.inc",
     "shared/edges.inc",

@@ -7,11 +7,11 @@ pub enum Resource {
     Hit,
     /// Position and packed shading normal.
     Guide,
-    /// Albedo and roughness.
+    /// Albedo and roughness; where gloss is filtered apart, also the matte part of albedo.
     Albedo,
     /// Emitted radiance and depth.
     Emission,
-    /// Reflected light over albedo.
+    /// Reflected light over albedo; where gloss is filtered apart, matte light and gloss, each over its own.
     Radiance,
     Filtered(u8),
     /// Of the light accumulated over frames: mean and variance, how much of it there is, material.

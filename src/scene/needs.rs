@@ -1,6 +1,6 @@
 //! What a scene asks of the shaders. What it does not ask is compiled out.
 
-use super::{AlphaMode, Environment, LightKind, Scene};
+use super::{AlphaMode, Environment, LightKind, Material, Scene};
 
 /// Each flag switches code of the tracing stages on. More flags than needed change the time, never the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
@@ -11,6 +11,9 @@ pub struct SceneNeeds {
     pub normal_maps: bool,
     /// Microfacet reflection: metal, or a dielectric whose surface reflects.
     pub specular: bool,
+    /// A specular lobe that stands out from the diffuse one, so that SVGF filters them apart. The one flag that the
+    /// picture depends on.
+    pub gloss: bool,
     pub transmission: bool,
     pub clearcoat: bool,
     pub unlit: bool,
@@ -28,6 +31,17 @@ pub struct SceneNeeds {
     pub instances: bool,
 }
 
+/// Roughness from which on there is no gloss. Filtered apart, surfaces of 0.2 to 0.35 come out closer to a reference by
+/// 21 % in FLIP and surfaces of 0.6 by 6 %; with 1 a scene gains nothing or loses 1 %.
+const GLOSS_ROUGHNESS: f32 = 0.7;
+
+/// Textures can only make a surface smoother.
+fn has_gloss(m: &Material) -> bool {
+    let is_smooth = m.roughness < GLOSS_ROUGHNESS || m.metallic_roughness_texture.is_some();
+    let reflects = m.metallic > 0.0 || m.specular > 0.0 || m.transmission > 0.0;
+    !m.unlit && (m.clearcoat.factor > 0.0 || (is_smooth && reflects))
+}
+
 impl SceneNeeds {
     /// Everything, for comparison.
     pub const ALL: Self = Self {
@@ -35,6 +49,7 @@ impl SceneNeeds {
         second_uvs: true,
         normal_maps: true,
         specular: true,
+        gloss: true,
         transmission: true,
         clearcoat: true,
         unlit: true,
@@ -61,6 +76,7 @@ impl SceneNeeds {
             second_uvs: materials().any(|m| m.uses_uv_set(1)),
             normal_maps: materials().any(|m| m.normal_map.is_some() || m.clearcoat.normal_map.is_some()),
             specular: materials().any(|m| m.metallic > 0.0 || m.specular > 0.0),
+            gloss: materials().any(has_gloss),
             transmission: materials().any(|m| m.transmission > 0.0),
             clearcoat: materials().any(|m| m.clearcoat.factor > 0.0),
             unlit: materials().any(|m| m.unlit),

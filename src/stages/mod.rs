@@ -101,6 +101,7 @@ impl StageSettings {
         let flag = |b: bool| if b { 1.0 } else { 0.0 };
         let mut constants: Vec<_> = self.needs.constants().map(|(n, b)| (n, flag(b))).into();
         constants.push(("SOBOL", flag(self.sampler == Sampler::Sobol)));
+        constants.push(("HAS_GLOSS", flag(self.needs.gloss && self.keeps_history())));
         constants.push(("JITTER", flag(self.jitter())));
         constants.push(("FOVEATED", flag(self.foveation.is_some())));
         constants

@@ -1,0 +1,104 @@
+// Light that a surface's Lambertian lobe sends (matte) and what its facets send (gloss), filtered apart where a scene has
+// gloss. Both are then one pixel of half floats, scaled by exposure so that white is 1; else there is matte light alone,
+// which is all light, as floats.
+
+override HAS_GLOSS: bool = true;
+
+struct SplitLight {
+    matte: vec3<f32>,
+    gloss: vec3<f32>,
+    // Of matte and of gloss: whether there is any, or the variance of its luminance.
+    a: vec2<f32>,
+}
+
+const MOST_LIGHT: f32 = 65504.0;
+
+fn pack_pair(a: f32, b: f32) -> u32 {
+    return pack2x16float(min(vec2<f32>(a, b), vec2<f32>(MOST_LIGHT)));
+}
+
+fn unpack_light(bits: vec4<u32>) -> SplitLight {
+    if !HAS_GLOSS {
+        let all = bitcast<vec4<f32>>(bits);
+        return SplitLight(all.rgb, vec3<f32>(0.0), vec2<f32>(all.a));
+    }
+    let scale = 1.0 / frame.exposure;
+    let y = unpack2x16float(bits.y);
+    let matte = vec3<f32>(unpack2x16float(bits.x), y.x);
+    let gloss = vec3<f32>(y.y, unpack2x16float(bits.z));
+    return SplitLight(matte * scale, gloss * scale, unpack_deviations(bits.w));
+}
+
+fn pack_light(light: SplitLight) -> vec4<u32> {
+    if !HAS_GLOSS {
+        return bitcast<vec4<u32>>(vec4<f32>(light.matte, light.a.x));
+    }
+    let matte = light.matte * frame.exposure;
+    let gloss = light.gloss * frame.exposure;
+    return vec4<u32>(
+        pack_pair(matte.r, matte.g),
+        pack_pair(matte.b, gloss.r),
+        pack_pair(gloss.g, gloss.b),
+        pack_deviations(light.a),
+    );
+}
+
+// Variances as standard deviations; what is below 0 stays.
+fn pack_deviations(variances: vec2<f32>) -> u32 {
+    let deviations = select(sqrt(max(variances, vec2<f32>(0.0))) * frame.exposure, variances, variances < vec2<f32>(0.0));
+    return pack_pair(deviations.x, deviations.y);
+}
+
+fn unpack_deviations(bits: u32) -> vec2<f32> {
+    let deviations = unpack2x16float(bits);
+    let scaled = deviations / frame.exposure;
+    return select(scaled * scaled, deviations, deviations < vec2<f32>(0.0));
+}
+
+// What light is divided by for filtering: all that the surface reflects of even light, and matte's part of it.
+struct Albedo {
+    all: vec3<f32>,
+    matte: vec3<f32>,
+    roughness: f32,
+}
+
+fn unpack_albedo(bits: vec4<u32>) -> Albedo {
+    if !HAS_GLOSS {
+        let all = bitcast<vec4<f32>>(bits);
+        return Albedo(all.rgb, all.rgb, all.a);
+    }
+    let y = unpack2x16float(bits.y);
+    let w = unpack2x16float(bits.w);
+    return Albedo(vec3<f32>(unpack2x16float(bits.x), y.x), vec3<f32>(unpack2x16float(bits.z), w.x), y.y);
+}
+
+fn pack_albedo(albedo: Albedo) -> vec4<u32> {
+    if !HAS_GLOSS {
+        return bitcast<vec4<u32>>(vec4<f32>(albedo.all, albedo.roughness));
+    }
+    return vec4<u32>(
+        pack_pair(albedo.all.r, albedo.all.g),
+        pack_pair(albedo.all.b, albedo.roughness),
+        pack_pair(albedo.matte.r, albedo.matte.g),
+        pack_pair(albedo.matte.b, 0.0),
+    );
+}
+
+// Light over albedo. What is black reflects nothing.
+fn over(light: vec3<f32>, albedo: vec3<f32>) -> vec3<f32> {
+    const BLACK: vec3<f32> = vec3<f32>(1e-6);
+    return select(vec3<f32>(0.0), light / max(albedo, BLACK), albedo > BLACK);
+}
+
+// Reflected light back from what `over` made of it.
+fn remodulated(light: SplitLight, albedo: Albedo) -> vec3<f32> {
+    if !HAS_GLOSS {
+        return light.matte * albedo.all;
+    }
+    return light.matte * albedo.matte + light.gloss * max(albedo.all - albedo.matte, vec3<f32>(0.0));
+}
+
+// Bounded, so that squares and sums of squares stay finite.
+fn luminances(light: SplitLight) -> vec2<f32> {
+    return min(vec2<f32>(luminance(light.matte), luminance(light.gloss)), vec2<f32>(1e18));
+}
