@@ -132,7 +132,11 @@ impl Tracing {
 
     pub fn record(&self, options: &RenderOptions, frame: &FrameReport) {
         let knobs = FrameKnobs { spp: options.spp, iterations: options.iterations(), control: None };
-        record_frame(&self.recorder, frame, &knobs);
+        self.record_with(&knobs, frame);
+    }
+
+    pub fn record_with(&self, knobs: &FrameKnobs, frame: &FrameReport) {
+        record_frame(&self.recorder, frame, knobs);
     }
 
     pub fn finish(self) -> Result<(), Failure> {
