@@ -247,10 +247,10 @@ impl<'a> Run<'a> {
     fn decide(&mut self) -> (Decision, f64) {
         let begin = Instant::now();
         let Self { renderer, qualities, controller, .. } = self;
-        let known = RefCell::new(HashMap::new());
+        let foresight = RefCell::new((renderer.foresight(), HashMap::new()));
         let predict = |rung: usize| -> f64 {
-            let predicted = || renderer.predict_ms(&qualities[rung]).unwrap_or(f64::NAN);
-            *known.borrow_mut().entry(rung).or_insert_with(predicted)
+            let (foresight, known) = &mut *foresight.borrow_mut();
+            *known.entry(rung).or_insert_with(|| foresight.makespan_ms(&qualities[rung]).unwrap_or(f64::NAN))
         };
         let decision = controller.next(&predict);
         (decision, begin.elapsed().as_secs_f64() * 1e3)

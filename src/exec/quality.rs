@@ -1,8 +1,11 @@
 //! What may differ from frame to frame, and what a frame would take with it.
 
+use std::collections::HashMap;
+use std::sync::Arc;
+
 use super::{ExecError, RenderSettings, Renderer};
 use crate::graph::{Filter, FrameGraph, FrameSpec};
-use crate::schedule::{Effort, simulate};
+use crate::schedule::{CostModel, Effort, simulate};
 
 /// The knobs of a frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,20 +62,38 @@ impl Renderer {
         Ok(())
     }
 
-    /// The makespan that the cost model foretells of a frame of this quality on the stripes of the last one, ms; none
-    /// before it has learned from a frame.
-    pub fn predict_ms(&self, quality: &Quality) -> Option<f64> {
-        let (plan, graph) = self.planned.as_ref().filter(|_| self.costs.has_learned())?;
-        let mut model = self.costs.clone();
-        model.set_quality(quality.iterations(), &quality.effort);
-        let predicted = if quality.iterations() == plan.iterations {
-            simulate(graph, &model)
-        } else {
+    /// What frames would take on the stripes of the last one.
+    pub fn foresight(&self) -> Foresight<'_> {
+        Foresight { renderer: self, plans: HashMap::new() }
+    }
+}
+
+/// Foretells makespans of one and the same frame at several qualities.
+pub struct Foresight<'a> {
+    renderer: &'a Renderer,
+    /// By iterations: what graphs depend on.
+    plans: HashMap<u32, (CostModel, Arc<FrameGraph>)>,
+}
+
+impl Foresight<'_> {
+    /// The makespan that the cost model foretells, ms; none before it has learned from a frame.
+    pub fn makespan_ms(&mut self, quality: &Quality) -> Option<f64> {
+        let Renderer { planned, costs, .. } = self.renderer;
+        let (plan, graph) = planned.as_ref().filter(|_| costs.has_learned())?;
+        let iterations = quality.iterations();
+        let (model, graph) = self.plans.entry(iterations).or_insert_with(|| {
+            let mut model = costs.clone();
+            model.set_quality(iterations, &quality.effort);
+            if iterations == plan.iterations {
+                return (model, Arc::clone(graph));
+            }
             let history_rows = plan.history.as_ref().map(|(_, rows)| *rows);
             let spec = FrameSpec { history_rows, ..model.spec().clone() };
             let before = history_rows.map(|_| &plan.assignment);
-            simulate(&FrameGraph::build(&spec, &plan.assignment, before), &model)
-        };
-        predicted.ok().map(|p| p.makespan_ms)
+            let graph = FrameGraph::build(&spec, &plan.assignment, before);
+            (model, Arc::new(graph))
+        });
+        model.set_quality(iterations, &quality.effort);
+        simulate(graph, model).ok().map(|p| p.makespan_ms)
     }
 }

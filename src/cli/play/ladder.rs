@@ -124,9 +124,10 @@ impl<'a> Calibration<'a> {
         }
         let mut rungs: Vec<Rung> = choice.knobs.iter().map(|k| self.rung(k)).collect();
         let efforts = efforts(&rungs);
+        let mut foresight = self.renderer.foresight();
         for (rung, effort) in rungs.iter_mut().zip(efforts) {
             let quality = quality(&rung.knobs, self.layers, effort);
-            rung.time_ms = self.renderer.predict_ms(&quality).unwrap_or(f64::NAN);
+            rung.time_ms = foresight.makespan_ms(&quality).unwrap_or(f64::NAN);
         }
         origin.devices = self.renderer.devices().iter().map(|d| d.name.clone()).collect();
         Ok(Ladder::of_measured(origin, &rungs).context("no setting could be timed")?)
