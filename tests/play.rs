@@ -61,7 +61,7 @@ fn a_run_tells_all_of_every_frame() {
             assert!(row[name] == event[name] && !row[name].is_null(), "frame {i}: {name} is {}", row[name]);
         }
         assert_eq!(row["in_band"], true, "{row}");
-        assert_eq!(row["predicted_ms"].is_null(), false, "{row}");
+        assert!(!row["predicted_ms"].is_null(), "{row}");
     }
     // Everything fits, so that the best rung is taken.
     assert_eq!(rows[39]["rung"], ladder.rungs().len() - 1);
