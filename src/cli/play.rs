@@ -44,7 +44,6 @@ pub struct Args {
     /// Of all frames [default: svgf; with --ladder the one that most rungs have]
     #[arg(long)]
     denoiser: Option<Denoiser>,
-    /// --iterations is the most that a frame may have
     #[command(flatten)]
     foveated: FoveationOptions,
     #[arg(long, default_value_t = 600, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
