@@ -4,12 +4,12 @@ mod common;
 
 use common::{Stage, Subject, diptych, shared_shot};
 use diptych::device::ShaderChecks;
-use diptych::exec::{RenderSettings, Stereo};
+use diptych::exec::{Quality, RenderSettings, Stereo};
 use diptych::graph::{Assignment, HaloPlan, Seam};
 use diptych::image::RgbImage;
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::shot::Gaze;
-use diptych::schedule::{CostModel, Heft, Measured, Policy, Static};
+use diptych::schedule::{CostModel, Effort, Heft, Measured, Policy, Static};
 use diptych::stages::{Foveation, Sampler};
 
 const WIDTH: u32 = 128;
@@ -217,6 +217,61 @@ fn frames_in_flight_give_the_bytes_of_frames_one_by_one() {
             assert_same(&format!("frame {} of {in_flight} in flight", one.report.index), &one.linear, &other.linear);
         }
     }
+}
+
+fn quality((spp, bounces, iterations): (u32, u32, u32)) -> Quality {
+    Quality { spp, bounces, layer_iterations: [iterations; 3], effort: Effort::default() }
+}
+
+/// Samples, bounces and iterations, frame by frame.
+const QUALITIES: [(u32, u32, u32); 6] = [(1, 1, 2), (3, 4, 4), (1, 6, 1), (2, 2, 3), (3, 6, 4), (1, 3, 4)];
+
+/// Frames of all [`QUALITIES`].
+fn play(subject: &Subject, settings: &RenderSettings, devices: usize) -> Vec<Stereo<RgbImage>> {
+    let mut settings = settings.clone();
+    (settings.stages.spp, settings.stages.mixes_spp, settings.stages.iterations) = (3, true, 4);
+    let mut stage = Stage::with(subject, &settings, devices, Box::new(Measured::new(HEIGHT, devices)));
+    let frame = |(i, knobs): (usize, &(u32, u32, u32))| {
+        stage.renderer().set_quality(quality(*knobs)).unwrap();
+        stage.frame_at(i as f64 * 0.05, i as u32).linear
+    };
+    QUALITIES.iter().enumerate().map(frame).collect()
+}
+
+#[test]
+fn frames_that_change_quality_have_the_bytes_of_runs_that_do_not() {
+    let subject = Subject::load("builtin:checker");
+    let settings = subject.denoised(WIDTH, HEIGHT);
+    let (one, two) = (play(&subject, &settings, 1), play(&subject, &settings, 2));
+    for (i, (spp, bounces, iterations)) in QUALITIES.into_iter().enumerate() {
+        let mut fixed = RenderSettings { bounces, ..settings.clone() };
+        (fixed.stages.spp, fixed.stages.iterations) = (spp, iterations);
+        let expected = Stage::even(&subject, &fixed, 1).frame_at(i as f64 * 0.05, i as u32).linear;
+        assert_same(&format!("frame {i} on one device"), &expected, &one[i]);
+        assert_same(&format!("frame {i} on two devices"), &expected, &two[i]);
+    }
+}
+
+#[test]
+fn history_across_changes_of_quality_gives_the_bytes_of_one_device() {
+    let subject = Subject::load("builtin:atrium");
+    let settings = subject.accumulated(WIDTH, HEIGHT);
+    let (one, three) = (play(&subject, &settings, 1), play(&subject, &settings, 3));
+    for (i, (one, three)) in one.iter().zip(&three).enumerate() {
+        assert_same(&format!("frame {i}"), one, three);
+    }
+}
+
+#[test]
+fn qualities_that_nothing_was_made_ready_for_are_refused() {
+    let subject = Subject::load("builtin:cornell");
+    let mut settings = subject.denoised(32, 18);
+    (settings.stages.spp, settings.stages.iterations) = (3, 4);
+    let mut stage = Stage::even(&subject, &settings, 1);
+    for wrong in [(0, 1, 1), (4, 1, 1), (1, 1, 1), (2, 1, 0), (2, 1, 5)] {
+        assert!(stage.renderer().set_quality(quality(wrong)).is_err(), "{wrong:?}");
+    }
+    assert!(stage.renderer().set_quality(quality((2, 1, 1))).is_ok());
 }
 
 #[test]

@@ -35,6 +35,10 @@ impl FoveationOptions {
         Self { foveation: FoveationMode::None, gaze: None, iterations: Some(Iterations::All(iterations)) }
     }
 
+    pub fn is_on(&self) -> bool {
+        self.foveation == FoveationMode::Layers
+    }
+
     /// Iterations of the inner, middle and outer layer.
     pub fn layer_iterations(&self) -> [u32; 3] {
         match (&self.iterations, self.foveation) {
@@ -51,12 +55,12 @@ impl FoveationOptions {
             None => [shot.clone(), shot.clone()],
             Some(GazeOption(eyes)) => eyes.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] }),
         };
-        (self.foveation == FoveationMode::Layers).then(|| Foveation::new(gaze, iterations))
+        self.is_on().then(|| Foveation::new(gaze, iterations))
     }
 
     /// What clap cannot see.
     pub fn check(&self) -> Result<(), anyhow::Error> {
-        let is_on = self.foveation == FoveationMode::Layers;
+        let is_on = self.is_on();
         anyhow::ensure!(is_on || self.gaze.is_none(), "--gaze is for --foveation layers");
         anyhow::ensure!(
             is_on || !matches!(self.iterations, Some(Iterations::Layers(_))),

@@ -18,6 +18,7 @@ mod foveation;
 mod interrupt;
 mod options;
 mod output;
+mod play;
 mod progress;
 mod reference;
 mod render;
@@ -44,6 +45,8 @@ struct Cli {
 enum Command {
     /// Render frames at fixed quality
     Render(render::Args),
+    /// Render a sequence inside a frame budget: quality follows what devices can do
+    Play(play::Args),
     /// Render the same frames at several device counts: table, CSV, plot
     Scale(scale::Args),
     /// Measure run time against error over a grid of settings: table, CSV, plot
@@ -71,6 +74,7 @@ pub fn run() -> ExitCode {
     quiet_mesa();
     let result = match Cli::parse().command {
         Command::Render(args) => render::run(&args),
+        Command::Play(args) => play::run(&args),
         Command::Scale(args) => scale::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Compare(args) => compare::run(&args),

@@ -66,6 +66,18 @@ pub fn renderer(
     gpus: Vec<GpuDevice>,
     origin: Instant,
 ) -> Result<Renderer, Failure> {
+    varying_renderer(options, loaded, gpus, origin, false)
+}
+
+/// A renderer of frames that have at most the options' samples and iterations; `mixes_spp`: some have one sample, others
+/// several.
+pub fn varying_renderer(
+    options: &RenderOptions,
+    loaded: &Loaded,
+    gpus: Vec<GpuDevice>,
+    origin: Instant,
+    mixes_spp: bool,
+) -> Result<Renderer, Failure> {
     let policy = policy(options, gpus.len())?;
     let trouble = options.faults.trouble(gpus.len())?;
     let stages = StageSettings {
@@ -73,6 +85,7 @@ pub fn renderer(
         needs: if options.no_skip { SceneNeeds { gloss: loaded.needs.gloss, ..SceneNeeds::ALL } } else { loaded.needs },
         sampler: options.sampler,
         spp: options.spp,
+        mixes_spp,
         filter: options.filter(),
         iterations: options.iterations(),
         reproject: options.reprojects(),
@@ -118,8 +131,12 @@ impl Tracing {
     }
 
     pub fn record(&self, options: &RenderOptions, frame: &FrameReport) {
-        let knobs = FrameKnobs { spp: options.spp, iterations: options.iterations() };
-        record_frame(&self.recorder, frame, &knobs);
+        let knobs = FrameKnobs { spp: options.spp, iterations: options.iterations(), control: None };
+        self.record_with(&knobs, frame);
+    }
+
+    pub fn record_with(&self, knobs: &FrameKnobs, frame: &FrameReport) {
+        record_frame(&self.recorder, frame, knobs);
     }
 
     pub fn finish(self) -> Result<(), Failure> {

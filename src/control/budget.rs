@@ -1,5 +1,7 @@
 //! The band that frames' makespans are kept in.
 
+use std::str::FromStr;
+
 /// Where within the band the controller aims, as a share of the way from its lower to its upper end.
 const AIM: f64 = 0.8;
 
@@ -15,6 +17,17 @@ pub struct BudgetError {
 pub struct Budget {
     lo_ms: f64,
     hi_ms: f64,
+}
+
+/// `LO..HI`, milliseconds.
+impl FromStr for Budget {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (lo, hi) = text.split_once("..").ok_or("write LO..HI, milliseconds, as 11..20")?;
+        let number = |text: &str| text.trim().parse::<f64>().map_err(|_| format!("'{text}' is not a time in ms"));
+        Self::new(number(lo)?, number(hi)?).map_err(|e| e.to_string())
+    }
 }
 
 impl Budget {

@@ -5,12 +5,14 @@
 //! as it must. No wgpu here: whole runs are tested on simulated plants.
 
 mod budget;
+mod builtin;
 mod controller;
 mod correction;
 mod front;
 mod ladder;
 
 pub use budget::{Budget, BudgetError};
+pub use builtin::{BOUNCES, TRACING, candidates, efforts, guessed_error, guessed_paths};
 pub use controller::{CLIMB_EVERY, Controller, Decision, Makespan, Predict};
 pub use front::front;
 pub use ladder::{Knobs, Ladder, LadderError, MIN_STEP, Origin, Rung};

@@ -8,6 +8,7 @@ mod faults;
 mod history;
 mod messages;
 mod post;
+mod quality;
 mod read;
 mod renderer;
 mod report;
@@ -16,6 +17,7 @@ mod watchdog;
 mod worker;
 
 pub use faults::{Fault, InjectedKind, Injection, Trouble};
+pub use quality::{Foresight, Quality};
 pub use renderer::Renderer;
 use report::resource_name;
 pub use report::{FrameReport, Stereo, Tally, TaskTiming, TimedTask};
@@ -31,6 +33,8 @@ pub enum ExecError {
     NoneLeft { device: usize, what: String },
     #[error("there is no frame to read yet, or its image was not asked for")]
     NoFrame,
+    #[error("a frame cannot have {0}")]
+    Quality(String),
     #[error("the devices waited for one another until they gave up")]
     Stuck,
     #[error(transparent)]

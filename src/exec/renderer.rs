@@ -13,28 +13,30 @@ use super::messages::{Answer, FrameJob, Order, Parcel, Pixels, Stop};
 use super::post::Post;
 use super::watchdog::Watchdog;
 use super::worker::Worker;
-use super::{ExecError, Fault, FrameReport, Injection, RenderSettings, Tally, Trouble, costs};
+use super::{ExecError, Fault, FrameReport, Injection, Quality, RenderSettings, Tally, Trouble, costs};
 use crate::device::{DeviceFailure, DeviceInfo, GpuDevice};
 use crate::graph::{Assignment, FrameGraph, FrameSpec, PhysicalImage, Seam, Stage, Views, passes};
 use crate::image::Extent;
 use crate::scene::rig::{Eye, Rig};
-use crate::schedule::{CostModel, Policy, choose_halo, simulate};
+use crate::schedule::{CostModel, FrameCosts, Policy, choose_halo, simulate};
 use crate::stages::{Place, SceneTables, layout};
 
 /// Renders frames on a set of devices.
 pub struct Renderer {
     pub(super) settings: RenderSettings,
     pub(super) spec: FrameSpec,
+    /// Of the frames that are begun.
+    pub(super) quality: Quality,
     tables: Arc<SceneTables>,
     policy: Box<dyn Policy>,
-    costs: CostModel,
+    pub(super) costs: CostModel,
     devices: Vec<DeviceInfo>,
     pub(super) crew: Crew,
     watchdog: Watchdog,
     pub(super) trouble: Trouble,
     faults: Vec<Fault>,
     /// The graph that the last plan gave.
-    planned: Option<(Plan, Arc<FrameGraph>)>,
+    pub(super) planned: Option<(Plan, Arc<FrameGraph>)>,
     /// Handed out, oldest first.
     in_flight: VecDeque<InFlight>,
     begun: u64,
@@ -49,6 +51,7 @@ pub struct Renderer {
 #[derive(Clone)]
 pub(super) struct Inputs {
     constants: layout::Frame,
+    quality: Quality,
     /// The eyes of the frame before.
     previous: [layout::View; 2],
     place: Place,
@@ -57,11 +60,12 @@ pub(super) struct Inputs {
 
 /// What a frame's graph is made of, beside what all frames have in common.
 #[derive(Clone, Debug, PartialEq)]
-struct Plan {
+pub(super) struct Plan {
     seam: Seam,
-    assignment: Assignment,
+    pub iterations: u32,
+    pub assignment: Assignment,
     /// Who had which rows in the frame before, and how many rows its surfaces may have moved.
-    history: Option<(Assignment, u32)>,
+    pub history: Option<(Assignment, u32)>,
 }
 
 /// A frame that devices are at.
@@ -136,6 +140,7 @@ impl Renderer {
         let crew = Crew::start(workers, replies, outboxes)?;
         Ok(Self {
             costs: CostModel::new(&spec),
+            quality: Quality::of(&settings),
             settings,
             spec,
             tables,
@@ -163,6 +168,11 @@ impl Renderer {
     /// Trouble to come.
     pub fn set_trouble(&mut self, trouble: Trouble) {
         self.trouble = trouble;
+    }
+
+    /// How often each device runs its dispatches from here on; once where nothing is said.
+    pub fn set_slowdown(&mut self, slowdown: Vec<u32>) {
+        self.trouble.slowdown = slowdown;
     }
 
     /// The devices that were taken out, in order.
@@ -208,7 +218,7 @@ impl Renderer {
     /// [`crate::stages::StageSettings::frames_in_flight`] may be begun and not finished; another one finishes the oldest
     /// first, whose report is lost. `reads` are the images that can be read while frames are in flight.
     pub fn begin(&mut self, rig: &Rig, time_s: f64, index: u32, reads: &[PhysicalImage]) -> Result<(), ExecError> {
-        let spp = self.settings.stages.spp;
+        let spp = self.quality.spp;
         let curve_shift = curve_shift(self.spec.extent, spp);
         let constants = layout::Frame { curve_shift, ..self.constants(rig, time_s, index, 0..spp) };
         self.begin_with(constants, reads)
@@ -222,7 +232,7 @@ impl Renderer {
         let previous = self.last.as_ref().map_or(constants.views, |l| l.constants.views);
         let place = Place::of(self.begun, slots);
         self.begun += 1;
-        let inputs = Inputs { constants, previous, place, reads: reads.into() };
+        let inputs = Inputs { constants, quality: self.quality.clone(), previous, place, reads: reads.into() };
         self.last = Some(inputs.clone());
         self.hand_out(inputs, None);
         Ok(())
@@ -291,7 +301,7 @@ impl Renderer {
         // What devices that failed had kept is lost, so all of it is.
         let history_rows = if again.is_some() { None } else { self.history_rows(&inputs) };
         inputs.constants.history_rows = history_rows.unwrap_or(layout::NO_HISTORY);
-        let (plan, graph) = self.plan(history_rows);
+        let (plan, graph) = self.plan(&inputs.quality, history_rows);
         let known = self.costs.has_learned() && !overlapped;
         let predicted = known.then(|| simulate(&graph, &self.costs).ok()).flatten();
         let report = FrameReport {
@@ -314,7 +324,7 @@ impl Renderer {
         for device in self.crew.left() {
             let (runs, injected) = self.trouble.take(device, index);
             injections.extend(injected.map(|kind| Injection { kind, device, frame: index }));
-            let Inputs { constants, previous, place, reads } = inputs.clone();
+            let Inputs { constants, previous, place, reads, .. } = inputs.clone();
             let job = FrameJob { graph: Arc::clone(&graph), constants, previous, place, reads, runs, injected };
             orders.push((device, Order::Frame(Box::new(job))));
         }
@@ -347,13 +357,15 @@ impl Renderer {
     }
 
     /// Stripes and graph of the next frame; the graph is built anew only when something of its plan has changed.
-    fn plan(&mut self, history_rows: Option<u32>) -> (Plan, Arc<FrameGraph>) {
+    fn plan(&mut self, quality: &Quality, history_rows: Option<u32>) -> (Plan, Arc<FrameGraph>) {
         let left = self.crew.left();
+        self.spec.iterations = quality.iterations();
+        self.costs.set_quality(self.spec.iterations, &quality.effort);
         self.plan_halo(&left);
         let assignment = self.policy.assign(&self.costs.of_devices(&left)).renumbered(&left, self.devices.len());
         let before = self.planned.take();
         let history = before.as_ref().zip(history_rows).map(|((plan, _), rows)| (plan.assignment.clone(), rows));
-        let plan = Plan { seam: self.spec.seam, assignment, history };
+        let plan = Plan { seam: self.spec.seam, iterations: self.spec.iterations, assignment, history };
         let graph = match before {
             Some((old, graph)) if old == plan => graph,
             _ => {
@@ -431,7 +443,8 @@ impl Renderer {
         }
         report.tasks.sort_by(|a, b| a.device.cmp(&b.device).then(a.begin_ms.total_cmp(&b.begin_ms)));
         let begun_ms = (!report.overlapped && frame.attempts == 1).then_some(report.begin_ms);
-        self.costs.learn(&costs::frame_costs(report, self.devices.len(), begun_ms));
+        let effort = frame.inputs.quality.effort.clone();
+        self.costs.learn(&FrameCosts { effort, ..costs::frame_costs(report, self.devices.len(), begun_ms) });
         if frame.attempts == 1 {
             let makespan_ms = report.makespan_ms;
             self.watchdog.learn(self.samples(&frame.inputs), makespan_ms);
@@ -477,19 +490,21 @@ impl Renderer {
         let extent = self.spec.extent;
         let aspect = f64::from(extent.width) / f64::from(extent.height);
         let rig = rig.relative_to(self.tables.origin());
+        let spp = samples.end - samples.start;
         let mut frame = layout::Frame {
             views: Eye::ALL.map(|eye| layout::View::new(&rig.view(time_s, eye), aspect)),
             width: extent.width,
             height: extent.height,
             index,
             seed: self.settings.seed,
-            spp: samples.end - samples.start,
+            spp,
             sample_base: samples.start,
-            reflections: self.settings.bounces.max(1),
+            reflections: self.quality.bounces.max(1),
+            layer_iterations: self.quality.layer_iterations,
             indirect_clamp: self.settings.indirect_clamp,
             exposure: self.settings.exposure_ev.exp2(),
             history_rows: layout::NO_HISTORY,
-            centre: self.settings.stages.centre(index),
+            centre: self.settings.stages.centre(index, spp),
             ..Default::default()
         };
         self.tables.describe(&mut frame);

@@ -3,6 +3,7 @@
 pub mod bench;
 pub mod html;
 pub mod peres;
+pub mod play;
 pub mod plot;
 pub mod run;
 pub mod scale;

@@ -17,6 +17,7 @@ use crate::scene::needs::SceneNeeds;
 use crate::scene::rig::Eye;
 use crate::stages::HoleReason;
 
+use super::play::{ControlRow, PlaySummary};
 use super::{median, median_of};
 
 /// The settings of a run, as its options gave them.
@@ -131,6 +132,9 @@ pub struct FrameRow {
     /// The filter's passes before which rows come from neighbours.
     pub halo_exchanges: Vec<usize>,
     pub stages: Vec<TaskTiming>,
+    /// Of frames inside a budget.
+    #[serde(flatten, skip_serializing_if = "Option::is_none")]
+    pub control: Option<ControlRow>,
 }
 
 impl FrameRow {
@@ -174,6 +178,7 @@ impl FrameRow {
                 Seam::None | Seam::Filter => Vec::new(),
             },
             stages,
+            control: None,
         }
     }
 }
@@ -193,6 +198,9 @@ pub struct RunReport {
     /// Of frames that were accumulated.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub references: Vec<ReferenceRow>,
+    /// How the budget was kept.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub play: Option<PlaySummary>,
 }
 
 impl RunReport {
@@ -224,6 +232,7 @@ impl RunReport {
             frames,
             faults: Vec::new(),
             references: Vec::new(),
+            play: None,
         }
     }
 

@@ -8,8 +8,9 @@ use std::borrow::Cow;
 use std::collections::HashMap;
 use std::ops::Range;
 
+use super::effort::Effort;
 use super::learned::{Line, Mean};
-use crate::graph::{FrameSpec, Pass, Seam, Stage, passes};
+use crate::graph::{FrameSpec, Pass, Seam, Stage, Views, passes};
 use crate::scene::rig::Eye;
 
 /// What one task of a stage cost one device in a frame.
@@ -47,6 +48,8 @@ pub struct FrameCosts {
     pub wait_ms: Vec<(usize, f64)>,
     /// From the primary's last task to the frame's end; 0 tells nothing.
     pub tail_ms: f64,
+    /// Of the quality that it had.
+    pub effort: Effort,
 }
 
 /// A pixel that starts no path costs path tracing and hole filling this many rays: it is looked at.
@@ -56,8 +59,10 @@ const RAYS_PER_IDLE_PIXEL: f64 = 1.0 / 32.0;
 pub struct CostModel {
     spec: FrameSpec,
     passes: Vec<Pass>,
+    /// Of the frames that are planned.
+    effort: Effort,
     devices: Vec<DeviceCost>,
-    /// Per eye, rays of all rows above; `height + 1` entries.
+    /// Per eye, rays of all rows above, over the effort that they were traced with; `height + 1` entries.
     rays_above: [Vec<f64>; 2],
     tail: Mean,
     frames: u32,
@@ -115,6 +120,7 @@ impl CostModel {
         Self {
             spec: spec.clone(),
             passes: passes(spec),
+            effort: Effort::default(),
             devices: vec![DeviceCost::default(); spec.devices],
             rays_above: [vec![0.0; height + 1], vec![0.0; height + 1]],
             tail: Mean::default(),
@@ -132,20 +138,35 @@ impl CostModel {
         self.passes = passes(&self.spec);
     }
 
+    /// Frames are planned that have so many iterations and take this effort.
+    pub fn set_quality(&mut self, iterations: u32, effort: &Effort) {
+        self.effort.clone_from(effort);
+        if iterations != self.spec.iterations {
+            self.spec.iterations = iterations;
+            self.passes = passes(&self.spec);
+        }
+    }
+
+    /// The stage whose rays are counted of an eye, beside those of the G-buffer.
+    fn traces(&self, eye: Eye) -> Stage {
+        if eye == Eye::Right && self.spec.views == Views::Reprojected { Stage::HoleFill } else { Stage::PathTrace }
+    }
+
     /// Whether a frame has been learned from; before, all costs are 0.
     pub fn has_learned(&self) -> bool {
         self.frames > 0
     }
 
     pub fn learn(&mut self, costs: &FrameCosts) {
-        for (above, rays) in self.rays_above.iter_mut().zip(&costs.rays) {
-            sum_rows(above, rays, self.spec.extent.width);
+        for (eye, rays) in Eye::ALL.into_iter().zip(&costs.rays) {
+            let effort = costs.effort.of(self.traces(eye));
+            sum_rows(&mut self.rays_above[eye as usize], rays, self.spec.extent.width, effort);
         }
         let mut sums: HashMap<(usize, Stage, Eye), (f64, f64)> = HashMap::new();
         for cost in &costs.stages {
             let (ms, units) = sums.entry((cost.device, cost.stage, cost.view)).or_default();
             *ms += cost.busy_ms;
-            *units += self.units(Unit::of(cost.stage, cost.view), &cost.rows);
+            *units += self.units(Unit::of(cost.stage, cost.view), &cost.rows) * costs.effort.of(cost.stage);
         }
         for ((device, stage, view), (ms, units)) in sums {
             self.devices[device].ms_per_unit.entry((stage, view)).or_default().learn(ms / units);
@@ -235,13 +256,15 @@ impl CostModel {
         }
     }
 
-    /// A device that never did this stage is taken to be like the mean of those that did.
+    /// With the effort of frames that are planned. A device that never did this stage is taken to be like the mean of
+    /// those that did.
     fn ms_per_unit(&self, stage: Stage, view: Eye, device: usize) -> f64 {
         let of = |d: &DeviceCost| d.ms_per_unit.get(&(stage, view)).and_then(Mean::value);
-        of(&self.devices[device]).unwrap_or_else(|| {
+        let ms = of(&self.devices[device]).unwrap_or_else(|| {
             let known: Vec<f64> = self.devices.iter().filter_map(of).collect();
             known.iter().sum::<f64>() / known.len().max(1) as f64
-        })
+        });
+        ms * self.effort.of(stage)
     }
 
     /// Predicted time of a stage on these rows.
@@ -295,11 +318,11 @@ impl CostModel {
     }
 }
 
-/// Prefix sums of a frame's rays beyond those of the G-buffer, one a pixel.
-fn sum_rows(above: &mut [f64], rays: &[u32], width: u32) {
+/// Prefix sums of a frame's rays beyond those of the G-buffer, one a pixel, over their effort.
+fn sum_rows(above: &mut [f64], rays: &[u32], width: u32, effort: f64) {
     let mut sum = 0.0;
     for (entry, &rays) in above[1..].iter_mut().zip(rays) {
-        sum += f64::from(rays.saturating_sub(width)) + f64::from(width) * RAYS_PER_IDLE_PIXEL;
+        sum += f64::from(rays.saturating_sub(width)) / effort + f64::from(width) * RAYS_PER_IDLE_PIXEL;
         *entry = sum;
     }
 }

@@ -5,6 +5,7 @@
 
 mod cost;
 mod cut;
+mod effort;
 mod halo;
 mod heft;
 mod learned;
@@ -14,6 +15,7 @@ mod simulate;
 
 pub use cost::{CostModel, FrameCosts, StageCost, StripeCosts, TransferCost};
 pub use cut::step_rows;
+pub use effort::Effort;
 pub use halo::choose_halo;
 pub use heft::Heft;
 pub use measured::Measured;

@@ -24,7 +24,7 @@ pub(super) fn inverse_sigma2_bits(index: u32) -> u32 {
 }
 
 fn dispatches(work: &Work<'_>) -> Vec<Dispatch> {
-    let step = atrous_step(work.index, work.settings.iterations);
+    let step = atrous_step(work.index, work.iterations);
     // Pixels of a layer count the iterations that they take part in.
     let args = match work.settings.foveation {
         None => [step, inverse_sigma2_bits(work.index), 0],

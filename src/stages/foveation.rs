@@ -15,6 +15,7 @@ pub struct Foveation {
     /// Share of the outer layer's pixels that are not sampled, 0 to 1; it falls to 0 towards the inner layer.
     pub unsampled_share: f64,
     /// Filter iterations that pixels of the inner, middle and outer layer take part in: those with the smallest steps.
+    /// A frame may have others.
     pub iterations: [u32; 3],
 }
 
@@ -36,7 +37,6 @@ impl Foveation {
         let [(radii, left), (_, right)] = [0, 1].map(|eye| self.circles(eye, time_s, frame.width, frame.height));
         frame.fovea_radii = Vec2::from(radii.map(|r| r as f32));
         frame.gaze = Vec4::from([left[0], left[1], right[0], right[1]].map(|c| c as f32));
-        frame.layer_iterations = self.iterations;
         frame.unsampled_share = self.unsampled_share as f32;
         frame.mask_turn = if turns { frame.index.wrapping_mul(GOLDEN_RATIO) } else { 0 };
     }

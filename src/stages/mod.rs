@@ -63,7 +63,11 @@ pub struct StageSettings {
     pub sampler: Sampler,
     /// Samples per pixel of a frame, at most.
     pub spp: u32,
+    /// Whether frames of one sample per pixel, which goes through its centre, are among frames of several. If not, all
+    /// are of the same kind, also those that happen to take one sample of `spp`.
+    pub mixes_spp: bool,
     pub filter: Filter,
+    /// Of the filter, at most.
     pub iterations: u32,
     /// Whether the right eye is reprojected.
     pub reproject: bool,
@@ -76,16 +80,25 @@ pub struct StageSettings {
 }
 
 impl StageSettings {
-    /// One sample goes through the pixel's centre, several are spread over the pixel.
-    pub fn jitter(&self) -> bool {
-        self.spp > 1
+    /// Whether the samples of a frame of `spp` are spread over the pixel: one alone goes through its centre.
+    pub fn jitter(&self, spp: u32) -> bool {
+        if self.mixes_spp { spp > 1 } else { self.spp > 1 }
     }
 
-    /// Where in a pixel rays go that stand for all of it: another point in each frame where frames are averaged and one
+    /// [`Self::jitter`] of the frames that there may be.
+    fn jitters(&self) -> &'static [bool] {
+        match (self.spp > 1, self.mixes_spp) {
+            (true, true) => &[false, true],
+            (true, false) => &[true],
+            (false, _) => &[false],
+        }
+    }
+
+    /// Where in a pixel rays of a frame of `spp` go that stand for all of it: another point in each frame where frames are averaged and one
     /// alone has no samples all over the pixel (Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences",
     /// 2018: the R2 sequence).
-    pub fn centre(&self, frame: u32) -> Vec2 {
-        if self.jitter() || !self.keeps_history() {
+    pub fn centre(&self, frame: u32, spp: u32) -> Vec2 {
+        if self.jitter(spp) || !self.keeps_history() {
             return Vec2::splat(0.5);
         }
         let at = |step: f64| ((0.5 + f64::from(frame) * step).fract()) as f32;
@@ -97,12 +110,12 @@ impl StageSettings {
         self.filter == Filter::Svgf && self.iterations > 0
     }
 
-    fn constants(&self) -> Vec<(&'static str, f64)> {
+    fn constants(&self, jitter: bool) -> Vec<(&'static str, f64)> {
         let flag = |b: bool| if b { 1.0 } else { 0.0 };
         let mut constants: Vec<_> = self.needs.constants().map(|(n, b)| (n, flag(b))).into();
         constants.push(("SOBOL", flag(self.sampler == Sampler::Sobol)));
         constants.push(("HAS_GLOSS", flag(self.needs.gloss && self.keeps_history())));
-        constants.push(("JITTER", flag(self.jitter())));
+        constants.push(("JITTER", flag(jitter)));
         constants.push(("FOVEATED", flag(self.foveation.is_some())));
         constants
     }
@@ -152,8 +165,9 @@ struct Room {
 /// A task as its room sees it.
 struct Work<'a> {
     settings: &'a StageSettings,
-    /// Samples per pixel of this frame.
+    /// Samples per pixel and filter iterations of this frame.
     spp: u32,
+    iterations: u32,
     view: Eye,
     index: u32,
     device: usize,

@@ -64,6 +64,8 @@ impl Stamps {
 
 struct Built {
     room: &'static Room,
+    /// Whether it is for frames whose samples are spread over pixels; none: for any.
+    jitter: Option<bool>,
     pipeline: wgpu::ComputePipeline,
     layout: wgpu::BindGroupLayout,
 }
@@ -80,8 +82,9 @@ struct GroupKey {
 /// What one device needs to carry out any task.
 pub struct DeviceStages {
     settings: StageSettings,
-    /// Samples per pixel and place of the frame that is set.
+    /// Samples per pixel, filter iterations and place of the frame that is set.
     spp: u32,
+    iterations: u32,
     place: Place,
     pub images: Images,
     rooms: Vec<Built>,
@@ -92,6 +95,17 @@ pub struct DeviceStages {
     previous: wgpu::Buffer,
     /// The counts that a repeated task begins with.
     kept: Option<wgpu::Buffer>,
+}
+
+impl Built {
+    /// The same pipeline for another room.
+    fn with(&self, room: &'static Room) -> Self {
+        Self { room, jitter: self.jitter, pipeline: self.pipeline.clone(), layout: self.layout.clone() }
+    }
+}
+
+fn find(rooms: &[Built], stage: Stage, jitter: bool) -> Option<&Built> {
+    rooms.iter().find(|b| b.room.stage == stage && b.jitter.is_none_or(|j| j == jitter))
 }
 
 fn buffer_entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLayoutEntry {
@@ -142,21 +156,31 @@ impl DeviceStages {
         for room in ROOMS.iter().filter(|r| stages.contains(&r.stage)) {
             let group0 = if room.reads_scene { &scene_layout } else { &frame_layout };
             let _span = tracing::info_span!("build pipeline", stage = room.stage.name()).entered();
-            // Rooms that differ in their dispatches alone share a pipeline.
-            let same = rooms.iter().find(|b: &&Built| b.room.shader == room.shader);
-            rooms.push(match same {
-                Some(b) => Built { room, pipeline: b.pipeline.clone(), layout: b.layout.clone() },
-                None => build(gpu, room, group0, &settings)?,
-            });
+            // Rooms that differ in their dispatches alone share their pipelines.
+            let same: Vec<Built> =
+                rooms.iter().filter(|b: &&Built| b.room.shader == room.shader).map(|b| b.with(room)).collect();
+            rooms.extend(if same.is_empty() { build(gpu, room, group0, &settings)? } else { same });
         }
-        let (spp, place, groups) = (settings.spp, Place::default(), HashMap::new());
-        let kept = None;
-        Ok(Self { settings, spp, place, images, rooms, groups, frame_only, with_scene, frame, previous, kept })
+        Ok(Self {
+            spp: settings.spp,
+            iterations: settings.iterations,
+            settings,
+            place: Place::default(),
+            images,
+            rooms,
+            groups: HashMap::new(),
+            frame_only,
+            with_scene,
+            frame,
+            previous,
+            kept: None,
+        })
     }
 
     /// Sets the constants that the next submission's tasks see, and the place of what they leave.
     pub fn set_frame(&mut self, gpu: &GpuDevice, frame: &Frame, previous: &[View; 2], place: Place) {
         (self.spp, self.place) = (frame.spp, place);
+        self.iterations = frame.layer_iterations.into_iter().fold(0, u32::max);
         gpu.queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(frame));
         gpu.queue.write_buffer(&self.previous, 0, bytemuck::cast_slice(previous));
     }
@@ -168,7 +192,10 @@ impl DeviceStages {
     /// Runs every pipeline once on no rows, so that drivers compile now what they would at the first frame.
     pub fn warm_up(&mut self, gpu: &GpuDevice, stamps: &mut Stamps) {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        for stage in self.rooms.iter().map(|b| b.room.stage).collect::<Vec<_>>() {
+        let most = self.spp;
+        let kinds = self.rooms.iter().map(|b| (b.room.stage, if b.jitter == Some(false) { 1 } else { most }));
+        for (stage, spp) in kinds.collect::<Vec<_>>() {
+            self.spp = spp;
             let filter = Some((Resource::Filtered(1), Resource::Filtered(2)));
             let task = StageTask { stage, view: Eye::Right, index: 0, rows: 0..0, valid: 0..0, filter };
             self.record(gpu, &mut encoder, stamps, &task, 1);
@@ -186,7 +213,7 @@ impl DeviceStages {
         task: &StageTask,
         runs: u32,
     ) -> Option<u32> {
-        self.rooms.iter().find(|b| b.room.stage == task.stage)?;
+        find(&self.rooms, task.stage, self.settings.jitter(self.spp))?;
         let pair = stamps.next();
         let queries = |at: Option<u32>| at.map(|_| &stamps.queries);
         let counted = (runs > 1 && adds_counts(task.stage)).then(|| {
@@ -218,7 +245,8 @@ impl DeviceStages {
         times: Option<wgpu::ComputePassTimestampWrites<'_>>,
         task: &StageTask,
     ) -> Option<()> {
-        let built = self.rooms.iter().find(|b| b.room.stage == task.stage)?;
+        let jitter = self.settings.jitter(self.spp);
+        let built = find(&self.rooms, task.stage, jitter)?;
         let key = GroupKey {
             stage: task.stage,
             view: task.view,
@@ -241,6 +269,7 @@ impl DeviceStages {
         let work = Work {
             settings: &self.settings,
             spp: self.spp,
+            iterations: self.iterations,
             view: task.view,
             index: task.index,
             device: gpu.info.index,
@@ -304,15 +333,15 @@ pub struct StageTask {
     pub filter: Option<(Resource, Resource)>,
 }
 
+/// A room's pipelines for all frames that there may be.
 fn build(
     gpu: &GpuDevice,
     room: &'static Room,
     group0: &wgpu::BindGroupLayout,
     settings: &StageSettings,
-) -> Result<Built, StageError> {
+) -> Result<Vec<Built>, StageError> {
     let source = wgsl(room.shader);
     let declared = override_names(&source);
-    let constants: Vec<_> = settings.constants().into_iter().filter(|(n, _)| declared.contains(n)).collect();
     let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::Validation);
     let descriptor = wgpu::ShaderModuleDescriptor {
         label: Some(room.shader),
@@ -329,22 +358,31 @@ fn build(
         bind_group_layouts: &[Some(group0), Some(&layout)],
         immediate_size: PASS_BYTES,
     });
-    let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: Some(room.shader),
-        layout: Some(&pipeline_layout),
-        module: &module,
-        entry_point: Some("main"),
-        compilation_options: wgpu::PipelineCompilationOptions {
-            constants: &constants,
-            zero_initialize_workgroup_memory: false,
-        },
-        cache: None,
-    });
+    let pipeline = |jitter: bool| {
+        let constants: Vec<_> = settings.constants(jitter).into_iter().filter(|(n, _)| declared.contains(n)).collect();
+        gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: Some(room.shader),
+            layout: Some(&pipeline_layout),
+            module: &module,
+            entry_point: Some("main"),
+            compilation_options: wgpu::PipelineCompilationOptions {
+                constants: &constants,
+                zero_initialize_workgroup_memory: false,
+            },
+            cache: None,
+        })
+    };
+    let one = |jitter, pipeline| Built { room, jitter, pipeline, layout: layout.clone() };
+    let built = match settings.jitters() {
+        &[jitter] => vec![one(None, pipeline(jitter))],
+        _ if !declared.contains(&"JITTER") => vec![one(None, pipeline(false))],
+        kinds => kinds.iter().map(|&jitter| one(Some(jitter), pipeline(jitter))).collect(),
+    };
     if let Some(error) = pollster::block_on(scope.pop()) {
         let (device, stage, what) = (gpu.info.index, room.stage.name(), error.to_string());
         return Err(StageError::Pipeline { device, stage, what });
     }
-    Ok(Built { room, pipeline, layout })
+    Ok(built)
 }
 
 fn slot_layout(binding: u32, slot: Slot) -> wgpu::BindGroupLayoutEntry {

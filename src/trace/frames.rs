@@ -15,6 +15,17 @@ use crate::scene::rig::Eye;
 pub struct FrameKnobs {
     pub spp: u32,
     pub iterations: u32,
+    /// If a budget is kept.
+    pub control: Option<ControlKnobs>,
+}
+
+/// What the control loop made of a frame.
+#[derive(Clone, Copy, Debug)]
+pub struct ControlKnobs {
+    /// Of the quality ladder, from 0.
+    pub rung: usize,
+    /// Lower and upper end, ms.
+    pub budget_ms: [f64; 2],
 }
 
 /// Adds a frame and brings the file up to date. The recorder's origin must be the renderer's.
@@ -132,7 +143,12 @@ fn record_critical_path(recorder: &Recorder, frame: &Frame) {
 
 fn record_counters(recorder: &Recorder, frame: &FrameReport, knobs: &FrameKnobs) {
     let at_us = frame.begin_ms * 1e3;
-    recorder.counter("frame time (ms)", at_us, &[("makespan", frame.makespan_ms)]);
+    let mut times = vec![("makespan", frame.makespan_ms)];
+    if let Some(ControlKnobs { rung, budget_ms: [lo_ms, hi_ms] }) = knobs.control {
+        times.extend([("budget_lo", lo_ms), ("budget_hi", hi_ms)]);
+        recorder.counter("rung", at_us, &[("rung", rung as f64)]);
+    }
+    recorder.counter("frame time (ms)", at_us, &times);
     recorder.counter("spp", at_us, &[("spp", f64::from(knobs.spp))]);
     recorder.counter("iterations", at_us, &[("iterations", f64::from(knobs.iterations))]);
     recorder.counter("bytes moved", at_us, &[("bytes", frame.uploaded_bytes() as f64)]);

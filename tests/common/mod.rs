@@ -51,6 +51,7 @@ impl Subject {
             needs: self.needs,
             sampler: Sampler::Sobol,
             spp: 1,
+            mixes_spp: false,
             filter: Filter::Atrous,
             iterations: 0,
             reproject: false,

@@ -1,0 +1,101 @@
+//! Disturbances that the control loop is tried on.
+
+use std::ops::Range;
+use std::str::FromStr;
+
+use super::Failure;
+
+/// What happens to a run at some of its frames.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Disturbance {
+    /// The device's work is run twice in these frames.
+    Slow { device: usize, frames: Range<u32> },
+    /// The camera jumps before this frame.
+    SceneCut { frame: u32 },
+}
+
+const FORMS: &str = "write slow:devI@FROM..TO, as slow:dev1@100..200, or scene-cut@FRAME, as scene-cut@150";
+
+impl FromStr for Disturbance {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (what, when) = text.split_once('@').ok_or(FORMS)?;
+        let frame = |text: &str| text.parse::<u32>().map_err(|_| format!("'{text}' is not the number of a frame"));
+        if what == "scene-cut" {
+            return Ok(Self::SceneCut { frame: frame(when)? });
+        }
+        let device = what.strip_prefix("slow:dev").ok_or(FORMS)?;
+        let device = device.parse().map_err(|_| format!("'{device}' is not the number of a device"))?;
+        let (from, to) = when.split_once("..").ok_or(FORMS)?;
+        let frames = frame(from)?..frame(to)?;
+        if frames.is_empty() {
+            return Err(format!("there is no frame from {from} up to {to}"));
+        }
+        Ok(Self::Slow { device, frames })
+    }
+}
+
+/// All of a run.
+pub struct Disturbances<'a>(pub &'a [Disturbance]);
+
+impl Disturbances<'_> {
+    /// # Errors
+    /// For frames and devices that the run does not have.
+    pub fn check(&self, frames: u32, devices: usize) -> Result<(), Failure> {
+        for disturbance in self.0 {
+            let (first, device) = match disturbance {
+                Disturbance::Slow { device, frames } => (frames.start, *device),
+                Disturbance::SceneCut { frame } => (*frame, 0),
+            };
+            let refuse = |what: String| Err(Failure::Input(anyhow::anyhow!("--disturb: {what}")));
+            if first >= frames {
+                return refuse(format!("there is no frame {first}: the last of {frames} is {}", frames - 1));
+            }
+            if device >= devices {
+                return refuse(format!("there is no device {device}, but only {devices}, from 0 on"));
+            }
+        }
+        Ok(())
+    }
+
+    /// How often each device runs its work of a frame, when it is `base` without disturbances.
+    pub fn slowdown(&self, frame: u32, base: &[u32], devices: usize) -> Vec<u32> {
+        let mut runs: Vec<u32> = (0..devices).map(|d| base.get(d).copied().unwrap_or(1)).collect();
+        for disturbance in self.0 {
+            if let Disturbance::Slow { device, frames } = disturbance
+                && frames.contains(&frame)
+            {
+                runs[*device] *= 2;
+            }
+        }
+        runs
+    }
+
+    pub fn cuts_before(&self, frame: u32) -> bool {
+        self.0.contains(&Disturbance::SceneCut { frame })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn disturbances_are_read_as_they_are_written() {
+        assert_eq!("slow:dev1@100..200".parse(), Ok(Disturbance::Slow { device: 1, frames: 100..200 }));
+        assert_eq!("scene-cut@150".parse(), Ok(Disturbance::SceneCut { frame: 150 }));
+        for wrong in
+            ["", "slow", "slow:dev1@5", "slow:dev1@9..3", "slow:1@0..2", "slow:devx@0..2", "cut@3", "scene-cut@x"]
+        {
+            assert!(wrong.parse::<Disturbance>().is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn a_device_is_slow_in_its_frames_alone() {
+        let all = ["slow:dev1@2..4".parse().unwrap(), "slow:dev1@3..9".parse().unwrap()];
+        let runs = |frame| Disturbances(&all).slowdown(frame, &[1, 3], 2);
+        assert_eq!([1, 2, 3, 8, 9].map(runs), [[1, 3], [1, 6], [1, 12], [1, 6], [1, 3]]);
+    }
+}

@@ -1,0 +1,195 @@
+//! The ladder of a run: those of a file's rungs that fit the run, or the built-in candidates, timed on the shot itself.
+
+use std::collections::{BTreeMap, HashMap};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, ensure};
+use clap::ValueEnum;
+
+use diptych::control::{
+    BOUNCES, Knobs, Ladder, Origin, Rung, TRACING, candidates, efforts, guessed_error, guessed_paths,
+};
+use diptych::exec::{FrameReport, Quality, Renderer, TimedTask};
+use diptych::graph::Stage;
+use diptych::scene::rig::Rig;
+use diptych::schedule::Effort;
+
+use super::{Args, Failure, Layers};
+use crate::cli::interrupt;
+use crate::cli::options::Denoiser;
+use crate::cli::setup;
+
+/// Settings that a run may use, before it is known what they cost.
+pub struct Choice {
+    pub denoiser: Denoiser,
+    /// Those of a file that the run can have; none: the built-in candidates.
+    pub ladder: Option<Ladder>,
+    knobs: Vec<Knobs>,
+}
+
+impl Choice {
+    pub fn new(args: &Args) -> Result<Self, Failure> {
+        let Some(path) = &args.ladder else {
+            let denoiser = args.denoiser.unwrap_or(Denoiser::Svgf);
+            return Ok(Self { denoiser, ladder: None, knobs: candidates(&setup::name(&denoiser)) });
+        };
+        Self::from_file(args, path).map_err(Failure::Input)
+    }
+
+    /// Filters and foveation are the same for all frames of a run.
+    fn from_file(args: &Args, path: &Path) -> Result<Self, anyhow::Error> {
+        let all = Ladder::read(path).context("cannot use --ladder")?;
+        let is_foveated = args.foveated.is_on();
+        let fits = |r: &&Rung| r.knobs.scale == 1.0 && (r.knobs.fovea.is_none() || is_foveated);
+        let of = |denoiser: Denoiser| {
+            let name = setup::name(&denoiser);
+            let needs_iterations = denoiser != Denoiser::None;
+            let has = move |r: &&Rung| r.knobs.denoiser == name && (r.knobs.iterations > 0) == needs_iterations;
+            all.rungs().iter().filter(fits).filter(has).cloned().collect::<Vec<_>>()
+        };
+        let most = Denoiser::value_variants().iter().copied().max_by_key(|d| of(*d).len());
+        let denoiser = args.denoiser.or(most).unwrap_or(Denoiser::Svgf);
+        let rungs = of(denoiser);
+        ensure!(
+            !rungs.is_empty(),
+            "--ladder {}: none of its {} rungs is for --denoiser {} at full size: measure some with `diptych bench`",
+            path.display(),
+            all.rungs().len(),
+            setup::name(&denoiser),
+        );
+        let knobs = rungs.iter().map(|r| r.knobs.clone()).collect();
+        Ok(Self { denoiser, ladder: Some(Ladder::new(all.origin().clone(), rungs)?), knobs })
+    }
+
+    /// The most of any frame.
+    pub fn most(&self, knob: fn(&Knobs) -> u32) -> u32 {
+        self.knobs.iter().map(knob).fold(0, u32::max)
+    }
+
+    /// Whether both kinds of pipelines are needed.
+    pub fn mixes_spp(&self) -> bool {
+        self.knobs.iter().any(|k| k.spp == 1) && self.knobs.iter().any(|k| k.spp > 1)
+    }
+}
+
+/// What frames are rendered with, rung by rung.
+pub fn qualities(ladder: &Ladder, layers: &Layers) -> Vec<Quality> {
+    let rungs = ladder.rungs();
+    let quality = |(rung, effort): (&Rung, Effort)| quality(&rung.knobs, layers, effort);
+    rungs.iter().zip(efforts(rungs)).map(quality).collect()
+}
+
+fn quality(knobs: &Knobs, layers: &Layers, effort: Effort) -> Quality {
+    let Knobs { spp, bounces, iterations, .. } = *knobs;
+    Quality { spp, bounces, layer_iterations: layers.of(iterations), effort }
+}
+
+/// When no further setting is timed, those without which nothing is known excepted.
+const TIME_LIMIT: Duration = Duration::from_secs(2);
+/// Frames of each setting; the least busy times count, as others were disturbed.
+const FRAMES: u32 = 3;
+/// Frames before the first: all is cold.
+const WARM_UP: u32 = 2;
+/// Numbers of the frames, beyond those of any run.
+const FIRST_FRAME: u32 = 1 << 24;
+
+/// Times settings on a renderer, and what they tell of the others.
+pub struct Calibration<'a> {
+    renderer: &'a mut Renderer,
+    rig: &'a Rig,
+    time_s: f64,
+    layers: &'a Layers,
+    begin: Instant,
+    frames: u32,
+    /// By samples per pixel and bounces.
+    timed: HashMap<(u32, u32), BTreeMap<String, f64>>,
+}
+
+impl<'a> Calibration<'a> {
+    pub fn new(renderer: &'a mut Renderer, rig: &'a Rig, time_s: f64, layers: &'a Layers) -> Self {
+        Self { renderer, rig, time_s, layers, begin: Instant::now(), frames: 0, timed: HashMap::new() }
+    }
+
+    /// The built-in ladder. Its times are measured, and its order is a guess.
+    pub fn ladder(mut self, choice: &Choice, mut origin: Origin) -> Result<Ladder, Failure> {
+        let knobs = |spp, bounces| choice.knobs.iter().find(|k| (k.spp, k.bounces) == (spp, bounces)).cloned();
+        let [few, most] = [BOUNCES[0], BOUNCES[BOUNCES.len() - 1]];
+        let between = BOUNCES[1..BOUNCES.len() - 1].iter().flat_map(|&b| [(2, b), (1, b)]);
+        for (spp, bounces) in [(2, most), (1, most)].into_iter().chain(between).chain([(2, few), (1, few)]) {
+            // The last ones leave the cost model at the cheapest rung.
+            if self.begin.elapsed() < TIME_LIMIT || bounces == few {
+                self.time(knobs(spp, bounces).as_ref())?;
+            }
+        }
+        let mut rungs: Vec<Rung> = choice.knobs.iter().map(|k| self.rung(k)).collect();
+        let efforts = efforts(&rungs);
+        let mut foresight = self.renderer.foresight();
+        for (rung, effort) in rungs.iter_mut().zip(efforts) {
+            let quality = quality(&rung.knobs, self.layers, effort);
+            rung.time_ms = foresight.makespan_ms(&quality).unwrap_or(f64::NAN);
+        }
+        origin.devices = self.renderer.devices().iter().map(|d| d.name.clone()).collect();
+        Ok(Ladder::of_measured(origin, &rungs).context("no setting could be timed")?)
+    }
+
+    fn time(&mut self, knobs: Option<&Knobs>) -> Result<(), Failure> {
+        let Some(knobs) = knobs else { return Ok(()) };
+        let warm_up = if self.frames == 0 { WARM_UP } else { 0 };
+        let effort = Effort::new([Stage::PathTrace, Stage::HoleFill].map(|stage| (stage, guessed_paths(knobs))));
+        self.renderer.set_quality(quality(knobs, self.layers, effort))?;
+        let mut least: BTreeMap<String, f64> = BTreeMap::new();
+        for i in 0..warm_up + FRAMES {
+            interrupt::check()?;
+            let frame = self.renderer.render(self.rig, self.time_s, FIRST_FRAME + self.frames)?;
+            self.frames += 1;
+            if i >= warm_up {
+                for (stage, ms) in stage_ms(&frame) {
+                    least.entry(stage).and_modify(|least| *least = least.min(ms)).or_insert(ms);
+                }
+            }
+        }
+        self.timed.insert((knobs.spp, knobs.bounces), least);
+        Ok(())
+    }
+
+    /// A candidate with what its stages are taken to cost; its own time is not known yet.
+    fn rung(&self, knobs: &Knobs) -> Rung {
+        let flip = guessed_error(knobs);
+        Rung { time_ms: f64::NAN, flip, relmse: flip, knobs: knobs.clone(), stage_ms: self.stage_ms(knobs) }
+    }
+
+    /// Path tracing goes with the samples, from the same number of bounces if they were timed. The G-buffer takes a ray
+    /// more for each sample where it averages.
+    fn stage_ms(&self, knobs: &Knobs) -> BTreeMap<String, f64> {
+        let spp = knobs.spp.min(2);
+        let near = [knobs.bounces, BOUNCES[0]].into_iter().find_map(|b| Some((b, self.timed.get(&(spp, b))?)));
+        let Some((bounces, timed)) = near else { return BTreeMap::new() };
+        let of = Knobs { spp, bounces, ..knobs.clone() };
+        let paths = guessed_paths(knobs) / guessed_paths(&of);
+        let centre_ms = self.timed.get(&(1, bounces)).and_then(|t| t.get(Stage::Gbuffer.name())).copied();
+        let ms = |stage: Stage| {
+            let ms = *timed.get(stage.name())?;
+            Some((
+                stage.name().to_owned(),
+                match stage {
+                    Stage::Gbuffer => {
+                        let centre_ms = centre_ms.unwrap_or(ms).min(ms);
+                        centre_ms + (ms - centre_ms) * f64::from(knobs.spp) / f64::from(spp)
+                    }
+                    _ => ms * paths,
+                },
+            ))
+        };
+        TRACING.into_iter().filter_map(ms).collect()
+    }
+}
+
+/// Busy time by stage.
+fn stage_ms(frame: &FrameReport) -> BTreeMap<String, f64> {
+    let mut sums = BTreeMap::new();
+    for task in frame.tasks.iter().filter(|t| matches!(t.kind, TimedTask::Gpu(_))) {
+        *sums.entry(task.stage.to_owned()).or_default() += task.end_ms - task.begin_ms;
+    }
+    sums
+}

@@ -1,0 +1,169 @@
+//! How well a budget was kept.
+
+use std::fmt;
+use std::ops::Range;
+
+use serde::Serialize;
+
+use super::Table;
+use super::run::{FrameRow, Quality};
+
+/// Frames before the loop is judged.
+pub const SETTLING_FRAMES: usize = 30;
+
+/// What the control loop did with a frame.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct ControlRow {
+    /// Of the ladder, from 0.
+    pub rung: usize,
+    /// What the rung was expected to take: the cost model's prediction, corrected.
+    pub expected_ms: f64,
+    /// Whether any rung was expected to be within the budget.
+    pub fits: bool,
+    pub in_band: bool,
+    /// Between when the frame was due and when it was begun.
+    pub late_ms: f64,
+    /// Host time that it took to choose the rung.
+    pub decide_ms: f64,
+}
+
+/// A rung and the share of frames that it had.
+#[derive(Clone, Debug, Serialize)]
+pub struct RungUse {
+    pub rung: usize,
+    #[serde(flatten)]
+    pub quality: Quality,
+    pub share: f64,
+}
+
+/// A run of frames outside the band.
+#[derive(Clone, Debug, Serialize)]
+pub struct Excursion {
+    pub first_frame: u32,
+    pub frames: u32,
+}
+
+/// How a run kept its budget, judged over the frames after the first [`SETTLING_FRAMES`], or all of a shorter run.
+#[derive(Clone, Debug, Serialize)]
+pub struct PlaySummary {
+    pub budget_ms: [f64; 2],
+    /// Where the ladder is from, and how many rungs it has.
+    pub ladder: String,
+    pub rungs: usize,
+    pub fps: f64,
+    pub judged_frames: usize,
+    pub in_band_share: f64,
+    pub above_share: f64,
+    pub below_share: f64,
+    pub makespan_ms_p50: f64,
+    pub makespan_ms_p95: f64,
+    pub makespan_ms_p99: f64,
+    /// Frames that were begun more than a millisecond after they were due.
+    pub late_share: f64,
+    pub rung_changes: usize,
+    pub longest_excursion: Option<Excursion>,
+    pub rung_uses: Vec<RungUse>,
+}
+
+/// What a run has in common.
+#[derive(Clone, Debug)]
+pub struct Play {
+    pub budget_ms: [f64; 2],
+    pub ladder: String,
+    pub rungs: usize,
+    pub fps: f64,
+}
+
+const LATE_MS: f64 = 1.0;
+
+impl PlaySummary {
+    /// Of rows that the control loop made; none without any.
+    pub fn of(play: &Play, rows: &[FrameRow]) -> Option<Self> {
+        let skipped = if rows.len() > SETTLING_FRAMES { SETTLING_FRAMES } else { 0 };
+        let judged: Vec<(&FrameRow, &ControlRow)> =
+            rows[skipped..].iter().filter_map(|r| Some((r, r.control.as_ref()?))).collect();
+        let share = |is: &dyn Fn(&(&FrameRow, &ControlRow)) -> bool| {
+            judged.iter().filter(|row| is(row)).count() as f64 / judged.len() as f64
+        };
+        let [lo_ms, hi_ms] = play.budget_ms;
+        let mut times_ms: Vec<f64> = judged.iter().map(|(r, _)| r.makespan_ms).collect();
+        times_ms.sort_by(f64::total_cmp);
+        let quantile = |q: f64| times_ms.get((q * (times_ms.len() - 1) as f64).round() as usize).copied();
+        (!judged.is_empty()).then_some(())?;
+        Some(Self {
+            budget_ms: play.budget_ms,
+            ladder: play.ladder.clone(),
+            rungs: play.rungs,
+            fps: play.fps,
+            judged_frames: judged.len(),
+            in_band_share: share(&|(_, c)| c.in_band),
+            above_share: share(&|(r, _)| r.makespan_ms > hi_ms),
+            below_share: share(&|(r, _)| r.makespan_ms < lo_ms),
+            makespan_ms_p50: quantile(0.5)?,
+            makespan_ms_p95: quantile(0.95)?,
+            makespan_ms_p99: quantile(0.99)?,
+            late_share: share(&|(_, c)| c.late_ms > LATE_MS),
+            rung_changes: judged.windows(2).filter(|pair| pair[0].1.rung != pair[1].1.rung).count(),
+            longest_excursion: longest_excursion(&judged),
+            rung_uses: rung_uses(&judged),
+        })
+    }
+
+    /// The rungs used, from the cheapest.
+    pub fn rungs_table(&self) -> Table {
+        let row = |u: &RungUse| {
+            let numbers = [u.rung, u.quality.spp as usize, u.quality.bounces as usize, u.quality.iterations as usize];
+            let share = format!("{:.1} %", 100.0 * u.share);
+            numbers.iter().map(usize::to_string).chain([share]).collect()
+        };
+        let headers = vec!["rung", "spp", "bounces", "iterations", "frames"];
+        Table { headers, rows: self.rung_uses.iter().map(row).collect() }
+    }
+}
+
+fn longest_excursion(judged: &[(&FrameRow, &ControlRow)]) -> Option<Excursion> {
+    let mut runs: Vec<Range<usize>> = Vec::new();
+    for (i, _) in judged.iter().enumerate().filter(|(_, (_, control))| !control.in_band) {
+        match runs.last_mut().filter(|run| run.end == i) {
+            Some(run) => run.end += 1,
+            None => runs.push(i..i + 1),
+        }
+    }
+    let longest = runs.into_iter().rev().max_by_key(ExactSizeIterator::len)?;
+    Some(Excursion { first_frame: judged[longest.start].0.index, frames: longest.len() as u32 })
+}
+
+fn rung_uses(judged: &[(&FrameRow, &ControlRow)]) -> Vec<RungUse> {
+    let mut uses: Vec<RungUse> = Vec::new();
+    for (row, control) in judged {
+        match uses.iter_mut().find(|u| u.rung == control.rung) {
+            Some(used) => used.share += 1.0,
+            None => uses.push(RungUse { rung: control.rung, quality: row.quality, share: 1.0 }),
+        }
+    }
+    uses.iter_mut().for_each(|u| u.share /= judged.len() as f64);
+    uses.sort_by_key(|u| u.rung);
+    uses
+}
+
+impl fmt::Display for PlaySummary {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+        let [lo_ms, hi_ms] = self.budget_ms;
+        writeln!(
+            f,
+            "{} of {} frames took {lo_ms} to {hi_ms} ms; {} took longer, {} less; {} were begun late",
+            percent(self.in_band_share),
+            self.judged_frames,
+            percent(self.above_share),
+            percent(self.below_share),
+            percent(self.late_share),
+        )?;
+        let [p50, p95, p99] = [self.makespan_ms_p50, self.makespan_ms_p95, self.makespan_ms_p99];
+        write!(f, "makespan ms: median {p50:.1}, 95 % {p95:.1}, 99 % {p99:.1}; {} rung changes; ", self.rung_changes)?;
+        match &self.longest_excursion {
+            Some(e) => write!(f, "longest excursion: {} frame(s) from frame {} on", e.frames, e.first_frame),
+            None => write!(f, "no excursion"),
+        }
+    }
+}
