@@ -173,7 +173,7 @@ fn find_ladder(
         shot: args.options.shot.clone(),
         size: args.options.size.to_string(),
         devices: Vec::new(),
-        version: env!("CARGO_PKG_VERSION").to_owned(),
+        version: concat!(env!("CARGO_PKG_VERSION"), "; flip and relmse are guessed, not measured").to_owned(),
     };
     Calibration::new(renderer, &loaded.shot.rig, args.options.time, &args.layers()).ladder(choice, origin)
 }
