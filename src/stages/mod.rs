@@ -94,9 +94,9 @@ impl StageSettings {
         }
     }
 
-    /// Where in a pixel rays of a frame of `spp` go that stand for all of it: another point in each frame where frames are averaged and one
-    /// alone has no samples all over the pixel (Roberts, "The Unreasonable Effectiveness of Quasirandom Sequences",
-    /// 2018: the R2 sequence).
+    /// Where in a pixel rays of a frame of `spp` go that stand for all of it: another point in each frame where frames
+    /// are averaged and one alone has no samples all over the pixel (Roberts, "The Unreasonable Effectiveness of
+    /// Quasirandom Sequences", 2018: the R2 sequence).
     pub fn centre(&self, frame: u32, spp: u32) -> Vec2 {
         if self.jitter(spp) || !self.keeps_history() {
             return Vec2::splat(0.5);
