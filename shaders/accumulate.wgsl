@@ -19,8 +19,8 @@
 @group(1) @binding(8) var<storage, read> left_history: array<vec4<u32>>;
 // Light, and the variance of its luminance or why there is none.
 @group(1) @binding(9) var<storage, read_write> accumulated: array<vec4<u32>>;
-// As bits: mean luminance and its variance per sample, or with gloss of both lights as half floats; samples and recent mean as half floats; material and, in the
-// upper 8 bits, frames.
+// As bits: mean luminance and its variance per sample, or with gloss of both lights as half floats; samples and recent
+// mean as half floats; material and, in the upper 8 bits, frames.
 @group(1) @binding(10) var<storage, read_write> moments: array<vec4<u32>>;
 @group(1) @binding(11) var<uniform> previous: Previous;
 
@@ -34,7 +34,6 @@ const LONGEST_VIEW_DEPENDENT: f32 = 6.0;
 // Frames behind the recent mean, and by how many standard deviations it may differ from the long one.
 const RECENT_FRAMES: f32 = 4.0;
 const TRUSTED_DEVIATIONS: f32 = 3.0;
-const MOST_HALF: f32 = 65504.0;
 
 struct Past {
     light: vec3<f32>,
@@ -198,7 +197,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         mix(past.gloss * scale, now.gloss, alphas.y),
         select(vec2<f32>(UNKNOWN), known, frames >= FEW_FRAMES),
     ));
-    let half = pack2x16float(min(vec2<f32>(total * trust, recent), vec2<f32>(MOST_HALF)));
+    let half = pack_pair(total * trust, recent);
     let count = u32(clamp(round(frames * trust), 1.0, 255.0));
     moments[at] = vec4<u32>(pack_moments(Known(mean, variance)), half, material | (count << 24u));
 }

@@ -1,6 +1,7 @@
 // Variance that guides the filter (Schied et al. 2017): smoothed over 3x3 pixels where it is known over time, estimated
 // from 7x7 pixels of the same surface where history is short; their mean then replaces the pixel's own light, as in the
-// authors' code. Gloss has its own, by the same taps. Departure: the 3x3 smoothing comes once, before the first iteration instead of in each.
+// authors' code. Gloss has its own, by the same taps. Departure: the 3x3 smoothing comes once, before the first iteration
+// instead of in each.
 
 //!include frame split pack edges variance
 

@@ -68,17 +68,20 @@ fn unpack_albedo(bits: vec4<u32>) -> Albedo {
         return Albedo(all.rgb, all.rgb, all.a);
     }
     let y = unpack2x16float(bits.y);
-    let w = unpack2x16float(bits.w);
-    return Albedo(vec3<f32>(unpack2x16float(bits.x), y.x), vec3<f32>(unpack2x16float(bits.z), w.x), y.y);
+    let gloss = vec3<f32>(unpack2x16float(bits.x), y.x);
+    let matte = vec3<f32>(unpack2x16float(bits.z), unpack2x16float(bits.w).x);
+    return Albedo(gloss + matte, matte, y.y);
 }
 
 fn pack_albedo(albedo: Albedo) -> vec4<u32> {
     if !HAS_GLOSS {
         return bitcast<vec4<u32>>(vec4<f32>(albedo.all, albedo.roughness));
     }
+    // Gloss's own part: as the difference of two rounded numbers it would be off by some percent.
+    let gloss = max(albedo.all - albedo.matte, vec3<f32>(0.0));
     return vec4<u32>(
-        pack_pair(albedo.all.r, albedo.all.g),
-        pack_pair(albedo.all.b, albedo.roughness),
+        pack_pair(gloss.r, gloss.g),
+        pack_pair(gloss.b, albedo.roughness),
         pack_pair(albedo.matte.r, albedo.matte.g),
         pack_pair(albedo.matte.b, 0.0),
     );
