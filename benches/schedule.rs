@@ -78,7 +78,7 @@ fn main() {
         devices,
         views: Views::Reprojected,
         filter: Filter::Atrous,
-        foveated: false,
+        sparse: false,
         iterations,
         history_rows: None,
         seam: Seam::Halo(HaloPlan::RECOMPUTE),

@@ -2,8 +2,8 @@
 // iteration to iteration as in Peres: 2^(i-1) ... 1. Departures: the position weight measures the distance off the
 // centre's plane, relative to its distance from the eye, so that it does not depend on the scene's scale or on how
 // obliquely a surface is seen; radiance is compared after c / (1 + luminance).
-// With foveation, radiance's alpha is Peres's binary mask (equation 4.2), 1 once anything has contributed, and a layer of K
-// iterations takes part in the last K of them. Departures: pixels that were not sampled stay empty until enough of their
+// Where pixels are left to the filter, radiance's alpha is Peres's binary mask (equation 4.2), 1 once anything has
+// contributed; with foveation, a layer of K iterations takes part in the last K of them. Departures: pixels that were not sampled stay empty until enough of their
 // surface is within reach, and what is empty at the last iteration takes the mean of whatever surfaces are there.
 
 //!include frame rng pack edges foveation
@@ -43,10 +43,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var weight = 0.375 * 0.375;
     var last_dy = 2;
     var least = 0.0;
-    if FOVEATED {
+    if SPARSE {
         let left = firstTrailingBit(pass_.arg0) + 1u;
-        let own = frame.layer_iterations[layer_of(pixel, pass_.view)];
-        last_dy = select(-3, 2, left <= own);
+        var own = frame.layer_iterations[INNER];
+        if FOVEATED {
+            own = frame.layer_iterations[layer_of(pixel, pass_.view)];
+            last_dy = select(-3, 2, left <= own);
+        }
         // An empty pixel has no radiance to compare with.
         inverse_sigma2 = select(0.0, inverse_sigma2, centre.a > 0.0 && own - left >= pass_.arg2);
         weight *= centre.a;
@@ -61,7 +64,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let counts = all(inside == there) && (dx != 0 || dy != 0);
             let tap_bits = guide_image[tap];
             var w = edge_weight(guide, colour, tap_bits, value.rgb, inverse_sigma2);
-            if FOVEATED {
+            if SPARSE {
                 w = select(max(w, least), 0.0, value.a == 0.0 || tap_bits.w == NO_NORMAL);
             }
             let k = select(0.0, kernel[dx + 2] * kernel[dy + 2] * w, counts);
@@ -69,7 +72,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             weight += k;
         }
     }
-    if FOVEATED {
+    if SPARSE {
         let enough = select(ENOUGH * sampling_probability(pixel, pass_.view), 0.0, centre.a > 0.0 || step == 1);
         let filled = select(vec4<f32>(0.0), vec4<f32>(sum / max(weight, 1e-30), 1.0), weight > enough);
         filtered[at] = select(filled, centre, last_dy < 0);

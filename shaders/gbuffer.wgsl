@@ -15,7 +15,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let at = pixel_index(pixel);
     if JITTER {
         if pass_.arg1 > 0u {
-            if FOVEATED && pass_.arg2 == UNSAMPLED_ONLY && is_sampled(pixel, pass_.view) {
+            if SPARSE && pass_.arg2 == UNSAMPLED_ONLY && is_sampled(pixel, pass_.view) {
                 return;
             }
             average_footprint(pixel, at, pass_.arg0, pass_.arg1);

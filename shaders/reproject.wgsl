@@ -1,8 +1,8 @@
 // Spatial reprojection, right eye from left (Adelson & Hodges 1993; Leria et al.): each right pixel gathers what the
 // left eye saw of its surface. The eyes are rectified, so both taps lie on the pixel's own row. What cannot be
 // gathered becomes a hole.
-// With foveation, left pixels that were not sampled give nothing, surfaces may differ more in the outer layers, and only
-// pixels that the right eye's own mask asks for become holes.
+// Where pixels are left to the filter, left ones that were not sampled give nothing, and only those that the right eye's
+// own mask asks for become holes. With foveation surfaces may differ more in the outer layers.
 
 //!include frame split rng pack foveation
 
@@ -45,7 +45,7 @@ fn why_not(x: i32, row: u32, position: vec3<f32>, normal: vec3<f32>, material: u
     if dot(normal, unpack_normal(guide.w)) <= 1.0 - 0.01 * slack {
         return NORMAL;
     }
-    if FOVEATED && left_radiance[at].w == 0u {
+    if SPARSE && left_radiance[at].w == 0u {
         return SKIPPED;
     }
     return 0u;
@@ -53,7 +53,7 @@ fn why_not(x: i32, row: u32, position: vec3<f32>, normal: vec3<f32>, material: u
 
 // `wanted`: by the right eye's mask; else the pixel is left to the filter.
 fn open_hole(at: u32, why: u32, wanted: bool) {
-    if FOVEATED && !wanted {
+    if SPARSE && !wanted {
         right_tally[at] |= SKIPPED << 28u;
         return;
     }
@@ -77,11 +77,14 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     right_radiance[at] = vec4<u32>(0u);
     var wanted = true;
     var slack = 1.0;
-    var is_inner = true;
+    var is_full = true;
     if FOVEATED {
         let layer = layer_of(pixel, 1u);
-        is_inner = layer == INNER;
+        is_full = layer == INNER;
         slack = f32(1u << layer);
+    }
+    if SPARSE {
+        is_full = is_full && frame.sampled_share >= 1.0;
         // No filter brings light to a pixel without a surface at its centre.
         wanted = guide.w == NO_NORMAL || is_sampled(pixel, 1u);
     }
@@ -118,9 +121,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let sum = w0 + w1;
     if sum < 1e-4 {
         var why = select(why0, why1, why0 == 0u || (fraction > 0.5 && why1 != 0u));
-        if FOVEATED && (why0 == SKIPPED || why1 == SKIPPED) {
+        if SPARSE && (why0 == SKIPPED || why1 == SKIPPED) {
             // With its neighbours' gathers the filter has as many samples here as the mask asks for.
-            wanted = is_inner;
+            wanted = is_full;
             why = OUTSIDE;
         }
         open_hole(at, why, wanted);

@@ -1,4 +1,4 @@
-// Which pixels of a view are path traced when sampling is foveated, as a compacted list (Peres, section 4.2, the
+// Which pixels of a view are path traced where some are left to the filter, as a compacted list (Peres, section 4.2, the
 // coordinates buffer). Departure: Peres makes mask and list once on the CPU, for a gaze that stands still; here the gaze
 // moves with every frame, so each device lists the pixels of its own rows, and nothing waits for the host. Pixels left out
 // have radiance with alpha 0, the mask that the filter weighs with.

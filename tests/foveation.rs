@@ -115,6 +115,53 @@ fn foveation_that_skips_nothing_changes_no_byte_and_traces_every_pixel_once() {
 }
 
 #[test]
+fn a_render_scale_samples_its_square_of_all_pixels_and_keeps_the_mean() {
+    let subject = Subject::load("builtin:cornell");
+    for filter in [Filter::Svgf, Filter::Atrous] {
+        let render = |scale: f64| {
+            let mut settings = RenderSettings { scale, ..subject.denoised(WIDTH, HEIGHT) };
+            (settings.stages.filter, settings.stages.sparse, settings.stages.aovs) = (filter, true, vec![Aov::Spp]);
+            let mut stage = Stage::alone(&subject, &settings);
+            let frames: Vec<_> = (0..8).map(|i| stage.frame(i)).collect();
+            (frames, stage.aov(0))
+        };
+        let mean = |image: &RgbImage| image.pixels.iter().flatten().map(|c| f64::from(*c)).sum::<f64>();
+        let (full, _) = render(1.0);
+        for scale in [0.5, 0.75] {
+            let (frames, spp) = render(scale);
+            let rays = |f: &[common::Frame]| f.iter().map(|f| f.report.tallies[0].rays).sum::<u64>();
+            assert!(rays(&frames) < rays(&full));
+            let share = spp.left[0].iter().map(|s| f64::from(*s)).sum::<f64>() / f64::from(WIDTH * HEIGHT);
+            // Stratified, but for the rims of surfaces, which are always sampled.
+            assert!(share > scale * scale - 0.01 && share < scale * scale + 0.05, "{filter:?} {scale}: {share}");
+            let (last, whole) = (&frames[7].linear, &full[7].linear);
+            for (found, expected) in eyes(last).into_iter().zip(eyes(whole)) {
+                let ratio = mean(found) / mean(expected);
+                assert!((ratio - 1.0).abs() < 0.03, "{filter:?} {scale}: the mean changes by {ratio}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_full_render_scale_changes_no_byte_where_others_are_possible() {
+    let subject = Subject::load("builtin:checker");
+    for filter in [Filter::Svgf, Filter::Atrous] {
+        let render = |sparse: bool| {
+            let mut settings = subject.denoised(WIDTH, HEIGHT);
+            (settings.stages.filter, settings.stages.sparse) = (filter, sparse);
+            let mut stage = Stage::alone(&subject, &settings);
+            (0..3).map(|i| stage.frame(i).linear).collect::<Vec<_>>()
+        };
+        for (plain, sparse) in render(false).iter().zip(&render(true)) {
+            for (a, b) in eyes(plain).into_iter().zip(eyes(sparse)) {
+                assert_eq!((0..a.pixels.len()).filter(|&i| !same(a, b, i)).count(), 0, "{filter:?}");
+            }
+        }
+    }
+}
+
+#[test]
 fn where_nothing_is_sampled_the_filter_leaves_no_hole_and_no_nan() {
     let subject = Subject::load("builtin:cornell");
     for gaze in [towards(0.0, 0.0), towards(1.0, 1.0), towards(0.5, 0.5)] {

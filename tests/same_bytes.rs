@@ -219,19 +219,33 @@ fn frames_in_flight_give_the_bytes_of_frames_one_by_one() {
     }
 }
 
-fn quality((spp, bounces, iterations): (u32, u32, u32)) -> Quality {
-    Quality { spp, bounces, layer_iterations: [iterations; 3], effort: Effort::default() }
+/// Samples, bounces, iterations, render scale and foveal radii of a frame.
+type Knobs = (u32, u32, u32, f64, Option<[f64; 2]>);
+
+fn quality((spp, bounces, iterations, scale, fovea): Knobs) -> Quality {
+    Quality { spp, bounces, layer_iterations: [iterations; 3], scale, fovea, effort: Effort::default() }
 }
 
-/// Samples, bounces and iterations, frame by frame.
-const QUALITIES: [(u32, u32, u32); 6] = [(1, 1, 2), (3, 4, 4), (1, 6, 1), (2, 2, 3), (3, 6, 4), (1, 3, 4)];
+const QUALITIES: [Knobs; 6] = [
+    (1, 1, 2, 0.7, None),
+    (3, 4, 4, 1.0, None),
+    (1, 6, 1, 1.0, Some([0.1, 0.3])),
+    (2, 2, 3, 0.5, Some([0.2, 0.4])),
+    (3, 6, 4, 0.9, None),
+    (1, 3, 4, 1.0, None),
+];
+
+fn layers() -> Foveation {
+    Foveation::new([0.4, 0.6].map(|x| Gaze { path: vec![[0.0, x, 0.5]] }), [4; 3])
+}
 
 /// Frames of all [`QUALITIES`].
 fn play(subject: &Subject, settings: &RenderSettings, devices: usize) -> Vec<Stereo<RgbImage>> {
     let mut settings = settings.clone();
     (settings.stages.spp, settings.stages.mixes_spp, settings.stages.iterations) = (3, true, 4);
+    (settings.stages.sparse, settings.stages.foveation) = (true, Some(layers()));
     let mut stage = Stage::with(subject, &settings, devices, Box::new(Measured::new(HEIGHT, devices)));
-    let frame = |(i, knobs): (usize, &(u32, u32, u32))| {
+    let frame = |(i, knobs): (usize, &Knobs)| {
         stage.renderer().set_quality(quality(*knobs)).unwrap();
         stage.frame_at(i as f64 * 0.05, i as u32).linear
     };
@@ -243,9 +257,10 @@ fn frames_that_change_quality_have_the_bytes_of_runs_that_do_not() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.denoised(WIDTH, HEIGHT);
     let (one, two) = (play(&subject, &settings, 1), play(&subject, &settings, 2));
-    for (i, (spp, bounces, iterations)) in QUALITIES.into_iter().enumerate() {
-        let mut fixed = RenderSettings { bounces, ..settings.clone() };
-        (fixed.stages.spp, fixed.stages.iterations) = (spp, iterations);
+    for (i, (spp, bounces, iterations, scale, fovea)) in QUALITIES.into_iter().enumerate() {
+        let mut fixed = RenderSettings { bounces, scale, ..settings.clone() };
+        (fixed.stages.spp, fixed.stages.iterations, fixed.stages.sparse) = (spp, iterations, scale < 1.0);
+        fixed.stages.foveation = fovea.map(|radii| Foveation { radii, iterations: [iterations; 3], ..layers() });
         let expected = Stage::even(&subject, &fixed, 1).frame_at(i as f64 * 0.05, i as u32).linear;
         assert_same(&format!("frame {i} on one device"), &expected, &one[i]);
         assert_same(&format!("frame {i} on two devices"), &expected, &two[i]);
@@ -268,10 +283,12 @@ fn qualities_that_nothing_was_made_ready_for_are_refused() {
     let mut settings = subject.denoised(32, 18);
     (settings.stages.spp, settings.stages.iterations) = (3, 4);
     let mut stage = Stage::even(&subject, &settings, 1);
-    for wrong in [(0, 1, 1), (4, 1, 1), (1, 1, 1), (2, 1, 0), (2, 1, 5)] {
+    let whole = |(spp, bounces, iterations)| (spp, bounces, iterations, 1.0, None);
+    let wrong = [(0, 1, 1), (4, 1, 1), (1, 1, 1), (2, 1, 0), (2, 1, 5)].map(whole);
+    for wrong in wrong.into_iter().chain([(2, 1, 1, 0.5, None), (2, 1, 1, 1.0, Some([0.1, 0.2]))]) {
         assert!(stage.renderer().set_quality(quality(wrong)).is_err(), "{wrong:?}");
     }
-    assert!(stage.renderer().set_quality(quality((2, 1, 1))).is_ok());
+    assert!(stage.renderer().set_quality(quality(whole((2, 1, 1)))).is_ok());
 }
 
 #[test]

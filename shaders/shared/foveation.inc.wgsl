@@ -1,10 +1,14 @@
-// Three layers around the gaze (Peres, sections 4.2 and 4.4): the inner one is sampled in full, outside the outer radius
+// Which pixels are sampled. A frame may leave a share of all of them to the filter (`sampled_share`, the render scale
+// squared), whose guides are at full size. With foveation there are three layers around the gaze (Peres, sections 4.2 and
+// 4.4): the inner one is sampled in full, outside the outer radius
 // each pixel with probability 1 - p, in between it falls linearly. Departures: a pixel's threshold is not a random toss
 // but its place on the Z curve, Owen-scrambled (Burley 2020; Ahmed & Wonka 2020), so that every aligned block of 2^k
 // pixels holds as many samples as it should; it depends on the pixel alone, so that a gaze that moves leaves the mask
 // as it is where the probability is. And each eye has a gaze of its own.
 
 override FOVEATED: bool = false;
+// Whether pixels may be left to the filter; foveation does.
+override SPARSE: bool = false;
 
 const INNER: u32 = 0u;
 const MIDDLE: u32 = 1u;
@@ -22,8 +26,12 @@ fn layer_of(pixel: vec2<u32>, view: u32) -> u32 {
 }
 
 fn sampling_probability(pixel: vec2<u32>, view: u32) -> f32 {
+    if !FOVEATED {
+        return frame.sampled_share;
+    }
     let radii = frame.fovea_radii;
-    return 1.0 - frame.unsampled_share * clamp((gaze_distance(pixel, view) - radii.x) / (radii.y - radii.x), 0.0, 1.0);
+    let outward = clamp((gaze_distance(pixel, view) - radii.x) / (radii.y - radii.x), 0.0, 1.0);
+    return frame.sampled_share * (1.0 - frame.unsampled_share * outward);
 }
 
 // Whether the mask asks for this pixel. `mask_turn` is 0 for spatial filters; one that adds the golden ratio to it every

@@ -57,8 +57,10 @@ struct Frame {
     gaze: vec4<f32>,
     // Filter iterations that pixels of the inner, middle and outer layer take part in.
     layer_iterations: vec3<u32>,
-    // Share of the outer layer's pixels that are not sampled.
+    // Of the outer layer's pixels that would be sampled without foveation.
     unsampled_share: f32,
+    // Of all pixels, before foveation leaves out more.
+    sampled_share: f32,
 }
 
 struct Pass {

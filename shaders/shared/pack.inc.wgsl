@@ -30,7 +30,7 @@ fn unpack_normal(bits: u32) -> vec3<f32> {
 }
 
 // `tally` image: rays traced (20 bits), non-finite samples dropped (8 bits), why a pixel is a hole (4 bits).
-// One that foveation left to the filter is none.
+// One that is left to the filter is none.
 const SKIPPED: u32 = 7u;
 
 fn add_tally(tally: u32, rays: u32, nonfinite: u32) -> u32 {

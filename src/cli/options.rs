@@ -173,6 +173,10 @@ pub struct RenderOptions {
     /// Reflections that light takes to the eye; direct light is always there, so 0 and 1 are alike
     #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(0..=1024))]
     pub bounces: u32,
+    /// Render scale, of the image's edges: paths are traced for its square's share of the pixels, and the denoiser brings
+    /// light to the others
+    #[arg(long, default_value_t = 1.0, value_name = "F", value_parser = scale)]
+    pub scale: f64,
     #[arg(long, default_value = "svgf")]
     pub denoiser: Denoiser,
     #[command(flatten)]
@@ -196,6 +200,14 @@ impl Deref for RenderOptions {
     fn deref(&self) -> &RunOptions {
         &self.run
     }
+}
+
+/// Of the image's edges.
+pub const SCALE_MIN: f64 = 0.1;
+
+pub fn scale(text: &str) -> Result<f64, String> {
+    let scale = text.parse().ok().filter(|scale| (SCALE_MIN..=1.0).contains(scale));
+    scale.ok_or_else(|| format!("give a number from {SCALE_MIN} to 1"))
 }
 
 /// Most samples of one frame; beyond, they are taken in passes.
@@ -250,6 +262,10 @@ impl RenderOptions {
                 self.frames - 1
             );
         }
+        anyhow::ensure!(
+            self.scale == 1.0 || self.iterations() > 0,
+            "--scale below 1 needs a denoiser, that brings light to the pixels left out"
+        );
         self.foveated.check()?;
         self.run.check()
     }

@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
-use diptych::control::{Budget, Controller, Decision, Ladder, Makespan, Origin};
+use diptych::control::{Budget, Controller, Decision, Knobs, Ladder, Makespan, Origin};
 use diptych::exec::{FrameReport, Quality, Renderer};
 use diptych::report::play::{ControlRow, Play, PlaySummary};
 use diptych::report::run::{FrameRow, Quality as QualityRow, RunReport};
@@ -68,18 +68,18 @@ impl Args {
     }
 
     fn layers(&self) -> Layers {
-        let is_limited = self.foveated.is_on() || self.foveated.iterations.is_some();
-        Layers(is_limited.then(|| self.foveated.layer_iterations()))
+        let most = self.foveated.layer_iterations();
+        Layers { foveal: most, all: self.foveated.iterations.is_some().then(|| most.into_iter().fold(0, u32::max)) }
     }
 
     /// Options with the most that any frame has.
     fn render_options(&self, choice: &Choice) -> RenderOptions {
-        let [inner, middle, outer] = self.layers().of(choice.most(|k| k.iterations));
-        let iterations =
-            if self.foveated.is_on() { Iterations::Layers([inner, middle, outer]) } else { Iterations::All(outer) };
+        let most = choice.most(|k| k.iterations);
+        let iterations = Iterations::All(self.layers().all.map_or(most, |limit| limit.min(most)));
         RenderOptions {
             run: self.options.clone(),
             spp: choice.most(|k| k.spp),
+            scale: choice.least_scale(),
             bounces: choice.most(|k| k.bounces),
             denoiser: choice.denoiser,
             foveated: FoveationOptions { iterations: Some(iterations), ..self.foveated.clone() },
@@ -100,13 +100,21 @@ impl Args {
     }
 }
 
-/// The most iterations by foveal layer, where there is a limit.
-pub struct Layers(Option<[u32; 3]>);
+/// The most iterations of any frame.
+pub struct Layers {
+    /// Of frames with foveal layers, by layer.
+    foveal: [u32; 3],
+    /// Of all, where there is a limit.
+    all: Option<u32>,
+}
 
 impl Layers {
-    /// Of a rung with this many.
-    fn of(&self, iterations: u32) -> [u32; 3] {
-        self.0.map_or([iterations; 3], |most| most.map(|most| most.min(iterations)))
+    /// Of a rung.
+    fn of(&self, knobs: &Knobs) -> [u32; 3] {
+        match (knobs.fovea, self.all) {
+            (Some(_), _) => self.foveal.map(|most| most.min(knobs.iterations)),
+            (None, most) => [most.map_or(knobs.iterations, |most| most.min(knobs.iterations)); 3],
+        }
     }
 }
 
@@ -282,18 +290,19 @@ impl<'a> Run<'a> {
         let budget_ms = [self.args.budget_ms.lo_ms(), self.args.budget_ms.hi_ms()];
         let in_band = (budget_ms[0]..=budget_ms[1]).contains(&frame.makespan_ms);
         let quality = &self.qualities[rung];
-        let (spp, bounces, iterations) = (quality.spp, quality.bounces, quality.iterations());
+        let (spp, bounces, iterations, scale) = (quality.spp, quality.bounces, quality.iterations(), quality.scale);
         let control = Some(ControlKnobs { rung, budget_ms });
         self.tracing.record_with(&FrameKnobs { spp, iterations, control }, frame);
-        let quality = QualityRow { spp, bounces, iterations, scale: 1.0 };
+        let quality = QualityRow { spp, bounces, iterations, scale };
         let mut row = FrameRow::new(frame, &quality, self.options.size);
         row.control = Some(ControlRow { rung, expected_ms, fits, in_band, late_ms, decide_ms });
         let event = serde_json::json!({
             "event": "frame", "index": row.index, "rung": rung, "spp": spp, "bounces": bounces,
-            "iterations": iterations, "predicted_ms": row.predicted_ms, "expected_ms": expected_ms, "fits": fits,
+            "iterations": iterations, "scale": scale, "predicted_ms": row.predicted_ms, "expected_ms": expected_ms, "fits": fits,
             "makespan_ms": row.makespan_ms, "in_band": in_band, "late_ms": late_ms,
         });
-        let message = format!("{:.1} ms, {spp} spp, {bounces} bounces, {iterations} iterations", row.makespan_ms);
+        let message =
+            format!("{:.1} ms, {spp} spp, {bounces} bounces, {iterations} iterations, scale {scale}", row.makespan_ms);
         self.progress.step(message, &event);
         self.rows.push(row);
         self.faults.say_new(&self.renderer, self.tracing, &self.progress);

@@ -66,8 +66,14 @@ impl Plan {
         }
         let foveated = FoveationOptions::none(0);
         let run = RunOptions { reproject: Switch::Off, ..options.run.clone() };
-        let unbiased =
-            RenderOptions { run, foveated, denoiser: Denoiser::None, spp: passes.pass_spp, ..options.clone() };
+        let unbiased = RenderOptions {
+            run,
+            foveated,
+            scale: 1.0,
+            denoiser: Denoiser::None,
+            spp: passes.pass_spp,
+            ..options.clone()
+        };
         let PassOptions { time_limit, passes_out, .. } = passes;
         Ok(Self { options: unbiased, spp: options.spp, time_limit, folder: passes_out })
     }

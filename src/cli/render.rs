@@ -31,7 +31,7 @@ pub struct Args {
     #[arg(long)]
     anaglyph: bool,
     /// A configuration of Peres: samples, foveation and denoiser together
-    #[arg(long, conflicts_with_all = ["spp", "foveation", "iterations", "denoiser", "reference"])]
+    #[arg(long, conflicts_with_all = ["spp", "scale", "foveation", "iterations", "denoiser", "reference"])]
     preset: Option<Preset>,
     /// Draw the stripes and the layers around the gaze on stereo.png
     #[arg(long)]

@@ -89,6 +89,7 @@ pub fn varying_renderer(
         filter: options.filter(),
         iterations: options.iterations(),
         reproject: options.reprojects(),
+        sparse: options.scale < 1.0,
         foveation: foveation(options, loaded),
         aovs: options.aovs(),
         frames_in_flight: usize::from(options.frames_in_flight),
@@ -100,6 +101,7 @@ pub fn varying_renderer(
         adapts_halo: options.halo == HaloOption::Cost,
         seed: options.seed,
         bounces: options.bounces,
+        scale: options.scale,
         indirect_clamp: options.clamp.unwrap_or(0.0),
         exposure_ev: loaded.shot.exposure_ev,
     };
@@ -146,7 +148,7 @@ impl Tracing {
 
 /// The knobs of every frame.
 pub fn frame_settings(options: &RenderOptions) -> Quality {
-    Quality { spp: options.spp, bounces: options.bounces, iterations: options.iterations(), scale: 1.0 }
+    Quality { spp: options.spp, bounces: options.bounces, iterations: options.iterations(), scale: options.scale }
 }
 
 pub fn run_settings(options: &RenderOptions, policy: &'static str) -> RunSettings {

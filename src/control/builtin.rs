@@ -1,5 +1,7 @@
 //! The ladder to fall back on: candidates whose errors are guessed, and what rungs cost one another.
 
+use std::f64::consts::PI;
+
 use super::{Knobs, Rung};
 use crate::graph::Stage;
 use crate::schedule::Effort;
@@ -8,37 +10,54 @@ use crate::schedule::Effort;
 pub const SPP: [u32; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
 pub const BOUNCES: [u32; 5] = [1, 2, 3, 4, 6];
 pub const ITERATIONS: [u32; 5] = [1, 2, 3, 4, 5];
+/// Render scales of the candidates with one sample: fewer samples than that.
+pub const SPARSE_SCALES: [f64; 5] = [0.9, 0.8, 0.7, 0.6, 0.5];
+/// Radii of the foveal layers, where there are any.
+pub const FOVEAE: [[f64; 2]; 3] = [[0.3, 0.6], [0.15, 0.3], [0.1, 0.2]];
 
 /// Stages whose cost changes with samples and bounces. Those of filters go with the number of iterations, which graphs
 /// have.
 pub const TRACING: [Stage; 3] = [Stage::Gbuffer, Stage::PathTrace, Stage::HoleFill];
 
-/// All settings that the built-in ladder may have; `denoiser` as the command line names it.
-pub fn candidates(denoiser: &str) -> Vec<Knobs> {
-    let iterations: &[u32] = if denoiser == "none" { &[0] } else { &ITERATIONS };
-    let knobs = |spp, bounces, iterations| Knobs {
-        spp,
-        bounces,
-        denoiser: denoiser.to_owned(),
-        iterations,
-        fovea: None,
-        scale: 1.0,
-    };
-    let of = |&iterations: &u32| SPP.map(|spp| BOUNCES.map(|bounces| knobs(spp, bounces, iterations))).concat();
-    iterations.iter().flat_map(of).collect()
+/// All settings that the built-in ladder may have; `denoiser` as the command line names it. Those with foveal layers, if
+/// `foveated`.
+pub fn candidates(denoiser: &str, foveated: bool) -> Vec<Knobs> {
+    let filters = denoiser != "none";
+    let iterations: &[u32] = if filters { &ITERATIONS } else { &[0] };
+    let foveae = if foveated { FOVEAE.map(Some).to_vec() } else { vec![None] };
+    let mut all = Vec::new();
+    for (&iterations, &fovea) in iterations.iter().flat_map(|i| foveae.iter().map(move |f| (i, f))) {
+        for spp in SPP {
+            let sparse = if spp == 1 && filters { &SPARSE_SCALES[..] } else { &[] };
+            for &scale in sparse.iter().chain(&[1.0]) {
+                let denoiser = denoiser.to_owned();
+                let knobs = Knobs { spp, bounces: 0, denoiser, iterations, fovea, scale };
+                all.extend(BOUNCES.map(|bounces| Knobs { bounces, ..knobs.clone() }));
+            }
+        }
+    }
+    all
+}
+
+/// Share of the pixels that are sampled.
+fn sampled_share(knobs: &Knobs) -> f64 {
+    let Some(radii) = knobs.fovea else { return knobs.scale * knobs.scale };
+    // Of an image of 16 to 9 around its centre; half of what is outside the layers is sampled.
+    let [inner, outer] = radii.map(|r| (PI * r * r * 16.0 / 9.0).min(1.0));
+    knobs.scale * knobs.scale * (0.5 + 0.25 * (inner + outer))
 }
 
 /// A number that falls as pictures are expected to get better: noise, which samples and iterations average down, and
 /// light that is missing, half of it with each bounce. It only puts settings in order and was not measured.
 pub fn guessed_error(knobs: &Knobs) -> f64 {
     let filtered = if knobs.iterations == 0 { 1.5 } else { 0.55 + 0.45 * 0.5f64.powi(knobs.iterations as i32 - 1) };
-    let noise = 0.12 * filtered / f64::from(knobs.spp).sqrt();
+    let noise = 0.12 * filtered / (f64::from(knobs.spp) * sampled_share(knobs)).sqrt();
     noise + 0.25 * 0.5f64.powi(knobs.bounces.clamp(1, 30) as i32)
 }
 
 /// Path tracing's work, where nothing was measured: Russian roulette ends most paths after four reflections.
 pub fn guessed_paths(knobs: &Knobs) -> f64 {
-    f64::from(knobs.spp) * f64::from(1 + knobs.bounces.clamp(1, 4))
+    f64::from(knobs.spp) * sampled_share(knobs) * f64::from(1 + knobs.bounces.clamp(1, 4))
 }
 
 /// What tracing costs on each rung, held against the first. From the rungs' own times if all have them, else guessed.
@@ -73,14 +92,20 @@ mod tests {
 
     #[test]
     fn more_of_anything_is_guessed_to_be_better_and_a_flip_that_files_may_have() {
-        let all = candidates("svgf");
-        assert_eq!(all.len(), 200);
-        for a in &all {
-            assert!((0.0..1.0).contains(&guessed_error(a)));
-            let more = |b: &&Knobs| b.spp >= a.spp && b.bounces >= a.bounces && b.iterations >= a.iterations && *b != a;
-            assert!(all.iter().filter(more).all(|b| guessed_error(b) < guessed_error(a)), "{a:?}");
+        for (all, count) in [(candidates("svgf", false), 325), (candidates("svgf", true), 975)] {
+            assert_eq!(all.len(), count);
+            for a in &all {
+                assert!((0.0..1.0).contains(&guessed_error(a)));
+                let more = |b: &&Knobs| {
+                    let wider = b.fovea.zip(a.fovea).is_none_or(|([b, _], [a, _])| b >= a);
+                    let knobs = |k: &Knobs| (k.spp, k.bounces, k.iterations);
+                    let ((bs, bb, bi), (s, bounces, i)) = (knobs(b), knobs(a));
+                    bs >= s && bb >= bounces && bi >= i && b.scale >= a.scale && wider && *b != a
+                };
+                assert!(all.iter().filter(more).all(|b| guessed_error(b) < guessed_error(a)), "{a:?}");
+            }
         }
-        assert!(candidates("none").iter().all(|k| k.iterations == 0));
+        assert!(candidates("none", false).iter().all(|k| k.iterations == 0 && k.scale == 1.0));
     }
 
     #[test]

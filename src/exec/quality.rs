@@ -16,6 +16,11 @@ pub struct Quality {
     pub bounces: u32,
     /// Of the filter, in the inner, middle and outer foveal layer; alike without foveation.
     pub layer_iterations: [u32; 3],
+    /// Render scale, of the image's edges, at most 1: paths are traced for its square's share of the pixels, and the
+    /// filter brings light to the others, guided by surfaces at full size.
+    pub scale: f64,
+    /// Radii of the foveal layers, as in [`crate::stages::Foveation`]; none: all pixels are of the inner one.
+    pub fovea: Option<[f64; 2]>,
     /// What its stages cost, held against other qualities.
     pub effort: Effort,
 }
@@ -26,7 +31,14 @@ impl Quality {
         let stages = &settings.stages;
         let layers = stages.foveation.as_ref().map_or([stages.iterations; 3], |f| f.iterations);
         let layer_iterations = layers.map(|n| n.min(stages.iterations));
-        Self { spp: stages.spp, bounces: settings.bounces, layer_iterations, effort: Effort::default() }
+        Self {
+            spp: stages.spp,
+            bounces: settings.bounces,
+            layer_iterations,
+            scale: settings.scale,
+            fovea: stages.foveation.as_ref().map(|f| f.radii),
+            effort: Effort::default(),
+        }
     }
 
     /// Of the layer that has most.
@@ -42,6 +54,12 @@ impl Quality {
         if (self.spp > 1) != stages.jitter(self.spp) {
             return Err("one sample per pixel, without the pipelines for it".to_owned());
         }
+        if !(self.scale > 0.0 && self.scale <= 1.0) || (self.scale < 1.0 && !stages.leaves_pixels()) {
+            return Err(format!("a render scale of {}, without the pipelines for it", self.scale));
+        }
+        if self.fovea.is_some() && stages.foveation.is_none() {
+            return Err("foveal layers, without the pipelines for them".to_owned());
+        }
         let least = u32::from(stages.filter != Filter::None && stages.iterations > 0);
         if !(least..=stages.iterations).contains(&self.iterations()) {
             return Err(format!("{} iterations, of {least} to {}", self.iterations(), stages.iterations));
@@ -54,8 +72,9 @@ impl Renderer {
     /// Sets the quality of frames that are begun from here on.
     ///
     /// # Errors
-    /// [`ExecError::Quality`] for more samples or iterations than the settings have, for no iteration of a filter, and
-    /// for one sample where [`crate::stages::StageSettings::mixes_spp`] is not set.
+    /// [`ExecError::Quality`] for what the settings have no pipelines for: more samples or iterations, no iteration of a
+    /// filter, one sample without [`crate::stages::StageSettings::mixes_spp`], fewer pixels without
+    /// [`crate::stages::StageSettings::sparse`], layers without foveation.
     pub fn set_quality(&mut self, quality: Quality) -> Result<(), ExecError> {
         quality.check(&self.settings).map_err(ExecError::Quality)?;
         self.quality = quality;

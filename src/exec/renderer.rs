@@ -116,7 +116,7 @@ impl Renderer {
             devices: gpus.len(),
             views: if settings.stages.reproject { Views::Reprojected } else { Views::Traced },
             filter: settings.stages.filter,
-            foveated: settings.stages.foveation.is_some(),
+            sparse: settings.stages.leaves_pixels(),
             iterations: settings.stages.iterations,
             history_rows: settings.stages.keeps_history().then_some(0),
             seam: settings.seam,
@@ -505,15 +505,21 @@ impl Renderer {
             exposure: self.settings.exposure_ev.exp2(),
             history_rows: layout::NO_HISTORY,
             centre: self.settings.stages.centre(index, spp),
+            sampled_share: (self.quality.scale * self.quality.scale) as f32,
+            // Pixels that wait for a later frame have their turn in time.
+            mask_turn: if self.settings.stages.keeps_history() { index.wrapping_mul(GOLDEN_RATIO) } else { 0 },
             ..Default::default()
         };
         self.tables.describe(&mut frame);
         if let Some(foveation) = &self.settings.stages.foveation {
-            foveation.describe(&mut frame, time_s, self.settings.stages.keeps_history());
+            foveation.describe(&mut frame, time_s, self.quality.fovea);
         }
         frame
     }
 }
+
+/// Its fraction, of 2^32.
+const GOLDEN_RATIO: u32 = 0x9e37_79b9;
 
 /// [`layout::Frame::curve_shift`] for pixels that all take `spp` samples.
 fn curve_shift(extent: Extent, spp: u32) -> u32 {

@@ -131,7 +131,7 @@ pub struct FrameSpec {
     pub devices: usize,
     pub views: Views,
     /// Whether only listed pixels are path traced.
-    pub foveated: bool,
+    pub sparse: bool,
     pub filter: Filter,
     /// Of the filter; 0: no denoising.
     pub iterations: u32,
@@ -296,7 +296,7 @@ pub fn passes(spec: &FrameSpec) -> Vec<Pass> {
         }
         if view == Eye::Left || spec.views == Views::Traced {
             let mut path_trace = Pass::new(Stage::PathTrace, view).reads(&GBUFFER).writes(&SAMPLED);
-            if spec.foveated {
+            if spec.sparse {
                 let select = Pass::new(Stage::Select, view).reads(&[Hit, Guide, Tally]);
                 out.push(select.writes(&[Radiance, Tally, Holes]));
                 path_trace = path_trace.reads(&[Radiance, Holes]);

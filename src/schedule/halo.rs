@@ -141,7 +141,7 @@ mod tests {
                     extent,
                     devices: 2,
                     views,
-                    foveated: false,
+                    sparse: false,
                     filter,
                     iterations,
                     history_rows: Some(4),

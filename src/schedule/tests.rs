@@ -17,7 +17,7 @@ fn spec(height: u32, devices: usize, iterations: u32, seam: Seam) -> FrameSpec {
         extent,
         devices,
         views: Views::Reprojected,
-        foveated: false,
+        sparse: false,
         filter: Filter::Atrous,
         iterations,
         history_rows: None,

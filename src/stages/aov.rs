@@ -37,10 +37,10 @@ pub enum Aov {
     Motion,
     /// Perceptual, 0 to 1.
     Roughness,
-    /// 0: reprojected; else the reason plus one, see [`super::HoleReason`]; 7: left to the filter by foveation, of
+    /// 0: reprojected; else the reason plus one, see [`super::HoleReason`]; 7: left to the filter, of
     /// either eye.
     Holes,
-    /// Samples per pixel; 0 where foveation left it to the filter.
+    /// Samples per pixel; 0 where it was left to the filter.
     Spp,
     /// Index of the device that finished the pixel.
     Stripes,

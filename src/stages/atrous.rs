@@ -26,9 +26,10 @@ pub(super) fn inverse_sigma2_bits(index: u32) -> u32 {
 fn dispatches(work: &Work<'_>) -> Vec<Dispatch> {
     let step = atrous_step(work.index, work.iterations);
     // Pixels of a layer count the iterations that they take part in.
-    let args = match work.settings.foveation {
-        None => [step, inverse_sigma2_bits(work.index), 0],
-        Some(_) => [step, inverse_sigma2_bits(u32::MAX), BLIND_ITERATIONS],
+    let args = if work.settings.leaves_pixels() {
+        [step, inverse_sigma2_bits(u32::MAX), BLIND_ITERATIONS]
+    } else {
+        [step, inverse_sigma2_bits(work.index), 0]
     };
     vec![Dispatch::Rows { columns: work.settings.extent.width, args }]
 }

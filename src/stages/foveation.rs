@@ -10,7 +10,7 @@ use crate::scene::shot::Gaze;
 pub struct Foveation {
     /// Of the left and the right eye.
     pub gaze: [Gaze; 2],
-    /// Where the inner and the middle layer end, as fractions of the image's width; they rise.
+    /// Where the inner and the middle layer end, as fractions of the image's width; they rise. A frame may have others.
     pub radii: [f64; 2],
     /// Share of the outer layer's pixels that are not sampled, 0 to 1; it falls to 0 towards the inner layer.
     pub unsampled_share: f64,
@@ -31,16 +31,15 @@ impl Foveation {
         (self.radii.map(|r| r * f64::from(width)), [x * f64::from(width), y * f64::from(height)])
     }
 
-    /// Sets a frame's constants, whose size and index are set. `turns`: the mask is another one in each frame, so that
-    /// all pixels are sampled in time.
-    pub(crate) fn describe(&self, frame: &mut Frame, time_s: f64, turns: bool) {
-        let [(radii, left), (_, right)] = [0, 1].map(|eye| self.circles(eye, time_s, frame.width, frame.height));
+    /// Sets the constants of a frame whose size is set. Without radii all of it is the inner layer.
+    pub(crate) fn describe(&self, frame: &mut Frame, time_s: f64, radii: Option<[f64; 2]>) {
+        let around = Self { radii: radii.unwrap_or(EVERYWHERE), ..self.clone() };
+        let [(radii, left), (_, right)] = [0, 1].map(|eye| around.circles(eye, time_s, frame.width, frame.height));
         frame.fovea_radii = Vec2::from(radii.map(|r| r as f32));
         frame.gaze = Vec4::from([left[0], left[1], right[0], right[1]].map(|c| c as f32));
         frame.unsampled_share = self.unsampled_share as f32;
-        frame.mask_turn = if turns { frame.index.wrapping_mul(GOLDEN_RATIO) } else { 0 };
     }
 }
 
-/// Its fraction, of 2^32.
-const GOLDEN_RATIO: u32 = 0x9e37_79b9;
+/// Radii beyond any image.
+const EVERYWHERE: [f64; 2] = [1e6, 2e6];

@@ -30,7 +30,7 @@ fn dispatches(work: &Work<'_>) -> Vec<Dispatch> {
     // Path tracing brings means over the pixels that it samples; all others, and what is reprojected into, need them from
     // here.
     let reprojected = work.settings.reproject && work.view == Eye::Right;
-    let needs_means = work.settings.jitter(work.spp) && (reprojected || work.settings.foveation.is_some());
+    let needs_means = work.settings.jitter(work.spp) && (reprojected || work.settings.leaves_pixels());
     let only = if reprojected { 0 } else { UNSAMPLED_ONLY };
     let means = batches(if needs_means { work.spp } else { 0 }, RAYS_PER_DISPATCH);
     let means = means.map(|[begin, end, _]| Dispatch::Rows { columns, args: [begin, end, only] });

@@ -72,6 +72,8 @@ pub struct Frame {
     pub gaze: Vec4,
     pub layer_iterations: [u32; 3],
     pub unsampled_share: f32,
+    pub sampled_share: f32,
+    pub pad: [u32; 3],
 }
 
 /// Of [`Frame::curve_shift`]: each pixel has sequences of its own.

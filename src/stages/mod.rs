@@ -71,6 +71,8 @@ pub struct StageSettings {
     pub iterations: u32,
     /// Whether the right eye is reprojected.
     pub reproject: bool,
+    /// Whether frames may leave pixels to the filter, beside those that foveation does.
+    pub sparse: bool,
     /// None: all pixels are sampled and filtered alike.
     pub foveation: Option<Foveation>,
     pub aovs: Vec<Aov>,
@@ -105,6 +107,11 @@ impl StageSettings {
         Vec2::new(at(0.754_877_666_246_692_8), at(0.569_840_290_998_053_3))
     }
 
+    /// Whether pixels may be left to the filter; a stage then lists those that are sampled.
+    pub fn leaves_pixels(&self) -> bool {
+        self.sparse || self.foveation.is_some()
+    }
+
     /// Whether frames leave anything for the next.
     pub fn keeps_history(&self) -> bool {
         self.filter == Filter::Svgf && self.iterations > 0
@@ -117,6 +124,7 @@ impl StageSettings {
         constants.push(("HAS_GLOSS", flag(self.needs.gloss && self.keeps_history())));
         constants.push(("JITTER", flag(jitter)));
         constants.push(("FOVEATED", flag(self.foveation.is_some())));
+        constants.push(("SPARSE", flag(self.leaves_pixels())));
         constants
     }
 }

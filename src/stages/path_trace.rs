@@ -31,7 +31,7 @@ pub(super) fn batches(spp: u32, size: u32) -> impl Iterator<Item = [u32; 3]> {
 }
 
 fn dispatches(work: &Work<'_>) -> Vec<Dispatch> {
-    if work.settings.foveation.is_some() {
+    if work.settings.leaves_pixels() {
         return listed(work);
     }
     let columns = work.settings.extent.width;

@@ -1,4 +1,4 @@
-//! The list of pixels that path tracing takes when sampling is foveated.
+//! The list of pixels that path tracing takes where others are left to the filter.
 
 use super::{Dispatch, Of, Room, Slot, Work};
 use crate::graph::{PhysicalImage as P, Stage};

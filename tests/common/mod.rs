@@ -55,13 +55,23 @@ impl Subject {
             filter: Filter::Atrous,
             iterations: 0,
             reproject: false,
+            sparse: false,
             foveation: None,
             aovs: Vec::new(),
             frames_in_flight: 1,
             checks: ShaderChecks::Fast,
         };
         let seam = Seam::Halo(HaloPlan::RECOMPUTE);
-        RenderSettings { stages, seam, adapts_halo: true, seed: 0, bounces: 6, indirect_clamp: 0.0, exposure_ev: 0.0 }
+        RenderSettings {
+            stages,
+            seam,
+            adapts_halo: true,
+            seed: 0,
+            bounces: 6,
+            scale: 1.0,
+            indirect_clamp: 0.0,
+            exposure_ev: 0.0,
+        }
     }
 
     /// [`Self::settings`] with the right eye reprojected and five filter iterations.

@@ -93,5 +93,16 @@ pub fn own(args: &Args, loaded: &Loaded, tracing: &Tracing, journal: Option<&Jou
 /// One frame of one sample.
 pub fn single(run: RunOptions, denoiser: Denoiser) -> RenderOptions {
     let (spp, bounces, foveated) = (1, 6, FoveationOptions::none(5));
-    RenderOptions { run, spp, bounces, denoiser, foveated, frames: 1, fps: 1.0, frames_in_flight: 1, aov: Vec::new() }
+    RenderOptions {
+        run,
+        spp,
+        bounces,
+        scale: 1.0,
+        denoiser,
+        foveated,
+        frames: 1,
+        fps: 1.0,
+        frames_in_flight: 1,
+        aov: Vec::new(),
+    }
 }

@@ -32,16 +32,20 @@ impl Choice {
     pub fn new(args: &Args) -> Result<Self, Failure> {
         let Some(path) = &args.ladder else {
             let denoiser = args.denoiser.unwrap_or(Denoiser::Svgf);
-            return Ok(Self { denoiser, ladder: None, knobs: candidates(&setup::name(&denoiser)) });
+            return Ok(Self {
+                denoiser,
+                ladder: None,
+                knobs: candidates(&setup::name(&denoiser), args.foveated.is_on()),
+            });
         };
         Self::from_file(args, path).map_err(Failure::Input)
     }
 
-    /// Filters and foveation are the same for all frames of a run.
+    /// The filter is the same for all frames of a run.
     fn from_file(args: &Args, path: &Path) -> Result<Self, anyhow::Error> {
         let all = Ladder::read(path).context("cannot use --ladder")?;
         let is_foveated = args.foveated.is_on();
-        let fits = |r: &&Rung| r.knobs.scale == 1.0 && (r.knobs.fovea.is_none() || is_foveated);
+        let fits = |r: &&Rung| r.knobs.fovea.is_none() || is_foveated;
         let of = |denoiser: Denoiser| {
             let name = setup::name(&denoiser);
             let needs_iterations = denoiser != Denoiser::None;
@@ -53,7 +57,7 @@ impl Choice {
         let rungs = of(denoiser);
         ensure!(
             !rungs.is_empty(),
-            "--ladder {}: none of its {} rungs is for --denoiser {} at full size: measure some with `diptych bench`",
+            "--ladder {}: none of its {} rungs is for --denoiser {}: measure some with `diptych bench`",
             path.display(),
             all.rungs().len(),
             setup::name(&denoiser),
@@ -65,6 +69,11 @@ impl Choice {
     /// The most of any frame.
     pub fn most(&self, knob: fn(&Knobs) -> u32) -> u32 {
         self.knobs.iter().map(knob).fold(0, u32::max)
+    }
+
+    /// The lowest render scale of any frame.
+    pub fn least_scale(&self) -> f64 {
+        self.knobs.iter().map(|k| k.scale).fold(1.0, f64::min)
     }
 
     /// Whether both kinds of pipelines are needed.
@@ -81,8 +90,8 @@ pub fn qualities(ladder: &Ladder, layers: &Layers) -> Vec<Quality> {
 }
 
 fn quality(knobs: &Knobs, layers: &Layers, effort: Effort) -> Quality {
-    let Knobs { spp, bounces, iterations, .. } = *knobs;
-    Quality { spp, bounces, layer_iterations: layers.of(iterations), effort }
+    let Knobs { spp, bounces, scale, fovea, .. } = *knobs;
+    Quality { spp, bounces, layer_iterations: layers.of(knobs), scale, fovea, effort }
 }
 
 /// When no further setting is timed, those without which nothing is known excepted.
@@ -113,7 +122,8 @@ impl<'a> Calibration<'a> {
 
     /// The built-in ladder. Its times are measured, and its order is a guess.
     pub fn ladder(mut self, choice: &Choice, mut origin: Origin) -> Result<Ladder, Failure> {
-        let knobs = |spp, bounces| choice.knobs.iter().find(|k| (k.spp, k.bounces) == (spp, bounces)).cloned();
+        let knobs =
+            |spp, bounces| choice.knobs.iter().find(|k| (k.spp, k.bounces, k.scale) == (spp, bounces, 1.0)).cloned();
         let [few, most] = [BOUNCES[0], BOUNCES[BOUNCES.len() - 1]];
         let between = BOUNCES[1..BOUNCES.len() - 1].iter().flat_map(|&b| [(2, b), (1, b)]);
         for (spp, bounces) in [(2, most), (1, most)].into_iter().chain(between).chain([(2, few), (1, few)]) {

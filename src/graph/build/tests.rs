@@ -8,7 +8,7 @@ fn spec(devices: usize, seam: Seam) -> FrameSpec {
         extent,
         devices,
         views: Views::Reprojected,
-        foveated: false,
+        sparse: false,
         filter: Filter::Atrous,
         iterations: 5,
         history_rows: None,
@@ -112,7 +112,7 @@ fn every_read_finds_its_rows_on_its_device() {
     for devices in 1..=5 {
         for (i, &seam) in seams.iter().enumerate() {
             for assignment in [Assignment::uniform(Stripes::even(180, devices)), ragged(devices)] {
-                let spec = FrameSpec { foveated: i % 2 == 1, ..spec(devices, seam) };
+                let spec = FrameSpec { sparse: i % 2 == 1, ..spec(devices, seam) };
                 replay(&spec, &FrameGraph::build(&spec, &assignment, None), None);
                 let (spec, before) = with_history(spec, 12);
                 replay(&spec, &FrameGraph::build(&spec, &assignment, Some(&before)), Some(&before));
@@ -186,8 +186,8 @@ fn what_a_frame_does_not_need_is_pruned() {
     assert!(!stages(&one).contains(&Stage::SeamFilter));
     let traced = FrameSpec { views: Views::Traced, iterations: 0, aovs: 0, ..full.clone() };
     assert_eq!(stages(&traced), [Stage::Gbuffer, Stage::PathTrace, Stage::Tonemap, Stage::Tally]);
-    let foveated = FrameSpec { foveated: true, ..traced.clone() };
-    assert_eq!(stages(&foveated), [Stage::Gbuffer, Stage::Select, Stage::PathTrace, Stage::Tonemap, Stage::Tally]);
+    let sparse = FrameSpec { sparse: true, ..traced.clone() };
+    assert_eq!(stages(&sparse), [Stage::Gbuffer, Stage::Select, Stage::PathTrace, Stage::Tonemap, Stage::Tally]);
     let empty = FrameSpec { has_surfaces: false, aovs: 0, ..full };
     assert_eq!(stages(&empty), [Stage::Gbuffer, Stage::Tonemap, Stage::Tally]);
 }
