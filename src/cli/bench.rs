@@ -20,8 +20,9 @@ use diptych::report::bench::{Row, Slope, csv, ladder_svg, mark_front, slopes, sv
 use diptych::report::html::Section;
 
 use super::failure::Failure;
+use super::foveation::FoveationMode;
 use super::interrupt;
-use super::options::{Denoiser, RunOptions, Switch};
+use super::options::{Denoiser, RunOptions, SCALES, Switch};
 use super::output;
 use super::reference::{PASS_SPP, seconds};
 use super::setup::{self, Loaded, Tracing};
@@ -48,6 +49,13 @@ pub struct Args {
     /// Iterations of denoisers to measure [default: 3,5]
     #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=10))]
     iterations: Vec<u32>,
+    /// What follows the gaze, to measure [default: none]
+    #[arg(long, value_delimiter = ',', value_name = "LIST")]
+    foveation: Vec<FoveationMode>,
+    /// Render scales to measure; those below 1 with the fewest samples [default: 1,0.7,0.5]. With --preset: one factor on
+    /// the study's widths and heights [default: 0.25]
+    #[arg(long, value_delimiter = ',', value_name = "F,F,…", value_parser = factor)]
+    scale: Vec<f64>,
     /// A small grid against a coarse reference, where options do not say otherwise
     #[arg(long)]
     quick: bool,
@@ -78,6 +86,24 @@ pub struct Args {
     preset: peres::PresetOptions,
 }
 
+fn factor(text: &str) -> Result<f64, String> {
+    let parsed = text.parse().ok().filter(|factor: &f64| (0.01..=4.0).contains(factor));
+    parsed.ok_or_else(|| "give a number from 0.01 to 4".to_owned())
+}
+
+impl Args {
+    /// What clap cannot see, of the grid.
+    fn check(&self) -> Result<(), anyhow::Error> {
+        match self.scale.iter().find(|scale| !SCALES.contains(scale)) {
+            None => Ok(()),
+            Some(wrong) => {
+                let (least, most) = (SCALES.start(), SCALES.end());
+                Err(anyhow::anyhow!("--scale {wrong}: render scales are from {least} to {most}"))
+            }
+        }
+    }
+}
+
 pub fn run(args: &Args) -> Result<(), Failure> {
     if args.seams.is_wanted() {
         return seams::run(args);
@@ -86,7 +112,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         return peres::run(args);
     }
     let options = &args.options;
-    options.check().map_err(Failure::Input)?;
+    args.check().and_then(|()| options.check()).map_err(Failure::Input)?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
     let tracing = Tracing::start(options)?;

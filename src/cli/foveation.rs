@@ -35,6 +35,12 @@ impl FoveationOptions {
         Self { foveation: FoveationMode::None, gaze: None, iterations: Some(Iterations::All(iterations)) }
     }
 
+    /// Layers with at most this many iterations.
+    pub fn layers(iterations: u32) -> Self {
+        let layers = LAYER_ITERATIONS.map(|most| most.min(iterations));
+        Self { foveation: FoveationMode::Layers, gaze: None, iterations: Some(Iterations::Layers(layers)) }
+    }
+
     pub fn is_on(&self) -> bool {
         self.foveation == FoveationMode::Layers
     }
@@ -45,7 +51,7 @@ impl FoveationOptions {
             (Some(Iterations::All(all)), _) => [*all; 3],
             (Some(Iterations::Layers(layers)), _) => *layers,
             (None, FoveationMode::None) => [5; 3],
-            (None, FoveationMode::Layers) => [2, 3, 5],
+            (None, FoveationMode::Layers) => LAYER_ITERATIONS,
         }
     }
 
@@ -69,6 +75,9 @@ impl FoveationOptions {
         Ok(())
     }
 }
+
+/// Of Peres, section 6: the configuration with three layers.
+const LAYER_ITERATIONS: [u32; 3] = [2, 3, 5];
 
 /// Where the eyes look.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -132,7 +141,7 @@ impl Preset {
         match self {
             Self::Base => Iterations::All(5),
             Self::Nh2ld => Iterations::Layers([3, 5, 5]),
-            Self::Nh3ld => Iterations::Layers([2, 3, 5]),
+            Self::Nh3ld => Iterations::Layers(LAYER_ITERATIONS),
         }
     }
 }

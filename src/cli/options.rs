@@ -1,6 +1,6 @@
 //! Options that the rendering commands share.
 
-use std::ops::Deref;
+use std::ops::{Deref, RangeInclusive};
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
@@ -202,12 +202,12 @@ impl Deref for RenderOptions {
     }
 }
 
-/// Of the image's edges.
-pub const SCALE_MIN: f64 = 0.1;
+/// Render scales that may be asked for.
+pub const SCALES: RangeInclusive<f64> = 0.1..=1.0;
 
-pub fn scale(text: &str) -> Result<f64, String> {
-    let scale = text.parse().ok().filter(|scale| (SCALE_MIN..=1.0).contains(scale));
-    scale.ok_or_else(|| format!("give a number from {SCALE_MIN} to 1"))
+fn scale(text: &str) -> Result<f64, String> {
+    let scale = text.parse().ok().filter(|scale| SCALES.contains(scale));
+    scale.ok_or_else(|| format!("give a number from {} to {}", SCALES.start(), SCALES.end()))
 }
 
 /// Most samples of one frame; beyond, they are taken in passes.

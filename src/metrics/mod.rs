@@ -6,6 +6,7 @@
 mod convolve;
 pub mod error;
 pub mod flip;
+mod foveated;
 pub mod heatmap;
 pub mod rings;
 pub mod seams;

@@ -35,22 +35,38 @@ impl Pair {
     /// `count` rings, at least 1, from the gaze outwards.
     pub fn rings(&self, viewing: &Viewing, count: usize) -> Vec<Ring> {
         let count = count.max(1);
-        let (width, height) = (f64::from(self.extent.width), f64::from(self.extent.height));
-        let tan_half_yfov = (viewing.yfov_deg.to_radians() / 2.0).tan();
-        // x to the right, y down, in units of the distance to the image plane.
-        let ray = |x: f64, y: f64| [x - width / 2.0, y - height / 2.0].map(|c| c * 2.0 * tan_half_yfov / height);
-        let gaze = ray(viewing.gaze[0] * width, viewing.gaze[1] * height);
-        let corners = [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)];
-        let farthest = corners.map(|(x, y)| angle(gaze, ray(x, y))).into_iter().fold(0.0, f64::max);
-
+        let angles: Vec<f64> = self.eccentricities(viewing).collect();
+        let farthest = self.farthest(viewing);
         let mut members = vec![Vec::new(); count];
-        for i in 0..self.extent.area() {
-            let (x, y) = (i % self.extent.width as usize, i / self.extent.width as usize);
-            let share = angle(gaze, ray(x as f64 + 0.5, y as f64 + 0.5)) / farthest;
-            members[((share * count as f64) as usize).min(count - 1)].push(i);
+        for (i, angle) in angles.into_iter().enumerate() {
+            members[((angle / farthest * count as f64) as usize).min(count - 1)].push(i);
         }
         let bound_deg = |k: usize| (farthest * k as f64 / count as f64).to_degrees();
         members.iter().enumerate().map(|(k, pixels)| self.ring(bound_deg(k), bound_deg(k + 1), pixels)).collect()
+    }
+
+    /// Angle between the gaze and each pixel's centre, row by row, radians.
+    pub(super) fn eccentricities(&self, viewing: &Viewing) -> impl Iterator<Item = f64> {
+        let (width, angle) = (self.extent.width as usize, self.angle_from_gaze(viewing));
+        (0..self.extent.area()).map(move |i| angle((i % width) as f64 + 0.5, (i / width) as f64 + 0.5))
+    }
+
+    /// ... and the corner farthest from it.
+    fn farthest(&self, viewing: &Viewing) -> f64 {
+        let (width, height) = (f64::from(self.extent.width), f64::from(self.extent.height));
+        let corners = [(0.0, 0.0), (width, 0.0), (0.0, height), (width, height)];
+        let angle = self.angle_from_gaze(viewing);
+        corners.into_iter().map(|(x, y)| angle(x, y)).fold(0.0, f64::max)
+    }
+
+    /// ... and a point of the image, pixels from its top left corner.
+    fn angle_from_gaze(&self, viewing: &Viewing) -> impl Fn(f64, f64) -> f64 + use<> {
+        let (width, height) = (f64::from(self.extent.width), f64::from(self.extent.height));
+        let tan_half_yfov = (viewing.yfov_deg.to_radians() / 2.0).tan();
+        // x to the right, y down, in units of the distance to the image plane.
+        let ray = move |x: f64, y: f64| [x - width / 2.0, y - height / 2.0].map(|c| c * 2.0 * tan_half_yfov / height);
+        let gaze = ray(viewing.gaze[0] * width, viewing.gaze[1] * height);
+        move |x, y| angle(gaze, ray(x, y))
     }
 
     fn ring(&self, inner_deg: f64, outer_deg: f64, pixels: &[usize]) -> Ring {

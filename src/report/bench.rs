@@ -14,21 +14,22 @@ use crate::accumulation::Noise;
 use crate::control::{Knobs, Ladder, Rung, front};
 use crate::exec::{FrameReport, Stereo, TimedTask};
 use crate::metrics;
+use crate::metrics::rings::Viewing;
 
 /// The metrics that tables show, in their order; others follow in files.
-const SHOWN: [&str; 6] = ["rmse", "relmse", "psnr", "ssim", "flip", "mean_ratio"];
+const SHOWN: [&str; 7] = ["rmse", "relmse", "psnr", "ssim", "flip", "flip_foveated", "mean_ratio"];
 
 /// A relMSE below this many times the reference's own is not told apart from it.
 const NOISE_MARGIN: f64 = 4.0;
 
-/// An eye's errors by name, as many as [`metrics::Errors`] has.
+/// An eye's errors by name, as many as [`SeenErrors`] has.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Errors(serde_json::Map<String, serde_json::Value>);
 
 impl Errors {
     /// Means over repeats. What is undefined in one is so in the mean.
-    pub fn mean_of(comparisons: &[metrics::Errors]) -> Self {
+    pub fn mean_of(comparisons: &[impl Serialize]) -> Self {
         let all: Vec<serde_json::Value> = comparisons.iter().filter_map(|c| serde_json::to_value(c).ok()).collect();
         let names = all.first().and_then(|v| v.as_object()).into_iter().flat_map(|v| v.keys());
         let mean = |name: &String| -> Option<f64> {
@@ -56,11 +57,26 @@ pub struct Repeat {
     pub makespan_ms: f64,
     /// Busy time by stage, summed over views and devices.
     pub stage_ms: BTreeMap<String, f64>,
-    pub errors: Stereo<metrics::Errors>,
+    pub errors: Stereo<SeenErrors>,
+}
+
+/// An eye's errors, with what it makes of them where it looks.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct SeenErrors {
+    #[serde(flatten)]
+    pub all: metrics::Errors,
+    /// [`metrics::Pair::foveated_flip`].
+    pub flip_foveated: f64,
+}
+
+impl SeenErrors {
+    pub fn new(pair: &metrics::Pair, viewing: &Viewing) -> Self {
+        Self { all: pair.errors(), flip_foveated: pair.foveated_flip(viewing) }
+    }
 }
 
 impl Repeat {
-    pub fn new(frame: &FrameReport, errors: Stereo<metrics::Errors>) -> Self {
+    pub fn new(frame: &FrameReport, errors: Stereo<SeenErrors>) -> Self {
         let mut stage_ms = BTreeMap::new();
         for task in frame.tasks.iter().filter(|t| matches!(t.kind, TimedTask::Gpu(_))) {
             *stage_ms.entry(task.stage.to_owned()).or_default() += task.end_ms - task.begin_ms;
@@ -89,9 +105,9 @@ impl Measured {
         let stages = repeats.iter().flat_map(|r| r.stage_ms.keys());
         let stage_ms =
             |stage: &String| median_of(repeats.iter().filter_map(|r| r.stage_ms.get(stage).copied()).collect());
-        let eye = |of: fn(&Repeat) -> &metrics::Errors| repeats.iter().map(|r| *of(r)).collect::<Vec<_>>();
+        let eye = |of: fn(&Repeat) -> &SeenErrors| repeats.iter().map(|r| *of(r)).collect::<Vec<_>>();
         let found = Stereo { left: eye(|r| &r.errors.left), right: eye(|r| &r.errors.right) };
-        let relmse = |c: &[metrics::Errors]| c.iter().map(|c| c.relmse).collect();
+        let relmse = |c: &[SeenErrors]| c.iter().map(|c| c.all.relmse).collect();
         Self {
             time_ms_min: times_ms.iter().copied().fold(f64::INFINITY, f64::min),
             time_ms_max: times_ms.iter().copied().fold(0.0, f64::max),
@@ -158,8 +174,8 @@ pub fn csv(shared: &Shared, rows: &[Row]) -> String {
     text.push('\n');
     for row in rows {
         let Row { knobs, measured, on_front } = row;
-        let Knobs { spp, bounces, denoiser, iterations, fovea, scale } = knobs;
-        let foveation = if fovea.is_some() { "layers" } else { "none" };
+        let Knobs { spp, bounces, denoiser, iterations, scale, .. } = knobs;
+        let foveation = foveation(knobs);
         let settings = format!("{denoiser},{iterations},{bounces},{foveation},{scale},{spp}");
         let Measured { time_ms, time_ms_min, time_ms_max, errors, .. } = measured;
         let times = format!("{time_ms:.4},{time_ms_min:.4},{time_ms_max:.4}");
@@ -173,6 +189,11 @@ pub fn csv(shared: &Shared, rows: &[Row]) -> String {
         }
     }
     text
+}
+
+/// As the command line names it.
+fn foveation(knobs: &Knobs) -> &'static str {
+    if knobs.fovea.is_some() { "layers" } else { "none" }
 }
 
 /// Time against both eyes' relMSE: the front of each denoiser, and the reference's noise below them.
@@ -223,7 +244,7 @@ fn fronts(rows: &[Row], error: &str) -> Vec<Series> {
 pub fn table(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Table {
     let metrics: Vec<&str> =
         SHOWN.into_iter().filter(|m| rows.iter().any(|r| r.measured.errors.left.0.contains_key(*m))).collect();
-    let mut headers = vec!["denoiser", "iterations", "bounces", "spp", "ms", "eye"];
+    let mut headers = vec!["denoiser", "iterations", "bounces", "foveation", "scale", "spp", "ms", "eye"];
     headers.extend(&metrics);
     headers.push("note");
     let mut lines = Vec::new();
@@ -232,7 +253,8 @@ pub fn table(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Table {
         let Stereo { left, right } = &measured.errors;
         for (eye, errors, noise) in [("left", left, of(|n| n.left.relmse)), ("right", right, of(|n| n.right.relmse))] {
             let mut line = vec![knobs.denoiser.clone()];
-            line.extend([knobs.iterations, knobs.bounces, knobs.spp].map(|n| n.to_string()));
+            line.extend([knobs.iterations, knobs.bounces].map(|n| n.to_string()));
+            line.extend([foveation(knobs).to_owned(), knobs.scale.to_string(), knobs.spp.to_string()]);
             line.extend([format!("{:.1}", measured.time_ms), eye.to_owned()]);
             line.extend(metrics.iter().map(|m| errors.get(m).map_or("-".into(), |v| format!("{v:.4}"))));
             let is_lost = errors.get("relmse").is_some_and(|e| e < NOISE_MARGIN * noise);
@@ -249,12 +271,16 @@ mod tests {
     use super::*;
     use crate::control::Origin;
     use crate::image::{Extent, RgbImage};
-    use crate::metrics::compare;
+    use crate::metrics::Pair;
 
     /// A setting whose repeats have these RMSE in the left eye, and twice that in the right.
     pub(super) fn row(denoiser: &str, spp: u32, time_ms: f64, rmse: &[f64]) -> Row {
         let black = RgbImage::filled(Extent::new(12, 12), [0.0; 3]);
-        let flat = |v: f64| compare(&black, &RgbImage::filled(black.extent, [v as f32; 3])).unwrap();
+        let viewing = Viewing { gaze: [0.5; 2], yfov_deg: 70.0 };
+        let flat = |v: f64| {
+            let pair = Pair::new(&black, &RgbImage::filled(black.extent, [v as f32; 3])).unwrap();
+            SeenErrors::new(&pair, &viewing)
+        };
         let repeat = |v: &f64| Repeat {
             makespan_ms: time_ms,
             stage_ms: [("atrous".to_owned(), time_ms / 4.0)].into(),

@@ -20,9 +20,12 @@ pub struct Foveation {
 }
 
 impl Foveation {
+    /// Of Peres, section 5.1.
+    pub const RADII: [f64; 2] = [0.15, 0.30];
+
     /// Radii and share of Peres, sections 4.2 and 5.1.
     pub fn new(gaze: [Gaze; 2], iterations: [u32; 3]) -> Self {
-        Self { gaze, radii: [0.15, 0.30], unsampled_share: 0.5, iterations }
+        Self { gaze, radii: Self::RADII, unsampled_share: 0.5, iterations }
     }
 
     /// Radii and gaze of an eye at `time_s` in an image of this size, pixels.

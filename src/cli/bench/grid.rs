@@ -6,8 +6,11 @@ use clap::ValueEnum;
 
 use diptych::control::Knobs;
 use diptych::exec::{FrameReport, Stereo};
-use diptych::metrics;
-use diptych::report::bench::{Measured, Repeat, Row};
+use diptych::metrics::Pair;
+use diptych::metrics::rings::Viewing;
+use diptych::report::bench::{Measured, Repeat, Row, SeenErrors};
+use diptych::scene::shot::Shot;
+use diptych::stages::Foveation;
 use diptych::trace::frames::record_devices;
 
 use super::Args;
@@ -15,7 +18,7 @@ use super::journal::Journal;
 use super::reference::{Reference, single};
 use crate::cli::failure::Failure;
 use crate::cli::faults::refuse_faults;
-use crate::cli::foveation::FoveationOptions;
+use crate::cli::foveation::{FoveationMode, FoveationOptions};
 use crate::cli::interrupt;
 use crate::cli::options::{Denoiser, RenderOptions};
 use crate::cli::progress::Progress;
@@ -45,18 +48,46 @@ impl Args {
         chosen(&self.denoiser, Denoiser::value_variants())
     }
 
-    /// The settings of the grid, samples changing fastest.
+    fn foveations(&self) -> Vec<FoveationMode> {
+        chosen(&self.foveation, &[FoveationMode::None])
+    }
+
+    fn scales(&self) -> Vec<f64> {
+        chosen(&self.scale, if self.quick { &[1.0, 0.5] } else { &[1.0, 0.7, 0.5] })
+    }
+
+    /// The settings of the grid, samples changing fastest. Pixels are only left out where something filters.
     fn settings(&self) -> Vec<Setting> {
         let mut settings = Vec::new();
         for denoiser in self.denoisers() {
-            let iterations = if denoiser == Denoiser::None { vec![0] } else { self.iterations() };
-            for iterations in iterations {
-                for bounces in self.bounces() {
-                    settings.extend(self.spp().into_iter().map(|spp| Setting { denoiser, iterations, bounces, spp }));
+            let filters = denoiser != Denoiser::None;
+            let iterations = if filters { self.iterations() } else { vec![0] };
+            let foveations = if filters { self.foveations() } else { vec![FoveationMode::None] };
+            let scales = if filters { self.scales() } else { vec![1.0] };
+            for (iterations, &foveation) in iterations.iter().flat_map(|i| foveations.iter().map(move |f| (*i, f))) {
+                for (bounces, &scale) in self.bounces().iter().flat_map(|b| scales.iter().map(move |s| (*b, s))) {
+                    let samples = self.samples(scale).into_iter();
+                    settings.extend(samples.map(|spp| Setting {
+                        denoiser,
+                        iterations,
+                        foveation,
+                        bounces,
+                        scale,
+                        spp,
+                    }));
                 }
             }
         }
         settings
+    }
+
+    /// Samples per pixel that a render scale is measured with: below 1 it stands for fewer than the fewest.
+    fn samples(&self, scale: f64) -> Vec<u32> {
+        let mut spp = self.spp();
+        if scale < 1.0 {
+            spp = spp.into_iter().min().into_iter().collect();
+        }
+        spp
     }
 }
 
@@ -75,14 +106,24 @@ fn chosen<T: Copy + PartialEq>(asked: &[T], default: &[T]) -> Vec<T> {
 struct Setting {
     denoiser: Denoiser,
     iterations: u32,
+    foveation: FoveationMode,
     bounces: u32,
+    scale: f64,
     spp: u32,
 }
 
 impl Setting {
     fn knobs(&self) -> Knobs {
-        let Self { denoiser, iterations, bounces, spp } = *self;
-        Knobs { spp, bounces, denoiser: setup::name(&denoiser), iterations, fovea: None, scale: 1.0 }
+        let Self { denoiser, iterations, foveation, bounces, scale, spp } = *self;
+        let fovea = (foveation == FoveationMode::Layers).then_some(Foveation::RADII);
+        Knobs { spp, bounces, denoiser: setup::name(&denoiser), iterations, fovea, scale }
+    }
+
+    fn foveated(&self) -> FoveationOptions {
+        match self.foveation {
+            FoveationMode::None => FoveationOptions::none(self.iterations),
+            FoveationMode::Layers => FoveationOptions::layers(self.iterations),
+        }
     }
 
     /// Frames before those that are measured: enough for a history to grow old, where there is one.
@@ -133,18 +174,20 @@ impl<'a> Grid<'a> {
     /// Times and errors of a setting, the `number`th.
     fn measure_one(&self, number: u32, setting: &Setting, ahead: &mut Ahead) -> Result<Measured, Failure> {
         let Self { args, loaded, reference, tracing } = self;
-        let Setting { denoiser, iterations, bounces, spp } = *setting;
-        let foveated = FoveationOptions::none(iterations);
-        let options = RenderOptions { spp, bounces, foveated, ..single(args.options.clone(), denoiser) };
+        let Setting { denoiser, bounces, scale, spp, .. } = *setting;
+        let foveated = setting.foveated();
+        let options = RenderOptions { spp, bounces, scale, foveated, ..single(args.options.clone(), denoiser) };
         let gpus = setup::open_devices(&options, usize::from(args.virtual_devices))?;
         let mut renderer = setup::renderer(&options, loaded, gpus, tracing.recorder.origin())?;
         record_devices(&tracing.recorder, renderer.devices());
+        let Shot { gaze, rig, .. } = &loaded.shot;
+        let viewing = Viewing { gaze: gaze.at(options.time), yfov_deg: rig.yfov_rad.to_degrees() };
         let mut repeats = Vec::new();
         let warm_up = setting.warm_up(args);
         for i in 0..warm_up + args.repeats {
             // The camera comes along its path, so that history is of other frames than the ones that are compared.
             let ahead_s = f64::from(warm_up.saturating_sub(i)) / FPS;
-            let frame = renderer.render(&loaded.shot.rig, options.time - ahead_s, i)?;
+            let frame = renderer.render(rig, options.time - ahead_s, i)?;
             refuse_faults(&renderer)?;
             interrupt::check()?;
             ahead.frame(setting, frame.makespan_ms);
@@ -152,8 +195,8 @@ impl<'a> Grid<'a> {
                 // Each setting's frames get numbers of their own in the trace.
                 tracing.record(&options, &FrameReport { index: number * FRAMES_MAX + i, ..frame.clone() });
                 let image = renderer.read_linear()?;
-                let left = metrics::compare(&reference.images.left, &image.left)?;
-                let right = metrics::compare(&reference.images.right, &image.right)?;
+                let left = SeenErrors::new(&Pair::new(&reference.images.left, &image.left)?, &viewing);
+                let right = SeenErrors::new(&Pair::new(&reference.images.right, &image.right)?, &viewing);
                 repeats.push(Repeat::new(&frame, Stereo { left, right }));
             }
         }
@@ -185,13 +228,12 @@ impl Ahead {
 
     fn frame(&mut self, setting: &Setting, makespan_ms: f64) {
         self.done += setting.work();
-        let Knobs { denoiser, iterations, bounces, spp, .. } = setting.knobs();
-        let event = serde_json::json!({
-            "event": "frame", "denoiser": denoiser, "iterations": iterations, "bounces": bounces, "spp": spp,
-            "makespan_ms": makespan_ms,
-        });
+        let knobs = setting.knobs();
+        let event = serde_json::json!({ "event": "frame", "knobs": knobs, "makespan_ms": makespan_ms });
+        let Knobs { denoiser, iterations, bounces, spp, scale, .. } = knobs;
         let (number, settings, left_s) = (self.rows + 1, self.settings, self.left_s());
-        let what = format!("{number} of {settings}: {denoiser} x{iterations}, {bounces} bounces, {spp} spp");
+        let what =
+            format!("{number} of {settings}: {denoiser} x{iterations}, {bounces} bounces, {spp} spp, scale {scale}");
         self.progress.at(self.done, format!("{what}, {makespan_ms:.1} ms, {left_s:.0} s to go"), Some(&event));
     }
 

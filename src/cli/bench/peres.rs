@@ -34,9 +34,6 @@ pub struct PresetOptions {
     /// Repeat a published study instead of measuring the grid
     #[arg(long, value_name = "STUDY", conflicts_with_all = ["seams", "shot", "size", "spp", "denoiser", "iterations", "reference"])]
     preset: Option<StudyPreset>,
-    /// With --preset: factor on the study's widths and heights
-    #[arg(long, value_name = "F", default_value_t = 0.25, requires = "preset", value_parser = scale)]
-    scale: f64,
     /// With --preset: what stands for the study's scenes, in their order: Pink Room, Sponza, Forest
     #[arg(
         long,
@@ -54,9 +51,9 @@ impl PresetOptions {
     }
 }
 
-fn scale(text: &str) -> Result<f64, String> {
-    let parsed = text.parse().ok().filter(|scale: &f64| (0.01..=4.0).contains(scale));
-    parsed.ok_or_else(|| "give a number from 0.01 to 4".to_owned())
+/// Factor on the study's widths and heights.
+fn study_scale(args: &Args) -> f64 {
+    args.scale.first().copied().unwrap_or(0.25)
 }
 
 /// A configuration of the thesis: all take 4 samples where they sample all pixels.
@@ -132,7 +129,7 @@ impl Study<'_> {
     /// All configurations of one of [`RESOLUTIONS`] and of the shots.
     fn scene(&mut self, resolution: usize, scene: usize) -> Result<(), Failure> {
         let (_, width, height) = RESOLUTIONS[resolution];
-        let shrunk = |length: u32| ((f64::from(length) * self.args.preset.scale).round() as u32).max(1);
+        let shrunk = |length: u32| ((f64::from(length) * study_scale(self.args)).round() as u32).max(1);
         let size = Extent::new(shrunk(width), shrunk(height));
         let shot = self.args.preset.shots[scene].clone();
         let run = RunOptions { shot: shot.clone(), size, ..self.args.options.clone() };
@@ -160,7 +157,7 @@ impl Study<'_> {
         let Self { args, rows, notes, .. } = self;
         let options = &args.options;
         output::write_text(&options.out, "peres.csv", &peres_csv(rows))?;
-        let title = format!("Foveated layers after Peres, scale {}", args.preset.scale);
+        let title = format!("Foveated layers after Peres, scale {}", study_scale(args));
         let section = |heading, notes, table| Section { heading, notes, table: Some(table), figure: None };
         let quality_notes = [QUALITY_NOTE.to_owned()].into_iter().chain(notes.iter().cloned()).collect();
         let sections = [
