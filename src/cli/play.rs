@@ -183,7 +183,10 @@ fn find_ladder(
         devices: Vec::new(),
         version: concat!(env!("CARGO_PKG_VERSION"), "; flip and relmse are guessed, not measured").to_owned(),
     };
-    Calibration::new(renderer, &loaded.shot.rig, args.options.time, &args.layers()).ladder(choice, origin)
+    let ladder = Calibration::new(renderer, &loaded.shot.rig, args.options.time, &args.layers()).ladder(choice, origin);
+    // The first frame is not to find what was timed.
+    renderer.begin_anew();
+    ladder
 }
 
 /// A run in the making.

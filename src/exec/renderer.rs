@@ -35,6 +35,8 @@ pub struct Renderer {
     watchdog: Watchdog,
     pub(super) trouble: Trouble,
     faults: Vec<Fault>,
+    /// The next frame is not to build on those before.
+    begins_anew: bool,
     /// The graph that the last plan gave.
     pub(super) planned: Option<(Plan, Arc<FrameGraph>)>,
     /// Handed out, oldest first.
@@ -150,6 +152,7 @@ impl Renderer {
             watchdog: Watchdog::default(),
             trouble: Trouble::default(),
             faults: Vec::new(),
+            begins_anew: false,
             planned: None,
             in_flight: VecDeque::new(),
             begun: 0,
@@ -173,6 +176,11 @@ impl Renderer {
     /// How often each device runs its dispatches from here on; once where nothing is said.
     pub fn set_slowdown(&mut self, slowdown: Vec<u32>) {
         self.trouble.slowdown = slowdown;
+    }
+
+    /// The next frame finds no history.
+    pub fn begin_anew(&mut self) {
+        self.begins_anew = true;
     }
 
     /// The devices that were taken out, in order.
@@ -299,7 +307,8 @@ impl Renderer {
         let (first_fault, attempts, begin_ms) = again.unwrap_or((self.faults.len(), 1, now_ms));
         let overlapped = !self.in_flight.is_empty();
         // What devices that failed had kept is lost, so all of it is.
-        let history_rows = if again.is_some() { None } else { self.history_rows(&inputs) };
+        let is_lost = again.is_some() | std::mem::take(&mut self.begins_anew);
+        let history_rows = if is_lost { None } else { self.history_rows(&inputs) };
         inputs.constants.history_rows = history_rows.unwrap_or(layout::NO_HISTORY);
         let (plan, graph) = self.plan(&inputs.quality, history_rows);
         let known = self.costs.has_learned() && !overlapped;

@@ -10,8 +10,9 @@ use clap::ValueEnum;
 use diptych::control::{
     BOUNCES, Knobs, Ladder, Origin, Rung, TRACING, candidates, efforts, guessed_error, guessed_paths,
 };
-use diptych::exec::{FrameReport, Quality, Renderer, TimedTask};
+use diptych::exec::{FrameReport, Quality, Renderer, Stereo, TimedTask};
 use diptych::graph::Stage;
+use diptych::image::RgbImage;
 use diptych::scene::rig::Rig;
 use diptych::schedule::Effort;
 
@@ -112,7 +113,16 @@ pub struct Calibration<'a> {
     begin: Instant,
     frames: u32,
     /// By samples per pixel and bounces.
-    timed: HashMap<(u32, u32), BTreeMap<String, f64>>,
+    timed: HashMap<(u32, u32), Timed>,
+}
+
+/// What frames of a setting told.
+struct Timed {
+    knobs: Knobs,
+    /// The least busy times by stage.
+    stage_ms: BTreeMap<String, f64>,
+    /// Mean radiance of both eyes.
+    light: f64,
 }
 
 impl<'a> Calibration<'a> {
@@ -120,7 +130,7 @@ impl<'a> Calibration<'a> {
         Self { renderer, rig, time_s, layers, begin: Instant::now(), frames: 0, timed: HashMap::new() }
     }
 
-    /// The built-in ladder. Its times are measured, and its order is a guess.
+    /// The built-in ladder. Its times and the light that bounces bring are measured, its noise is a guess.
     pub fn ladder(mut self, choice: &Choice, mut origin: Origin) -> Result<Ladder, Failure> {
         let knobs =
             |spp, bounces| choice.knobs.iter().find(|k| (k.spp, k.bounces, k.scale) == (spp, bounces, 1.0)).cloned();
@@ -132,8 +142,15 @@ impl<'a> Calibration<'a> {
                 self.time(knobs(spp, bounces).as_ref())?;
             }
         }
-        let mut rungs: Vec<Rung> = choice.knobs.iter().map(|k| self.rung(k)).collect();
+        let missing = self.missing_light();
+        let mut rungs: Vec<Rung> = choice.knobs.iter().map(|k| self.rung(k, missing[&k.bounces])).collect();
         let efforts = efforts(&rungs);
+        // Efforts are told apart from here on by what was measured: a frame more puts what the next ones are held against
+        // into their terms.
+        if let Some((knobs, effort)) = choice.knobs.first().zip(efforts.first()) {
+            self.renderer.set_quality(quality(knobs, self.layers, effort.clone()))?;
+            self.render()?;
+        }
         let mut foresight = self.renderer.foresight();
         for (rung, effort) in rungs.iter_mut().zip(efforts) {
             let quality = quality(&rung.knobs, self.layers, effort);
@@ -148,24 +165,52 @@ impl<'a> Calibration<'a> {
         let warm_up = if self.frames == 0 { WARM_UP } else { 0 };
         let effort = Effort::new([Stage::PathTrace, Stage::HoleFill].map(|stage| (stage, guessed_paths(knobs))));
         self.renderer.set_quality(quality(knobs, self.layers, effort))?;
+        self.renderer.begin_anew();
         let mut least: BTreeMap<String, f64> = BTreeMap::new();
         for i in 0..warm_up + FRAMES {
-            interrupt::check()?;
-            let frame = self.renderer.render(self.rig, self.time_s, FIRST_FRAME + self.frames)?;
-            self.frames += 1;
+            let frame = self.render()?;
             if i >= warm_up {
                 for (stage, ms) in stage_ms(&frame) {
                     least.entry(stage).and_modify(|least| *least = least.min(ms)).or_insert(ms);
                 }
             }
         }
-        self.timed.insert((knobs.spp, knobs.bounces), least);
+        let light = mean_light(&self.renderer.read_linear()?);
+        self.timed.insert((knobs.spp, knobs.bounces), Timed { knobs: knobs.clone(), stage_ms: least, light });
         Ok(())
     }
 
+    fn render(&mut self) -> Result<FrameReport, Failure> {
+        interrupt::check()?;
+        let frame = self.renderer.render(self.rig, self.time_s, FIRST_FRAME + self.frames)?;
+        self.frames += 1;
+        Ok(frame)
+    }
+
+    /// By bounces, the share of the light that more of them bring. Where it was not measured, it halves with each.
+    fn missing_light(&self) -> HashMap<u32, f64> {
+        let light = |bounces: u32| {
+            let of = self.timed.iter().filter(|((_, b), _)| *b == bounces);
+            let sums = of.fold([0.0; 2], |[sum, spp], ((s, _), t)| [sum + f64::from(*s) * t.light, spp + f64::from(*s)]);
+            (sums[1] > 0.0).then(|| sums[0] / sums[1])
+        };
+        let [few, most] = [BOUNCES[0], BOUNCES[BOUNCES.len() - 1]];
+        let all = light(most).filter(|all| *all > 0.0);
+        let share = |bounces: u32| Some((1.0 - light(bounces)? / all?).max(0.0));
+        let mut missing = HashMap::new();
+        let mut least: f64 = 0.0;
+        for bounces in BOUNCES.into_iter().rev() {
+            let halved = || share(few).unwrap_or(0.0) * 0.5f64.powi((bounces - few) as i32);
+            // Noise must not make more light of fewer bounces.
+            least = least.max(share(bounces).unwrap_or_else(halved));
+            missing.insert(bounces, least);
+        }
+        missing
+    }
+
     /// A candidate with what its stages are taken to cost; its own time is not known yet.
-    fn rung(&self, knobs: &Knobs) -> Rung {
-        let flip = guessed_error(knobs);
+    fn rung(&self, knobs: &Knobs, missing_light: f64) -> Rung {
+        let flip = guessed_error(knobs, missing_light);
         Rung { time_ms: f64::NAN, flip, relmse: flip, knobs: knobs.clone(), stage_ms: self.stage_ms(knobs) }
     }
 
@@ -173,11 +218,10 @@ impl<'a> Calibration<'a> {
     /// more for each sample where it averages.
     fn stage_ms(&self, knobs: &Knobs) -> BTreeMap<String, f64> {
         let spp = knobs.spp.min(2);
-        let near = [knobs.bounces, BOUNCES[0]].into_iter().find_map(|b| Some((b, self.timed.get(&(spp, b))?)));
-        let Some((bounces, timed)) = near else { return BTreeMap::new() };
-        let of = Knobs { spp, bounces, ..knobs.clone() };
-        let paths = guessed_paths(knobs) / guessed_paths(&of);
-        let centre_ms = self.timed.get(&(1, bounces)).and_then(|t| t.get(Stage::Gbuffer.name())).copied();
+        let near = [knobs.bounces, BOUNCES[0]].into_iter().find_map(|b| self.timed.get(&(spp, b)));
+        let Some(Timed { knobs: near, stage_ms: timed, .. }) = near else { return BTreeMap::new() };
+        let paths = guessed_paths(knobs) / guessed_paths(near);
+        let centre_ms = self.timed.get(&(1, near.bounces)).and_then(|t| t.stage_ms.get(Stage::Gbuffer.name())).copied();
         let ms = |stage: Stage| {
             let ms = *timed.get(stage.name())?;
             Some((
@@ -193,6 +237,13 @@ impl<'a> Calibration<'a> {
         };
         TRACING.into_iter().filter_map(ms).collect()
     }
+}
+
+/// Mean of both eyes' radiance.
+fn mean_light(images: &Stereo<RgbImage>) -> f64 {
+    let pixels = images.left.pixels.iter().chain(&images.right.pixels);
+    let sum: f64 = pixels.flatten().filter(|c| c.is_finite()).map(|c| f64::from(*c)).sum();
+    sum / (images.left.pixels.len() + images.right.pixels.len()).max(1) as f64
 }
 
 /// Busy time by stage.
