@@ -51,7 +51,12 @@ impl Budget {
         self.lo_ms + AIM * (self.hi_ms - self.lo_ms)
     }
 
-    /// ... where the next cheaper one would leave the band at its lower end.
+    /// Half way between its ends.
+    pub fn middle_ms(&self) -> f64 {
+        0.5 * (self.lo_ms + self.hi_ms)
+    }
+
+    /// The dearest that a rung may be to be taken where the next cheaper one would leave the band at its lower end.
     pub fn coarse_aim_ms(&self) -> f64 {
         0.5 * (self.aim_ms() + self.hi_ms)
     }

@@ -11,7 +11,7 @@ pub const SPP: [u32; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
 pub const BOUNCES: [u32; 5] = [1, 2, 3, 4, 6];
 pub const ITERATIONS: [u32; 5] = [1, 2, 3, 4, 5];
 /// Render scales of the candidates with one sample: fewer samples than that.
-pub const SPARSE_SCALES: [f64; 5] = [0.9, 0.8, 0.7, 0.6, 0.5];
+pub const SPARSE_SCALES: [f64; 6] = [0.9, 0.8, 0.7, 0.6, 0.5, 0.4];
 /// Radii of the foveal layers, where there are any.
 pub const FOVEAE: [[f64; 2]; 3] = [[0.3, 0.6], [0.15, 0.3], [0.1, 0.2]];
 
@@ -99,7 +99,7 @@ mod tests {
 
     #[test]
     fn more_of_anything_is_guessed_to_be_better_and_a_flip_that_files_may_have() {
-        for (all, count) in [(candidates("svgf", false), 325), (candidates("svgf", true), 975)] {
+        for (all, count) in [(candidates("svgf", false), 350), (candidates("svgf", true), 1050)] {
             assert_eq!(all.len(), count);
             for a in &all {
                 let missing_light = |k: &Knobs| 0.2 * 0.5f64.powi(k.bounces as i32);

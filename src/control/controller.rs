@@ -1,7 +1,7 @@
 //! Picks the rung of the next frame.
 //!
 //! Within the band it stays. Above it, it drops at once to the best rung that is expected to fit; with time to spare it
-//! climbs to the next rung that fits, slowly. Expected is what the predictor says, times what its predictions were off by
+//! climbs to the next rung that fits, slowly, and from below the band as far as the band's middle. Expected is what the predictor says, times what its predictions were off by
 //! lately ([`super::correction`]). The aim is lowered and the band narrowed by how much frames scatter.
 
 use super::correction::Correction;
@@ -134,9 +134,17 @@ impl Controller {
         if self.decisions - self.changed_at < u64::from(CLIMB_EVERY) {
             return rung;
         }
+        let may_climb_to = |r: usize| self.decisions >= self.trials[r].from;
+        let mut above = rung + 1..self.times_ms.len();
+        if now_ms < lo_ms {
+            let middle_ms = self.budget.middle_ms() / margin;
+            let far = above.clone().rev().find(|&r| may_climb_to(r) && expected_ms(r) <= middle_ms);
+            if let Some(far) = far {
+                return far;
+            }
+        }
         let limit_ms = if now_ms < lo_ms { coarse_aim_ms } else { aim_ms };
-        let next = (rung + 1..self.times_ms.len()).find(|&r| expected_ms(r) <= limit_ms);
-        next.filter(|&r| self.decisions >= self.trials[r].from).unwrap_or(rung)
+        above.find(|&r| expected_ms(r) <= limit_ms).filter(|&r| may_climb_to(r)).unwrap_or(rung)
     }
 
     /// Counts the decision, and judges the last climb.

@@ -185,15 +185,17 @@ fn without_a_rung_that_fits_the_floor_is_held_and_said() {
 }
 
 #[test]
-fn climbs_are_by_one_rung_and_apart_and_drops_need_not_be() {
+fn climbs_are_apart_and_within_the_band_by_one_rung_and_drops_need_not_be() {
     hold((ladders(), any::<u64>(), delays()), |(times_ms, seed, delay)| {
         let load = |frame: usize| [1.0, 2.5, 0.4][frame / 150 % 3];
         let plant = Plant { noise: 0.1, seed, delay, ..Plant::new(&times_ms, &load) };
-        let rungs: Vec<usize> = plant.run(900).0.iter().map(|s| s.decision.rung).collect();
+        let steps = plant.run(900).0;
+        let rungs: Vec<usize> = steps.iter().map(|s| s.decision.rung).collect();
         let (mut changed_at, mut largest_drop) = (0, 0);
         for (frame, pair) in rungs.windows(2).enumerate() {
             if pair[1] > pair[0] {
-                assert_eq!(pair[1], pair[0] + 1);
+                let is_far = pair[1] > pair[0] + 1;
+                assert!(!is_far || steps[frame + 1].decision.expected_ms <= (LO_MS + HI_MS) / 2.0);
                 assert!(frame + 1 - changed_at >= CLIMB_EVERY as usize, "{changed_at} and {}", frame + 1);
             }
             if pair[1] != pair[0] {

@@ -191,7 +191,8 @@ impl<'a> Calibration<'a> {
     fn missing_light(&self) -> HashMap<u32, f64> {
         let light = |bounces: u32| {
             let of = self.timed.iter().filter(|((_, b), _)| *b == bounces);
-            let sums = of.fold([0.0; 2], |[sum, spp], ((s, _), t)| [sum + f64::from(*s) * t.light, spp + f64::from(*s)]);
+            let sums =
+                of.fold([0.0; 2], |[sum, spp], ((s, _), t)| [sum + f64::from(*s) * t.light, spp + f64::from(*s)]);
             (sums[1] > 0.0).then(|| sums[0] / sums[1])
         };
         let [few, most] = [BOUNCES[0], BOUNCES[BOUNCES.len() - 1]];
