@@ -13,10 +13,10 @@ use std::time::Duration;
 use anyhow::Context;
 
 use diptych::accumulation::hash_of;
-use diptych::control::{Ladder, Origin};
+use diptych::control::{Knobs, Ladder, Origin};
 use diptych::device::{DeviceInfo, all_wgsl};
 use diptych::report::Table;
-use diptych::report::bench::{Row, Slope, csv, ladder_svg, mark_front, slopes, svg, table};
+use diptych::report::bench::{Row, Slope, csv, ladder_svg, mark_front, regret_table, regrets, slopes, svg, table};
 use diptych::report::html::Section;
 
 use super::failure::Failure;
@@ -56,6 +56,9 @@ pub struct Args {
     /// the study's widths and heights [default: 0.25]
     #[arg(long, value_delimiter = ',', value_name = "F,F,…", value_parser = factor)]
     scale: Vec<f64>,
+    /// Also measure the rungs of this ladder, and say how far each is from the best setting that takes no longer
+    #[arg(long, value_name = "FILE")]
+    ladder: Option<PathBuf>,
     /// A small grid against a coarse reference, where options do not say otherwise
     #[arg(long)]
     quick: bool,
@@ -112,6 +115,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         return peres::run(args);
     }
     let options = &args.options;
+    let judged = judged(args)?;
     args.check().and_then(|()| options.check()).map_err(Failure::Input)?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
@@ -127,20 +131,37 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let reference = reference::find(args, &loaded, &tracing, &journal)?;
     interrupt::check()?;
     say_reference(options, &reference);
-    let mut rows = Grid::new(args, &loaded, &reference, &tracing).measure(journal)?;
+    let mut rows = Grid::new(args, &loaded, &reference, &tracing).measure(journal, &judged)?;
+    let regrets = regrets(&judged, &rows);
     mark_front(&mut rows);
     let slopes = slopes(&rows, reference.noise.as_ref());
     write_results(args, &rows, &slopes, &reference, &devices)?;
     tracing.finish()?;
     if options.json {
-        let result = serde_json::json!({ "event": "result", "rows": rows, "slopes": slopes });
+        let result = serde_json::json!({ "event": "result", "rows": rows, "slopes": slopes, "regrets": regrets });
         say!("{result}");
     } else if !options.quiet {
         say!("{}", table(&rows, reference.noise.as_ref()).text().trim_end());
         slopes.iter().for_each(|slope| say!("{slope}"));
+        if !regrets.is_empty() {
+            say!("the rungs of --ladder against the best that takes no longer:");
+            say!("{}", regret_table(&regrets).text().trim_end());
+        }
         say!("bench.html, bench.csv, bench.svg, ladder.toml and ladder.svg: {}", options.out.display());
     }
     Ok(())
+}
+
+/// The settings of `--ladder`.
+fn judged(args: &Args) -> Result<Vec<Knobs>, Failure> {
+    let Some(path) = &args.ladder else { return Ok(Vec::new()) };
+    let ladder = Ladder::read(path).context("cannot use --ladder").map_err(Failure::Input)?;
+    let knobs: Vec<Knobs> = ladder.rungs().iter().map(|r| r.knobs.clone()).collect();
+    if let Some(unknown) = knobs.iter().find(|k| grid::Setting::of(k).is_none()) {
+        let what = format!("--ladder {}: no setting of a grid is {unknown:?}", path.display());
+        return Err(Failure::Input(anyhow::anyhow!(what)));
+    }
+    Ok(knobs)
 }
 
 /// Hash of everything that a setting's time and errors hang on, but the reference and the setting itself.

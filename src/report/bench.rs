@@ -1,11 +1,13 @@
 //! What a grid of settings costs and how wrong it is: rows, CSV, fronts of time against error, and the quality ladder.
 
+mod regret;
 mod slopes;
 
 use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+pub use regret::{Regret, regret_table, regrets};
 pub use slopes::{Slope, log_slope, slopes};
 
 use super::plot::{Axis, Chart, Series, line_chart_svg};

@@ -20,7 +20,7 @@ use crate::cli::failure::Failure;
 use crate::cli::faults::refuse_faults;
 use crate::cli::foveation::{FoveationMode, FoveationOptions};
 use crate::cli::interrupt;
-use crate::cli::options::{Denoiser, RenderOptions};
+use crate::cli::options::{Denoiser, RenderOptions, SCALES};
 use crate::cli::progress::Progress;
 use crate::cli::setup::{self, Loaded, Tracing};
 
@@ -103,7 +103,7 @@ fn chosen<T: Copy + PartialEq>(asked: &[T], default: &[T]) -> Vec<T> {
 }
 
 #[derive(Clone, Copy)]
-struct Setting {
+pub struct Setting {
     denoiser: Denoiser,
     iterations: u32,
     foveation: FoveationMode,
@@ -113,6 +113,16 @@ struct Setting {
 }
 
 impl Setting {
+    /// With these knobs; none where no options stand for them.
+    pub fn of(knobs: &Knobs) -> Option<Self> {
+        let Knobs { spp, bounces, iterations, scale, .. } = *knobs;
+        let denoiser = Denoiser::from_str(&knobs.denoiser, false).ok()?;
+        let foveation = if knobs.fovea.is_some() { FoveationMode::Layers } else { FoveationMode::None };
+        let setting = Self { denoiser, iterations, foveation, bounces, scale, spp };
+        let is_whole = SCALES.contains(&scale) && (denoiser != Denoiser::None || scale == 1.0);
+        (is_whole && setting.knobs() == *knobs).then_some(setting)
+    }
+
     fn knobs(&self) -> Knobs {
         let Self { denoiser, iterations, foveation, bounces, scale, spp } = *self;
         let fovea = (foveation == FoveationMode::Layers).then_some(Foveation::RADII);
@@ -155,9 +165,11 @@ impl<'a> Grid<'a> {
         Self { args, loaded, reference, tracing }
     }
 
-    /// A row per setting. What is measured is in the journal before the next setting is begun.
-    pub fn measure(&self, mut journal: Journal) -> Result<Vec<Row>, Failure> {
-        let settings = self.args.settings();
+    /// A row per setting of the grid, and of these others. What is measured is in the journal before the next setting is begun.
+    pub fn measure(&self, mut journal: Journal, judged: &[Knobs]) -> Result<Vec<Row>, Failure> {
+        let mut settings = self.args.settings();
+        let judged = judged.iter().filter(|k| settings.iter().all(|s| s.knobs() != **k)).filter_map(Setting::of);
+        settings.extend(judged.collect::<Vec<_>>());
         let key = &self.reference.key;
         let missing: Vec<_> = settings.iter().filter(|s| journal.find(key, &s.knobs()).is_none()).copied().collect();
         let mut ahead = Ahead::new(self.args, &missing, settings.len());

@@ -1,0 +1,70 @@
+//! How far a ladder's rungs are from the best setting that takes no longer.
+
+use serde::Serialize;
+
+use super::{Row, foveation};
+use crate::control::Knobs;
+use crate::report::Table;
+
+/// Times that are less than this apart, as a share, are not told apart by measurement.
+const SAME_TIME: f64 = 0.03;
+
+/// Of a rung.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct Regret {
+    pub knobs: Knobs,
+    pub time_ms: f64,
+    /// Mean of both eyes.
+    pub flip: f64,
+    /// Least FLIP of the settings that take no longer.
+    pub best_flip: f64,
+    /// How much more FLIP the rung has, as a share of the least.
+    pub regret: f64,
+}
+
+/// Of those of these settings that were measured, from the cheapest.
+pub fn regrets(rungs: &[Knobs], rows: &[Row]) -> Vec<Regret> {
+    let all: Vec<_> = rows.iter().map(Row::rung).collect();
+    let mut found: Vec<_> = all.iter().filter(|r| rungs.contains(&r.knobs)).collect();
+    found.sort_by(|a, b| a.time_ms.total_cmp(&b.time_ms));
+    let of = |rung: &&crate::control::Rung| {
+        let no_longer = all.iter().filter(|r| r.time_ms <= rung.time_ms * (1.0 + SAME_TIME));
+        let best_flip = no_longer.map(|r| r.flip).fold(rung.flip, f64::min);
+        let regret = rung.flip / best_flip.max(1e-9) - 1.0;
+        Regret { knobs: rung.knobs.clone(), time_ms: rung.time_ms, flip: rung.flip, best_flip, regret }
+    };
+    found.iter().map(of).collect()
+}
+
+pub fn regret_table(regrets: &[Regret]) -> Table {
+    let line = |r: &Regret| {
+        let Knobs { spp, bounces, iterations, scale, .. } = &r.knobs;
+        let mut line = vec![spp.to_string(), bounces.to_string(), iterations.to_string(), scale.to_string()];
+        line.push(foveation(&r.knobs).to_owned());
+        line.push(format!("{:.1}", r.time_ms));
+        line.extend([r.flip, r.best_flip].map(|flip| format!("{flip:.4}")));
+        line.push(format!("{:.1} %", 100.0 * r.regret));
+        line
+    };
+    let headers = vec!["spp", "bounces", "iterations", "scale", "foveation", "ms", "flip", "best flip", "regret"];
+    Table { headers, rows: regrets.iter().map(line).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::row;
+    use super::*;
+
+    #[test]
+    fn regret_is_over_the_best_that_takes_no_longer() {
+        let rows =
+            [row("a", 1, 1.0, &[0.4]), row("a", 2, 2.0, &[0.1]), row("b", 1, 2.5, &[0.2]), row("b", 2, 9.0, &[0.05])];
+        let rungs: Vec<Knobs> = rows[..3].iter().rev().map(|r| r.knobs.clone()).collect();
+        let found = regrets(&rungs, &rows);
+        assert_eq!(found.iter().map(|r| r.time_ms).collect::<Vec<_>>(), [1.0, 2.0, 2.5]);
+        assert_eq!((found[0].regret, found[1].regret), (0.0, 0.0));
+        assert_eq!(found[2].best_flip, found[1].flip);
+        assert!(found[2].regret > 0.1, "{:?}", found[2]);
+        assert_eq!(regret_table(&found).rows.len(), 3);
+    }
+}
