@@ -3,7 +3,7 @@
 use std::str::FromStr;
 
 /// Where within the band the controller aims, as a share of the way from its lower to its upper end.
-const AIM: f64 = 0.8;
+const AIM: f64 = 0.7;
 
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("a budget of {lo_ms} to {hi_ms} ms is none: give two times, 0 < LO < HI")]

@@ -15,8 +15,8 @@ const PROBATION: u32 = 16;
 const RETRY_AFTER: [u32; 2] = [32, 1024];
 /// Of the budget's upper end: what a frame counts as at least that was given up.
 const MISSED: f64 = 1.5;
-/// The margin for scatter is at most this: a band of 11 to 20 ms still holds the aim.
-const MARGIN_MAX: f64 = 1.25;
+/// The margin for scatter is at most this.
+const MARGIN_MAX: f64 = 1.2;
 
 /// Foretells what a frame would take.
 pub trait Predict {
@@ -121,9 +121,10 @@ impl Controller {
 
     fn choose(&self, expected_ms: impl Fn(usize) -> f64) -> usize {
         let margin = self.correction.margin().min(MARGIN_MAX);
-        let [hi_ms, aim_ms, coarse_aim_ms] =
-            [self.budget.hi_ms(), self.budget.aim_ms(), self.budget.coarse_aim_ms()].map(|ms| ms / margin);
-        let lo_ms = self.budget.lo_ms();
+        let [lo_ms, middle_ms, hi_ms] = [self.budget.lo_ms(), self.budget.middle_ms(), self.budget.hi_ms() / margin];
+        // However much frames scatter, aiming below the middle would only trade late ones for wasted ones.
+        let [aim_ms, coarse_aim_ms] =
+            [self.budget.aim_ms(), self.budget.coarse_aim_ms()].map(|ms| (ms / margin).max(middle_ms));
         let Some(rung) = self.rung else {
             return best_below(self.times_ms.len(), lo_ms, [aim_ms, coarse_aim_ms], expected_ms);
         };
@@ -137,7 +138,6 @@ impl Controller {
         let may_climb_to = |r: usize| self.decisions >= self.trials[r].from;
         let mut above = rung + 1..self.times_ms.len();
         if now_ms < lo_ms {
-            let middle_ms = self.budget.middle_ms() / margin;
             let far = above.clone().rev().find(|&r| may_climb_to(r) && expected_ms(r) <= middle_ms);
             if let Some(far) = far {
                 return far;

@@ -1,0 +1,48 @@
+//! Error as an eye weighs it that looks at one point: FLIP of each pixel by how much detail is seen there.
+//!
+//! The finest detail that is seen at an eccentricity e falls as e2 / (e + e2) (Geisler & Perry 1998, "A real-time foveated
+//! multiresolution system for low-bandwidth video communication": contrast threshold CT0·exp(α·f·(e + e2)/e2), e2 = 2.3
+//! degrees); a pixel weighs by its square, as detail fills an area.
+
+use super::Pair;
+use super::rings::Viewing;
+
+/// Eccentricity at which acuity has fallen to a half.
+const HALF_ACUITY_DEG: f64 = 2.3;
+
+impl Pair {
+    /// Weighted mean of FLIP, 0 … 1.
+    pub fn foveated_flip(&self, viewing: &Viewing) -> f64 {
+        let weight = |angle: f64| (HALF_ACUITY_DEG / (HALF_ACUITY_DEG + angle.to_degrees())).powi(2);
+        let sums = self.eccentricities(viewing).zip(self.flip()).fold([0.0; 2], |[error, all], (angle, flip)| {
+            let w = weight(angle);
+            [error + w * flip, all + w]
+        });
+        sums[0] / sums[1]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::{Extent, RgbImage};
+
+    #[test]
+    fn errors_weigh_most_where_the_eye_looks_and_even_ones_weigh_what_they_are() {
+        let grey = RgbImage::filled(Extent::new(64, 48), [0.5; 3]);
+        let viewing = |x: f64| Viewing { gaze: [x, 0.5], yfov_deg: 70.0 };
+        let mut left_wrong = grey.clone();
+        for (i, pixel) in left_wrong.pixels.iter_mut().enumerate().filter(|(i, _)| i % 64 < 32) {
+            *pixel = [2.0, 0.1 * (i % 3) as f32, 0.0];
+        }
+        let pair = Pair::new(&grey, &left_wrong).unwrap();
+        let [at_left, at_right] = [0.25, 0.75].map(|x| pair.foveated_flip(&viewing(x)));
+        let mean = pair.errors().flip;
+        assert!(at_left > 1.3 * mean && at_right < 0.7 * mean, "{at_left} {mean} {at_right}");
+        let all_wrong = RgbImage::filled(grey.extent, [2.0, 0.1, 0.0]);
+        let pair = Pair::new(&grey, &all_wrong).unwrap();
+        // FLIP's filters reach beyond the image's borders, where nothing is wrong or right.
+        let ratio = pair.foveated_flip(&viewing(0.5)) / pair.errors().flip;
+        assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
+    }
+}
