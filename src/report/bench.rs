@@ -8,6 +8,7 @@ use serde::{Deserialize, Serialize};
 
 pub use slopes::{Slope, log_slope, slopes};
 
+use super::peers::{self, Peer};
 use super::plot::{Axis, Chart, Series, line_chart_svg};
 use super::{ReportError, Table, median_of};
 use crate::accumulation::Noise;
@@ -125,6 +126,12 @@ impl Row {
         Self { knobs, measured, on_front: false }
     }
 
+    /// The setting in words.
+    pub fn name(&self) -> String {
+        let Knobs { spp, bounces, denoiser, iterations, .. } = &self.knobs;
+        format!("{denoiser} x{iterations}, {bounces} bounces, {spp} spp")
+    }
+
     pub fn rung(&self) -> Rung {
         let Measured { time_ms, stage_ms, .. } = &self.measured;
         let [flip, relmse] = ["flip", "relmse"].map(|name| self.measured.error(name));
@@ -191,12 +198,13 @@ pub fn svg(title: String, rows: &[Row], noise: Option<&Stereo<Noise>>) -> Result
     time_chart(title, "relMSE, mean of both eyes", &series)
 }
 
-/// Time against both eyes' FLIP: the front of each denoiser, and the ladder.
+/// Time against both eyes' FLIP: the front of each denoiser, what other renderers take, and the ladder.
 ///
 /// # Errors
 /// [`ReportError`] if there is nothing to draw.
-pub fn ladder_svg(title: String, rows: &[Row], ladder: &Ladder) -> Result<String, ReportError> {
+pub fn ladder_svg(title: String, rows: &[Row], peers: &[Peer], ladder: &Ladder) -> Result<String, ReportError> {
     let mut series = fronts(rows, "flip");
+    series.extend(peers::series(peers));
     let points = ladder.rungs().iter().map(|r| (r.time_ms, r.flip)).collect();
     series.push(Series { name: "ladder".into(), points, band: None, guide: true });
     time_chart(title, "FLIP, mean of both eyes", &series)
@@ -217,6 +225,18 @@ fn fronts(rows: &[Row], error: &str) -> Vec<Series> {
         Series { name: (*name).to_owned(), points, band: None, guide: false }
     };
     denoisers.iter().map(series).collect()
+}
+
+/// A line per rung, from the cheapest.
+pub fn ladder_table(ladder: &Ladder) -> Table {
+    let headers = vec!["rung", "denoiser", "iterations", "bounces", "spp", "ms", "FLIP", "relMSE"];
+    let cells = |(i, Rung { time_ms, flip, relmse, knobs, .. }): (usize, &Rung)| {
+        let mut cells = vec![i.to_string(), knobs.denoiser.clone()];
+        cells.extend([knobs.iterations, knobs.bounces, knobs.spp].map(|n| n.to_string()));
+        cells.extend([format!("{time_ms:.1}"), format!("{flip:.4}"), format!("{relmse:.4}")]);
+        cells
+    };
+    Table { headers, rows: ladder.rungs().iter().enumerate().map(cells).collect() }
 }
 
 /// A line per setting and eye.
@@ -300,7 +320,7 @@ mod tests {
         let ladder = Ladder::of_measured(origin, &rungs).unwrap();
         assert_eq!(ladder.rungs().iter().map(|r| r.time_ms).collect::<Vec<_>>(), [1.0, 3.0]);
         assert_eq!(ladder.rungs()[1].stage_ms["atrous"], 0.75);
-        assert!(ladder_svg("t".into(), &rows, &ladder).unwrap().contains("ladder"));
+        assert!(ladder_svg("t".into(), &rows, &[], &ladder).unwrap().contains("ladder"));
     }
 
     #[test]
