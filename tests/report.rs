@@ -115,7 +115,9 @@ fn a_grid_shows_its_front_and_other_renderers() {
     assert!(names[0].contains("fastest: ") && names.len() <= 3, "{names:?}");
     lanes_are_sound(&data(&page, "lanes"), names.len());
     assert_eq!(page.matches("<img").count(), 4 * names.len() + 2);
-    for part in ["Quality ladder", "Slow", "<td class=\"number\">0.999</td>", "<td>none</td>", "Time against error"] {
+    for part in
+        ["Fronts and quality ladder", "Slow", "<td class=\"number\">0.999</td>", "<td>none</td>", "Time against error"]
+    {
         assert!(page.contains(part), "no {part}");
     }
     // Peers are of the page alone.

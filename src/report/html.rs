@@ -4,7 +4,7 @@ use serde::Serialize;
 
 use super::Table;
 
-/// A part of a page: what is said first, then the table, then the figure.
+/// A part of a page: what is said first, then the figure, then the table.
 #[derive(Clone, Debug, Default)]
 pub struct Section {
     pub heading: &'static str,
@@ -52,6 +52,9 @@ fn add(page: &mut String, section: &Section) {
     for note in &section.notes {
         *page += &format!("<p>{}</p>\n", escape(note));
     }
+    if let Some(figure) = &section.figure {
+        *page += &format!("<figure class=\"wide\">\n{}\n</figure>\n", figure.trim());
+    }
     if let Some(table) = &section.table {
         let row = |tag: &str, cells: Vec<&str>| {
             let cell = |(column, text): (usize, &str)| {
@@ -64,9 +67,6 @@ fn add(page: &mut String, section: &Section) {
         *page += &row("th", table.headers.clone());
         table.rows.iter().for_each(|cells| *page += &row("td", cells.iter().map(String::as_str).collect()));
         *page += "</table></div>\n";
-    }
-    if let Some(figure) = &section.figure {
-        *page += &format!("<figure class=\"wide\">\n{}\n</figure>\n", figure.trim());
     }
     *page += "</section>\n";
 }
@@ -100,6 +100,14 @@ mod tests {
     }
 
     #[test]
+    fn data_cannot_end_its_element() {
+        let figure = live("kind", &["</script><b>"]).unwrap();
+        assert_eq!((figure.matches("</script>").count(), figure.contains("<b>")), (1, false), "{figure}");
+        let json = figure.split_once("json\">").unwrap().1.split_once("</script>").unwrap().0;
+        assert_eq!(serde_json::from_str::<Vec<String>>(json).unwrap(), ["</script><b>"]);
+    }
+
+    #[test]
     fn a_page_holds_its_sections_in_order_and_only_figures_unescaped() {
         let table = Table { headers: vec!["a<b", "ms"], rows: vec![vec!["<i>".to_owned(), "1.5".to_owned()]] };
         let first = Section { heading: "Costs & time", notes: vec!["p < q".to_owned()], ..Section::default() };
@@ -112,9 +120,9 @@ mod tests {
             "<code>diptych &quot;x&quot;</code>",
             "<h2>Costs &amp; time</h2>\n<p>p &lt; q</p>",
             "<h2>Plot</h2>",
+            "<svg></svg>",
             "<tr><th>a&lt;b</th><th class=\"number\">ms</th></tr>",
             "<tr><td>&lt;i&gt;</td><td class=\"number\">1.5</td></tr>",
-            "<svg></svg>",
             "</html>",
         ] {
             let at = rest.find(part).unwrap_or_else(|| panic!("no `{part}` in\n{rest}"));

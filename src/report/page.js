@@ -51,6 +51,7 @@
     const [left, right, wipe, stage] = [".left", ".right", ".wipe", ".stage"].map((s) => root.querySelector(s));
     const images = [...stage.querySelectorAll("img")];
     const line = add(stage, "div", { className: "line" });
+    const captions = [left, right].map(() => add(stage, "div", { className: "caption" }));
     stage.style.aspectRatio = `${images[0].getAttribute("width")} / ${images[0].getAttribute("height")}`;
     right.value = root.dataset.right;
     const show = () => {
@@ -61,6 +62,7 @@
         image.style.zIndex = isLeft ? 1 : 0;
         image.style.clipPath = isLeft && !isRight ? `inset(0 ${100 - share}% 0 0)` : "none";
       });
+      [left, right].forEach((select, i) => (captions[i].textContent = images[select.value].alt));
       Object.assign(line.style, { left: `${share}%`, zIndex: 2, display: left.value === right.value ? "none" : "" });
     };
     const drag = (event) => {
@@ -83,14 +85,18 @@
     compose: "#d9b38c", resolve: "#eedd88", tonemap: "#eedd88", tally: "#dddddd", aov: "#dddddd",
   };
   const KINDS = ["", "download", "upload"];
-  const KIND_COLOURS = ["", "#a8a8a8", "#d0d0d0"];
+  const KIND_COLOURS = ["", "#8a8a8a", "#5a5a5a"];
   const LANE_PX = 22;
+  const NAMES_PX = 72;
 
   function lanes(root, data) {
     const controls = add(root, "div", { className: "controls" });
     const select = add(add(controls, "label", { textContent: "Frame " }), "select");
     data.frames.forEach((frame, i) => add(select, "option", { value: i, textContent: `${frame.name}: ${ms(frame.ms)}` }));
-    const box = add(root, "div");
+    const zoom = add(add(controls, "label", { textContent: "Zoom " }), "select");
+    for (const times of [1, 2, 4, 8, 16]) add(zoom, "option", { value: times, textContent: `${times}x` });
+    const both = add(root, "div", { className: "lanes" });
+    const [gutter, box] = ["names", "tasks"].map((className) => add(both, "div", { className }));
     const readout = add(root, "output");
     const legend = add(root, "ul", { className: "legend" });
     const details = add(root, "details");
@@ -108,44 +114,51 @@
     };
     const colour = (task) => (task.kind ? KIND_COLOURS[task.kind] : COLOURS[task.name] || "#dddddd");
     const laneOf = (task) => (task.kind ? "transfers" : task.eye);
+    const laneName = (task) => `${String(task.device).padStart(2)} ${laneOf(task)}`;
     const tell = (task) => {
       const what = task.kind ? `${KINDS[task.kind]} of ${task.name}, ${(task.bytes / 1e3).toFixed(1)} kB` : task.name;
       const where = `${task.eye} eye, device ${task.device}, rows ${task.from} to ${task.to - 1}`;
       return `${what}, ${where}: ${ms(task.time)}, from ${ms(task.begin)} on`;
     };
 
-    function paint(width) {
+    function paint() {
       const frame = data.frames[select.value];
       const tasks = tasksOf(frame);
-      const names = [...new Set(tasks.map((t) => `${String(t.device).padStart(2)} ${laneOf(t)}`))].sort();
-      const [left, top] = [width < 500 ? 68 : 96, 22];
+      const names = [...new Set(tasks.map(laneName))].sort();
+      const [top, width] = [22, Math.floor(both.clientWidth - NAMES_PX) * zoom.value];
       const height = top + names.length * LANE_PX + 4;
       const end = Math.max(frame.ms, ...tasks.map((t) => t.begin + t.time));
-      const x = (at) => left + ((width - left - 8) * at) / end;
+      const x = (at) => 8 + ((width - 24) * at) / end;
+      paintNames(names, top, height);
       const svg = canvas(box, width, height, `Tasks of ${frame.name} by device and eye`);
       for (const at of ticks(end, width / 90)) {
         draw(svg, "line", { class: "grid", x1: x(at), x2: x(at), y1: top - 4, y2: height });
         draw(svg, "text", { x: x(at), y: top - 8, "text-anchor": "middle" }, at);
       }
-      draw(svg, "text", { x: 0, y: top - 8, class: "muted" }, "ms");
-      names.forEach((name, i) => {
-        const y = top + i * LANE_PX;
-        const isFirst = i === 0 || names[i - 1].slice(0, 2) !== name.slice(0, 2);
-        if (isFirst) draw(svg, "line", { class: "axis", x1: 0, x2: width, y1: y, y2: y, "stroke-opacity": 0.4 });
-        draw(svg, "text", { x: 0, y: y + 15 }, name.trim());
-      });
       for (const task of tasks) {
-        const y = top + names.indexOf(`${String(task.device).padStart(2)} ${laneOf(task)}`) * LANE_PX + 2;
-        const wide = Math.max(x(task.begin + task.time) - x(task.begin), 0.75);
+        const y = top + names.indexOf(laneName(task)) * LANE_PX + 2;
+        const wide = Math.max(x(task.begin + task.time) - x(task.begin), task.kind ? 2 : 0.75);
         const group = draw(svg, "g");
         const edge = wide > 3 ? "#0006" : "none";
         draw(group, "rect", { x: x(task.begin), y, width: wide, height: LANE_PX - 4, fill: colour(task), stroke: edge });
-        if (wide > 7 * task.name.length + 6) draw(group, "text", { x: x(task.begin) + 4, y: y + 13 }, task.name);
+        const isNamed = !task.kind && wide > 7 * task.name.length + 6;
+        if (isNamed) draw(group, "text", { x: x(task.begin) + 4, y: y + 13 }, task.name);
         draw(group, "title", {}, tell(task));
         group.addEventListener("pointerenter", () => (readout.textContent = tell(task)));
       }
       draw(svg, "line", { class: "axis", x1: x(frame.ms), x2: x(frame.ms), y1: top - 4, y2: height });
       describe(frame, tasks);
+    }
+
+    function paintNames(names, top, height) {
+      const svg = canvas(gutter, NAMES_PX, height, "Lanes");
+      draw(svg, "text", { x: 0, y: top - 8, class: "muted" }, "ms");
+      names.forEach((name, i) => {
+        const y = top + i * LANE_PX;
+        const isFirst = i === 0 || names[i - 1].slice(0, 2) !== name.slice(0, 2);
+        if (isFirst) draw(svg, "line", { class: "axis", x1: 0, x2: NAMES_PX, y1: y, y2: y });
+        draw(svg, "text", { x: 0, y: y + 15 }, name.trim());
+      });
     }
 
     function describe(frame, tasks) {
@@ -183,18 +196,19 @@
 
     const choose = (place) => {
       select.value = place;
-      if (box.clientWidth) paint(Math.floor(box.clientWidth));
+      if (both.clientWidth) paint();
       document.dispatchEvent(new CustomEvent("frame", { detail: place }));
     };
     select.addEventListener("input", () => choose(+select.value));
     details.addEventListener("toggle", () => fillTable(tasksOf(data.frames[select.value])));
     document.addEventListener("choose", (event) => choose(event.detail));
     select.value = data.shown;
-    fit(box, paint);
+    zoom.addEventListener("input", paint);
+    fit(both, paint);
     choose(data.shown);
   }
 
-  const INK = { time: "#0072b2", spp: "#d9d9d9", budget: "#009e73", rung: "#d55e00", disturbed: "#cc79a7" };
+  const INK = { time: "#0072b2", spp: "#e6e6e6", budget: "#009e73", rung: "#d55e00", disturbed: "#cc79a7" };
 
   function timeline(root, data) {
     const keys = [
@@ -231,7 +245,7 @@
       draw(svg, "path", { d: `${steps(data.spp, ySpp)}V${14 + high}H${left}Z`, fill: INK.spp });
       const [lo, hi] = data.budget.map(y);
       draw(svg, "rect", { x: left, y: hi, width: x(count) - left, height: lo - hi, fill: INK.budget, opacity: 0.2 });
-      disturbances(svg, width, 14 + high + gap + low);
+      shades(svg, 14 + high + gap + low);
       axes(svg, { width, left, high, y, ySpp, yRung, mostSpp });
       const at = (i) => x(i + 0.5);
       const path = data.ms.map((time, i) => `${i ? "L" : "M"}${at(i)} ${y(time)}`).join("");
@@ -240,6 +254,7 @@
         if (time > top) draw(svg, "path", { d: `M${at(i) - 4} 13h8l-4 -6z`, fill: INK.time });
       });
       draw(svg, "path", { d: steps(data.rung, yRung), fill: "none", stroke: INK.rung, "stroke-width": 2 });
+      captions(svg, width);
       marker = draw(svg, "line", { class: "axis", y1: 8, y2: 14 + high + gap + low, "stroke-dasharray": "3 2" });
       mark();
     }
@@ -266,14 +281,24 @@
       draw(svg, "text", { x: 0, y: (bottom + yRung(data.rungs - 1)) / 2 + 4, class: "muted" }, "rung");
     }
 
-    function disturbances(svg, width, bottom) {
-      data.disturbed.forEach(({ name, from, to }, i) => {
-        const [begin, end] = [from, Math.max(Math.min(to, data.index[0] + count), from)].map((f) => x(f - data.index[0]));
-        const wide = Math.max(end - begin, 2);
-        draw(svg, "rect", { x: begin, y: 14, width: wide, height: bottom - 14, fill: INK.disturbed, opacity: 0.25 });
-        const isLate = begin > width / 2;
-        const anchor = isLate ? { x: begin + wide, "text-anchor": "end" } : { x: begin };
-        draw(svg, "text", { ...anchor, y: 26 + 14 * (i % 4) }, name);
+    /** Where a disturbance begins and ends, px; a moment is 2 px wide. */
+    function extent({ from, to }) {
+      const [begin, end] = [from, Math.min(to, data.index[0] + count)].map((frame) => x(frame - data.index[0]));
+      return [begin, Math.max(end, begin + 2)];
+    }
+
+    function shades(svg, bottom) {
+      for (const [begin, end] of data.disturbed.map(extent)) {
+        const shape = { x: begin, y: 14, width: end - begin, height: bottom - 14 };
+        draw(svg, "rect", { ...shape, fill: INK.disturbed, opacity: 0.3 });
+      }
+    }
+
+    function captions(svg, width) {
+      data.disturbed.forEach((what, i) => {
+        const [begin, end] = extent(what);
+        const place = begin > width / 2 ? { x: end - 4, "text-anchor": "end" } : { x: begin + 4 };
+        draw(svg, "text", { ...place, y: 28 + 14 * (i % 4) }, what.name);
       });
     }
 

@@ -44,14 +44,15 @@ impl Group {
     }
 }
 
-/// The viewer: at first the first picture is left of the line, and the first one of the last group right of it. All
-/// pictures are of one size.
+/// The viewer: at first the first picture is left of the line, and right of it the first one of the last group, of a
+/// single group the second one. All pictures are of one size.
 ///
 /// # Errors
 /// [`ReportError::Encoding`].
 pub fn viewer(groups: &[Group]) -> Result<String, ReportError> {
     let (mut options, mut stage, mut number) = (String::new(), String::new(), 0);
-    let last = groups.iter().map(|g| g.pictures.len()).sum::<usize>() - groups.last().map_or(0, |g| g.pictures.len());
+    let before_last = groups.iter().rev().skip(1).map(|g| g.pictures.len()).sum::<usize>();
+    let right = before_last.max(1);
     for group in groups {
         options += &format!("<optgroup label=\"{}\">", escape(&group.name));
         for Picture { name, image } in &group.pictures {
@@ -64,7 +65,7 @@ pub fn viewer(groups: &[Group]) -> Result<String, ReportError> {
         options += "</optgroup>";
     }
     Ok(format!(
-        "<div class=\"viewer\" data-right=\"{last}\">\n<div class=\"controls\">\n\
+        "<div class=\"viewer\" data-right=\"{right}\">\n<div class=\"controls\">\n\
          <label>Left of the line <select class=\"left\">{options}</select></label>\n\
          <label>Right of the line <select class=\"right\">{options}</select></label>\n\
          <label>Line <input class=\"wipe\" type=\"range\" min=\"0\" max=\"100\" value=\"50\"></label>\n</div>\n\

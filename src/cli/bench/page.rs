@@ -104,7 +104,7 @@ impl Page<'_> {
         let rungs = self.ladder.rungs().len();
         let notes = format!("{rungs} rungs: the front without what is less than 3 % apart in time, in ladder.toml.");
         let table = Some(ladder_table(self.ladder));
-        Ok(Section { heading: "Quality ladder", notes: vec![notes], table, figure: Some(figure) })
+        Ok(Section { heading: "Fronts and quality ladder", notes: vec![notes], table, figure: Some(figure) })
     }
 
     fn beside_peers(&self) -> Option<Section> {

@@ -10,7 +10,7 @@ use diptych::report::Table;
 use diptych::report::html::Section;
 use diptych::report::lanes::{LaneFrame, median_frame};
 use diptych::report::pictures::Group;
-use diptych::report::play::PlaySummary;
+use diptych::report::play::{PlaySummary, SETTLING_FRAMES};
 use diptych::report::run::{FrameRow, ReferenceRow, RunReport};
 use diptych::report::timeline::{Disturbed, timeline};
 
@@ -129,14 +129,11 @@ fn budget(args: &Args, play: &PlaySummary, rows: &[FrameRow]) -> Result<[Section
     let figure = timeline(play.budget_ms, play.rungs, rows, &disturbed).context("cannot write down the frames")?;
     let how = "Frame times in the shaded budget and samples per pixel, and below them the rung of the quality ladder, 0 \
         the cheapest. Triangles stand for frames beyond the axis. Choose a frame by a click or the arrow keys.";
-    let mut notes: Vec<String> = play.to_string().lines().map(|line| format!("{line}.")).collect();
-    notes.push(how.to_owned());
-    let mut table = Table::of_fields(play);
-    let apart = ["rung_uses", "longest_excursion"];
-    table.rows.retain(|row| row.first().is_none_or(|name| !apart.contains(&name.as_str())));
+    let judged = format!("The first {SETTLING_FRAMES} frames of a longer run settle the loop and are not judged.");
+    let notes = vec![how.to_owned(), judged];
     let rungs = vec![format!("Of the ladder: {}. Shares are of the frames that were judged.", play.ladder)];
     Ok([
-        Section { heading: "Frames in their budget", notes, table: Some(table), figure: Some(figure) },
+        Section { heading: "Frames in their budget", notes, table: Some(play.table()), figure: Some(figure) },
         Section { heading: "Rungs", notes: rungs, table: Some(play.rungs_table()), figure: None },
     ])
 }
