@@ -44,9 +44,11 @@ fn lanes_are_sound(lanes: &Value, frames: usize) {
     for frame in found {
         let (tasks, ms) = (frame["tasks"].as_array().unwrap(), frame["ms"].as_f64().unwrap());
         assert!(!tasks.is_empty() && tasks.len().is_multiple_of(3), "{frame}");
+        let mut begin = 0;
         for task in tasks.chunks(3).map(|t| [0, 1, 2].map(|i| t[i].as_i64().unwrap())) {
             assert!((task[0] as usize) < shapes.len() && task[2] >= 0, "{task:?}");
-            assert!((task[1] + task[2]) as f64 / 1e3 < ms + 5.0, "{task:?} of a frame of {ms} ms");
+            begin += task[1];
+            assert!((begin + task[2]) as f64 / 1e3 < ms + 5.0, "{task:?} of a frame of {ms} ms");
         }
     }
 }
@@ -75,7 +77,7 @@ fn browse(out: &Path) -> Option<String> {
 fn a_play_shows_its_frames_and_its_picture_beside_a_reference() {
     let folder = tempfile::tempdir().unwrap();
     let shape =
-        ["--budget-ms", "0.01..30000", "--frames", "12", "--fps", "1000", "--virtual", "2", "--report-spp", "16"];
+        ["--budget-ms", "0.01..30000", "--frames", "12", "--fps", "1000", "--virtual", "2", "--report-spp", "64"];
     let disturbed = ["--disturb", "slow:dev1@4..6", "--disturb", "scene-cut@8"];
     let page = report(folder.path(), &[&["play", "builtin:cornell"], &shape[..], &disturbed].concat());
     stands_alone(&page);
@@ -88,9 +90,17 @@ fn a_play_shows_its_frames_and_its_picture_beside_a_reference() {
     }
     assert_eq!(timeline["disturbed"][0]["from"], 4);
     assert_eq!(page.matches("<img").count(), 6);
-    for part in ["reference, 16 spp", "FLIP, left eye (mean 0.", "builtin:cornell", "triangles", "<h2>Rungs</h2>"] {
+    for part in ["reference, 64 spp", "FLIP, left eye (mean 0.", "builtin:cornell", "triangles", "<h2>Rungs</h2>"] {
         assert!(page.contains(part), "no {part}");
     }
+    // The reference is of where the camera jumped to.
+    let (before, left) = (folder.path().join("before"), folder.path().join("left.exr"));
+    let reference = ["render", "builtin:cornell", "--reference", "--spp", "64", "--time", "0.011", "--size", "48x32"];
+    assert!(diptych(&[&reference[..], &["--out", before.to_str().unwrap()]].concat()).status.success());
+    let other = diptych(&["compare", before.join("left.exr").to_str().unwrap(), left.to_str().unwrap(), "--json"]);
+    let other: Value = serde_json::from_slice(&other.stdout).unwrap();
+    let flip: f64 = page.split_once("FLIP, left eye (mean ").unwrap().1[..6].parse().unwrap();
+    assert!(flip < 0.8 * other["flip"].as_f64().unwrap(), "{flip} against {other}");
     if let Some(document) = browse(folder.path()) {
         let lanes = ["0 left", "0 right", "0 transfers", "1 left", "1 right", "1 transfers"];
         for part in lanes.into_iter().chain(["scene cut", "slow: device 1"]) {

@@ -47,6 +47,9 @@ pub fn live(kind: &str, data: &impl Serialize) -> serde_json::Result<String> {
     Ok(format!("<div class=\"live\" data-kind=\"{kind}\"><script type=\"application/json\">{json}</script></div>"))
 }
 
+/// Characters of a cell that is to be broken into lines, but not after each word.
+const LONG: usize = 24;
+
 fn add(page: &mut String, section: &Section) {
     *page += &format!("<section>\n<h2>{}</h2>\n", escape(section.heading));
     for note in &section.notes {
@@ -58,7 +61,12 @@ fn add(page: &mut String, section: &Section) {
     if let Some(table) = &section.table {
         let row = |tag: &str, cells: Vec<&str>| {
             let cell = |(column, text): (usize, &str)| {
-                let class = if table.is_numeric(column) { " class=\"number\"" } else { "" };
+                let is_long = text.chars().count() > LONG;
+                let class = match (table.is_numeric(column), is_long) {
+                    (true, _) => " class=\"number\"",
+                    (false, true) => " class=\"long\"",
+                    (false, false) => "",
+                };
                 format!("<{tag}{class}>{}</{tag}>", escape(text))
             };
             format!("<tr>{}</tr>\n", cells.into_iter().enumerate().map(cell).collect::<String>())

@@ -8,8 +8,8 @@ use super::html::live;
 use crate::exec::{FrameReport, TaskTiming, TimedTask};
 use crate::scene::rig::Eye;
 
-/// About 1.5 MB of a page.
-const TASKS_MAX: usize = 80_000;
+/// About 1.8 MB of a page.
+const TASKS_MAX: usize = 120_000;
 
 /// A frame whose tasks can be looked at.
 pub struct LaneFrame<'a> {
@@ -46,7 +46,7 @@ struct Data {
 struct Frame {
     name: String,
     ms: f64,
-    /// Shape, begin and length of one task after another, microseconds.
+    /// Of one task after another: shape, begin since the begin of the one before, and length, microseconds.
     tasks: Vec<i64>,
 }
 
@@ -66,13 +66,16 @@ fn data(frames: &[LaneFrame<'_>], shown: usize, tasks_max: usize) -> Data {
     for (i, frame) in frames.iter().enumerate() {
         let is_kept = i % stride == 0 || i == shown;
         let kept = if is_kept { frame.tasks } else { &[] };
+        let mut before_us = 0;
         let tasks = kept.iter().flat_map(|task| {
             let shape = data.shape(task);
             let place = *places.entry(shape).or_insert_with(|| {
                 data.shapes.push(shape);
                 data.shapes.len() - 1
             });
-            [place as i64, micros(task.begin_ms - frame.begin_ms), micros(task.end_ms - task.begin_ms)]
+            let begin_us = micros(task.begin_ms - frame.begin_ms);
+            let since_us = begin_us - std::mem::replace(&mut before_us, begin_us);
+            [place as i64, since_us, micros(task.end_ms - task.begin_ms)]
         });
         let frame = Frame { name: frame.name.clone(), ms: round(frame.makespan_ms), tasks: tasks.collect() };
         data.frames.push(frame);
@@ -137,7 +140,7 @@ mod tests {
         let frame = |name: &str| LaneFrame { name: name.into(), makespan_ms: 1.5, begin_ms: 10.0, tasks: &tasks };
         let all = data(&[frame("a"), frame("b")], 1, 100);
         assert_eq!(all.shapes, [(0, 1, 0, 0, 4, 9, 0), (0, 1, 1, 0, 4, 9, 0)]);
-        assert_eq!(all.frames[1].tasks, [0, 0, 500, 1, 250, 500, 0, 1000, 500]);
+        assert_eq!(all.frames[1].tasks, [0, 0, 500, 1, 250, 500, 0, 750, 500]);
         assert_eq!((all.shown, all.stride), (1, 1));
         let few = data(&[frame("a"), frame("b"), frame("c"), frame("d")], 1, 6);
         let kept: Vec<usize> = few.frames.iter().map(|f| f.tasks.len()).collect();

@@ -105,9 +105,10 @@
 
     const tasksOf = (frame) => {
       const tasks = [];
-      for (let i = 0; i < frame.tasks.length; i += 3) {
+      for (let i = 0, at = 0; i < frame.tasks.length; i += 3) {
         const [name, eye, device, kind, from, to, bytes] = data.shapes[frame.tasks[i]];
-        const [begin, time] = [frame.tasks[i + 1] / 1e3, frame.tasks[i + 2] / 1e3];
+        at += frame.tasks[i + 1];
+        const [begin, time] = [at / 1e3, frame.tasks[i + 2] / 1e3];
         tasks.push({ name: data.names[name], eye: ["left", "right"][eye], device, kind, from, to, bytes, begin, time });
       }
       return tasks;

@@ -66,8 +66,8 @@ pub fn viewer(groups: &[Group]) -> Result<String, ReportError> {
     }
     Ok(format!(
         "<div class=\"viewer\" data-right=\"{right}\">\n<div class=\"controls\">\n\
-         <label>Left of the line <select class=\"left\">{options}</select></label>\n\
-         <label>Right of the line <select class=\"right\">{options}</select></label>\n\
+         <label>Left <select class=\"left\">{options}</select></label>\n\
+         <label>Right <select class=\"right\">{options}</select></label>\n\
          <label>Line <input class=\"wipe\" type=\"range\" min=\"0\" max=\"100\" value=\"50\"></label>\n</div>\n\
          <div class=\"stage\">\n{stage}</div>\n</div>"
     ))
