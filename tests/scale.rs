@@ -42,22 +42,20 @@ fn rows_say_how_sure_they_are_and_what_was_moved() {
     let bytes = lines[0].iter().position(|column| *column == "bytes_per_frame").unwrap();
     assert_eq!(lines[2][bytes].parse::<f64>().unwrap(), number(&rows[1], "bytes_per_frame"));
     assert!(!folder.path().join("simulate.csv").exists());
-    assert!(!read(folder.path(), "scale.html").contains("<h2>Simulation</h2>"));
+    assert!(!folder.path().join("report.html").exists());
 }
 
 #[test]
 fn a_page_has_all_of_it_and_needs_nothing_else() {
     let folder = tempfile::tempdir().unwrap();
-    let result = scale(folder.path(), &["--simulate", "1,2,4"]);
+    let result = scale(folder.path(), &["--simulate", "1,2,4", "--report"]);
     assert_eq!(result["simulated"].as_array().unwrap().len(), 3);
-    let page = read(folder.path(), "scale.html");
-    for heading in ["Settings", "Devices", "Scaling", "Simulation", "What limits each count"] {
+    let page = read(folder.path(), "report.html");
+    for heading in ["Settings", "Devices", "Scene", "Scaling", "Simulation", "What limits each count"] {
         assert!(page.contains(&format!("<h2>{heading}</h2>")), "no {heading}");
     }
-    assert_eq!((page.matches("<svg").count(), page.matches("<table>").count()), (2, 5));
-    for foreign in ["<script", "<link", "<img", "src=", "href=", "@import", "url("] {
-        assert!(!page.contains(foreign), "{foreign}");
-    }
+    assert!(page.contains("All counts gave the same bytes."));
+    assert_eq!((page.matches("<svg").count(), page.matches("<table>").count()), (2, 6));
     assert!(page.contains(read(folder.path(), "scale.svg").trim()));
     assert_eq!(read(folder.path(), "simulate.csv").lines().count(), 4);
 }

@@ -89,7 +89,7 @@ fn only_the_halo_leaves_no_seam() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let fixed = ["bench", "builtin:checker", "--size", "64x40", "--out", out, "--reference-spp", "32"];
-    let study = ["--seams", "--counts", "1,2", "--repeats", "2", "--warm-up", "1", "--json"];
+    let study = ["--seams", "--counts", "1,2", "--repeats", "2", "--warm-up", "1", "--json", "--report"];
     let output = diptych(&[&fixed[..], &study].concat());
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();
@@ -109,7 +109,7 @@ fn only_the_halo_leaves_no_seam() {
     }
     let csv = std::fs::read_to_string(folder.path().join("seams.csv")).unwrap();
     assert_eq!(csv.lines().count(), 1 + rows.len(), "{csv}");
-    let page = std::fs::read_to_string(folder.path().join("seams.html")).unwrap();
+    let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
     assert!(["builtin:checker", "same bytes", "20.30 (-0.53)"].iter().all(|part| page.contains(part)));
 
     refused(&[&fixed[..], &["--seams", "--denoiser", "none"]].concat(), &["no seam"]);
@@ -122,7 +122,7 @@ fn the_thesis_stands_beside_what_was_measured() {
     let out = folder.path().to_str().unwrap();
     let fixed = ["bench", "--out", out, "--preset", "peres"];
     let study = ["--shots", "builtin:cornell", "--scale", "0.04", "--reference-spp", "16", "--repeats", "1", "--json"];
-    let output = diptych(&[&fixed[..], &study].concat());
+    let output = diptych(&[&fixed[..], &study, &["--report"]].concat());
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();
     let result: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
@@ -138,7 +138,7 @@ fn the_thesis_stands_beside_what_was_measured() {
     }
     let csv = std::fs::read_to_string(folder.path().join("peres.csv")).unwrap();
     assert!(csv.lines().count() == 7 && csv.contains("builtin:cornell,Pink Room,NH3LD"), "{csv}");
-    let page = std::fs::read_to_string(folder.path().join("peres.html")).unwrap();
+    let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
     assert!(["27.619", "12.81", "builtin:cornell"].iter().all(|part| page.contains(part)));
 
     refused(&[&fixed[..], &["--seams"]].concat(), &["--preset", "--seams"]);

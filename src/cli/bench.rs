@@ -2,6 +2,7 @@
 
 mod grid;
 mod journal;
+mod page;
 mod peres;
 mod reference;
 mod seams;
@@ -16,18 +17,20 @@ use diptych::accumulation::hash_of;
 use diptych::control::{Knobs, Ladder, Origin};
 use diptych::device::{DeviceInfo, all_wgsl};
 use diptych::report::Table;
-use diptych::report::bench::{Row, Slope, csv, ladder_svg, mark_front, regret_table, regrets, slopes, svg, table};
-use diptych::report::html::Section;
+use diptych::report::bench::{Row, Shared, csv, ladder_svg, mark_front, regret_table, regrets, slopes, svg, table};
+use diptych::report::peers;
 
 use super::failure::Failure;
 use super::foveation::FoveationMode;
 use super::interrupt;
 use super::options::{Denoiser, RunOptions, SCALES, Switch};
 use super::output;
+use super::page::and_page;
 use super::reference::{PASS_SPP, seconds};
 use super::setup::{self, Loaded, Tracing};
 use grid::Grid;
 use journal::Journal;
+use page::Page;
 use reference::Reference;
 
 #[derive(clap::Args, Clone, Debug)]
@@ -83,6 +86,12 @@ pub struct Args {
     /// Where references are kept for later runs [default: reference in --out]
     #[arg(long, value_name = "DIR")]
     reference_dir: Option<PathBuf>,
+    /// Also write report.html, a page with all of it and pictures
+    #[arg(long)]
+    report: bool,
+    /// With --report: other renderers' times and FLIP to stand beside ours, as in docs/peers
+    #[arg(long, value_name = "FILE", requires = "report", conflicts_with_all = ["seams", "preset"])]
+    peers: Option<PathBuf>,
     #[command(flatten)]
     seams: seams::SeamOptions,
     #[command(flatten)]
@@ -117,6 +126,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let options = &args.options;
     let judged = judged(args)?;
     args.check().and_then(|()| options.check()).map_err(Failure::Input)?;
+    let peers = args.peers.as_deref().map_or(Ok(Vec::new()), peers::read).map_err(|e| Failure::Input(e.into()))?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
     let tracing = Tracing::start(options)?;
@@ -131,11 +141,18 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let reference = reference::find(args, &loaded, &tracing, &journal)?;
     interrupt::check()?;
     say_reference(options, &reference);
-    let mut rows = Grid::new(args, &loaded, &reference, &tracing).measure(journal, &judged)?;
+    let grid = Grid::new(args, &loaded, &reference, &tracing);
+    let mut rows = grid.measure(journal, &judged)?;
     let regrets = regrets(&judged, &rows);
     mark_front(&mut rows);
     let slopes = slopes(&rows, reference.noise.as_ref());
-    write_results(args, &rows, &slopes, &reference, &devices)?;
+    let ladder = ladder(options, &rows, &devices)?;
+    let (figure, shared) = write_results(args, &rows, &ladder, &reference)?;
+    if args.report {
+        let (loaded, reference, devices, peers) = (&loaded, &reference, &devices[..], &peers[..]);
+        let (rows, slopes, regrets, ladder) = (&rows[..], &slopes[..], &regrets[..], &ladder);
+        Page { args, loaded, reference, devices, peers, rows, slopes, regrets, ladder }.write(&grid, figure, shared)?;
+    }
     tracing.finish()?;
     if options.json {
         let result = serde_json::json!({ "event": "result", "rows": rows, "slopes": slopes, "regrets": regrets });
@@ -147,7 +164,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             say!("the rungs of --ladder against the best that takes no longer:");
             say!("{}", regret_table(&regrets).text().trim_end());
         }
-        say!("bench.html, bench.csv, bench.svg, ladder.toml and ladder.svg: {}", options.out.display());
+        let page = and_page(args.report);
+        say!("{page}bench.csv, bench.svg, ladder.toml and ladder.svg: {}", options.out.display());
     }
     Ok(())
 }
@@ -186,13 +204,13 @@ fn say_reference(options: &RunOptions, reference: &Reference) {
     }
 }
 
+/// All but the page; returns the plot, and what all rows have in common.
 fn write_results(
     args: &Args,
     rows: &[Row],
-    slopes: &[Slope],
+    ladder: &Ladder,
     reference: &Reference,
-    devices: &[DeviceInfo],
-) -> Result<(), Failure> {
+) -> Result<(String, Shared), Failure> {
     let options = &args.options;
     let reproject = if options.reproject == Switch::On { "on" } else { "off" };
     let shared = vec![
@@ -202,34 +220,14 @@ fn write_results(
         ("virtual_devices", args.virtual_devices.to_string()),
     ];
     output::write_text(&options.out, "bench.csv", &csv(&shared, rows))?;
-    let noise = reference.noise.as_ref();
     let title = format!("Time against error, {} at {}", options.shot, options.size);
-    let figure = svg(title.clone(), rows, noise).context("cannot draw the plot")?;
+    let figure = svg(title, rows, reference.noise.as_ref()).context("cannot draw the plot")?;
     output::write_text(&options.out, "bench.svg", &figure)?;
-    let ladder = ladder(options, rows, devices)?;
     ladder.write(&options.out.join("ladder.toml")).context("cannot keep the ladder")?;
-    let climb = ladder_svg(format!("Quality ladder, {} at {}", options.shot, options.size), rows, &ladder)
+    let climb = ladder_svg(format!("Quality ladder, {} at {}", options.shot, options.size), rows, &[], ladder)
         .context("cannot draw the ladder")?;
     output::write_text(&options.out, "ladder.svg", &climb)?;
-    let mut notes = vec![format!("Reference: {}.", reference.origin)];
-    notes.extend(noise.map(|noise| format!("Its own noise, below which no error is real: {noise}.")));
-    let settings = shared.into_iter().map(|(name, value)| vec![name.to_owned(), value]);
-    let settings = Some(Table { headers: vec!["setting", "value"], rows: settings.collect() });
-    let errors = "Means over frames, by eye. Front: no other setting is both faster and better by FLIP.".to_owned();
-    let rungs = format!("{} rungs: the front without what is less than 3 % apart in time.", ladder.rungs().len());
-    let falls = slopes.iter().map(ToString::to_string);
-    let sections = [
-        Section { heading: "Settings", notes, table: settings, figure: None },
-        Section { heading: "Devices", table: Some(Table::of_devices([devices])), ..Section::default() },
-        Section {
-            heading: "Time against error",
-            notes: [errors].into_iter().chain(falls).collect(),
-            table: Some(table(rows, noise)),
-            figure: Some(figure),
-        },
-        Section { heading: "Quality ladder", notes: vec![rungs], figure: Some(climb), table: None },
-    ];
-    output::write_page(&options.out, "bench.html", &title, &sections)
+    Ok((figure, shared))
 }
 
 /// The front as a ladder.

@@ -18,6 +18,7 @@ mod foveation;
 mod interrupt;
 mod options;
 mod output;
+mod page;
 mod play;
 mod progress;
 mod reference;

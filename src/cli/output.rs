@@ -11,7 +11,6 @@ use diptych::image::display::{DisplayImage, write_png};
 use diptych::image::file::atomic_write;
 use diptych::image::{Extent, Image, RgbImage, exr, stereo};
 use diptych::metrics::heatmap::map_of_numbers;
-use diptych::report::html::{Section, page};
 use diptych::stages::{Aov, Foveation};
 
 use super::failure::Failure;
@@ -34,10 +33,10 @@ pub fn write_text(dir: &Path, name: &str, text: &str) -> Result<(), Failure> {
     Ok(atomic_write(&dir.join(name), |file| file.write_all(text.as_bytes()))?)
 }
 
-/// A page about what this command line gave.
-pub fn write_page(dir: &Path, name: &str, title: &str, sections: &[Section]) -> Result<(), Failure> {
-    let command: Vec<String> = std::env::args().collect();
-    write_text(dir, name, &page(title, &command.join(" "), sections))
+/// Whether images have the same bytes.
+pub fn same_bits(a: &Stereo<RgbImage>, b: &Stereo<RgbImage>) -> bool {
+    let bits = |image: &RgbImage| image.pixels.as_flattened().iter().map(|c| c.to_bits()).collect::<Vec<_>>();
+    bits(&a.left) == bits(&b.left) && bits(&a.right) == bits(&b.right)
 }
 
 /// A frame's images, off the devices.

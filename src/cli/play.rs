@@ -2,6 +2,7 @@
 
 mod disturb;
 mod ladder;
+mod page;
 mod path;
 
 use std::cell::RefCell;
@@ -21,10 +22,12 @@ use super::foveation::{FoveationOptions, Iterations};
 use super::interrupt;
 use super::options::{Denoiser, RenderOptions, RunOptions};
 use super::output::{self, FrameImages};
+use super::page::and_page;
 use super::progress::Progress;
 use super::setup::{self, Loaded, Tracing};
 use disturb::{Disturbance, Disturbances};
 use ladder::{Calibration, Choice, qualities};
+use page::Last;
 use path::CameraPath;
 
 #[derive(clap::Args, Clone, Debug)]
@@ -60,6 +63,12 @@ pub struct Args {
     /// jump
     #[arg(long, value_name = "WHAT@WHEN")]
     disturb: Vec<Disturbance>,
+    /// Also write report.html: the last picture beside a reference, frame times, rungs, and swimlanes of each frame
+    #[arg(long)]
+    report: bool,
+    /// With --report: samples per pixel of the reference [default: what 10 seconds allow]
+    #[arg(long, value_name = "N", requires = "report", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    report_spp: Option<u32>,
 }
 
 impl Args {
@@ -146,6 +155,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut run = Run::new(args, &options, &loaded, renderer, &ladder, &tracing, progress);
     run.frames()?;
     run.progress.finish();
+    let last = if args.report { Last::of(&mut run)? } else { None };
     let Run { renderer, rows, .. } = run;
     let settings = setup::run_settings(&options, renderer.policy_name());
     let devices = renderer.devices();
@@ -155,7 +165,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     report.write(&options.out.join("run.json"))?;
     ladder.write(&options.out.join("ladder.toml")).map_err(anyhow::Error::from)?;
     tracing.finish()?;
-    conclude(&options, &report);
+    drop(renderer);
+    if let Some(last) = &last {
+        page::write(args, &options, &loaded, &report, last)?;
+    }
+    conclude(args, &options, &report);
     interrupt::check()
 }
 
@@ -348,7 +362,7 @@ impl Pace {
 const SLACK: Duration = Duration::from_millis(1);
 
 /// Says how the budget was kept, and where things are.
-fn conclude(options: &RenderOptions, report: &RunReport) {
+fn conclude(args: &Args, options: &RenderOptions, report: &RunReport) {
     let out = options.out.display();
     if options.json {
         say!("{}", serde_json::json!({ "event": "result", "out": out.to_string(), "play": report.play }));
@@ -365,7 +379,7 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
             say!("at times no rung was expected to fit the budget: the cheapest was held");
         }
     }
-    say!("the last picture, run.json and ladder.toml: {out}");
+    say!("{}the last picture, run.json and ladder.toml: {out}", and_page(args.report));
     if let Some(trace) = &options.trace {
         say!("trace: {} (open it in https://ui.perfetto.dev)", trace.display());
     }

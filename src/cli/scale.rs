@@ -3,9 +3,13 @@
 use anyhow::Context;
 
 use diptych::device::DeviceInfo;
-use diptych::exec::{FrameReport, Renderer};
+use diptych::exec::{FrameReport, Renderer, Stereo};
+use diptych::graph::PhysicalImage;
+use diptych::image::RgbImage;
 use diptych::report::Table;
 use diptych::report::html::Section;
+use diptych::report::lanes::{LaneFrame, median_frame};
+use diptych::report::pictures::Group;
 use diptych::report::scale::{Row, scale_csv, scale_sections, scale_svg, scale_table};
 use diptych::report::simulation::{self, simulation_csv, simulation_svg, simulation_table};
 use diptych::schedule::CostModel;
@@ -15,7 +19,8 @@ use super::failure::Failure;
 use super::faults::refuse_faults;
 use super::interrupt;
 use super::options::RenderOptions;
-use super::output;
+use super::output::{self, same_bits};
+use super::page::{self, and_page};
 use super::progress::Progress;
 use super::setup::{self, Loaded, Tracing};
 use super::simulate;
@@ -32,6 +37,9 @@ pub struct Args {
     warm_up: u32,
     #[command(flatten)]
     simulation: simulate::Args,
+    /// Also write report.html: the picture, speed-up, what limits it, and swimlanes of a frame of each count
+    #[arg(long)]
+    report: bool,
 }
 
 /// Timed frames when `--frames` does not ask for more.
@@ -52,25 +60,30 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut model: Option<CostModel> = None;
     for &count in &args.counts {
         let first = found.rows.first();
-        let (row, renderer) = measure(args, &loaded, usize::from(count), timed, first, &progress, &tracing)?;
+        let (row, mut renderer, frame) = measure(args, &loaded, usize::from(count), timed, first, &progress, &tracing)?;
         if !row.oversubscribed && model.as_ref().is_none_or(|m| m.spec().devices < row.devices) || model.is_none() {
             model = Some(renderer.costs().clone());
         }
         found.rows.push(row);
         found.devices.push(renderer.devices().to_vec());
         found.policy = renderer.policy_name();
+        if args.report {
+            found.seen.add(renderer.read_linear()?, frame);
+        }
     }
     progress.finish();
     let figure = found.write_rows(options)?;
     tracing.finish()?;
-    let mut files = "scale.html, scale.csv and scale.svg";
+    let mut files = "scale.csv and scale.svg";
     if let Some(model) = model.filter(|_| args.simulation.is_wanted()) {
-        files = "scale.html, scale.csv, scale.svg and simulate.csv";
+        files = "scale.csv, scale.svg and simulate.csv";
         let measured: Vec<_> = found.rows.iter().map(|r| (r.devices, r.makespan_ms)).collect();
         found.simulated = args.simulation.run(options, &model, &measured)?;
         output::write_text(&options.out, "simulate.csv", &simulation_csv(&found.simulated))?;
     }
-    found.write_page(args, figure)?;
+    if args.report {
+        found.write_page(args, &loaded, figure)?;
+    }
     let Found { rows, simulated, .. } = &found;
     if options.json {
         say!("{}", serde_json::json!({ "event": "result", "rows": rows, "simulated": simulated }));
@@ -79,7 +92,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         if !simulated.is_empty() {
             say!("{}", simulation_table(simulated).text().trim_end());
         }
-        say!("{files}: {}", options.out.display());
+        say!("{}{files}: {}", and_page(args.report), options.out.display());
     }
     Ok(())
 }
@@ -90,6 +103,7 @@ fn followers(options: &RenderOptions) -> u32 {
     u32::from(options.frames_in_flight).saturating_sub(1)
 }
 
+/// A row, its renderer, and a frame of median makespan.
 fn measure(
     args: &Args,
     loaded: &Loaded,
@@ -98,7 +112,7 @@ fn measure(
     first: Option<&Row>,
     progress: &Progress,
     tracing: &Tracing,
-) -> Result<(Row, Renderer), Failure> {
+) -> Result<(Row, Renderer, Option<FrameReport>), Failure> {
     let options = &args.options;
     let gpus = setup::open_devices(options, count)?;
     let threads: usize = gpus.iter().filter_map(|g| g.info.threads).sum();
@@ -112,8 +126,10 @@ fn measure(
             // A sequence moves along the path; a single frame is repeated.
             let number = if options.frames > 1 { begun.saturating_sub(args.warm_up) } else { 0 };
             let time_s = options.time + f64::from(number) / options.fps;
-            renderer.begin(&loaded.shot.rig, time_s, begun, &[])?;
             begun += 1;
+            let is_last = begun == timed.end + followers(options);
+            let reads = if args.report && is_last { &[PhysicalImage::Linear][..] } else { &[] };
+            renderer.begin(&loaded.shot.rig, time_s, begun - 1, reads)?;
         }
         let Some(frame) = renderer.finish()? else { break };
         refuse_faults(&renderer)?;
@@ -128,7 +144,9 @@ fn measure(
         }
     }
     let oversubscribed = threads > std::thread::available_parallelism().map_or(1, usize::from);
-    Ok((Row::new(devices, &frames, oversubscribed, first), renderer))
+    let row = Row::new(devices, &frames, oversubscribed, first);
+    let makespans_ms: Vec<f64> = frames.iter().map(|f| f.makespan_ms).collect();
+    Ok((row, renderer, frames.into_iter().nth(median_frame(&makespans_ms))))
 }
 
 /// What there is to tell.
@@ -139,6 +157,48 @@ struct Found {
     devices: Vec<Vec<DeviceInfo>>,
     policy: &'static str,
     simulated: Vec<simulation::Row>,
+    seen: Seen,
+}
+
+/// What there is to see.
+#[derive(Default)]
+struct Seen {
+    /// The last frame of the first count.
+    picture: Option<Stereo<RgbImage>>,
+    /// Whether the last frame of each further count has the same bytes.
+    same_bytes: Vec<bool>,
+    /// One of median makespan of each count.
+    frames: Vec<FrameReport>,
+}
+
+impl Seen {
+    fn add(&mut self, picture: Stereo<RgbImage>, frame: Option<FrameReport>) {
+        self.frames.extend(frame);
+        match &self.picture {
+            None => self.picture = Some(picture),
+            Some(first) => self.same_bytes.push(same_bits(first, &picture)),
+        }
+    }
+
+    fn pictures(&self, loaded: &Loaded) -> Result<Option<Section>, Failure> {
+        let Some(picture) = &self.picture else { return Ok(None) };
+        let bytes = match &self.same_bytes[..] {
+            [] => "Only one count was measured.",
+            same if same.iter().all(|same| *same) => "All counts gave the same bytes.",
+            _ => "Not all counts gave the same bytes.",
+        };
+        let note = format!("The last frame of the first count. {bytes}");
+        let frame = Group::of_frame("last frame".into(), picture, loaded.shot.exposure_ev);
+        page::pictures(note, &[frame]).map(Some)
+    }
+
+    fn swimlanes(&self, rows: &[Row]) -> Result<Section, Failure> {
+        let name = |row: &Row| format!("{} device(s)", row.devices);
+        let frames = rows.iter().zip(&self.frames);
+        let frames: Vec<LaneFrame> = frames.map(|(row, frame)| LaneFrame::new(name(row), frame)).collect();
+        let note = "Of each count a frame of median makespan.";
+        page::swimlanes(note.to_owned(), &frames, frames.len().saturating_sub(1))
+    }
 }
 
 impl Found {
@@ -151,16 +211,18 @@ impl Found {
         Ok(figure)
     }
 
-    fn write_page(&self, args: &Args, figure: String) -> Result<(), Failure> {
+    fn write_page(&self, args: &Args, loaded: &Loaded, figure: String) -> Result<(), Failure> {
         let options = &args.options;
         let title = format!("{} at {} over device counts", options.shot, options.size);
-        let [settings, devices] = self.settings(args);
-        let [scaling, limits] = scale_sections(&self.rows, figure);
-        let mut sections = vec![settings, devices, scaling, limits];
+        let mut sections: Vec<Section> = self.seen.pictures(loaded)?.into_iter().collect();
+        sections.extend(scale_sections(&self.rows, figure));
         if !self.simulated.is_empty() {
-            sections.insert(3, self.simulation(options)?);
+            sections.push(self.simulation(options)?);
         }
-        output::write_page(&options.out, "scale.html", &title, &sections)
+        sections.push(self.seen.swimlanes(&self.rows)?);
+        sections.extend(self.settings(args));
+        sections.push(page::scene(options, loaded));
+        page::write(&options.out, &title, &sections)
     }
 
     fn settings(&self, args: &Args) -> [Section; 2] {

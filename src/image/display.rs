@@ -1,5 +1,6 @@
 //! From linear radiance to what a screen shows: c/(1+c), then the sRGB curve.
 
+use std::io::{self, Write};
 use std::path::Path;
 
 use ::image::codecs::png::{CompressionType, FilterType, PngEncoder};
@@ -45,11 +46,17 @@ pub fn tonemap(image: &RgbImage, exposure_ev: f64) -> DisplayImage {
 /// # Errors
 /// [`ImageError::Write`].
 pub fn write_png(path: &Path, image: &DisplayImage) -> Result<(), ImageError> {
-    atomic_write(path, |file| {
-        PngEncoder::new_with_quality(file, CompressionType::Fast, FilterType::Adaptive)
-            .write_image(image.pixels.as_flattened(), image.extent.width, image.extent.height, ExtendedColorType::Rgb8)
-            .map_err(std::io::Error::other)
-    })
+    atomic_write(path, |file| encode_png(image, file))
+}
+
+/// An 8-bit RGB PNG's bytes.
+///
+/// # Errors
+/// Those of writing.
+pub fn encode_png(image: &DisplayImage, to: impl Write) -> io::Result<()> {
+    PngEncoder::new_with_quality(to, CompressionType::Fast, FilterType::Adaptive)
+        .write_image(image.pixels.as_flattened(), image.extent.width, image.extent.height, ExtendedColorType::Rgb8)
+        .map_err(io::Error::other)
 }
 
 #[cfg(test)]

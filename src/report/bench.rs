@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 pub use regret::{Regret, regret_table, regrets};
 pub use slopes::{Slope, log_slope, slopes};
 
+use super::peers::{self, Peer};
 use super::plot::{Axis, Chart, Series, line_chart_svg};
 use super::{ReportError, Table, median_of};
 use crate::accumulation::Noise;
@@ -143,6 +144,14 @@ impl Row {
         Self { knobs, measured, on_front: false }
     }
 
+    /// The setting in words.
+    pub fn name(&self) -> String {
+        let Knobs { spp, bounces, denoiser, iterations, scale, fovea } = &self.knobs;
+        let layers = if fovea.is_some() { ", layers" } else { "" };
+        let scale = if *scale < 1.0 { format!(", scale {scale}") } else { String::new() };
+        format!("{denoiser} x{iterations}, {bounces} bounces, {spp} spp{scale}{layers}")
+    }
+
     pub fn rung(&self) -> Rung {
         let Measured { time_ms, stage_ms, .. } = &self.measured;
         let [flip, relmse] = ["flip", "relmse"].map(|name| self.measured.error(name));
@@ -171,14 +180,12 @@ pub fn csv(shared: &Shared, rows: &[Row]) -> String {
     for (name, _) in shared {
         text += &format!("{name},");
     }
-    text += "denoiser,iterations,bounces,foveation,scale,spp,time_ms,time_ms_min,time_ms_max,on_front,eye";
+    text += &format!("{},time_ms,time_ms_min,time_ms_max,on_front,eye", KNOBS.join(","));
     metrics.iter().for_each(|m| text += &format!(",{m}"));
     text.push('\n');
     for row in rows {
         let Row { knobs, measured, on_front } = row;
-        let Knobs { spp, bounces, denoiser, iterations, scale, .. } = knobs;
-        let foveation = foveation(knobs);
-        let settings = format!("{denoiser},{iterations},{bounces},{foveation},{scale},{spp}");
+        let settings = knob_cells(knobs).join(",");
         let Measured { time_ms, time_ms_min, time_ms_max, errors, .. } = measured;
         let times = format!("{time_ms:.4},{time_ms_min:.4},{time_ms_max:.4}");
         for (eye, errors) in [("left", &errors.left), ("right", &errors.right)] {
@@ -193,9 +200,15 @@ pub fn csv(shared: &Shared, rows: &[Row]) -> String {
     text
 }
 
-/// As the command line names it.
-fn foveation(knobs: &Knobs) -> &'static str {
-    if knobs.fovea.is_some() { "layers" } else { "none" }
+/// Columns of knobs.
+const KNOBS: [&str; 6] = ["denoiser", "iterations", "bounces", "foveation", "scale", "spp"];
+
+/// As the command line names them.
+fn knob_cells(knobs: &Knobs) -> [String; 6] {
+    let Knobs { spp, bounces, denoiser, iterations, fovea, scale } = knobs;
+    let foveation = if fovea.is_some() { "layers" } else { "none" };
+    let [iterations, bounces, spp] = [iterations, bounces, spp].map(u32::to_string);
+    [denoiser.clone(), iterations, bounces, foveation.to_owned(), scale.to_string(), spp]
 }
 
 /// Time against both eyes' relMSE: the front of each denoiser, and the reference's noise below them.
@@ -214,12 +227,13 @@ pub fn svg(title: String, rows: &[Row], noise: Option<&Stereo<Noise>>) -> Result
     time_chart(title, "relMSE, mean of both eyes", &series)
 }
 
-/// Time against both eyes' FLIP: the front of each denoiser, and the ladder.
+/// Time against both eyes' FLIP: the front of each denoiser, what other renderers take, and the ladder.
 ///
 /// # Errors
 /// [`ReportError`] if there is nothing to draw.
-pub fn ladder_svg(title: String, rows: &[Row], ladder: &Ladder) -> Result<String, ReportError> {
+pub fn ladder_svg(title: String, rows: &[Row], peers: &[Peer], ladder: &Ladder) -> Result<String, ReportError> {
     let mut series = fronts(rows, "flip");
+    series.extend(peers::series(peers));
     let points = ladder.rungs().iter().map(|r| (r.time_ms, r.flip)).collect();
     series.push(Series { name: "ladder".into(), points, band: None, guide: true });
     time_chart(title, "FLIP, mean of both eyes", &series)
@@ -242,11 +256,26 @@ fn fronts(rows: &[Row], error: &str) -> Vec<Series> {
     denoisers.iter().map(series).collect()
 }
 
+/// A line per rung, from the cheapest.
+pub fn ladder_table(ladder: &Ladder) -> Table {
+    let mut headers = vec!["rung"];
+    headers.extend(KNOBS);
+    headers.extend(["ms", "FLIP", "relMSE"]);
+    let cells = |(i, Rung { time_ms, flip, relmse, knobs, .. }): (usize, &Rung)| {
+        let mut cells = vec![i.to_string()];
+        cells.extend(knob_cells(knobs));
+        cells.extend([format!("{time_ms:.1}"), format!("{flip:.4}"), format!("{relmse:.4}")]);
+        cells
+    };
+    Table { headers, rows: ladder.rungs().iter().enumerate().map(cells).collect() }
+}
+
 /// A line per setting and eye.
 pub fn table(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Table {
     let metrics: Vec<&str> =
         SHOWN.into_iter().filter(|m| rows.iter().any(|r| r.measured.errors.left.0.contains_key(*m))).collect();
-    let mut headers = vec!["denoiser", "iterations", "bounces", "foveation", "scale", "spp", "ms", "eye"];
+    let mut headers = KNOBS.to_vec();
+    headers.extend(["ms", "eye"]);
     headers.extend(&metrics);
     headers.push("note");
     let mut lines = Vec::new();
@@ -254,9 +283,7 @@ pub fn table(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Table {
         let of = |n: fn(&Stereo<Noise>) -> f64| noise.map_or(0.0, n);
         let Stereo { left, right } = &measured.errors;
         for (eye, errors, noise) in [("left", left, of(|n| n.left.relmse)), ("right", right, of(|n| n.right.relmse))] {
-            let mut line = vec![knobs.denoiser.clone()];
-            line.extend([knobs.iterations, knobs.bounces].map(|n| n.to_string()));
-            line.extend([foveation(knobs).to_owned(), knobs.scale.to_string(), knobs.spp.to_string()]);
+            let mut line = knob_cells(knobs).to_vec();
             line.extend([format!("{:.1}", measured.time_ms), eye.to_owned()]);
             line.extend(metrics.iter().map(|m| errors.get(m).map_or("-".into(), |v| format!("{v:.4}"))));
             let is_lost = errors.get("relmse").is_some_and(|e| e < NOISE_MARGIN * noise);
@@ -328,7 +355,7 @@ mod tests {
         let ladder = Ladder::of_measured(origin, &rungs).unwrap();
         assert_eq!(ladder.rungs().iter().map(|r| r.time_ms).collect::<Vec<_>>(), [1.0, 3.0]);
         assert_eq!(ladder.rungs()[1].stage_ms["atrous"], 0.75);
-        assert!(ladder_svg("t".into(), &rows, &ladder).unwrap().contains("ladder"));
+        assert!(ladder_svg("t".into(), &rows, &[], &ladder).unwrap().contains("ladder"));
     }
 
     #[test]

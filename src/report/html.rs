@@ -1,50 +1,72 @@
-//! Results as one page of HTML that stands alone: charts are in it, nothing is fetched and nothing runs.
+//! Results as one page of HTML that stands alone: pictures, charts and its script are in it, nothing is fetched.
+
+use serde::Serialize;
 
 use super::Table;
 
-/// A part of a page: what is said first, then the table, then the figure.
+/// A part of a page: what is said first, then the figure, then the table.
 #[derive(Clone, Debug, Default)]
 pub struct Section {
     pub heading: &'static str,
     /// Paragraphs.
     pub notes: Vec<String>,
     pub table: Option<Table>,
-    /// SVG, taken as it is.
+    /// SVG or HTML, taken as it is.
     pub figure: Option<String>,
 }
 
-const STYLE: &str = "\
-body { margin: 2rem auto; max-width: 64rem; padding: 0 1rem; font: 16px/1.5 sans-serif; color: #282828; background: #fff }
-h1 { font-size: 1.6rem } h2 { font-size: 1.2rem; margin-top: 2.5rem }
-.wide { overflow-x: auto }
-table { border-collapse: collapse; font-size: 0.875rem; font-variant-numeric: tabular-nums }
-th, td { padding: 0.2rem 0.75rem 0.2rem 0; text-align: left; vertical-align: top; border-bottom: 1px solid #e1e1e1 }
-th { border-color: #282828 } .number { text-align: right } td.number { white-space: nowrap }
-svg { max-width: 100%; height: auto } footer { margin-top: 2.5rem; color: #787878 }
-";
+/// How it looks, and what makes its live figures.
+const STYLE: &str = include_str!("page.css");
+const SCRIPT: &str = include_str!("page.js");
+
+/// Whatever a figure asks for, nothing comes from elsewhere.
+const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
 
 /// `command` is the line that made it.
 pub fn page(title: &str, command: &str, sections: &[Section]) -> String {
     let title = escape(title);
     let mut page = format!(
         "<!DOCTYPE html>\n<html lang=\"en\">\n<head>\n<meta charset=\"utf-8\">\n\
-         <meta name=\"viewport\" content=\"width=device-width\">\n<title>{title}</title>\n\
+         <meta name=\"viewport\" content=\"width=device-width\">\n\
+         <meta http-equiv=\"Content-Security-Policy\" content=\"{POLICY}\">\n<title>{title}</title>\n\
          <style>\n{STYLE}</style>\n</head>\n<body>\n<h1>{title}</h1>\n<p><code>{}</code></p>\n",
         escape(command)
     );
     sections.iter().for_each(|section| add(&mut page, section));
-    page + &format!("<footer>diptych {}</footer>\n</body>\n</html>\n", env!("CARGO_PKG_VERSION"))
+    let footer = format!("<footer>diptych {}</footer>", env!("CARGO_PKG_VERSION"));
+    page + &format!("{footer}\n<script>\n{SCRIPT}</script>\n</body>\n</html>\n")
 }
+
+/// A figure that the page's script makes of data: `kind` names what draws it in `page.js`.
+///
+/// # Errors
+/// For data that JSON cannot hold.
+pub fn live(kind: &str, data: &impl Serialize) -> serde_json::Result<String> {
+    // A string in it that ends the element would end the data.
+    let json = serde_json::to_string(data)?.replace('<', "\\u003c");
+    Ok(format!("<div class=\"live\" data-kind=\"{kind}\"><script type=\"application/json\">{json}</script></div>"))
+}
+
+/// Characters of a cell that is to be broken into lines, but not after each word.
+const LONG: usize = 24;
 
 fn add(page: &mut String, section: &Section) {
     *page += &format!("<section>\n<h2>{}</h2>\n", escape(section.heading));
     for note in &section.notes {
         *page += &format!("<p>{}</p>\n", escape(note));
     }
+    if let Some(figure) = &section.figure {
+        *page += &format!("<figure class=\"wide\">\n{}\n</figure>\n", figure.trim());
+    }
     if let Some(table) = &section.table {
         let row = |tag: &str, cells: Vec<&str>| {
             let cell = |(column, text): (usize, &str)| {
-                let class = if table.is_numeric(column) { " class=\"number\"" } else { "" };
+                let is_long = text.chars().count() > LONG;
+                let class = match (table.is_numeric(column), is_long) {
+                    (true, _) => " class=\"number\"",
+                    (false, true) => " class=\"long\"",
+                    (false, false) => "",
+                };
                 format!("<{tag}{class}>{}</{tag}>", escape(text))
             };
             format!("<tr>{}</tr>\n", cells.into_iter().enumerate().map(cell).collect::<String>())
@@ -53,9 +75,6 @@ fn add(page: &mut String, section: &Section) {
         *page += &row("th", table.headers.clone());
         table.rows.iter().for_each(|cells| *page += &row("td", cells.iter().map(String::as_str).collect()));
         *page += "</table></div>\n";
-    }
-    if let Some(figure) = &section.figure {
-        *page += &format!("<figure>\n{}\n</figure>\n", figure.trim());
     }
     *page += "</section>\n";
 }
@@ -89,6 +108,14 @@ mod tests {
     }
 
     #[test]
+    fn data_cannot_end_its_element() {
+        let figure = live("kind", &["</script><b>"]).unwrap();
+        assert_eq!((figure.matches("</script>").count(), figure.contains("<b>")), (1, false), "{figure}");
+        let json = figure.split_once("json\">").unwrap().1.split_once("</script>").unwrap().0;
+        assert_eq!(serde_json::from_str::<Vec<String>>(json).unwrap(), ["</script><b>"]);
+    }
+
+    #[test]
     fn a_page_holds_its_sections_in_order_and_only_figures_unescaped() {
         let table = Table { headers: vec!["a<b", "ms"], rows: vec![vec!["<i>".to_owned(), "1.5".to_owned()]] };
         let first = Section { heading: "Costs & time", notes: vec!["p < q".to_owned()], ..Section::default() };
@@ -101,9 +128,9 @@ mod tests {
             "<code>diptych &quot;x&quot;</code>",
             "<h2>Costs &amp; time</h2>\n<p>p &lt; q</p>",
             "<h2>Plot</h2>",
+            "<svg></svg>",
             "<tr><th>a&lt;b</th><th class=\"number\">ms</th></tr>",
             "<tr><td>&lt;i&gt;</td><td class=\"number\">1.5</td></tr>",
-            "<svg></svg>",
             "</html>",
         ] {
             let at = rest.find(part).unwrap_or_else(|| panic!("no `{part}` in\n{rest}"));

@@ -2,7 +2,10 @@
 
 pub mod bench;
 pub mod html;
+pub mod lanes;
+pub mod peers;
 pub mod peres;
+pub mod pictures;
 pub mod play;
 pub mod plot;
 pub mod run;
@@ -11,6 +14,7 @@ pub mod simulation;
 pub mod study;
 pub mod table;
 mod ticks;
+pub mod timeline;
 pub mod trace;
 
 pub use plot::{Axis, Chart, Series, line_chart_svg};
@@ -27,6 +31,12 @@ pub enum ReportError {
 
     #[error("the chart '{title}' could not be drawn: {reason}")]
     Drawing { title: String, reason: String },
+
+    #[error("the picture '{name}' could not be encoded")]
+    Encoding { name: String, source: std::io::Error },
+
+    #[error(transparent)]
+    Image(#[from] crate::image::ImageError),
 }
 
 /// [`median`]; 0 of none.

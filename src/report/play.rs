@@ -109,6 +109,28 @@ impl PlaySummary {
         })
     }
 
+    /// How the budget was kept, in words and rounded numbers.
+    pub fn table(&self) -> Table {
+        let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+        let ms = |ms: f64| format!("{ms:.1} ms");
+        let [lo_ms, hi_ms] = self.budget_ms;
+        let rows = [
+            ("budget", format!("{lo_ms} to {hi_ms} ms")),
+            ("frames judged", self.judged_frames.to_string()),
+            ("within the budget", percent(self.in_band_share)),
+            ("longer", percent(self.above_share)),
+            ("shorter", percent(self.below_share)),
+            ("begun late", percent(self.late_share)),
+            ("median makespan", ms(self.makespan_ms_p50)),
+            ("95th percentile", ms(self.makespan_ms_p95)),
+            ("99th percentile", ms(self.makespan_ms_p99)),
+            ("changes of the rung", self.rung_changes.to_string()),
+            ("longest excursion", self.longest_excursion.as_ref().map_or("none".to_owned(), ToString::to_string)),
+        ];
+        let rows = rows.map(|(name, value)| vec![name.to_owned(), value]).into();
+        Table { headers: vec!["what", "value"], rows }
+    }
+
     /// The rungs used, from the cheapest.
     pub fn rungs_table(&self) -> Table {
         let row = |u: &RungUse| {
@@ -146,6 +168,12 @@ fn rung_uses(judged: &[(&FrameRow, &ControlRow)]) -> Vec<RungUse> {
     uses
 }
 
+impl fmt::Display for Excursion {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} frame(s) from frame {} on", self.frames, self.first_frame)
+    }
+}
+
 impl fmt::Display for PlaySummary {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let percent = |share: f64| format!("{:.1} %", 100.0 * share);
@@ -162,7 +190,7 @@ impl fmt::Display for PlaySummary {
         let [p50, p95, p99] = [self.makespan_ms_p50, self.makespan_ms_p95, self.makespan_ms_p99];
         write!(f, "makespan ms: median {p50:.1}, 95 % {p95:.1}, 99 % {p99:.1}; {} rung changes; ", self.rung_changes)?;
         match &self.longest_excursion {
-            Some(e) => write!(f, "longest excursion: {} frame(s) from frame {} on", e.frames, e.first_frame),
+            Some(excursion) => write!(f, "longest excursion: {excursion}"),
             None => write!(f, "no excursion"),
         }
     }

@@ -190,12 +190,25 @@ fn draw_legend(canvas: &mut Canvas, corner: SeriesLabelPosition) -> Result<(), D
     Ok(())
 }
 
-/// The corner whose quarter of the chart holds the fewest points.
+/// How much of the chart's width and height a legend takes, about.
+const LEGEND_SHARE: [f64; 2] = [0.35, 0.3];
+
+/// The corner where a legend hides least of the lines.
 fn legend_corner(axes: &[Ticks; 2], lines: &[Drawn]) -> SeriesLabelPosition {
-    let [right_of, above] = axes.clone().map(|t| (t.range.start + t.range.end) / 2.0);
+    let share = |axis: usize, at: f64| (at - axes[axis].range.start) / (axes[axis].range.end - axes[axis].range.start);
+    let along = |pair: &[(f64, f64)]| -> Vec<(f64, f64)> {
+        let [a, b] = [pair[0], pair[1]];
+        let at = |t: f64| (a.0 + t * (b.0 - a.0), a.1 + t * (b.1 - a.1));
+        (0..=16).map(|i| at(f64::from(i) / 16.0)).collect()
+    };
+    let on_lines = lines.iter().flat_map(|l| l.points.windows(2).flat_map(along));
+    let dots: Vec<(f64, f64)> = on_lines.chain(lines.iter().flat_map(|l| l.points.clone())).collect();
     let crowd = |right: bool, upper: bool| {
-        let inside = |p: &&(f64, f64)| (p.0 > right_of) == right && (p.1 > above) == upper;
-        lines.iter().flat_map(|l| &l.points).filter(inside).count()
+        let distance = |is_far: bool, share: f64| if is_far { 1.0 - share } else { share };
+        let inside = |p: &&(f64, f64)| {
+            distance(right, share(0, p.0)) < LEGEND_SHARE[0] && distance(upper, share(1, p.1)) < LEGEND_SHARE[1]
+        };
+        dots.iter().filter(inside).count()
     };
     let corners = [
         (crowd(false, true), SeriesLabelPosition::UpperLeft),

@@ -66,6 +66,23 @@ pub struct SceneSummary {
     pub warnings: Vec<String>,
 }
 
+impl SceneSummary {
+    /// `skips`: what the scene does not need is compiled out.
+    pub fn of(scene: &Scene, needs: SceneNeeds, skips: bool) -> Self {
+        let skipped = needs.constants().into_iter().filter(|(_, needed)| skips && !needed).map(|(name, _)| name);
+        Self {
+            name: scene.name.clone(),
+            triangles: scene.triangle_count(),
+            instances: scene.instances.len(),
+            lights: scene.lights.len(),
+            textures: scene.textures.len(),
+            needs,
+            skipped: skipped.collect(),
+            warnings: scene.warnings.clone(),
+        }
+    }
+}
+
 /// How far a frame's accumulation has come.
 #[derive(Clone, Debug, Serialize)]
 pub struct ReferenceRow {
@@ -212,22 +229,12 @@ impl RunReport {
         skips: bool,
         frames: Vec<FrameRow>,
     ) -> Self {
-        let skipped = needs.constants().into_iter().filter(|(_, needed)| skips && !needed).map(|(name, _)| name);
         Self {
             version: env!("CARGO_PKG_VERSION"),
             command: std::env::args().collect::<Vec<_>>().join(" "),
             settings,
             devices: devices.to_vec(),
-            scene: SceneSummary {
-                name: scene.name.clone(),
-                triangles: scene.triangle_count(),
-                instances: scene.instances.len(),
-                lights: scene.lights.len(),
-                textures: scene.textures.len(),
-                needs,
-                skipped: skipped.collect(),
-                warnings: scene.warnings.clone(),
-            },
+            scene: SceneSummary::of(scene, needs, skips),
             peak_resident_mib: peak_resident_mib(),
             frames,
             faults: Vec::new(),

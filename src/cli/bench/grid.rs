@@ -2,10 +2,12 @@
 
 use std::time::Instant;
 
+use anyhow::Context;
 use clap::ValueEnum;
 
 use diptych::control::Knobs;
-use diptych::exec::{FrameReport, Stereo};
+use diptych::exec::{FrameReport, Renderer, Stereo};
+use diptych::image::RgbImage;
 use diptych::metrics::Pair;
 use diptych::metrics::rings::Viewing;
 use diptych::report::bench::{Measured, Repeat, Row, SeenErrors};
@@ -186,22 +188,14 @@ impl<'a> Grid<'a> {
     /// Times and errors of a setting, the `number`th.
     fn measure_one(&self, number: u32, setting: &Setting, ahead: &mut Ahead) -> Result<Measured, Failure> {
         let Self { args, loaded, reference, tracing } = self;
-        let Setting { denoiser, bounces, scale, spp, .. } = *setting;
-        let foveated = setting.foveated();
-        let options = RenderOptions { spp, bounces, scale, foveated, ..single(args.options.clone(), denoiser) };
-        let gpus = setup::open_devices(&options, usize::from(args.virtual_devices))?;
-        let mut renderer = setup::renderer(&options, loaded, gpus, tracing.recorder.origin())?;
+        let (mut renderer, options) = self.renderer(setting)?;
         record_devices(&tracing.recorder, renderer.devices());
         let Shot { gaze, rig, .. } = &loaded.shot;
         let viewing = Viewing { gaze: gaze.at(options.time), yfov_deg: rig.yfov_rad.to_degrees() };
         let mut repeats = Vec::new();
         let warm_up = setting.warm_up(args);
         for i in 0..warm_up + args.repeats {
-            // The camera comes along its path, so that history is of other frames than the ones that are compared.
-            let ahead_s = f64::from(warm_up.saturating_sub(i)) / FPS;
-            let frame = renderer.render(rig, options.time - ahead_s, i)?;
-            refuse_faults(&renderer)?;
-            interrupt::check()?;
+            let frame = self.frame(&mut renderer, setting, i)?;
             ahead.frame(setting, frame.makespan_ms);
             if i >= warm_up {
                 // Each setting's frames get numbers of their own in the trace.
@@ -213,6 +207,38 @@ impl<'a> Grid<'a> {
             }
         }
         Ok(Measured::of(&repeats))
+    }
+
+    fn renderer(&self, setting: &Setting) -> Result<(Renderer, RenderOptions), Failure> {
+        let Self { args, loaded, tracing, .. } = self;
+        let Setting { denoiser, bounces, scale, spp, .. } = *setting;
+        let foveated = setting.foveated();
+        let options = RenderOptions { spp, bounces, scale, foveated, ..single(args.options.clone(), denoiser) };
+        let gpus = setup::open_devices(&options, usize::from(args.virtual_devices))?;
+        Ok((setup::renderer(&options, loaded, gpus, tracing.recorder.origin())?, options))
+    }
+
+    /// The `i`th frame of a setting, its warm-up counted.
+    fn frame(&self, renderer: &mut Renderer, setting: &Setting, i: u32) -> Result<FrameReport, Failure> {
+        let Self { args, loaded, .. } = self;
+        // The camera comes along its path, so that history is of other frames than the ones that are compared.
+        let ahead_s = f64::from(setting.warm_up(args).saturating_sub(i)) / FPS;
+        let frame = renderer.render(&loaded.shot.rig, args.options.time - ahead_s, i)?;
+        refuse_faults(renderer)?;
+        interrupt::check()?;
+        Ok(frame)
+    }
+
+    /// The last of a setting's frames, which is in no trace, and its picture.
+    pub fn show(&self, knobs: &Knobs) -> Result<(FrameReport, Stereo<RgbImage>), Failure> {
+        let setting = &Setting::of(knobs).context("the front has a setting of no grid")?;
+        let (mut renderer, _) = self.renderer(setting)?;
+        let last = setting.warm_up(self.args) + self.args.repeats - 1;
+        for i in 0..last {
+            self.frame(&mut renderer, setting, i)?;
+        }
+        let frame = self.frame(&mut renderer, setting, last)?;
+        Ok((frame, renderer.read_linear()?))
     }
 }
 

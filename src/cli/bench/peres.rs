@@ -20,6 +20,7 @@ use crate::cli::foveation::{FoveationMode, FoveationOptions, Iterations};
 use crate::cli::interrupt;
 use crate::cli::options::{Denoiser, RenderOptions, RunOptions};
 use crate::cli::output;
+use crate::cli::page::{self, and_page};
 use crate::cli::progress::Progress;
 use crate::cli::setup::{self, Tracing};
 
@@ -164,14 +165,16 @@ impl Study<'_> {
             section("Time (table 4)", vec![TIME_NOTE.to_owned()], time_table(rows)),
             section("Quality (table 5)", quality_notes, quality_table(rows)),
         ];
-        output::write_page(&options.out, "peres.html", &title, &sections)?;
+        if args.report {
+            page::write(&options.out, &title, &sections)?;
+        }
         if options.json {
             say!("{}", serde_json::json!({ "event": "result", "rows": rows }));
         } else if !options.quiet {
             notes.iter().for_each(|note| say!("{note}"));
             say!("{}\n{TIME_NOTE}\n", time_table(rows).text().trim_end());
             say!("{}\n{QUALITY_NOTE}", quality_table(rows).text().trim_end());
-            say!("peres.html and peres.csv: {}", options.out.display());
+            say!("{}peres.csv: {}", and_page(args.report), options.out.display());
         }
         Ok(())
     }

@@ -21,7 +21,8 @@ use super::timed::{Setting, Timed, TimedFrame, Warm};
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
 use crate::cli::options::{Balance, Denoiser, RenderOptions, RunOptions, SeamOption};
-use crate::cli::output;
+use crate::cli::output::{self, same_bits};
+use crate::cli::page::{self, and_page};
 use crate::cli::progress::Progress;
 use crate::cli::setup::{self, Tracing};
 
@@ -158,11 +159,6 @@ fn seam_rows(frame: &TimedFrame, view: Eye) -> Vec<u32> {
     edges.iter().copied().filter(|edge| (1..height).contains(edge)).collect()
 }
 
-fn same_bits(a: &Stereo<RgbImage>, b: &Stereo<RgbImage>) -> bool {
-    let bits = |image: &RgbImage| image.pixels.as_flattened().iter().map(|c| c.to_bits()).collect::<Vec<_>>();
-    bits(&a.left) == bits(&b.left) && bits(&a.right) == bits(&b.right)
-}
-
 fn seam_errors(reference: &RgbImage, image: &RgbImage, one: &RgbImage, edges: &[u32]) -> Result<SeamErrors, Failure> {
     let own = Pair::new(reference, image)?;
     let to_one = Pair::new(one, image)?;
@@ -209,11 +205,13 @@ impl Found {
                 figure: None,
             },
         ];
-        output::write_page(&options.out, "seams.html", &title, &sections)?;
-        self.say()
+        if args.report {
+            page::write(&options.out, &title, &sections)?;
+        }
+        self.say(args.report)
     }
 
-    fn say(&self) -> Result<(), Failure> {
+    fn say(&self, report: bool) -> Result<(), Failure> {
         let Self { study: Study { options, reference }, rows, .. } = self;
         if options.json {
             say!("{}", serde_json::json!({ "event": "result", "reference": reference.origin, "rows": rows }));
@@ -221,7 +219,7 @@ impl Found {
             say!("reference: {}", reference.origin);
             say!("{}\n{SEAM_NOTE}\n", seam_table(rows).text().trim_end());
             say!("{}\n{LERIA_NOTE}", leria_table(rows).text().trim_end());
-            say!("seams.html and seams.csv: {}", options.out.display());
+            say!("{}seams.csv: {}", and_page(report), options.out.display());
         }
         Ok(())
     }

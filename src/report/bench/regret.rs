@@ -2,7 +2,7 @@
 
 use serde::Serialize;
 
-use super::{Row, foveation};
+use super::{KNOBS, Row, knob_cells};
 use crate::control::Knobs;
 use crate::report::Table;
 
@@ -38,15 +38,14 @@ pub fn regrets(rungs: &[Knobs], rows: &[Row]) -> Vec<Regret> {
 
 pub fn regret_table(regrets: &[Regret]) -> Table {
     let line = |r: &Regret| {
-        let Knobs { spp, bounces, iterations, scale, .. } = &r.knobs;
-        let mut line = vec![spp.to_string(), bounces.to_string(), iterations.to_string(), scale.to_string()];
-        line.push(foveation(&r.knobs).to_owned());
+        let mut line = knob_cells(&r.knobs).to_vec();
         line.push(format!("{:.1}", r.time_ms));
         line.extend([r.flip, r.best_flip].map(|flip| format!("{flip:.4}")));
         line.push(format!("{:.1} %", 100.0 * r.regret));
         line
     };
-    let headers = vec!["spp", "bounces", "iterations", "scale", "foveation", "ms", "flip", "best flip", "regret"];
+    let mut headers = KNOBS.to_vec();
+    headers.extend(["ms", "FLIP", "best FLIP", "regret"]);
     Table { headers, rows: regrets.iter().map(line).collect() }
 }
 

@@ -1,0 +1,126 @@
+//! `diptych bench --report`: the pictures of the front, time against error, and other renderers beside them.
+
+use anyhow::Context;
+
+use diptych::control::Ladder;
+use diptych::device::DeviceInfo;
+use diptych::exec::{FrameReport, Stereo};
+use diptych::image::RgbImage;
+use diptych::report::Table;
+use diptych::report::bench::{Regret, Row, Shared, Slope, ladder_svg, ladder_table, regret_table, table};
+use diptych::report::html::Section;
+use diptych::report::lanes::LaneFrame;
+use diptych::report::peers::{self, Peer};
+use diptych::report::pictures::Group;
+
+use super::Args;
+use super::grid::Grid;
+use super::reference::Reference;
+use crate::cli::failure::Failure;
+use crate::cli::page;
+use crate::cli::setup::Loaded;
+
+/// A setting of the front, rendered once more for its picture and its tasks.
+struct Seen {
+    name: String,
+    linear: Stereo<RgbImage>,
+    frame: FrameReport,
+}
+
+/// What the page is made of.
+pub struct Page<'a> {
+    pub args: &'a Args,
+    pub loaded: &'a Loaded,
+    pub reference: &'a Reference,
+    pub devices: &'a [DeviceInfo],
+    pub peers: &'a [Peer],
+    pub rows: &'a [Row],
+    pub slopes: &'a [Slope],
+    pub regrets: &'a [Regret],
+    pub ladder: &'a Ladder,
+}
+
+impl Page<'_> {
+    /// `figure` is the plot of time against relMSE, `shared` what all rows have in common.
+    pub fn write(&self, grid: &Grid, figure: String, shared: Shared) -> Result<(), Failure> {
+        let Self { args, rows, reference, .. } = self;
+        let options = &args.options;
+        let title = format!("Time against error, {} at {}", options.shot, options.size);
+        let seen = self.seen(grid)?;
+        let noise = reference.noise.as_ref();
+        let errors = "Means over frames, by eye. Front: no other setting is both faster and better by FLIP.".to_owned();
+        let front = Section {
+            heading: "Time against error",
+            notes: [errors].into_iter().chain(self.slopes.iter().map(ToString::to_string)).collect(),
+            table: Some(table(rows, noise)),
+            figure: Some(figure),
+        };
+        let frames: Vec<LaneFrame> = seen.iter().map(|s| LaneFrame::new(s.name.clone(), &s.frame)).collect();
+        let note =
+            "The last frame of each setting that is pictured above, rendered once more for this page.".to_owned();
+        let lanes = page::swimlanes(note, &frames, frames.len().saturating_sub(1))?;
+        let mut notes = vec![format!("Reference: {}.", reference.origin)];
+        notes.extend(noise.map(|noise| format!("Its own noise, below which no error is real: {noise}.")));
+        let settings = shared.into_iter().map(|(name, value)| vec![name.to_owned(), value]);
+        let settings = Some(Table { headers: vec!["setting", "value"], rows: settings.collect() });
+        let mut sections = vec![self.pictures(&seen)?, self.ladder()?];
+        sections.extend(self.beside_peers());
+        sections.extend(self.regret());
+        sections.extend([
+            front,
+            lanes,
+            Section { heading: "Settings", notes, table: settings, figure: None },
+            Section { heading: "Devices", table: Some(Table::of_devices([self.devices])), ..Section::default() },
+            page::scene(options, self.loaded),
+        ]);
+        page::write(&options.out, &title, &sections)
+    }
+
+    /// The fastest, a middle and the best setting of the front, each once.
+    fn seen(&self, grid: &Grid) -> Result<Vec<Seen>, Failure> {
+        let mut front: Vec<&Row> = self.rows.iter().filter(|r| r.on_front).collect();
+        front.sort_by(|a, b| a.measured.time_ms.total_cmp(&b.measured.time_ms));
+        let last = front.len().saturating_sub(1);
+        let mut places = vec![("fastest", 0), ("middle", last / 2), ("best", last)];
+        places.dedup_by_key(|(_, place)| *place);
+        let rows = places.into_iter().filter_map(|(which, place)| Some((which, *front.get(place)?)));
+        let seen = rows.map(|(which, row)| {
+            let (frame, linear) = grid.show(&row.knobs)?;
+            Ok(Seen { name: format!("{which}: {}", row.name()), linear, frame })
+        });
+        seen.collect()
+    }
+
+    fn pictures(&self, seen: &[Seen]) -> Result<Section, Failure> {
+        let Self { reference, loaded, .. } = self;
+        let against = |s: &Seen| page::against(s.name.clone(), &s.linear, &reference.images, loaded);
+        let mut groups = seen.iter().map(against).collect::<Result<Vec<_>, _>>()?;
+        groups.push(Group::of_frame("reference".into(), &reference.images, loaded.shot.exposure_ev));
+        let note = format!("The ends and the middle of the front, and the reference: {}. ", reference.origin);
+        page::pictures(note + page::FLIP_NOTE, &groups)
+    }
+
+    fn ladder(&self) -> Result<Section, Failure> {
+        let title = format!("Fronts of {} at {}", self.args.options.shot, self.args.options.size);
+        let figure = ladder_svg(title, self.rows, self.peers, self.ladder).context("cannot draw the fronts")?;
+        let rungs = self.ladder.rungs().len();
+        let notes = format!("{rungs} rungs: the front without what is less than 3 % apart in time, in ladder.toml.");
+        let table = Some(ladder_table(self.ladder));
+        Ok(Section { heading: "Fronts and quality ladder", notes: vec![notes], table, figure: Some(figure) })
+    }
+
+    fn regret(&self) -> Option<Section> {
+        let path = self.args.ladder.as_ref()?;
+        let note =
+            "Regret: by how much a rung's FLIP is above the least of all settings that take no longer.".to_owned();
+        let notes = vec![format!("Ladder: {}.", path.display()), note];
+        Some(Section { heading: "Regret", notes, table: Some(regret_table(self.regrets)), figure: None })
+    }
+
+    fn beside_peers(&self) -> Option<Section> {
+        let path = self.args.peers.as_ref()?;
+        let notes = vec![format!("Peers: {}.", path.display()), peers::NOTE.to_owned()];
+        let table = Some(peers::table(self.peers, self.rows));
+        Some(Section { heading: "Time to reach the FLIP of each peer", notes, table, figure: None })
+    }
+}

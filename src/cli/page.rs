@@ -1,0 +1,71 @@
+//! `report.html`, the page of `--report`: what the commands' pages have in common.
+
+use std::path::Path;
+
+use anyhow::Context;
+
+use diptych::exec::Stereo;
+use diptych::image::RgbImage;
+use diptych::report::Table;
+use diptych::report::html::{Section, page};
+use diptych::report::lanes::{LaneFrame, lanes};
+use diptych::report::pictures::{Group, viewer};
+use diptych::report::run::SceneSummary;
+
+use super::failure::Failure;
+use super::options::RunOptions;
+use super::output;
+use super::setup::Loaded;
+
+/// The page of this command line.
+pub fn write(dir: &Path, title: &str, sections: &[Section]) -> Result<(), Failure> {
+    let command: Vec<String> = std::env::args().collect();
+    output::write_text(dir, "report.html", &page(title, &command.join(" "), sections))
+}
+
+/// What `--report` adds to a list of files.
+pub fn and_page(report: bool) -> &'static str {
+    if report { "report.html, " } else { "" }
+}
+
+/// A frame as it is shown, beside what is right of it.
+pub fn against(
+    name: String,
+    linear: &Stereo<RgbImage>,
+    reference: &Stereo<RgbImage>,
+    loaded: &Loaded,
+) -> Result<Group, Failure> {
+    let frame = Group::of_frame(name, linear, loaded.shot.exposure_ev).against(reference, linear);
+    Ok(frame.context("cannot compare the pictures of the page")?)
+}
+
+const VIEWER_NOTE: &str =
+    "Choose what is left and right of the line, and drag the line or move it with the arrow keys.";
+
+pub const FLIP_NOTE: &str = "FLIP is of tonemapped values at 67 pixels per degree, in the colours of magma: black is 0, \
+    pale yellow is 1.";
+
+/// `note` says what of.
+pub fn pictures(note: String, groups: &[Group]) -> Result<Section, Failure> {
+    let figure = Some(viewer(groups).context("cannot make the pictures of the page")?);
+    Ok(Section { heading: "Pictures", notes: vec![note, VIEWER_NOTE.to_owned()], figure, table: None })
+}
+
+const LANES_NOTE: &str = "A lane per device and eye, a box per pass over a stripe of rows, on the devices' own clocks; \
+    transfers are apart, on the host's. The line at the right is where the whole images are on the primary. Below are \
+    sums over devices and eyes.";
+
+/// `note` says what the frames are; `shown` is the first to be seen.
+pub fn swimlanes(note: String, frames: &[LaneFrame<'_>], shown: usize) -> Result<Section, Failure> {
+    let figure = Some(lanes(frames, shown).context("cannot write down the tasks of frames")?);
+    Ok(Section { heading: "Swimlanes of a frame", notes: vec![note, LANES_NOTE.to_owned()], figure, table: None })
+}
+
+/// The scene in numbers.
+pub fn scene(options: &RunOptions, loaded: &Loaded) -> Section {
+    let summary = SceneSummary::of(&loaded.scene, loaded.needs, !options.no_skip);
+    let mut table = Table::of_fields(&summary);
+    table.rows.retain(|row| row.first().is_none_or(|name| !["needs", "warnings", "skipped"].contains(&name.as_str())));
+    let notes = summary.warnings.iter().map(|warning| format!("Warning: {warning}")).collect();
+    Section { heading: "Scene", notes, table: Some(table), figure: None }
+}

@@ -1,0 +1,148 @@
+//! `diptych play --report`: the last picture beside a reference, how the budget was kept, and where frames' time went.
+
+use std::time::Duration;
+
+use anyhow::Context;
+
+use diptych::exec::Stereo;
+use diptych::image::RgbImage;
+use diptych::report::Table;
+use diptych::report::html::Section;
+use diptych::report::lanes::{LaneFrame, median_frame};
+use diptych::report::pictures::Group;
+use diptych::report::play::{PlaySummary, SETTLING_FRAMES};
+use diptych::report::run::{FrameRow, ReferenceRow, RunReport};
+use diptych::report::timeline::{Disturbed, timeline};
+
+use super::disturb::Disturbance;
+use super::{Args, Run};
+use crate::cli::failure::Failure;
+use crate::cli::faults::FaultOptions;
+use crate::cli::options::{RenderOptions, RunOptions};
+use crate::cli::page;
+use crate::cli::reference::{PASS_SPP, PassOptions, Plan};
+use crate::cli::setup::{self, Loaded, Tracing};
+
+/// What a reference may take unless its samples are given, and samples beyond which no one sees a difference.
+const TIME_LIMIT: Duration = Duration::from_secs(10);
+const SPP_MAX: u32 = 1 << 14;
+
+/// The last frame, off the devices.
+pub struct Last {
+    linear: Stereo<RgbImage>,
+    /// Where on the camera's path it is.
+    time_s: f64,
+}
+
+impl Last {
+    /// None before there is a frame.
+    pub fn of(run: &mut Run) -> Result<Option<Self>, Failure> {
+        let Some(row) = run.rows.last() else { return Ok(None) };
+        let time_s = run.path.time_s(run.options.time + f64::from(row.index) / run.options.fps);
+        Ok(Some(Self { linear: run.renderer.read_linear()?, time_s }))
+    }
+
+    /// The same instant, unbiased, with other random numbers.
+    fn reference(
+        &self,
+        args: &Args,
+        options: &RenderOptions,
+        loaded: &Loaded,
+    ) -> Result<(Stereo<RgbImage>, ReferenceRow), Failure> {
+        let faults = FaultOptions { injections: Vec::new(), slowdown: Vec::new(), ..options.faults.clone() };
+        let (trace, clamp, time, seed) = (None, None, self.time_s, !options.seed);
+        let run = RunOptions { faults, trace, clamp, time, seed, ..options.run.clone() };
+        let time_limit = args.report_spp.is_none().then_some(TIME_LIMIT);
+        let spp = args.report_spp.unwrap_or(SPP_MAX);
+        let passes = PassOptions { time_limit, passes_out: None, pass_spp: PASS_SPP };
+        let plan = Plan::new(&RenderOptions { run, spp, frames: 1, ..options.clone() }, passes)?;
+        // Its passes are no frames of the run's trace.
+        let tracing = Tracing::start(&plan.options)?;
+        let gpus = setup::open_devices(&plan.options, usize::from(args.virtual_devices))?;
+        let mut renderer = setup::renderer(&plan.options, loaded, gpus, tracing.recorder.origin())?;
+        let done = plan.accumulate(&mut renderer, loaded, 0, plan.begun(loaded, 0)?, &tracing)?;
+        Ok((done.accumulation.mean(), done.row))
+    }
+}
+
+/// Renders the reference and writes the page.
+pub fn write(
+    args: &Args,
+    options: &RenderOptions,
+    loaded: &Loaded,
+    report: &RunReport,
+    last: &Last,
+) -> Result<(), Failure> {
+    let [lo_ms, hi_ms] = [args.budget_ms.lo_ms(), args.budget_ms.hi_ms()];
+    let title = format!("{} at {} in {lo_ms} to {hi_ms} ms a frame", options.shot, options.size);
+    let mut sections = vec![pictures(args, options, loaded, last, report)?];
+    if let Some(play) = &report.play {
+        sections.extend(budget(args, play, &report.frames)?);
+    }
+    let makespans_ms: Vec<f64> = report.frames.iter().map(|f| f.makespan_ms).collect();
+    let frames: Vec<LaneFrame> = report.frames.iter().map(lane_frame).collect();
+    let note = "The frame that is chosen above or here, at first one of median makespan.";
+    sections.push(page::swimlanes(note.to_owned(), &frames, median_frame(&makespans_ms))?);
+    let settings = Table::of_fields(&report.settings);
+    sections.push(Section { heading: "Settings", table: Some(settings), ..Section::default() });
+    let devices = Table::of_devices([report.devices.as_slice()]);
+    let faults =
+        report.faults.iter().map(|f| format!("Device {} was taken out in frame {}: {}", f.device, f.frame, f.what));
+    sections.push(Section { heading: "Devices", notes: faults.collect(), table: Some(devices), figure: None });
+    sections.push(page::scene(options, loaded));
+    page::write(&options.out, &title, &sections)
+}
+
+fn lane_frame(row: &FrameRow) -> LaneFrame<'_> {
+    // Times of a row's stages are since the frame's begin.
+    let (makespan_ms, begin_ms) = (row.makespan_ms, 0.0);
+    LaneFrame { name: format!("frame {}", row.index), makespan_ms, begin_ms, tasks: &row.stages }
+}
+
+fn pictures(
+    args: &Args,
+    options: &RenderOptions,
+    loaded: &Loaded,
+    last: &Last,
+    report: &RunReport,
+) -> Result<Section, Failure> {
+    let (reference, row) = last.reference(args, options, loaded)?;
+    let index = report.frames.last().map_or(0, |f| f.index);
+    let groups = [
+        page::against(format!("frame {index}"), &last.linear, &reference, loaded)?,
+        Group::of_frame(format!("reference, {} spp", row.spp), &reference, loaded.shot.exposure_ev),
+    ];
+    let noise = row.noise.as_ref().map_or(String::new(), |noise| format!(" Standard error of the reference: {noise}."));
+    let note = format!(
+        "Frame {index}, the last, and a reference of the same camera and instant without denoiser and reprojection: {} \
+         samples per pixel in {:.1} s, as many as {}.{noise} {}",
+        row.spp,
+        row.elapsed_s,
+        if args.report_spp.is_some() { "--report-spp asked for" } else { "the time allowed" },
+        page::FLIP_NOTE,
+    );
+    page::pictures(note, &groups)
+}
+
+fn budget(args: &Args, play: &PlaySummary, rows: &[FrameRow]) -> Result<[Section; 2], Failure> {
+    let disturbed: Vec<Disturbed> = args.disturb.iter().map(disturbed).collect();
+    let figure = timeline(play.budget_ms, play.rungs, rows, &disturbed).context("cannot write down the frames")?;
+    let how = "Frame times in the shaded budget and samples per pixel, and below them the rung of the quality ladder, 0 \
+        the cheapest. Triangles stand for frames beyond the axis. Choose a frame by a click or the arrow keys.";
+    let judged = format!("The first {SETTLING_FRAMES} frames of a longer run settle the loop and are not judged.");
+    let notes = vec![how.to_owned(), judged];
+    let rungs = vec![format!("Of the ladder: {}. Shares are of the frames that were judged.", play.ladder)];
+    Ok([
+        Section { heading: "Frames in their budget", notes, table: Some(play.table()), figure: Some(figure) },
+        Section { heading: "Rungs", notes: rungs, table: Some(play.rungs_table()), figure: None },
+    ])
+}
+
+fn disturbed(what: &Disturbance) -> Disturbed {
+    match what {
+        Disturbance::Slow { device, frames } => {
+            Disturbed { name: format!("slow: device {device}"), from: frames.start, to: frames.end }
+        }
+        Disturbance::SceneCut { frame } => Disturbed { name: "scene cut".into(), from: *frame, to: *frame },
+    }
+}

@@ -1,0 +1,102 @@
+//! Pictures for a page: two at a time on one stage, wiped from one to the other.
+
+use base64::Engine;
+use base64::engine::general_purpose::STANDARD;
+
+use super::ReportError;
+use super::html::escape;
+use crate::exec::Stereo;
+use crate::image::RgbImage;
+use crate::image::display::{DisplayImage, encode_png, tonemap};
+use crate::metrics::Pair;
+use crate::metrics::heatmap::flip_heatmap;
+
+/// Pictures that belong together, such as those of one frame.
+pub struct Group {
+    pub name: String,
+    pub pictures: Vec<Picture>,
+}
+
+pub struct Picture {
+    pub name: String,
+    pub image: DisplayImage,
+}
+
+impl Group {
+    /// Both eyes of linear images as a screen shows them, `exposure_ev` stops brighter.
+    pub fn of_frame(name: String, linear: &Stereo<RgbImage>, exposure_ev: f32) -> Self {
+        let eye = |eye: &str, image| Picture { name: eye.to_owned(), image: tonemap(image, f64::from(exposure_ev)) };
+        Self { name, pictures: vec![eye("left eye", &linear.left), eye("right eye", &linear.right)] }
+    }
+
+    /// Adds the FLIP of each pixel of both eyes, with their means in the names.
+    ///
+    /// # Errors
+    /// [`ReportError::Image`] for images of unlike size or without pixels.
+    pub fn against(mut self, reference: &Stereo<RgbImage>, linear: &Stereo<RgbImage>) -> Result<Self, ReportError> {
+        for (eye, right, image) in [("left", &reference.left, &linear.left), ("right", &reference.right, &linear.right)]
+        {
+            let pair = Pair::new(right, image)?;
+            let name = format!("FLIP, {eye} eye (mean {:.4})", pair.errors().flip);
+            self.pictures.push(Picture { name, image: flip_heatmap(&pair) });
+        }
+        Ok(self)
+    }
+}
+
+/// The viewer: at first the first picture is left of the line, and right of it the first one of the last group, of a
+/// single group the second one. All pictures are of one size.
+///
+/// # Errors
+/// [`ReportError::Encoding`].
+pub fn viewer(groups: &[Group]) -> Result<String, ReportError> {
+    let (mut options, mut stage, mut number) = (String::new(), String::new(), 0);
+    let before_last = groups.iter().rev().skip(1).map(|g| g.pictures.len()).sum::<usize>();
+    let right = before_last.max(1);
+    for group in groups {
+        options += &format!("<optgroup label=\"{}\">", escape(&group.name));
+        for Picture { name, image } in &group.pictures {
+            let (alt, data) = (escape(&format!("{}: {name}", group.name)), data_uri(name, image)?);
+            options += &format!("<option value=\"{number}\">{}</option>", escape(name));
+            let (width, height) = (image.extent.width, image.extent.height);
+            stage += &format!("<img alt=\"{alt}\" width=\"{width}\" height=\"{height}\" src=\"{data}\">\n");
+            number += 1;
+        }
+        options += "</optgroup>";
+    }
+    Ok(format!(
+        "<div class=\"viewer\" data-right=\"{right}\">\n<div class=\"controls\">\n\
+         <label>Left <select class=\"left\">{options}</select></label>\n\
+         <label>Right <select class=\"right\">{options}</select></label>\n\
+         <label>Line <input class=\"wipe\" type=\"range\" min=\"0\" max=\"100\" value=\"50\"></label>\n</div>\n\
+         <div class=\"stage\">\n{stage}</div>\n</div>"
+    ))
+}
+
+fn data_uri(name: &str, image: &DisplayImage) -> Result<String, ReportError> {
+    let mut png = Vec::new();
+    encode_png(image, &mut png).map_err(|source| ReportError::Encoding { name: name.to_owned(), source })?;
+    Ok(format!("data:image/png;base64,{}", STANDARD.encode(png)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::image::Extent;
+
+    #[test]
+    fn a_viewer_holds_each_picture_once_and_names_it_in_both_lists() {
+        let grey = |value: f32| RgbImage::filled(Extent::new(12, 11), [value; 3]);
+        let linear = Stereo { left: grey(0.5), right: grey(0.25) };
+        let reference = Stereo { left: grey(0.5), right: grey(0.5) };
+        let frame = Group::of_frame("a <b>".into(), &linear, 0.0).against(&reference, &linear).unwrap();
+        assert_eq!(frame.pictures[2].name, "FLIP, left eye (mean 0.0000)");
+        assert!(frame.pictures[3].image.pixels[0] != [0, 0, 3], "{:?}", frame.pictures[3].image.pixels[0]);
+        let html = viewer(&[frame, Group::of_frame("reference".into(), &reference, 0.0)]).unwrap();
+        assert_eq!((html.matches("<img").count(), html.matches("<option ").count()), (6, 12));
+        assert!(html.contains("alt=\"a &lt;b&gt;: left eye\"") && html.contains("data-right=\"4\""), "{html}");
+        let encoded = html.split("base64,").nth(1).unwrap().split('"').next().unwrap();
+        let png = ::image::load_from_memory(&STANDARD.decode(encoded).unwrap()).unwrap().into_rgb8();
+        assert_eq!((png.dimensions(), png.get_pixel(3, 3).0), ((12, 11), tonemap(&linear.left, 0.0).pixels[0]));
+    }
+}
