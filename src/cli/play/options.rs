@@ -1,0 +1,97 @@
+//! Options of commands that keep frames inside a budget, and what follows from them before anything is opened.
+
+use std::path::PathBuf;
+
+use diptych::control::Budget;
+
+use super::Failure;
+use super::ladder::Choice;
+use crate::cli::foveation::{FoveationOptions, Iterations};
+use crate::cli::options::{Denoiser, RenderOptions, RunOptions};
+
+#[derive(clap::Args, Clone, Debug)]
+pub struct LoopOptions {
+    #[command(flatten)]
+    pub run: RunOptions,
+    /// Virtual devices on each chosen adapter
+    #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64))]
+    pub virtual_devices: u16,
+    /// What a frame's makespan is kept within, milliseconds
+    #[arg(long, default_value = "11..20", value_name = "LO..HI")]
+    pub budget_ms: Budget,
+    /// A quality ladder that `diptych bench` measured [default: a built-in one, its order guessed, its times measured at
+    /// the start]
+    #[arg(long, value_name = "FILE")]
+    pub ladder: Option<PathBuf>,
+    /// Of all frames [default: svgf; with --ladder the one that most rungs have]
+    #[arg(long)]
+    pub denoiser: Option<Denoiser>,
+    #[command(flatten)]
+    pub foveated: FoveationOptions,
+    /// Frames per second, of the clock and of the camera path, which is walked to its end and back again [default: as
+    /// many as the upper end of the budget allows]
+    #[arg(long)]
+    pub fps: Option<f64>,
+}
+
+impl LoopOptions {
+    pub fn layers(&self) -> Layers {
+        let is_limited = self.foveated.is_on() || self.foveated.iterations.is_some();
+        Layers(is_limited.then(|| self.foveated.layer_iterations()))
+    }
+
+    /// Options with the most that any frame has.
+    fn render_options(&self, choice: &Choice, frames: u32) -> RenderOptions {
+        let [inner, middle, outer] = self.layers().of(choice.most(|k| k.iterations));
+        let iterations =
+            if self.foveated.is_on() { Iterations::Layers([inner, middle, outer]) } else { Iterations::All(outer) };
+        RenderOptions {
+            run: self.run.clone(),
+            spp: choice.most(|k| k.spp),
+            bounces: choice.most(|k| k.bounces),
+            denoiser: choice.denoiser,
+            foveated: FoveationOptions { iterations: Some(iterations), ..self.foveated.clone() },
+            frames,
+            fps: self.fps.unwrap_or(1e3 / self.budget_ms.hi_ms()),
+            frames_in_flight: 1,
+            aov: Vec::new(),
+        }
+    }
+
+    /// What clap cannot see.
+    fn check(&self, choice: &Choice, options: &RenderOptions) -> Result<(), Failure> {
+        self.foveated.check().map_err(Failure::Input)?;
+        if choice.denoiser != Denoiser::None && options.iterations() == 0 {
+            return Err(Failure::Input(anyhow::anyhow!("--iterations 0 filters nothing: choose --denoiser none")));
+        }
+        options.check().map_err(Failure::Input)
+    }
+}
+
+/// Options that are known to go together.
+pub struct Prepared {
+    pub options: LoopOptions,
+    pub choice: Choice,
+    pub render: RenderOptions,
+    /// How many there are to be; none: until it is ended.
+    pub frames: Option<u32>,
+}
+
+impl Prepared {
+    pub fn new(options: &LoopOptions, frames: Option<u32>) -> Result<Self, Failure> {
+        let choice = Choice::new(options)?;
+        let render = options.render_options(&choice, frames.unwrap_or(u32::MAX));
+        options.check(&choice, &render)?;
+        Ok(Self { options: options.clone(), choice, render, frames })
+    }
+}
+
+/// The most iterations by foveal layer, where there is a limit.
+pub struct Layers(Option<[u32; 3]>);
+
+impl Layers {
+    /// Of a rung with this many.
+    pub fn of(&self, iterations: u32) -> [u32; 3] {
+        self.0.map_or([iterations; 3], |most| most.map(|most| most.min(iterations)))
+    }
+}
