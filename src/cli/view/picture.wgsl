@@ -1,0 +1,42 @@
+// One eye's image over the viewport, or both as an anaglyph. Images are encoded for display already.
+
+@group(0) @binding(0) var eyes: texture_2d_array<f32>;
+@group(0) @binding(1) var filtered: sampler;
+
+// Whether what is written is encoded once more.
+override ENCODES: bool = false;
+
+struct Corner {
+    @builtin(position) position: vec4f,
+    @location(0) at: vec2f,
+    @location(1) @interpolate(flat) shows: u32,
+}
+
+// A triangle whose part inside the viewport is all of it.
+@vertex
+fn cover(@builtin(vertex_index) vertex: u32, @builtin(instance_index) shows: u32) -> Corner {
+    let at = vec2f(f32((vertex << 1u) & 2u), f32(vertex & 2u));
+    return Corner(vec4f(2.0 * at.x - 1.0, 1.0 - 2.0 * at.y, 0.0, 1.0), at, shows);
+}
+
+// The inverse of the sRGB curve (IEC 61966-2-1).
+fn decoded(c: vec3f) -> vec3f {
+    return select(pow((c + 0.055) / 1.055, vec3f(2.4)), c / 12.92, c <= vec3f(0.04045));
+}
+
+@fragment
+fn show(corner: Corner) -> @location(0) vec4f {
+    var colour: vec3f;
+    if corner.shows == 2u {
+        // As image::stereo::anaglyph: red is the left eye's luma (Rec. ITU-R BT.601).
+        let left = textureSampleLevel(eyes, filtered, corner.at, 0u, 0.0).rgb;
+        let right = textureSampleLevel(eyes, filtered, corner.at, 1u, 0.0).rgb;
+        colour = vec3f(dot(left, vec3f(0.299, 0.587, 0.114)), right.gb);
+    } else {
+        colour = textureSampleLevel(eyes, filtered, corner.at, corner.shows, 0.0).rgb;
+    }
+    if ENCODES {
+        colour = decoded(colour);
+    }
+    return vec4f(colour, 1.0);
+}
