@@ -14,7 +14,7 @@ mod window;
 use std::path::PathBuf;
 use std::sync::Arc;
 
-use anyhow::Context;
+use anyhow::{Context, anyhow};
 use winit::event_loop::EventLoop;
 
 use super::failure::Failure;
@@ -27,7 +27,7 @@ use shared::Shared;
 use window::{App, Look, Wake};
 
 #[derive(clap::Args, Clone, Debug)]
-#[command(mut_arg("out", |out| out.required(false).default_value("").hide(true)))]
+#[command(mut_arg("out", |out| out.required(false).default_value(".").hide(true)))]
 pub struct Args {
     #[command(flatten)]
     options: LoopOptions,
@@ -45,7 +45,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::watch()?;
     let events = EventLoop::<Wake>::with_user_event()
         .build()
-        .context("cannot open a window: there is no display here; `diptych play` needs none")?;
+        .map_err(|_| anyhow!("cannot open a window: there is no display here; `diptych play` needs none"))?;
     let tracing = Tracing::start(options)?;
     let progress = Progress::text(options.quiet, options.json);
     progress.phase("loading");

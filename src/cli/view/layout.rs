@@ -14,7 +14,7 @@ pub enum Layout {
     Right,
 }
 
-/// What a part of the window shows; the numbers are those of the shader.
+/// What a part of the window shows; an eye's number is its layer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Shows {
     Left = 0,

@@ -62,6 +62,7 @@ impl Overlay {
         context.set_visuals(egui::Visuals::dark());
         context.all_styles_mut(|style| {
             style.spacing.item_spacing = vec2(6.0, 3.0);
+            style.spacing.interact_size.y = 11.0;
             style.visuals.override_text_color = Some(TEXT);
             style.wrap_mode = Some(egui::TextWrapMode::Extend);
         });
@@ -148,11 +149,12 @@ fn rate(news: &News) -> f64 {
     if passed_s > 0.0 { (recent - 1) as f64 / passed_s } else { 0.0 }
 }
 
-/// Frame times on the band, which is the middle half of the height.
+/// Frame times on the band.
 fn plot(ui: &mut Ui, [lo_ms, hi_ms]: [f64; 2], news: &News) {
     let (rect, _) = ui.allocate_exact_size(vec2(WIDTH, 68.0), Sense::hover());
     let painter = ui.painter_at(rect);
-    let most_ms = hi_ms * 1.5;
+    let longest_ms = news.frames.iter().fold(0.0, |most: f64, frame| most.max(frame.makespan_ms));
+    let most_ms = (1.05 * longest_ms).clamp(1.5 * hi_ms, 4.0 * hi_ms);
     let y = |ms: f64| rect.bottom() - 1.0 - (rect.height() - 2.0) * (ms / most_ms).min(1.0) as f32;
     painter.rect_filled(rect, 2.0, Color32::from_black_alpha(120));
     let band = Rect::from_x_y_ranges(rect.x_range(), y(hi_ms)..=y(lo_ms));

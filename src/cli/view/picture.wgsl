@@ -3,8 +3,8 @@
 @group(0) @binding(0) var eyes: texture_2d_array<f32>;
 @group(0) @binding(1) var filtered: sampler;
 
-// Whether what is written is encoded once more.
-override ENCODES: bool = false;
+// Whether what is written is encoded once more on its way.
+override DECODES: bool = false;
 
 struct Corner {
     @builtin(position) position: vec4f,
@@ -24,19 +24,25 @@ fn decoded(c: vec3f) -> vec3f {
     return select(pow((c + 0.055) / 1.055, vec3f(2.4)), c / 12.92, c <= vec3f(0.04045));
 }
 
-@fragment
-fn show(corner: Corner) -> @location(0) vec4f {
-    var colour: vec3f;
-    if corner.shows == 2u {
-        // As image::stereo::anaglyph: red is the left eye's luma (Rec. ITU-R BT.601).
-        let left = textureSampleLevel(eyes, filtered, corner.at, 0u, 0.0).rgb;
-        let right = textureSampleLevel(eyes, filtered, corner.at, 1u, 0.0).rgb;
-        colour = vec3f(dot(left, vec3f(0.299, 0.587, 0.114)), right.gb);
-    } else {
-        colour = textureSampleLevel(eyes, filtered, corner.at, corner.shows, 0.0).rgb;
-    }
-    if ENCODES {
-        colour = decoded(colour);
+fn shown(colour: vec3f) -> vec4f {
+    if DECODES {
+        return vec4f(decoded(colour), 1.0);
     }
     return vec4f(colour, 1.0);
+}
+
+fn of_eye(eye: u32, at: vec2f) -> vec3f {
+    return textureSampleLevel(eyes, filtered, at, eye, 0.0).rgb;
+}
+
+@fragment
+fn show(corner: Corner) -> @location(0) vec4f {
+    return shown(of_eye(corner.shows, corner.at));
+}
+
+// As image::stereo::anaglyph: red is the left eye's luma (Rec. ITU-R BT.601), the rest is the right eye's.
+@fragment
+fn show_both(corner: Corner) -> @location(0) vec4f {
+    let luma = dot(of_eye(0u, corner.at), vec3f(0.299, 0.587, 0.114));
+    return shown(vec3f(luma, of_eye(1u, corner.at).gb));
 }

@@ -1,6 +1,7 @@
 //! Draws the eyes' images and the overlay into the window, or into an image of the same size.
 
 use std::sync::Arc;
+use std::time::Duration;
 
 use anyhow::{Context, anyhow};
 use diptych::device::ScreenDevice;
@@ -11,7 +12,7 @@ use egui::TexturesDelta;
 use egui_wgpu::{RendererOptions, ScreenDescriptor};
 use winit::window::Window;
 
-use super::layout::Placement;
+use super::layout::{Placement, Shows};
 use super::overlay::Painted;
 use super::shared::EyeImages;
 
@@ -31,7 +32,8 @@ pub struct Presenter {
     window: Arc<Window>,
     screen: ScreenDevice,
     config: wgpu::SurfaceConfiguration,
-    pipeline: wgpu::RenderPipeline,
+    /// Of one eye, of both as an anaglyph: what a branch leaves out still costs time on software adapters.
+    pipelines: [wgpu::RenderPipeline; 2],
     /// A layer per eye.
     eyes: wgpu::Texture,
     /// Smooth, sharp.
@@ -52,14 +54,21 @@ impl Presenter {
         config.format = formats.into_iter().find(|f| !f.is_srgb()).unwrap_or(config.format);
         config.present_mode = wgpu::PresentMode::AutoVsync;
         config.desired_maximum_frame_latency = 1;
-        let pipeline = pipeline(device, config.format);
         let eyes = eyes_texture(device, eye);
+        let layout = binding_layout(device);
+        let pipelines = ["show", "show_both"].map(|entry| pipeline(device, &layout, config.format, entry));
         let bindings =
-            [wgpu::FilterMode::Linear, wgpu::FilterMode::Nearest].map(|filter| bind(device, &pipeline, &eyes, filter));
-        let overlay = egui_wgpu::Renderer::new(device, config.format, RendererOptions::default());
-        let mut presenter = Self { window, screen, config, pipeline, eyes, bindings, overlay, freed: Vec::new() };
+            [wgpu::FilterMode::Linear, wgpu::FilterMode::Nearest].map(|filter| bind(device, &layout, &eyes, filter));
+        let options = RendererOptions { dithering: false, ..Default::default() };
+        let overlay = egui_wgpu::Renderer::new(device, config.format, options);
+        let mut presenter = Self { window, screen, config, pipelines, eyes, bindings, overlay, freed: Vec::new() };
         presenter.resize();
         Ok(presenter)
+    }
+
+    /// Between two drawings, at least: on a software adapter they take time from the devices that render.
+    pub fn least_interval(&self) -> Duration {
+        if self.screen.gpu.info.threads.is_some() { Duration::from_millis(33) } else { Duration::ZERO }
     }
 
     /// Size of the window, pixels; at least one each way.
@@ -193,13 +202,13 @@ impl Presenter {
                 ..Default::default()
             };
             let mut pass = encoder.begin_render_pass(&descriptor_of_pass).forget_lifetime();
-            pass.set_pipeline(&self.pipeline);
             pass.set_bind_group(0, &self.bindings[usize::from(drawing.is_sharp)], &[]);
             for placement in &drawing.placements {
                 let [x, y, width, height] =
                     [placement.x, placement.y, placement.width(), placement.height()].map(|n| n as f32);
                 if width >= 1.0 && height >= 1.0 {
                     pass.set_viewport(x, y, width, height, 0.0, 1.0);
+                    pass.set_pipeline(&self.pipelines[usize::from(placement.shows == Shows::Anaglyph)]);
                     let shows = placement.shows as u32;
                     pass.draw(0..3, shows..shows + 1);
                 }
@@ -225,9 +234,24 @@ fn eyes_texture(device: &wgpu::Device, Extent { width, height }: Extent) -> wgpu
     })
 }
 
+fn binding_layout(device: &wgpu::Device) -> wgpu::BindGroupLayout {
+    let entry =
+        |binding, ty| wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::FRAGMENT, ty, count: None };
+    let eyes = wgpu::BindingType::Texture {
+        sample_type: wgpu::TextureSampleType::Float { filterable: true },
+        view_dimension: wgpu::TextureViewDimension::D2Array,
+        multisampled: false,
+    };
+    let sampler = wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering);
+    device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("eyes"),
+        entries: &[entry(0, eyes), entry(1, sampler)],
+    })
+}
+
 fn bind(
     device: &wgpu::Device,
-    pipeline: &wgpu::RenderPipeline,
+    layout: &wgpu::BindGroupLayout,
     eyes: &wgpu::Texture,
     filter: wgpu::FilterMode,
 ) -> wgpu::BindGroup {
@@ -236,27 +260,36 @@ fn bind(
         min_filter: wgpu::FilterMode::Linear,
         ..Default::default()
     });
+    let view = eyes.create_view(&Default::default());
+    let entry = |binding, resource| wgpu::BindGroupEntry { binding, resource };
     device.create_bind_group(&wgpu::BindGroupDescriptor {
         label: Some("eyes"),
-        layout: &pipeline.get_bind_group_layout(0),
+        layout,
         entries: &[
-            wgpu::BindGroupEntry {
-                binding: 0,
-                resource: wgpu::BindingResource::TextureView(&eyes.create_view(&Default::default())),
-            },
-            wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::Sampler(&sampler) },
+            entry(0, wgpu::BindingResource::TextureView(&view)),
+            entry(1, wgpu::BindingResource::Sampler(&sampler)),
         ],
     })
 }
 
-fn pipeline(device: &wgpu::Device, format: wgpu::TextureFormat) -> wgpu::RenderPipeline {
+fn pipeline(
+    device: &wgpu::Device,
+    layout: &wgpu::BindGroupLayout,
+    format: wgpu::TextureFormat,
+    entry: &str,
+) -> wgpu::RenderPipeline {
     let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
         label: Some("picture"),
         source: wgpu::ShaderSource::Wgsl(include_str!("picture.wgsl").into()),
     });
+    let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+        label: Some("picture"),
+        bind_group_layouts: &[Some(layout)],
+        immediate_size: 0,
+    });
     device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
         label: Some("picture"),
-        layout: None,
+        layout: Some(&layout),
         vertex: wgpu::VertexState {
             module: &module,
             entry_point: Some("cover"),
@@ -268,9 +301,9 @@ fn pipeline(device: &wgpu::Device, format: wgpu::TextureFormat) -> wgpu::RenderP
         multisample: Default::default(),
         fragment: Some(wgpu::FragmentState {
             module: &module,
-            entry_point: Some("show"),
+            entry_point: Some(entry),
             compilation_options: wgpu::PipelineCompilationOptions {
-                constants: &[("ENCODES", f64::from(u8::from(format.is_srgb())))],
+                constants: &[("DECODES", f64::from(u8::from(format.is_srgb())))],
                 ..Default::default()
             },
             targets: &[Some(format.into())],

@@ -3,6 +3,7 @@
 use std::collections::HashSet;
 use std::sync::Arc;
 use std::thread::JoinHandle;
+use std::time::Instant;
 
 use anyhow::{Context, anyhow};
 use diptych::image::Extent;
@@ -60,6 +61,7 @@ struct Open {
     held: HashSet<KeyCode>,
     pointer: [f64; 2],
     drags: bool,
+    drawn: Option<Instant>,
 }
 
 impl App {
@@ -103,6 +105,7 @@ impl App {
             held: HashSet::new(),
             pointer: [0.0; 2],
             drags: false,
+            drawn: None,
         });
         let (shared, proxy) = (Arc::clone(&self.shared), self.proxy.clone());
         let render = move || {
@@ -137,7 +140,11 @@ impl ApplicationHandler<Wake> for App {
     fn user_event(&mut self, events: &ActiveEventLoop, why: Wake) {
         let Some(open) = &mut self.open else { return };
         match why {
-            Wake::Frame => open.window.request_redraw(),
+            Wake::Frame => {
+                if open.drawn.is_none_or(|at| at.elapsed() >= open.presenter.least_interval()) {
+                    open.window.request_redraw();
+                }
+            }
             Wake::Ended => {
                 // The last frame may not have been drawn yet.
                 if let Err(failure) = open.redraw(&self.look, &self.shared) {
@@ -181,6 +188,7 @@ impl ApplicationHandler<Wake> for App {
 
 impl Open {
     fn redraw(&mut self, look: &Look, shared: &Shared) -> Result<(), anyhow::Error> {
+        self.drawn = Some(Instant::now());
         let (picture, news) = shared.take_output();
         self.news = news;
         if let Some(picture) = picture {
