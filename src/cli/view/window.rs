@@ -177,9 +177,7 @@ impl ApplicationHandler<Wake> for App {
                 open.drags = state == ElementState::Pressed;
             }
             WindowEvent::KeyboardInput { event, .. } => {
-                if open.key(&self.shared, &event) {
-                    events.exit();
-                }
+                open.key(events, &self.shared, &event);
             }
             _ => {}
         }
@@ -229,19 +227,17 @@ impl Open {
         });
     }
 
-    /// Whether it ends the program.
-    fn key(&mut self, shared: &Shared, event: &KeyEvent) -> bool {
-        let PhysicalKey::Code(code) = event.physical_key else { return false };
+    fn key(&mut self, events: &ActiveEventLoop, shared: &Shared, event: &KeyEvent) {
+        let PhysicalKey::Code(code) = event.physical_key else { return };
         if event.state == ElementState::Released {
             self.held.remove(&code);
-            self.tell_keys(shared);
-            return false;
+            return self.tell_keys(shared);
         }
         if event.repeat {
-            return false;
+            return;
         }
         match code {
-            KeyCode::Escape => return true,
+            KeyCode::Escape => events.exit(),
             KeyCode::Tab => self.layout = self.layout.next(),
             KeyCode::KeyN => self.drawing.is_sharp ^= true,
             KeyCode::KeyO => self.parts.panel ^= true,
@@ -253,7 +249,6 @@ impl Open {
             }
         }
         self.window.request_redraw();
-        false
     }
 
     fn tell_keys(&self, shared: &Shared) {
