@@ -165,7 +165,7 @@ mod tests {
             let (rig, time_s) = camera.step(input, 0.5);
             middle(&rig, time_s)
         };
-        let begin = at(&mut camera, &run([0.0; 3], false));
+        let begin = at(&mut camera, &run([0.0, 0.0, 1.0], false));
         let one = at(&mut camera, &run([1.0, 1.0, 1.0], false));
         assert!(((one - begin).length() - 1.0).abs() < 1e-6);
         assert!(((at(&mut camera, &run([-1.0, 0.0, 0.0], true)) - one).length() - 4.0).abs() < 1e-6);
