@@ -1,5 +1,6 @@
 # make demo    the built-in scene on two virtual devices: a stereo picture and a trace-file
 # make test    format, lints, documentation, tests
+# make test-view    the same for the window of `diptych view`, which needs Xvfb and xdotool to be tested
 # make deps    checks for a Vulkan driver and compilers; installs Mesa's driver where apt-get is and none was found
 # make clean
 #
@@ -10,7 +11,7 @@ CARGO ?= cargo
 DIPTYCH := $(or $(CARGO_TARGET_DIR),target)/release/diptych
 DEMO := out/demo
 
-.PHONY: demo test deps clean
+.PHONY: demo test test-view deps clean
 
 demo: deps
 	$(CARGO) build --release --locked
@@ -25,6 +26,10 @@ test: deps
 	$(CARGO) clippy --release --locked --all-targets -- -D warnings
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --release --locked
 	XDG_RUNTIME_DIR="$${XDG_RUNTIME_DIR:-$${TMPDIR:-/tmp}}" $(CARGO) test --release --locked
+
+test-view: deps
+	$(CARGO) clippy --release --locked --all-targets --features view -- -D warnings
+	XDG_RUNTIME_DIR="$${XDG_RUNTIME_DIR:-$${TMPDIR:-/tmp}}" $(CARGO) test --release --locked --features view --bin diptych --test view
 
 deps:
 	@sh tools/deps.sh

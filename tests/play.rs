@@ -136,3 +136,15 @@ fn options_that_are_wrong_are_refused_with_a_reason() {
         assert!(!out.join("run.json").exists());
     }
 }
+
+#[cfg(not(feature = "view"))]
+#[test]
+fn without_its_window_view_says_how_to_build_it() {
+    for options in [&["view"][..], &["view", "builtin:cornell", "--size", "96x64", "--nonsense"]] {
+        let output = diptych(options);
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{text}");
+        assert!(text.lines().count() == 1 && text.contains("--features view"), "{text}");
+    }
+    assert!(String::from_utf8_lossy(&diptych(&["--help"]).stdout).contains("view"));
+}

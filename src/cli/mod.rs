@@ -29,6 +29,8 @@ mod sequence;
 mod setup;
 mod simulate;
 mod trace;
+#[cfg_attr(not(feature = "view"), path = "no_view.rs")]
+mod view;
 
 use std::process::ExitCode;
 
@@ -48,6 +50,8 @@ enum Command {
     Render(render::Args),
     /// Render a sequence inside a frame budget: quality follows what devices can do
     Play(play::Args),
+    /// Look around in a window, inside a frame budget [needs a program built with `--features view`]
+    View(view::Args),
     /// Render the same frames at several device counts: table, CSV, plot
     Scale(scale::Args),
     /// Measure run time against error over a grid of settings: table, CSV, plot
@@ -76,6 +80,7 @@ pub fn run() -> ExitCode {
     let result = match Cli::parse().command {
         Command::Render(args) => render::run(&args),
         Command::Play(args) => play::run(&args),
+        Command::View(args) => view::run(&args),
         Command::Scale(args) => scale::run(&args),
         Command::Bench(args) => bench::run(&args),
         Command::Compare(args) => compare::run(&args),

@@ -24,6 +24,11 @@ impl Progress {
         Self::with_template(units, "{bar:30} {msg}", quiet, json)
     }
 
+    /// Counts nothing and shows whatever text it is given, of one line or several.
+    pub fn text(quiet: bool, json: bool) -> Self {
+        Self::with_template(0, "{msg}", quiet, json)
+    }
+
     fn with_template(steps: u64, template: &str, quiet: bool, json: bool) -> Self {
         let shown = !quiet && !json && std::io::stderr().is_terminal();
         let bar = shown.then(|| {
@@ -52,6 +57,24 @@ impl Progress {
             bar.inc(1);
         }
         self.say(message, Some(event));
+    }
+
+    /// Whether anyone sees what is drawn.
+    pub fn is_drawn(&self) -> bool {
+        self.bar.is_some()
+    }
+
+    pub fn draw(&self, text: String) {
+        if let Some(bar) = &self.bar {
+            bar.set_message(text);
+        }
+    }
+
+    /// A JSON line, which is only made where one is wanted.
+    pub fn event(&self, event: impl FnOnce() -> serde_json::Value) {
+        if self.json {
+            say!("{}", event());
+        }
     }
 
     /// How many steps are done by now.

@@ -133,7 +133,8 @@ impl Tracing {
     }
 
     pub fn record(&self, options: &RenderOptions, frame: &FrameReport) {
-        let knobs = FrameKnobs { spp: options.spp, iterations: options.iterations(), control: None };
+        let Quality { spp, bounces, iterations, scale } = frame_settings(options);
+        let knobs = FrameKnobs { spp, bounces, iterations, scale, control: None };
         self.record_with(&knobs, frame);
     }
 

@@ -64,7 +64,7 @@ pub struct Selection {
     pub threads_per_device: Option<Vec<usize>>,
 }
 
-fn new_instance() -> wgpu::Instance {
+pub(super) fn new_instance() -> wgpu::Instance {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = if cfg!(target_os = "linux") { wgpu::Backends::VULKAN } else { wgpu::Backends::PRIMARY };
     // Validation of indirect dispatches costs a pass each; hole-filling's counts are bounded where they are made.
@@ -76,7 +76,7 @@ fn enumerate(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
     pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()))
 }
 
-fn kind_name(kind: wgpu::DeviceType) -> &'static str {
+pub(super) fn kind_name(kind: wgpu::DeviceType) -> &'static str {
     match kind {
         wgpu::DeviceType::DiscreteGpu => "discrete GPU",
         wgpu::DeviceType::IntegratedGpu => "integrated GPU",
@@ -172,7 +172,7 @@ fn choose(found: &[AdapterReport], selection: &Selection) -> Result<Vec<usize>, 
 }
 
 /// Held while a device is made, since the environment is the only way to tell Mesa its thread count.
-static OPENING: Mutex<()> = Mutex::new(());
+pub(super) static OPENING: Mutex<()> = Mutex::new(());
 
 fn open_one(index: usize, report: &AdapterReport, threads: usize) -> Result<GpuDevice, DeviceError> {
     let _guard = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
@@ -192,6 +192,26 @@ fn open_one(index: usize, report: &AdapterReport, threads: usize) -> Result<GpuD
     };
     let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
         .map_err(|source| DeviceError::Open { index: report.index, name: report.name.clone(), source })?;
+    let info = DeviceInfo {
+        index,
+        adapter: report.index,
+        name: report.name.clone(),
+        driver: report.driver.clone(),
+        kind: report.kind.clone(),
+        threads: is_software.then_some(threads),
+        max_storage_bytes: device.limits().max_storage_buffer_binding_size,
+        clock_residual_us: 0.0,
+    };
+    Ok(watched(info, device, queue, instance))
+}
+
+/// Notes what goes wrong on the device from here on.
+pub(super) fn watched(
+    info: DeviceInfo,
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    instance: wgpu::Instance,
+) -> GpuDevice {
     let failure = Arc::new(Mutex::new(None));
     let note = |failure: &Arc<Mutex<Option<DeviceFailure>>>| {
         let failure = Arc::clone(failure);
@@ -205,15 +225,5 @@ fn open_one(index: usize, report: &AdapterReport, threads: usize) -> Result<GpuD
         lost(DeviceFailure { kind: FailureKind::Loss, what });
     });
     device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| failed(error.into())));
-    let info = DeviceInfo {
-        index,
-        adapter: report.index,
-        name: report.name.clone(),
-        driver: report.driver.clone(),
-        kind: report.kind.clone(),
-        threads: is_software.then_some(threads),
-        max_storage_bytes: device.limits().max_storage_buffer_binding_size,
-        clock_residual_us: 0.0,
-    };
-    Ok(GpuDevice { info, device, queue, patience: START_PATIENCE, failure, _instance: instance })
+    GpuDevice { info, device, queue, patience: START_PATIENCE, failure, instance }
 }

@@ -6,11 +6,15 @@
 mod adapters;
 mod clock;
 mod failure;
+#[cfg(feature = "view")]
+mod screen;
 mod shader;
 
 pub use adapters::{AdapterReport, DeviceInfo, Selection, adapters, open};
 pub use clock::GpuClock;
 pub use failure::{DeviceFailure, FailureKind};
+#[cfg(feature = "view")]
+pub use screen::ScreenDevice;
 #[cfg(test)]
 pub(crate) use shader::expand;
 pub use shader::{ShaderChecks, all_wgsl, override_names, wgsl};
@@ -28,6 +32,12 @@ pub enum DeviceError {
     Lacks { index: usize, name: String, missing: String, hint: &'static str },
     #[error("adapter {index} ({name}) gave no device")]
     Open { index: usize, name: String, source: wgpu::RequestDeviceError },
+    #[cfg(feature = "view")]
+    #[error("cannot draw into the window")]
+    Surface(#[from] wgpu::CreateSurfaceError),
+    #[cfg(feature = "view")]
+    #[error("no graphics adapter can draw into the window: {}", adapters::INSTALL_HINT)]
+    NoScreen(#[from] wgpu::RequestAdapterError),
     #[error("{0} devices are more than the 64 that one run can drive")]
     TooMany(usize),
     #[error("{given} thread counts for {devices} devices: give one per device, or one for all")]
@@ -43,7 +53,9 @@ pub struct GpuDevice {
     /// How long [`Self::wait`] waits.
     pub patience: Duration,
     failure: Arc<Mutex<Option<DeviceFailure>>>,
-    _instance: wgpu::Instance,
+    /// Lives as long as the device.
+    #[cfg_attr(not(feature = "view"), expect(dead_code))]
+    instance: wgpu::Instance,
 }
 
 /// Waits are made of slices, so that the time in which the whole process stood still counts as one of them at most.

@@ -18,8 +18,9 @@ use crate::device::{DeviceFailure, DeviceInfo, GpuDevice};
 use crate::graph::{Assignment, FrameGraph, FrameSpec, PhysicalImage, Seam, Stage, Views, passes};
 use crate::image::Extent;
 use crate::scene::rig::{Eye, Rig};
+use crate::scene::shot::Gaze;
 use crate::schedule::{CostModel, FrameCosts, Policy, choose_halo, simulate};
-use crate::stages::{Place, SceneTables, layout};
+use crate::stages::{Foveation, Place, SceneTables, layout};
 
 /// Renders frames on a set of devices.
 pub struct Renderer {
@@ -181,6 +182,19 @@ impl Renderer {
     /// The next frame finds no history.
     pub fn begin_anew(&mut self) {
         self.begins_anew = true;
+    }
+
+    /// What follows the gaze, if anything does.
+    pub fn foveation(&self) -> Option<&Foveation> {
+        self.settings.stages.foveation.as_ref()
+    }
+
+    /// Where both eyes look from the next frame on, fractions of each one's image from the top left. Of no use without
+    /// foveation.
+    pub fn set_gaze(&mut self, [x, y]: [f64; 2]) {
+        if let Some(foveation) = &mut self.settings.stages.foveation {
+            foveation.gaze = [0, 1].map(|_| Gaze { path: vec![[0.0, x, y]] });
+        }
     }
 
     /// The devices that were taken out, in order.

@@ -311,7 +311,7 @@
         `frame ${data.index[chosen]}: ${ms(data.ms[chosen])}`,
         expected === null ? "" : `${ms(expected)} expected`,
         `rung ${data.rung[chosen]}`,
-        `${data.spp[chosen]} spp, ${data.bounces[chosen]} bounces, ${data.iterations[chosen]} iterations`,
+        data.setting[chosen],
         late > 1 ? `begun ${ms(late)} late` : "",
       ];
       readout.textContent = parts.filter(Boolean).join("; ");

@@ -134,11 +134,13 @@ impl PlaySummary {
     /// The rungs used, from the cheapest.
     pub fn rungs_table(&self) -> Table {
         let row = |u: &RungUse| {
-            let numbers = [u.rung, u.quality.spp as usize, u.quality.bounces as usize, u.quality.iterations as usize];
-            let share = format!("{:.1} %", 100.0 * u.share);
-            numbers.iter().map(usize::to_string).chain([share]).collect()
+            let Quality { spp, bounces, iterations, scale } = u.quality;
+            let mut line = vec![u.rung.to_string()];
+            line.extend([spp, bounces, iterations].map(|n| n.to_string()));
+            line.extend([scale.to_string(), format!("{:.1} %", 100.0 * u.share)]);
+            line
         };
-        let headers = vec!["rung", "spp", "bounces", "iterations", "frames"];
+        let headers = vec!["rung", "spp", "bounces", "iterations", "scale", "frames"];
         Table { headers, rows: self.rung_uses.iter().map(row).collect() }
     }
 }

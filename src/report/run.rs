@@ -53,6 +53,20 @@ pub struct Quality {
     pub scale: f64,
 }
 
+impl Quality {
+    /// Of the pixels' mean: a render scale leaves some without.
+    pub fn samples(&self) -> f64 {
+        f64::from(self.spp) * self.scale * self.scale
+    }
+}
+
+impl fmt::Display for Quality {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { spp, bounces, iterations, scale } = self;
+        write!(f, "{spp} spp, {bounces} bounces, {iterations} iterations, scale {scale}")
+    }
+}
+
 #[derive(Clone, Debug, Serialize)]
 pub struct SceneSummary {
     pub name: String,

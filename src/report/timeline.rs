@@ -27,9 +27,9 @@ struct Data<'a> {
     expected: Vec<Option<f64>>,
     late: Vec<f64>,
     rung: Vec<usize>,
-    spp: Vec<u32>,
-    bounces: Vec<u32>,
-    iterations: Vec<u32>,
+    /// Per pixel, in the mean.
+    spp: Vec<f64>,
+    setting: Vec<String>,
 }
 
 /// The figure, of rows that the control loop made. Frames that are chosen in it are shown by the page's lanes.
@@ -53,9 +53,8 @@ pub fn timeline(
         expected: told.iter().map(|(_, c)| finite(c.expected_ms)).collect(),
         late: told.iter().map(|(_, c)| round(c.late_ms)).collect(),
         rung: told.iter().map(|(_, c)| c.rung).collect(),
-        spp: told.iter().map(|(r, _)| r.quality.spp).collect(),
-        bounces: told.iter().map(|(r, _)| r.quality.bounces).collect(),
-        iterations: told.iter().map(|(r, _)| r.quality.iterations).collect(),
+        spp: told.iter().map(|(r, _)| round(r.quality.samples())).collect(),
+        setting: told.iter().map(|(r, _)| r.quality.to_string()).collect(),
     };
     live("timeline", &data)
 }

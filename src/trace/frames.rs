@@ -14,7 +14,9 @@ use crate::scene::rig::Eye;
 #[derive(Clone, Copy, Debug)]
 pub struct FrameKnobs {
     pub spp: u32,
+    pub bounces: u32,
     pub iterations: u32,
+    pub scale: f64,
     /// If a budget is kept.
     pub control: Option<ControlKnobs>,
 }
@@ -150,7 +152,9 @@ fn record_counters(recorder: &Recorder, frame: &FrameReport, knobs: &FrameKnobs)
     }
     recorder.counter("frame time (ms)", at_us, &times);
     recorder.counter("spp", at_us, &[("spp", f64::from(knobs.spp))]);
+    recorder.counter("bounces", at_us, &[("bounces", f64::from(knobs.bounces))]);
     recorder.counter("iterations", at_us, &[("iterations", f64::from(knobs.iterations))]);
+    recorder.counter("render scale", at_us, &[("scale", knobs.scale)]);
     recorder.counter("bytes moved", at_us, &[("bytes", frame.uploaded_bytes() as f64)]);
     let stripes = frame.assignment.stripes(Stage::PathTrace, Eye::Left);
     let rows = (0..stripes.devices()).map(|d| stripes.rows(d).len() as f64);

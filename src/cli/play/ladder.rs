@@ -16,7 +16,8 @@ use diptych::image::RgbImage;
 use diptych::scene::rig::Rig;
 use diptych::schedule::Effort;
 
-use super::{Args, Failure, Layers};
+use super::Failure;
+use super::options::{Layers, LoopOptions};
 use crate::cli::interrupt;
 use crate::cli::options::Denoiser;
 use crate::cli::setup;
@@ -30,7 +31,7 @@ pub struct Choice {
 }
 
 impl Choice {
-    pub fn new(args: &Args) -> Result<Self, Failure> {
+    pub fn new(args: &LoopOptions) -> Result<Self, Failure> {
         let Some(path) = &args.ladder else {
             let denoiser = args.denoiser.unwrap_or(Denoiser::Svgf);
             return Ok(Self {
@@ -43,7 +44,7 @@ impl Choice {
     }
 
     /// The filter is the same for all frames of a run.
-    fn from_file(args: &Args, path: &Path) -> Result<Self, anyhow::Error> {
+    fn from_file(args: &LoopOptions, path: &Path) -> Result<Self, anyhow::Error> {
         let all = Ladder::read(path).context("cannot use --ladder")?;
         let is_foveated = args.foveated.is_on();
         let fits = |r: &&Rung| r.knobs.fovea.is_none() || is_foveated;

@@ -39,7 +39,7 @@ impl Last {
     pub fn of(run: &mut Run) -> Result<Option<Self>, Failure> {
         let Some(row) = run.rows.last() else { return Ok(None) };
         let time_s = run.path.time_s(run.options.time + f64::from(row.index) / run.options.fps);
-        Ok(Some(Self { linear: run.renderer.read_linear()?, time_s }))
+        Ok(Some(Self { linear: run.session.renderer.read_linear()?, time_s }))
     }
 
     /// The same instant, unbiased, with other random numbers.
@@ -58,7 +58,7 @@ impl Last {
         let plan = Plan::new(&RenderOptions { run, spp, frames: 1, ..options.clone() }, passes)?;
         // Its passes are no frames of the run's trace.
         let tracing = Tracing::start(&plan.options)?;
-        let gpus = setup::open_devices(&plan.options, usize::from(args.virtual_devices))?;
+        let gpus = setup::open_devices(&plan.options, usize::from(args.options.virtual_devices))?;
         let mut renderer = setup::renderer(&plan.options, loaded, gpus, tracing.recorder.origin())?;
         let done = plan.accumulate(&mut renderer, loaded, 0, plan.begun(loaded, 0)?, &tracing)?;
         Ok((done.accumulation.mean(), done.row))
@@ -73,7 +73,7 @@ pub fn write(
     report: &RunReport,
     last: &Last,
 ) -> Result<(), Failure> {
-    let [lo_ms, hi_ms] = [args.budget_ms.lo_ms(), args.budget_ms.hi_ms()];
+    let [lo_ms, hi_ms] = [args.options.budget_ms.lo_ms(), args.options.budget_ms.hi_ms()];
     let title = format!("{} at {} in {lo_ms} to {hi_ms} ms a frame", options.shot, options.size);
     let mut sections = vec![pictures(args, options, loaded, last, report)?];
     if let Some(play) = &report.play {

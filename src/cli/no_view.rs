@@ -1,0 +1,17 @@
+//! `diptych view` in a program that was built without its window.
+
+use std::ffi::OsString;
+
+use super::failure::Failure;
+
+#[derive(clap::Args, Clone, Debug)]
+pub struct Args {
+    /// Whatever a program with the window would take
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true, hide = true)]
+    _all: Vec<OsString>,
+}
+
+pub fn run(_: &Args) -> Result<(), Failure> {
+    let how = "this diptych was built without its window: `cargo build --release --features view` builds it with one";
+    Err(Failure::Input(anyhow::anyhow!(how)))
+}

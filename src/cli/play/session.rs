@@ -1,0 +1,154 @@
+//! The control loop: decide what a frame is rendered with, render it, take in what it took, tell whoever listens.
+
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::time::Instant;
+
+use diptych::control::{Budget, Controller, Decision, Ladder, Makespan, Origin};
+use diptych::device::GpuDevice;
+use diptych::exec::{FrameReport, Quality, Renderer};
+use diptych::image::Extent;
+use diptych::report::play::ControlRow;
+use diptych::report::run::{FrameRow, Quality as QualityRow};
+use diptych::scene::rig::Rig;
+use diptych::trace::frames::{ControlKnobs, FrameKnobs, record_devices};
+
+use super::Failure;
+use super::ladder::{Calibration, qualities};
+use super::live::Live;
+use super::options::Prepared;
+use crate::cli::faults::FaultLog;
+use crate::cli::progress::Progress;
+use crate::cli::setup::{self, Loaded, Tracing};
+
+pub struct Session {
+    pub renderer: Renderer,
+    pub ladder: Ladder,
+    pub tracing: Tracing,
+    pub progress: Progress,
+    qualities: Vec<Quality>,
+    controller: Controller,
+    budget: Budget,
+    extent: Extent,
+    live: Live,
+    faults: FaultLog,
+    /// Devices that were taken out.
+    lost: usize,
+}
+
+/// What the next frame is to be, and how long it took to choose that.
+#[derive(Clone, Copy)]
+pub struct Decided {
+    decision: Decision,
+    decide_ms: f64,
+}
+
+impl Session {
+    /// Makes the renderer on these devices and finds its ladder.
+    pub fn start(
+        prepared: &Prepared,
+        loaded: &Loaded,
+        gpus: Vec<GpuDevice>,
+        tracing: Tracing,
+        progress: Progress,
+    ) -> Result<Self, Failure> {
+        let Prepared { options, choice, render, .. } = prepared;
+        progress.phase("warming up");
+        let mut renderer =
+            setup::varying_renderer(render, loaded, gpus, tracing.recorder.origin(), choice.mixes_spp())?;
+        record_devices(&tracing.recorder, renderer.devices());
+        let ladder = find_ladder(prepared, loaded, &mut renderer, &progress)?;
+        Ok(Self {
+            qualities: qualities(&ladder, &options.layers()),
+            controller: Controller::new(&ladder, options.budget_ms),
+            live: Live::new(options.budget_ms, renderer.devices(), ladder.rungs().len(), prepared.frames),
+            budget: options.budget_ms,
+            extent: render.size,
+            lost: renderer.faults().len(),
+            renderer,
+            ladder,
+            tracing,
+            progress,
+            faults: FaultLog::default(),
+        })
+    }
+
+    /// The rung of the next frame.
+    pub fn decide(&mut self) -> Decided {
+        let begin = Instant::now();
+        let Self { renderer, qualities, controller, .. } = self;
+        let foresight = RefCell::new((renderer.foresight(), HashMap::new()));
+        let predict = |rung: usize| -> f64 {
+            let (foresight, known) = &mut *foresight.borrow_mut();
+            *known.entry(rung).or_insert_with(|| foresight.makespan_ms(&qualities[rung]).unwrap_or(f64::NAN))
+        };
+        let decision = controller.next(&predict);
+        Decided { decision, decide_ms: begin.elapsed().as_secs_f64() * 1e3 }
+    }
+
+    /// Renders a frame as decided, `late_ms` after it was due.
+    pub fn render(
+        &mut self,
+        decided: Decided,
+        late_ms: f64,
+        rig: &Rig,
+        time_s: f64,
+        index: u32,
+    ) -> Result<FrameRow, Failure> {
+        self.renderer.set_quality(self.qualities[decided.decision.rung].clone())?;
+        let frame = self.renderer.render(rig, time_s, index)?;
+        Ok(self.take_in(&frame, decided, late_ms))
+    }
+
+    /// Tells the controller, the trace and whoever listens.
+    fn take_in(&mut self, frame: &FrameReport, decided: Decided, late_ms: f64) -> FrameRow {
+        let Decided { decision: Decision { rung, expected_ms, fits }, decide_ms } = decided;
+        self.controller.observe(rung, Makespan::Ms(frame.makespan_ms));
+        let lost = self.renderer.faults().len();
+        if std::mem::replace(&mut self.lost, lost) != lost {
+            self.controller.devices_changed();
+        }
+        let budget_ms = [self.budget.lo_ms(), self.budget.hi_ms()];
+        let in_band = (budget_ms[0]..=budget_ms[1]).contains(&frame.makespan_ms);
+        let quality = &self.qualities[rung];
+        let (spp, bounces, iterations, scale) = (quality.spp, quality.bounces, quality.iterations(), quality.scale);
+        let control = Some(ControlKnobs { rung, budget_ms });
+        self.tracing.record_with(&FrameKnobs { spp, bounces, iterations, scale, control }, frame);
+        let quality = QualityRow { spp, bounces, iterations, scale };
+        let mut row = FrameRow::new(frame, &quality, self.extent);
+        row.control = Some(ControlRow { rung, expected_ms, fits, in_band, late_ms, decide_ms });
+        self.progress.event(|| {
+            serde_json::json!({
+                "event": "frame", "index": row.index, "rung": rung, "spp": spp, "bounces": bounces,
+                "iterations": iterations, "scale": scale, "predicted_ms": row.predicted_ms, "expected_ms": expected_ms,
+                "fits": fits, "makespan_ms": row.makespan_ms, "in_band": in_band, "late_ms": late_ms,
+            })
+        });
+        self.live.observe(&row, &frame.busy_ms(), &self.progress);
+        self.faults.say_new(&self.renderer, &self.tracing, &self.progress);
+        row
+    }
+}
+
+fn find_ladder(
+    prepared: &Prepared,
+    loaded: &Loaded,
+    renderer: &mut Renderer,
+    progress: &Progress,
+) -> Result<Ladder, Failure> {
+    let Prepared { options, choice, render, .. } = prepared;
+    if let Some(ladder) = &choice.ladder {
+        return Ok(ladder.clone());
+    }
+    progress.phase("timing settings");
+    let origin = Origin {
+        shot: render.shot.clone(),
+        size: render.size.to_string(),
+        devices: Vec::new(),
+        version: concat!(env!("CARGO_PKG_VERSION"), "; flip and relmse are estimated").to_owned(),
+    };
+    let ladder = Calibration::new(renderer, &loaded.shot.rig, render.time, &options.layers()).ladder(choice, origin);
+    // The first frame is not to find what was timed.
+    renderer.begin_anew();
+    ladder
+}

@@ -1,0 +1,74 @@
+//! `diptych view`: a window to look around in, inside a frame budget.
+//!
+//! The window and its input are on the main thread, where systems want them; the control loop and all devices that
+//! render are on a thread of their own, so that neither waits for the other.
+
+mod camera;
+mod layout;
+mod overlay;
+mod present;
+mod renderer;
+mod shared;
+mod window;
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use anyhow::{Context, anyhow};
+use winit::event_loop::EventLoop;
+
+use super::failure::Failure;
+use super::interrupt;
+use super::play::{LoopOptions, Prepared};
+use super::progress::Progress;
+use super::setup::{self, Tracing};
+use renderer::Start;
+use shared::Shared;
+use window::{App, Look, Wake};
+
+#[derive(clap::Args, Clone, Debug)]
+#[command(mut_arg("out", |out| out.required(false).default_value(".").hide(true)))]
+pub struct Args {
+    #[command(flatten)]
+    options: LoopOptions,
+    /// Close after so many frames
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    frames: Option<u32>,
+    /// Write what the window showed last as a PNG
+    #[arg(long, value_name = "FILE")]
+    screenshot: Option<PathBuf>,
+}
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let prepared = Prepared::new(&args.options, args.frames)?;
+    let options = &prepared.render;
+    interrupt::watch()?;
+    let events = EventLoop::<Wake>::with_user_event()
+        .build()
+        .map_err(|_| anyhow!("cannot open a window: there is no display here; `diptych play` needs none"))?;
+    let tracing = Tracing::start(options)?;
+    let progress = Progress::text(options.quiet, options.json);
+    progress.phase("loading");
+    let loaded = setup::load(options)?;
+    for warning in &loaded.scene.warnings {
+        progress.warn(warning);
+    }
+    // Opened here, as Mesa's thread counts are told by the environment, which other threads must not read meanwhile.
+    let gpus = setup::open_devices(options, usize::from(args.options.virtual_devices))?;
+    let look = Look {
+        scene: loaded.shot.name.clone(),
+        eye: options.size,
+        band_ms: [args.options.budget_ms.lo_ms(), args.options.budget_ms.hi_ms()],
+        devices: gpus.iter().map(|gpu| format!("dev{} {}", gpu.info.index, gpu.info.name)).collect(),
+        is_foveated: options.foveated.is_on(),
+    };
+    let shared = Arc::new(Shared::default());
+    let start = Start { prepared, loaded, gpus, tracing, progress };
+    let mut app = App::new(look, start, shared, events.create_proxy());
+    events.run_app(&mut app).context("the window's system failed")?;
+    let screenshot = app.end(args.screenshot.is_some())?;
+    if let (Some(path), Some(picture)) = (&args.screenshot, screenshot) {
+        diptych::image::display::write_png(path, &picture)?;
+    }
+    interrupt::check()
+}

@@ -1,0 +1,83 @@
+//! The control loop on its own thread: frames from wherever the camera is, for as long as the window wants them.
+
+use std::time::Instant;
+
+use diptych::device::GpuDevice;
+use diptych::report::run::FrameRow;
+use diptych::scene::Scene;
+
+use super::camera::Camera;
+use super::shared::{FrameNews, Shared};
+use crate::cli::failure::Failure;
+use crate::cli::interrupt;
+use crate::cli::play::{Pace, Prepared, Session};
+use crate::cli::progress::Progress;
+use crate::cli::setup::{Loaded, Tracing};
+
+/// The time that passes for the camera between two frames is at most this, however long they took.
+const LONGEST_STEP_S: f64 = 0.25;
+
+/// What it begins with.
+pub struct Start {
+    pub prepared: Prepared,
+    pub loaded: Loaded,
+    pub gpus: Vec<GpuDevice>,
+    pub tracing: Tracing,
+    pub progress: Progress,
+}
+
+/// Renders until the window ends, Ctrl-C is pressed, or all frames that were asked for are there; `wake` is called after
+/// each.
+pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure> {
+    let Start { prepared, loaded, gpus, tracing, progress } = start;
+    let mut session = Session::start(&prepared, &loaded, gpus, tracing, progress)?;
+    let options = &prepared.render;
+    let mut camera = Camera::new(&loaded.shot.rig, options.time, speed_per_s(&loaded.scene));
+    let mut pace = Pace::new(options.fps);
+    let mut before = Instant::now();
+    for index in 0..prepared.frames.unwrap_or(u32::MAX) {
+        if shared.ends() || interrupt::is_set() {
+            break;
+        }
+        let decided = session.decide();
+        let late_ms = pace.wait();
+        let input = shared.take_input();
+        let now = Instant::now();
+        let passed_s = (now - std::mem::replace(&mut before, now)).as_secs_f64().min(LONGEST_STEP_S);
+        let (rig, time_s) = camera.step(&input, passed_s);
+        if let Some(gaze) = input.gaze {
+            session.renderer.set_gaze(gaze);
+        }
+        let row = session.render(decided, late_ms, &rig, time_s, index)?;
+        let picture = session.renderer.read_display()?;
+        let circles = session
+            .renderer
+            .foveation()
+            .map(|foveation| [0, 1].map(|eye| foveation.circles(eye, time_s, options.size.width, options.size.height)));
+        shared.show(picture, frame_news(row), |news| {
+            (news.rungs, news.follows_path, news.circles) =
+                (session.ladder.rungs().len(), camera.follows_path(), circles);
+        });
+        wake();
+    }
+    session.progress.finish();
+    session.tracing.finish()
+}
+
+/// A tenth of the scene's diagonal.
+fn speed_per_s(scene: &Scene) -> f64 {
+    let bounds = scene.bounds();
+    let diagonal = f64::from((bounds.max - bounds.min).length());
+    if diagonal.is_finite() && diagonal > 0.0 { diagonal / 10.0 } else { 1.0 }
+}
+
+fn frame_news(row: FrameRow) -> FrameNews {
+    FrameNews {
+        at: Instant::now(),
+        makespan_ms: row.makespan_ms,
+        in_band: row.control.is_some_and(|c| c.in_band),
+        rung: row.control.map_or(0, |c| c.rung),
+        quality: row.quality,
+        stripes: row.stripes,
+    }
+}

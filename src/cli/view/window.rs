@@ -1,0 +1,266 @@
+//! The window: its events become input for the renderer's thread, that thread's frames become what it shows.
+
+use std::collections::HashSet;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::Instant;
+
+use anyhow::{Context, anyhow};
+use diptych::image::Extent;
+use diptych::image::display::DisplayImage;
+use winit::application::ApplicationHandler;
+use winit::dpi::PhysicalSize;
+use winit::event::{ElementState, KeyEvent, MouseButton, WindowEvent};
+use winit::event_loop::{ActiveEventLoop, ControlFlow, EventLoopProxy};
+use winit::keyboard::{KeyCode, PhysicalKey};
+use winit::window::{Window, WindowId};
+
+use super::layout::Layout;
+use super::overlay::{Overlay, Parts};
+use super::present::{Drawing, Presenter};
+use super::renderer::{self, Start};
+use super::shared::{News, Shared};
+use crate::cli::failure::Failure;
+
+/// What the window is told before the first frame.
+pub struct Look {
+    pub scene: String,
+    pub eye: Extent,
+    pub band_ms: [f64; 2],
+    pub devices: Vec<String>,
+    pub is_foveated: bool,
+}
+
+/// Why the renderer's thread wakes the window.
+#[derive(Clone, Copy, Debug)]
+pub enum Wake {
+    Frame,
+    Ended,
+}
+
+pub struct App {
+    look: Look,
+    /// Until there is a window.
+    start: Option<Start>,
+    shared: Arc<Shared>,
+    proxy: EventLoopProxy<Wake>,
+    renderer: Option<JoinHandle<Result<(), Failure>>>,
+    open: Option<Open>,
+    failure: Option<anyhow::Error>,
+}
+
+/// What there is once there is a window.
+struct Open {
+    window: Arc<Window>,
+    presenter: Presenter,
+    overlay: Overlay,
+    news: News,
+    drawing: Drawing,
+    layout: Layout,
+    parts: Parts,
+    held: HashSet<KeyCode>,
+    pointer: [f64; 2],
+    drags: bool,
+    drawn: Option<Instant>,
+}
+
+impl App {
+    pub fn new(look: Look, start: Start, shared: Arc<Shared>, proxy: EventLoopProxy<Wake>) -> Self {
+        Self { look, start: Some(start), shared, proxy, renderer: None, open: None, failure: None }
+    }
+
+    /// Waits for the renderer's thread; returns what the window showed last, if it is wanted.
+    pub fn end(mut self, wants_picture: bool) -> Result<Option<DisplayImage>, Failure> {
+        self.shared.end();
+        let rendered = self.renderer.take().map(JoinHandle::join);
+        if let Some(failure) = self.failure {
+            return Err(Failure::Run(failure));
+        }
+        rendered.transpose().map_err(|_| anyhow!("the renderer's thread ended in a panic"))?.transpose()?;
+        let Some(mut open) = self.open.filter(|_| wants_picture) else { return Ok(None) };
+        Ok(Some(open.presenter.capture(&open.drawing)?))
+    }
+
+    fn fail(&mut self, events: &ActiveEventLoop, failure: anyhow::Error) {
+        self.failure.get_or_insert(failure);
+        events.exit();
+    }
+
+    fn open(&mut self, events: &ActiveEventLoop) -> Result<(), anyhow::Error> {
+        let Some(start) = self.start.take() else { return Ok(()) };
+        let size = first_size(self.look.eye);
+        let title = format!("diptych: {}", self.look.scene);
+        let attributes = Window::default_attributes().with_title(title).with_inner_size(size);
+        let window = Arc::new(events.create_window(attributes).context("cannot open a window")?);
+        let presenter = Presenter::new(Arc::clone(&window), self.look.eye)?;
+        window.request_redraw();
+        self.open = Some(Open {
+            window,
+            presenter,
+            overlay: Overlay::new(),
+            news: News::default(),
+            drawing: Drawing::default(),
+            layout: Layout::default(),
+            parts: Parts { panel: true, help: false },
+            held: HashSet::new(),
+            pointer: [0.0; 2],
+            drags: false,
+            drawn: None,
+        });
+        let (shared, proxy) = (Arc::clone(&self.shared), self.proxy.clone());
+        let render = move || {
+            // The window may be gone by then.
+            let wake = |why| {
+                let _ = proxy.send_event(why);
+            };
+            let result = renderer::run(start, &shared, || wake(Wake::Frame));
+            wake(Wake::Ended);
+            result
+        };
+        let thread = std::thread::Builder::new().name("control loop".to_owned()).spawn(render);
+        self.renderer = Some(thread.context("cannot start a thread")?);
+        Ok(())
+    }
+}
+
+/// Pixels of the eyes side by side, in whole multiples, as far as they fit common screens.
+fn first_size(Extent { width, height }: Extent) -> PhysicalSize<u32> {
+    let scale = (1280 / (2 * width)).min(720 / height).max(1);
+    PhysicalSize::new((2 * width * scale + 4).max(800), (height * scale).max(450))
+}
+
+impl ApplicationHandler<Wake> for App {
+    fn resumed(&mut self, events: &ActiveEventLoop) {
+        events.set_control_flow(ControlFlow::Wait);
+        if let Err(failure) = self.open(events) {
+            self.fail(events, failure);
+        }
+    }
+
+    fn user_event(&mut self, events: &ActiveEventLoop, why: Wake) {
+        let Some(open) = &mut self.open else { return };
+        match why {
+            Wake::Frame => {
+                if open.drawn.is_none_or(|at| at.elapsed() >= open.presenter.least_interval()) {
+                    open.window.request_redraw();
+                }
+            }
+            Wake::Ended => {
+                // The last frame may not have been drawn yet.
+                if let Err(failure) = open.redraw(&self.look, &self.shared) {
+                    self.failure.get_or_insert(failure);
+                }
+                events.exit();
+            }
+        }
+    }
+
+    fn window_event(&mut self, events: &ActiveEventLoop, _: WindowId, event: WindowEvent) {
+        let Some(open) = &mut self.open else { return };
+        match event {
+            WindowEvent::CloseRequested | WindowEvent::Destroyed => events.exit(),
+            WindowEvent::Resized(_) | WindowEvent::ScaleFactorChanged { .. } => {
+                open.presenter.resize();
+                open.window.request_redraw();
+            }
+            WindowEvent::RedrawRequested => {
+                if let Err(failure) = open.redraw(&self.look, &self.shared) {
+                    self.fail(events, failure);
+                }
+            }
+            WindowEvent::Focused(false) => {
+                open.held.clear();
+                open.tell_keys(&self.shared);
+            }
+            WindowEvent::CursorMoved { position, .. } => open.point(&self.look, &self.shared, [position.x, position.y]),
+            WindowEvent::MouseInput { state, button: MouseButton::Right, .. } => {
+                open.drags = state == ElementState::Pressed;
+            }
+            WindowEvent::KeyboardInput { event, .. } => {
+                open.key(events, &self.shared, &event);
+            }
+            _ => {}
+        }
+    }
+}
+
+impl Open {
+    fn redraw(&mut self, look: &Look, shared: &Shared) -> Result<(), anyhow::Error> {
+        self.drawn = Some(Instant::now());
+        let (picture, news) = shared.take_output();
+        self.news = news;
+        if let Some(picture) = picture {
+            self.presenter.upload(&picture);
+        }
+        let size = self.presenter.size();
+        // Before the first frame there is nothing to place.
+        self.drawing.placements =
+            if self.news.frames.is_empty() { Vec::new() } else { self.layout.placements(size, look.eye) };
+        let (painted, textures) = self.overlay.paint(
+            size,
+            self.window.scale_factor() as f32,
+            look,
+            &self.news,
+            &self.drawing.placements,
+            self.parts,
+        );
+        self.drawing.overlay = painted;
+        self.presenter.take_textures(textures);
+        if !self.presenter.present(&self.drawing)? {
+            self.window.request_redraw();
+        }
+        Ok(())
+    }
+
+    fn point(&mut self, look: &Look, shared: &Shared, to: [f64; 2]) {
+        let from = std::mem::replace(&mut self.pointer, to);
+        let placements = self.layout.placements(self.presenter.size(), look.eye);
+        let gaze = placements.iter().find_map(|p| p.within(to));
+        // An eye's height is about a radian.
+        let radians = placements.first().map_or(0.0, |p| 1.0 / p.height().max(1.0));
+        shared.change_input(|input| {
+            input.gaze = gaze.or(input.gaze);
+            if self.drags {
+                input.dragged_rad[0] += (to[0] - from[0]) * radians;
+                input.dragged_rad[1] -= (to[1] - from[1]) * radians;
+            }
+        });
+    }
+
+    fn key(&mut self, events: &ActiveEventLoop, shared: &Shared, event: &KeyEvent) {
+        let PhysicalKey::Code(code) = event.physical_key else { return };
+        if event.state == ElementState::Released {
+            self.held.remove(&code);
+            return self.tell_keys(shared);
+        }
+        if event.repeat {
+            return;
+        }
+        match code {
+            KeyCode::Escape => events.exit(),
+            KeyCode::Tab => self.layout = self.layout.next(),
+            KeyCode::KeyN => self.drawing.is_sharp ^= true,
+            KeyCode::KeyO => self.parts.panel ^= true,
+            KeyCode::KeyH => self.parts.help ^= true,
+            KeyCode::KeyP => shared.change_input(|input| input.toggles_path ^= true),
+            _ => {
+                self.held.insert(code);
+                self.tell_keys(shared);
+            }
+        }
+        self.window.request_redraw();
+    }
+
+    fn tell_keys(&self, shared: &Shared) {
+        let axis = |more: KeyCode, less: KeyCode| {
+            let held = |code| f64::from(u8::from(self.held.contains(&code)));
+            held(more) - held(less)
+        };
+        use KeyCode::{ArrowDown, ArrowLeft, ArrowRight, ArrowUp, KeyA, KeyD, KeyE, KeyQ, KeyS, KeyW};
+        shared.change_input(|input| {
+            input.moves = [axis(KeyD, KeyA), axis(KeyE, KeyQ), axis(KeyW, KeyS)];
+            input.turns = [axis(ArrowRight, ArrowLeft), axis(ArrowUp, ArrowDown)];
+            input.is_fast = self.held.contains(&KeyCode::ShiftLeft) || self.held.contains(&KeyCode::ShiftRight);
+        });
+    }
+}
