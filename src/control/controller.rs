@@ -9,6 +9,8 @@ use super::{Budget, Ladder};
 
 /// Frames between one change and a climb, at least.
 pub const CLIMB_EVERY: u32 = 8;
+/// ... from below the band: after a burst of load a drop may have gone too far.
+pub const CLIMB_BACK_AFTER: u32 = 4;
 /// A drop within this many frames after a climb says that the climb was a mistake.
 const PROBATION: u32 = 16;
 /// Frames for which a rung is left alone after the first such mistake; doubled by each further one, up to the second.
@@ -132,7 +134,8 @@ impl Controller {
         if now_ms > hi_ms {
             return best_below(rung, lo_ms, [aim_ms, coarse_aim_ms], expected_ms);
         }
-        if self.decisions - self.changed_at < u64::from(CLIMB_EVERY) {
+        let wait = if now_ms < lo_ms { CLIMB_BACK_AFTER } else { CLIMB_EVERY };
+        if self.decisions - self.changed_at < u64::from(wait) {
             return rung;
         }
         let may_climb_to = |r: usize| self.decisions >= self.trials[r].from;

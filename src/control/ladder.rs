@@ -13,6 +13,9 @@ use crate::image::file::atomic_write;
 
 /// Rungs of a front that are less than this apart in time, as a share, are not told apart by measurement.
 pub const MIN_STEP: f64 = 0.03;
+/// A rung below another one may have this power of the factor that it saves in time as a factor on the error: who would
+/// take three times the error for a tenth of the time had better leave out samples.
+pub const STEEPEST: f64 = 3.0;
 
 #[derive(Debug, thiserror::Error)]
 pub enum LadderError {
@@ -109,7 +112,8 @@ impl Ladder {
         Ok(Self { origin, rungs })
     }
 
-    /// The Pareto front of time and FLIP. Of rungs closer than [`MIN_STEP`] the better ones stay. What was not measured
+    /// The Pareto front of time and FLIP. Of rungs closer than [`MIN_STEP`], and where a step down saves too little for
+    /// what it costs ([`STEEPEST`]), the better ones stay. What was not measured
     /// in finite numbers is left out.
     ///
     /// # Errors
@@ -118,8 +122,11 @@ impl Ladder {
         let points: Vec<(f64, f64)> = measured.iter().map(|r| (r.time_ms, r.flip)).collect();
         let mut rungs: Vec<Rung> = Vec::new();
         for &i in front(&points).iter().rev() {
-            let is_apart = rungs.last().is_none_or(|above| measured[i].time_ms * (1.0 + MIN_STEP) <= above.time_ms);
-            if is_apart && measured[i].check().is_ok() {
+            let is_worth = |above: &Rung| {
+                let [saved, lost] = [above.time_ms / measured[i].time_ms, measured[i].flip / above.flip.max(1e-6)];
+                saved >= 1.0 + MIN_STEP && lost <= saved.powf(STEEPEST)
+            };
+            if rungs.last().is_none_or(is_worth) && measured[i].check().is_ok() {
                 rungs.push(measured[i].clone());
             }
         }

@@ -1,7 +1,7 @@
 //! Ladders and their files: what is written is read again, what is no ladder is refused with its reason, and fronts are
 //! what nothing beats.
 
-use diptych::control::{Ladder, MIN_STEP, Rung};
+use diptych::control::{Ladder, MIN_STEP, Rung, STEEPEST};
 use proptest::prelude::*;
 
 use crate::hold;
@@ -64,18 +64,25 @@ fn what_is_no_ladder_is_refused_with_its_reason() {
 #[test]
 fn a_front_has_nothing_that_is_beaten_or_hardly_told_apart_and_leaves_out_nothing_else() {
     let template = three().rungs()[0].clone();
-    let points = prop::collection::vec((1.0f64..20.0, 0.0f64..1.0), 1..60);
+    let points = prop::collection::vec((1.0f64..20.0, 0.01f64..1.0), 1..60);
     hold(points, |points| {
         let rung = |&(time_ms, flip): &(f64, f64)| Rung { time_ms, flip, ..template.clone() };
         let measured: Vec<Rung> = points.iter().map(rung).collect();
         let front = Ladder::of_measured(three().origin().clone(), &measured).unwrap();
         let rungs = front.rungs();
-        assert!(rungs.windows(2).all(|p| p[1].time_ms >= p[0].time_ms * (1.0 + MIN_STEP) && p[1].flip < p[0].flip));
+        for step in rungs.windows(2) {
+            let (saved, lost) = (step[1].time_ms / step[0].time_ms, step[0].flip / step[1].flip);
+            assert!(saved >= 1.0 + MIN_STEP && lost > 1.0 && lost <= saved.powf(STEEPEST), "{step:?}");
+        }
         for other in &measured {
             assert!(!rungs.iter().any(|r| other.time_ms < r.time_ms && other.flip <= r.flip));
-            // What is not on the ladder is no better than a rung that costs no more, but for the step.
+            // What is not on the ladder is no better than a rung that costs no more, but for the step, or saves too
+            // little against a better one.
             let reach_ms = other.time_ms * (1.0 + MIN_STEP);
-            assert!(rungs.iter().any(|r| r.time_ms <= reach_ms && r.flip <= other.flip), "{other:?} is missing");
+            let is_beaten = rungs.iter().any(|r| r.time_ms <= reach_ms && r.flip <= other.flip);
+            let is_steep = |r: &Rung| other.flip / r.flip > (r.time_ms / other.time_ms).powf(STEEPEST);
+            let mut better = rungs.iter().filter(|r| r.time_ms > other.time_ms);
+            assert!(is_beaten || better.any(is_steep), "{other:?} is missing");
         }
     });
 }

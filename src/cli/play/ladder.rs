@@ -110,6 +110,8 @@ pub struct Calibration<'a> {
     renderer: &'a mut Renderer,
     rig: &'a Rig,
     time_s: f64,
+    /// Of an eye's image.
+    rows: u32,
     layers: &'a Layers,
     begin: Instant,
     frames: u32,
@@ -127,8 +129,8 @@ struct Timed {
 }
 
 impl<'a> Calibration<'a> {
-    pub fn new(renderer: &'a mut Renderer, rig: &'a Rig, time_s: f64, layers: &'a Layers) -> Self {
-        Self { renderer, rig, time_s, layers, begin: Instant::now(), frames: 0, timed: HashMap::new() }
+    pub fn new(renderer: &'a mut Renderer, rig: &'a Rig, time_s: f64, rows: u32, layers: &'a Layers) -> Self {
+        Self { renderer, rig, time_s, rows, layers, begin: Instant::now(), frames: 0, timed: HashMap::new() }
     }
 
     /// The built-in ladder. Its times and the light that bounces bring are measured, its noise is a guess.
@@ -212,7 +214,7 @@ impl<'a> Calibration<'a> {
 
     /// A candidate with what its stages are taken to cost; its own time is not known yet.
     fn rung(&self, knobs: &Knobs, missing_light: f64) -> Rung {
-        let flip = guessed_error(knobs, missing_light);
+        let flip = guessed_error(knobs, missing_light, self.rows);
         Rung { time_ms: f64::NAN, flip, relmse: flip, knobs: knobs.clone(), stage_ms: self.stage_ms(knobs) }
     }
 

@@ -147,7 +147,8 @@ fn find_ladder(
         devices: Vec::new(),
         version: concat!(env!("CARGO_PKG_VERSION"), "; flip and relmse are estimated").to_owned(),
     };
-    let ladder = Calibration::new(renderer, &loaded.shot.rig, render.time, &options.layers()).ladder(choice, origin);
+    let (rig, rows) = (&loaded.shot.rig, render.size.height);
+    let ladder = Calibration::new(renderer, rig, render.time, rows, &options.layers()).ladder(choice, origin);
     // The first frame is not to find what was timed.
     renderer.begin_anew();
     ladder
