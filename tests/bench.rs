@@ -70,7 +70,7 @@ fn errors_fall_as_the_square_root_of_samples() {
 #[test]
 fn a_grid_has_its_rows_its_plot_and_its_reference() {
     let folder = tempfile::tempdir().unwrap();
-    let (out, size) = (folder.path().join("out"), ["--size", "32x18", "--spp", "1,4", "--repeats", "1"]);
+    let (out, size) = (folder.path().join("out"), ["--size", "32x18", "--quick", "--repeats", "1"]);
     let events = bench(&out, &[&size[..], &["--reference-spp", "64", "--virtual", "2"]].concat());
     let rows = event(&events, "result")["rows"].as_array().unwrap().clone();
     assert!(rows.len() >= 4);
@@ -78,7 +78,9 @@ fn a_grid_has_its_rows_its_plot_and_its_reference() {
     assert!(rows.iter().any(|r| r["on_front"] == true));
     let csv = std::fs::read_to_string(out.join("bench.csv")).unwrap();
     assert_eq!(csv.lines().count(), 1 + 2 * rows.len(), "{csv}");
-    for column in ["denoiser", "spp", "eye", "time_ms", "rmse", "relmse", "psnr", "ssim", "mean_ratio"] {
+    let columns =
+        ["denoiser", "scale", "foveation", "spp", "eye", "time_ms", "rmse", "psnr", "flip_foveated", "mean_ratio"];
+    for column in columns {
         assert!(csv.lines().next().unwrap().split(',').any(|c| c == column), "no {column} in {csv}");
     }
     let svg = std::fs::read_to_string(out.join("bench.svg")).unwrap();
@@ -129,13 +131,13 @@ fn a_run_that_was_killed_goes_on_and_one_that_is_done_gives_the_same_files() {
 
     let events = bench(out, &options);
     let rows = event(&events, "result")["rows"].as_array().unwrap();
-    assert_eq!((rows.len(), count(&events, "setting")), (12, 12 - kept));
+    assert_eq!((rows.len(), count(&events, "setting")), (16, 16 - kept));
     assert_eq!(rows[0]["time_ms"], first["time_ms"]);
-    let settings = |r: &Value| ["denoiser", "iterations", "bounces", "spp"].map(|name| r[name].to_string());
+    let settings = |r: &Value| ["denoiser", "iterations", "bounces", "scale", "spp"].map(|name| r[name].to_string());
     let mut different: Vec<_> = rows.iter().map(settings).collect();
     different.sort();
     different.dedup();
-    assert_eq!(different.len(), 12);
+    assert_eq!(different.len(), 16);
 
     let done = results(out);
     let events = bench(out, &options);
@@ -168,6 +170,13 @@ fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
         let is_filtered = rung.knobs.denoiser == "atrous";
         assert!(rung.stage_ms["path_trace"] > 0.0 && rung.stage_ms.contains_key("atrous") == is_filtered, "{rung:?}");
     }
+    // Of its own grid the ladder's best rung leaves nothing to regret.
+    let path = folder.path().join("ladder.toml");
+    let judged = bench(folder.path(), &[&options[..], &["--ladder", path.to_str().unwrap()]].concat());
+    let regrets = event(&judged, "result")["regrets"].as_array().unwrap();
+    assert_eq!((count(&judged, "setting"), regrets.len()), (0, rungs.len()));
+    assert!(regrets.iter().all(|r| r["regret"].as_f64().unwrap() >= 0.0));
+    assert_eq!(regrets[rungs.len() - 1]["regret"], 0.0);
     // Light that takes fewer reflections than it does in the reference misses some of it.
     let ratio = |bounces: u32| {
         let is = |r: &&Value| r["denoiser"] == "none" && r["spp"] == 8 && r["bounces"] == bounces;

@@ -160,7 +160,9 @@ impl Rig {
         // A single point still needs a distance that survives rounding to f32.
         let radius = radius.max(centre.length() * 1e-4).max(1e-6);
         let distance = MARGIN * radius / (yfov_rad / 2.0).sin();
-        let key = RigKey { time_s: 0.0, position: centre + DVec3::Z * distance, target: centre, up: DVec3::Y };
+        // Of a scene as large as numbers go not all can be seen.
+        let position = (centre + DVec3::Z * distance).min(DVec3::splat(f64::from(f32::MAX)));
+        let key = RigKey { time_s: 0.0, position, target: position - DVec3::Z * distance, up: DVec3::Y };
         Rig { yfov_rad, baseline_m: DEFAULT_BASELINE_M.min(distance / 30.0), metres_per_unit: 1.0, keys: vec![key] }
     }
 
@@ -329,10 +331,12 @@ mod tests {
     }
 
     #[test]
-    fn framing_of_nothing_or_of_a_point_is_finite() {
+    fn framing_of_nothing_of_a_point_or_of_all_there_is_is_finite() {
         let empty = Bounds { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
         let point = Bounds { min: Vec3::splat(5e6), max: Vec3::splat(5e6) };
-        for bounds in [empty, point] {
+        let all = Bounds { min: Vec3::splat(-1e38), max: Vec3::splat(f32::MAX) };
+        let end = Bounds { min: Vec3::MAX, max: Vec3::MAX };
+        for bounds in [empty, point, all, end] {
             let view = Rig::framing(bounds, 1.0).view(0.0, Eye::Left);
             assert!(view.origin.is_finite() && view.right.is_finite());
             assert_eq!(view.forward, Vec3::NEG_Z);
