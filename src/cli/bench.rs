@@ -14,16 +14,18 @@ use std::time::Duration;
 use anyhow::Context;
 
 use diptych::accumulation::hash_of;
-use diptych::control::{Knobs, Ladder, Origin};
+use diptych::control::{Knobs, Ladder, Origin, SCALES};
 use diptych::device::{DeviceInfo, all_wgsl};
 use diptych::report::Table;
-use diptych::report::bench::{Row, Shared, csv, ladder_svg, mark_front, regret_table, regrets, slopes, svg, table};
+use diptych::report::bench::{
+    Row, Shared, csv, knobs_name, ladder_svg, mark_front, regret_table, regrets, slopes, svg, table,
+};
 use diptych::report::peers;
 
 use super::failure::Failure;
 use super::foveation::FoveationMode;
 use super::interrupt;
-use super::options::{Denoiser, RunOptions, SCALES, Switch};
+use super::options::{Denoiser, RunOptions, Switch};
 use super::output;
 use super::page::and_page;
 use super::reference::{PASS_SPP, seconds};
@@ -53,14 +55,15 @@ pub struct Args {
     #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=10))]
     iterations: Vec<u32>,
     /// What follows the gaze, to measure [default: none]
-    #[arg(long, value_delimiter = ',', value_name = "LIST")]
+    #[arg(long, value_delimiter = ',', value_name = "LIST", conflicts_with_all = ["seams", "preset"])]
     foveation: Vec<FoveationMode>,
     /// Render scales to measure; those below 1 with the fewest samples [default: 1,0.7,0.5]. With --preset: one factor on
     /// the study's widths and heights [default: 0.25]
-    #[arg(long, value_delimiter = ',', value_name = "F,F,…", value_parser = factor)]
+    #[arg(long, value_delimiter = ',', value_name = "F,F,…", value_parser = factor, conflicts_with = "seams")]
     scale: Vec<f64>,
-    /// Also measure the rungs of this ladder, and say how far each is from the best setting that takes no longer
-    #[arg(long, value_name = "FILE")]
+    /// Also measure the rungs of this ladder, and say how far each is from the best setting that takes no longer, within
+    /// 3 %
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["seams", "preset"])]
     ladder: Option<PathBuf>,
     /// A small grid against a coarse reference, where options do not say otherwise
     #[arg(long)]
@@ -104,6 +107,19 @@ fn factor(text: &str) -> Result<f64, String> {
 }
 
 impl Args {
+    /// The settings of `--ladder`.
+    fn judged(&self) -> Result<Vec<Knobs>, Failure> {
+        let Some(path) = &self.ladder else { return Ok(Vec::new()) };
+        let ladder = Ladder::read(path).context("cannot use --ladder").map_err(Failure::Input)?;
+        let knobs: Vec<Knobs> = ladder.rungs().iter().map(|r| r.knobs.clone()).collect();
+        if let Some((i, other)) = knobs.iter().enumerate().find(|(_, k)| grid::Setting::of(k).is_none()) {
+            let (path, number) = (path.display(), i + 1);
+            let what = format!("--ladder {path}: no options stand for rung {number}, {}", knobs_name(other));
+            return Err(Failure::Input(anyhow::anyhow!(what)));
+        }
+        Ok(knobs)
+    }
+
     /// What clap cannot see, of the grid.
     fn check(&self) -> Result<(), anyhow::Error> {
         match self.scale.iter().find(|scale| !SCALES.contains(scale)) {
@@ -124,7 +140,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         return peres::run(args);
     }
     let options = &args.options;
-    let judged = judged(args)?;
+    let judged = args.judged()?;
     args.check().and_then(|()| options.check()).map_err(Failure::Input)?;
     let peers = args.peers.as_deref().map_or(Ok(Vec::new()), peers::read).map_err(|e| Failure::Input(e.into()))?;
     output::prepare(&options.out, "--out")?;
@@ -168,18 +184,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         say!("{page}bench.csv, bench.svg, ladder.toml and ladder.svg: {}", options.out.display());
     }
     Ok(())
-}
-
-/// The settings of `--ladder`.
-fn judged(args: &Args) -> Result<Vec<Knobs>, Failure> {
-    let Some(path) = &args.ladder else { return Ok(Vec::new()) };
-    let ladder = Ladder::read(path).context("cannot use --ladder").map_err(Failure::Input)?;
-    let knobs: Vec<Knobs> = ladder.rungs().iter().map(|r| r.knobs.clone()).collect();
-    if let Some(unknown) = knobs.iter().find(|k| grid::Setting::of(k).is_none()) {
-        let what = format!("--ladder {}: no setting of a grid is {unknown:?}", path.display());
-        return Err(Failure::Input(anyhow::anyhow!(what)));
-    }
-    Ok(knobs)
 }
 
 /// Hash of everything that a setting's time and errors hang on, but the reference and the setting itself.

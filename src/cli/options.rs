@@ -1,10 +1,11 @@
 //! Options that the rendering commands share.
 
-use std::ops::{Deref, RangeInclusive};
+use std::ops::Deref;
 use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
+use diptych::control::SCALES;
 use diptych::device::ShaderChecks;
 use diptych::graph::{Filter, HaloPlan, Seam};
 use diptych::image::Extent;
@@ -201,9 +202,6 @@ impl Deref for RenderOptions {
         &self.run
     }
 }
-
-/// Render scales that may be asked for.
-pub const SCALES: RangeInclusive<f64> = 0.1..=1.0;
 
 fn scale(text: &str) -> Result<f64, String> {
     let scale = text.parse().ok().filter(|scale| SCALES.contains(scale));

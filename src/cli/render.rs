@@ -60,6 +60,9 @@ struct Rows {
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let args = &args.preset();
+    if args.reference && args.options.scale < 1.0 {
+        return Err(Failure::Input(anyhow::anyhow!("--scale leaves pixels out, --reference does not: leave one out")));
+    }
     let plan = args.reference.then(|| Plan::new(&args.options, args.passes.clone())).transpose()?;
     let options = plan.as_ref().map_or(&args.options, |p| &p.options);
     options.check().map_err(Failure::Input)?;

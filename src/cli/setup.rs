@@ -133,7 +133,7 @@ impl Tracing {
     }
 
     pub fn record(&self, options: &RenderOptions, frame: &FrameReport) {
-        let Quality { spp, bounces, iterations, scale } = frame_settings(options);
+        let Quality { spp, bounces, iterations, scale, .. } = frame_settings(options);
         let knobs = FrameKnobs { spp, bounces, iterations, scale, control: None };
         self.record_with(&knobs, frame);
     }
@@ -149,7 +149,9 @@ impl Tracing {
 
 /// The knobs of every frame.
 pub fn frame_settings(options: &RenderOptions) -> Quality {
-    Quality { spp: options.spp, bounces: options.bounces, iterations: options.iterations(), scale: options.scale }
+    let fovea = options.foveated.is_on().then_some(Foveation::RADII);
+    let iterations = options.iterations();
+    Quality { spp: options.spp, bounces: options.bounces, iterations, scale: options.scale, fovea }
 }
 
 pub fn run_settings(options: &RenderOptions, policy: &'static str) -> RunSettings {

@@ -141,7 +141,8 @@ impl Controller {
         let may_climb_to = |r: usize| self.decisions >= self.trials[r].from;
         let mut above = rung + 1..self.times_ms.len();
         if now_ms < lo_ms {
-            let far = above.clone().rev().find(|&r| may_climb_to(r) && expected_ms(r) <= middle_ms);
+            let within = above.clone().take_while(|&r| expected_ms(r) <= middle_ms);
+            let far = within.filter(|&r| may_climb_to(r)).last();
             if let Some(far) = far {
                 return far;
             }

@@ -17,9 +17,12 @@ pub const MIN_STEP: f64 = 0.03;
 /// take three times the error for a tenth of the time had better leave out samples.
 pub const STEEPEST: f64 = 3.0;
 
+/// Render scales that may be asked for.
+pub const SCALES: RangeInclusive<f64> = 0.1..=1.0;
+
 #[derive(Debug, thiserror::Error)]
 pub enum LadderError {
-    #[error("cannot read the ladder {path}: check that it is there")]
+    #[error("cannot read the ladder {path}")]
     Read { path: PathBuf, source: io::Error },
     #[error("{path} is no ladder: make one with `diptych bench`")]
     File { path: PathBuf, source: Box<LadderError> },
@@ -182,7 +185,7 @@ impl Rung {
         within("spp", *spp, 1..=1 << 20)?;
         within("bounces", *bounces, 0..=1024)?;
         within("iterations", *iterations, 0..=10)?;
-        within("scale", *scale, f64::MIN_POSITIVE..=1.0)?;
+        within("scale", *scale, SCALES)?;
         if denoiser.is_empty() {
             return Err("denoiser is empty".to_owned());
         }

@@ -1,7 +1,7 @@
 //! Keeps the budget: a ladder of settings ordered by what they cost, and a controller that picks each frame's rung.
 //!
 //! The [`Ladder`] is measured beforehand (`diptych bench`). Each frame the [`Controller`] asks a predictor what rungs would
-//! take now, corrects that by how far predictions of the last frames were off, and stays, climbs by one or drops as far
+//! take now, corrects that by how far predictions of the last frames were off, and stays, climbs slowly or drops as far
 //! as it must. No wgpu here: whole runs are tested on simulated plants.
 
 mod budget;
@@ -15,4 +15,4 @@ pub use budget::{Budget, BudgetError};
 pub use builtin::{BOUNCES, TRACING, candidates, efforts, guessed_error, guessed_paths};
 pub use controller::{CLIMB_BACK_AFTER, CLIMB_EVERY, Controller, Decision, Makespan, Predict};
 pub use front::front;
-pub use ladder::{Knobs, Ladder, LadderError, MIN_STEP, Origin, Rung, STEEPEST};
+pub use ladder::{Knobs, Ladder, LadderError, MIN_STEP, Origin, Rung, SCALES, STEEPEST};

@@ -1,5 +1,6 @@
 //! What a frame took and found.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use crate::graph::{Assignment, FrameSpec, Resource, Stage};
@@ -70,6 +71,15 @@ impl FrameReport {
     /// Rows at which one device's part of the left eye's path tracing ends and the next one's begins.
     pub fn stripe_edges(&self) -> &[u32] {
         self.assignment.stripes(Stage::PathTrace, Eye::Left).inner_edges()
+    }
+
+    /// Busy time by stage, summed over views and devices.
+    pub fn stage_ms(&self) -> BTreeMap<String, f64> {
+        let mut sums = BTreeMap::new();
+        for task in self.tasks.iter().filter(|t| matches!(t.kind, TimedTask::Gpu(_))) {
+            *sums.entry(task.stage.to_owned()).or_default() += task.end_ms - task.begin_ms;
+        }
+        sums
     }
 
     /// Per device of the run, the time in which its queue ran stages, milliseconds.

@@ -15,7 +15,7 @@ use super::plot::{Axis, Chart, Series, line_chart_svg};
 use super::{ReportError, Table, median_of};
 use crate::accumulation::Noise;
 use crate::control::{Knobs, Ladder, Rung, front};
-use crate::exec::{FrameReport, Stereo, TimedTask};
+use crate::exec::{FrameReport, Stereo};
 use crate::metrics;
 use crate::metrics::rings::Viewing;
 
@@ -80,11 +80,7 @@ impl SeenErrors {
 
 impl Repeat {
     pub fn new(frame: &FrameReport, errors: Stereo<SeenErrors>) -> Self {
-        let mut stage_ms = BTreeMap::new();
-        for task in frame.tasks.iter().filter(|t| matches!(t.kind, TimedTask::Gpu(_))) {
-            *stage_ms.entry(task.stage.to_owned()).or_default() += task.end_ms - task.begin_ms;
-        }
-        Self { makespan_ms: frame.makespan_ms, stage_ms, errors }
+        Self { makespan_ms: frame.makespan_ms, stage_ms: frame.stage_ms(), errors }
     }
 }
 
@@ -146,10 +142,7 @@ impl Row {
 
     /// The setting in words.
     pub fn name(&self) -> String {
-        let Knobs { spp, bounces, denoiser, iterations, scale, fovea } = &self.knobs;
-        let layers = if fovea.is_some() { ", layers" } else { "" };
-        let scale = if *scale < 1.0 { format!(", scale {scale}") } else { String::new() };
-        format!("{denoiser} x{iterations}, {bounces} bounces, {spp} spp{scale}{layers}")
+        knobs_name(&self.knobs)
     }
 
     pub fn rung(&self) -> Rung {
@@ -200,6 +193,14 @@ pub fn csv(shared: &Shared, rows: &[Row]) -> String {
     text
 }
 
+/// In a few words.
+pub fn knobs_name(knobs: &Knobs) -> String {
+    let Knobs { spp, bounces, denoiser, iterations, scale, fovea } = knobs;
+    let layers = fovea.map_or(String::new(), |[inner, outer]| format!(", layers to {inner} and {outer}"));
+    let scale = if *scale < 1.0 { format!(", scale {scale}") } else { String::new() };
+    format!("{denoiser} x{iterations}, {bounces} bounces, {spp} spp{scale}{layers}")
+}
+
 /// Columns of knobs.
 const KNOBS: [&str; 6] = ["denoiser", "iterations", "bounces", "foveation", "scale", "spp"];
 
@@ -246,14 +247,24 @@ fn time_chart(title: String, error: &str, series: &[Series]) -> Result<String, R
 
 /// Of each denoiser the settings that no other one of it beats.
 fn fronts(rows: &[Row], error: &str) -> Vec<Series> {
-    let mut denoisers: Vec<&str> = rows.iter().map(|r| r.knobs.denoiser.as_str()).collect();
-    denoisers.dedup();
+    let denoisers = once(rows.iter().map(|r| r.knobs.denoiser.as_str()));
     let series = |name: &&str| {
         let points = points(&rows.iter().filter(|r| r.knobs.denoiser == *name).collect::<Vec<_>>(), error);
         let points = front(&points).into_iter().map(|i| points[i]).collect();
         Series { name: (*name).to_owned(), points, band: None, guide: false }
     };
     denoisers.iter().map(series).collect()
+}
+
+/// Each value once, in the order in which they come.
+fn once<T: PartialEq>(values: impl Iterator<Item = T>) -> Vec<T> {
+    let mut once = Vec::new();
+    for value in values {
+        if !once.contains(&value) {
+            once.push(value);
+        }
+    }
+    once
 }
 
 /// A line per rung, from the cheapest.

@@ -134,13 +134,14 @@ impl PlaySummary {
     /// The rungs used, from the cheapest.
     pub fn rungs_table(&self) -> Table {
         let row = |u: &RungUse| {
-            let Quality { spp, bounces, iterations, scale } = u.quality;
+            let Quality { spp, bounces, iterations, scale, .. } = u.quality;
             let mut line = vec![u.rung.to_string()];
             line.extend([spp, bounces, iterations].map(|n| n.to_string()));
+            line.push(u.quality.fovea.map_or("none".to_owned(), |[inner, outer]| format!("{inner}, {outer}")));
             line.extend([scale.to_string(), format!("{:.1} %", 100.0 * u.share)]);
             line
         };
-        let headers = vec!["rung", "spp", "bounces", "iterations", "scale", "frames"];
+        let headers = vec!["rung", "spp", "bounces", "iterations", "layers", "scale", "frames"];
         Table { headers, rows: self.rung_uses.iter().map(row).collect() }
     }
 }

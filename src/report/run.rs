@@ -51,10 +51,13 @@ pub struct Quality {
     pub iterations: u32,
     /// Of the image's edges, 1: full size.
     pub scale: f64,
+    /// Radii of the foveal layers, shares of the width.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fovea: Option<[f64; 2]>,
 }
 
 impl Quality {
-    /// Of the pixels' mean: a render scale leaves some without.
+    /// In the mean of all pixels, before foveation leaves out more.
     pub fn samples(&self) -> f64 {
         f64::from(self.spp) * self.scale * self.scale
     }
@@ -62,8 +65,9 @@ impl Quality {
 
 impl fmt::Display for Quality {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { spp, bounces, iterations, scale } = self;
-        write!(f, "{spp} spp, {bounces} bounces, {iterations} iterations, scale {scale}")
+        let Self { spp, bounces, iterations, scale, fovea } = self;
+        write!(f, "{spp} spp, {bounces} bounces, {iterations} iterations, scale {scale}")?;
+        fovea.map_or(Ok(()), |[inner, outer]| write!(f, ", layers to {inner} and {outer}"))
     }
 }
 

@@ -22,7 +22,7 @@ use crate::cli::failure::Failure;
 use crate::cli::faults::refuse_faults;
 use crate::cli::foveation::{FoveationMode, FoveationOptions};
 use crate::cli::interrupt;
-use crate::cli::options::{Denoiser, RenderOptions, SCALES};
+use crate::cli::options::{Denoiser, RenderOptions};
 use crate::cli::progress::Progress;
 use crate::cli::setup::{self, Loaded, Tracing};
 
@@ -121,7 +121,8 @@ impl Setting {
         let denoiser = Denoiser::from_str(&knobs.denoiser, false).ok()?;
         let foveation = if knobs.fovea.is_some() { FoveationMode::Layers } else { FoveationMode::None };
         let setting = Self { denoiser, iterations, foveation, bounces, scale, spp };
-        let is_whole = SCALES.contains(&scale) && (denoiser != Denoiser::None || scale == 1.0);
+        let filters = denoiser != Denoiser::None;
+        let is_whole = (iterations > 0) == filters && (filters || (scale == 1.0 && knobs.fovea.is_none()));
         (is_whole && setting.knobs() == *knobs).then_some(setting)
     }
 
@@ -167,7 +168,8 @@ impl<'a> Grid<'a> {
         Self { args, loaded, reference, tracing }
     }
 
-    /// A row per setting of the grid, and of these others. What is measured is in the journal before the next setting is begun.
+    /// A row per setting of the grid, and of these others. What is measured is in the journal before the next setting is
+    /// begun.
     pub fn measure(&self, mut journal: Journal, judged: &[Knobs]) -> Result<Vec<Row>, Failure> {
         let mut settings = self.args.settings();
         let judged = judged.iter().filter(|k| settings.iter().all(|s| s.knobs() != **k)).filter_map(Setting::of);

@@ -104,7 +104,9 @@ impl Page<'_> {
         let title = format!("Fronts of {} at {}", self.args.options.shot, self.args.options.size);
         let figure = ladder_svg(title, self.rows, self.peers, self.ladder).context("cannot draw the fronts")?;
         let rungs = self.ladder.rungs().len();
-        let notes = format!("{rungs} rungs: the front without what is less than 3 % apart in time, in ladder.toml.");
+        let notes = format!(
+            "{rungs} rungs: the front without what is less than 3 % apart in time or saves little for much error, in ladder.toml."
+        );
         let table = Some(ladder_table(self.ladder));
         Ok(Section { heading: "Fronts and quality ladder", notes: vec![notes], table, figure: Some(figure) })
     }
@@ -112,7 +114,8 @@ impl Page<'_> {
     fn regret(&self) -> Option<Section> {
         let path = self.args.ladder.as_ref()?;
         let note =
-            "Regret: by how much a rung's FLIP is above the least of all settings that take no longer.".to_owned();
+            "Regret: by how much a rung's FLIP is above the least of all settings that take no longer, within 3 %."
+                .to_owned();
         let notes = vec![format!("Ladder: {}.", path.display()), note];
         Some(Section { heading: "Regret", notes, table: Some(regret_table(self.regrets)), figure: None })
     }

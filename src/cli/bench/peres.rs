@@ -87,6 +87,9 @@ impl Configuration {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
+    if args.scale.len() > 1 {
+        return Err(Failure::Input(anyhow::anyhow!("--preset takes one --scale")));
+    }
     let options = &args.options;
     options.check().map_err(Failure::Input)?;
     if args.preset.shots.len() > SCENES.len() {

@@ -59,7 +59,8 @@ pub fn plan(args: &Args) -> Result<Plan, Failure> {
     let run = RunOptions { seed, clamp: None, sampler: Default::default(), ..options.clone() };
     let passes = PassOptions { time_limit: Some(args.reference_time_limit), passes_out: None, pass_spp: PASS_SPP };
     let spp = args.reference_spp.unwrap_or(if args.quick { 256 } else { 1024 });
-    let bounces = args.bounces().into_iter().max().unwrap_or(0);
+    let judged = args.judged()?;
+    let bounces = args.bounces().into_iter().chain(judged.iter().map(|k| k.bounces)).max().unwrap_or(0);
     Plan::new(&RenderOptions { spp, bounces, ..single(run, Denoiser::None) }, passes)
 }
 

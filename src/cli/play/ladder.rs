@@ -10,7 +10,7 @@ use clap::ValueEnum;
 use diptych::control::{
     BOUNCES, Knobs, Ladder, Origin, Rung, TRACING, candidates, efforts, guessed_error, guessed_paths,
 };
-use diptych::exec::{FrameReport, Quality, Renderer, Stereo, TimedTask};
+use diptych::exec::{FrameReport, Quality, Renderer, Stereo};
 use diptych::graph::Stage;
 use diptych::image::RgbImage;
 use diptych::scene::rig::Rig;
@@ -46,24 +46,26 @@ impl Choice {
     /// The filter is the same for all frames of a run.
     fn from_file(args: &LoopOptions, path: &Path) -> Result<Self, anyhow::Error> {
         let all = Ladder::read(path).context("cannot use --ladder")?;
-        let is_foveated = args.foveated.is_on();
-        let fits = |r: &&Rung| r.knobs.fovea.is_none() || is_foveated;
         let of = |denoiser: Denoiser| {
             let name = setup::name(&denoiser);
             let needs_iterations = denoiser != Denoiser::None;
             let has = move |r: &&Rung| r.knobs.denoiser == name && (r.knobs.iterations > 0) == needs_iterations;
-            all.rungs().iter().filter(fits).filter(has).cloned().collect::<Vec<_>>()
+            all.rungs().iter().filter(has).cloned().collect::<Vec<_>>()
         };
         let most = Denoiser::value_variants().iter().copied().max_by_key(|d| of(*d).len());
         let denoiser = args.denoiser.or(most).unwrap_or(Denoiser::Svgf);
-        let rungs = of(denoiser);
+        let (path, name) = (path.display(), setup::name(&denoiser));
+        let (plain, foveated): (Vec<Rung>, _) = of(denoiser).into_iter().partition(|r| r.knobs.fovea.is_none());
         ensure!(
-            !rungs.is_empty(),
-            "--ladder {}: none of its {} rungs is for --denoiser {}: measure some with `diptych bench`",
-            path.display(),
+            !(plain.is_empty() && foveated.is_empty()),
+            "--ladder {path}: none of its {} rungs is for --denoiser {name}: measure some with `diptych bench`",
             all.rungs().len(),
-            setup::name(&denoiser),
         );
+        let rungs = if args.foveated.is_on() { of(denoiser) } else { plain };
+        ensure!(!rungs.is_empty(), "--ladder {path}: all rungs for --denoiser {name} need --foveation layers");
+        if !args.foveated.is_on() && !foveated.is_empty() {
+            eprintln!("warning: {} rungs of {path} are left out: they need --foveation layers", foveated.len());
+        }
         let knobs = rungs.iter().map(|r| r.knobs.clone()).collect();
         Ok(Self { denoiser, ladder: Some(Ladder::new(all.origin().clone(), rungs)?), knobs })
     }
@@ -140,7 +142,6 @@ impl<'a> Calibration<'a> {
         let [few, most] = [BOUNCES[0], BOUNCES[BOUNCES.len() - 1]];
         let between = BOUNCES[1..BOUNCES.len() - 1].iter().flat_map(|&b| [(2, b), (1, b)]);
         for (spp, bounces) in [(2, most), (1, most)].into_iter().chain(between).chain([(2, few), (1, few)]) {
-            // The last ones leave the cost model at the cheapest rung.
             if self.begin.elapsed() < TIME_LIMIT || bounces == few {
                 self.time(knobs(spp, bounces).as_ref())?;
             }
@@ -173,7 +174,7 @@ impl<'a> Calibration<'a> {
         for i in 0..warm_up + FRAMES {
             let frame = self.render()?;
             if i >= warm_up {
-                for (stage, ms) in stage_ms(&frame) {
+                for (stage, ms) in frame.stage_ms() {
                     least.entry(stage).and_modify(|least| *least = least.min(ms)).or_insert(ms);
                 }
             }
@@ -248,13 +249,4 @@ fn mean_light(images: &Stereo<RgbImage>) -> f64 {
     let pixels = images.left.pixels.iter().chain(&images.right.pixels);
     let sum: f64 = pixels.flatten().filter(|c| c.is_finite()).map(|c| f64::from(*c)).sum();
     sum / (images.left.pixels.len() + images.right.pixels.len()).max(1) as f64
-}
-
-/// Busy time by stage.
-fn stage_ms(frame: &FrameReport) -> BTreeMap<String, f64> {
-    let mut sums = BTreeMap::new();
-    for task in frame.tasks.iter().filter(|t| matches!(t.kind, TimedTask::Gpu(_))) {
-        *sums.entry(task.stage.to_owned()).or_default() += task.end_ms - task.begin_ms;
-    }
-    sums
 }

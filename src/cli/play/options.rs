@@ -43,7 +43,10 @@ impl LoopOptions {
     /// Options with the most that any frame has.
     fn render_options(&self, choice: &Choice, frames: u32) -> RenderOptions {
         let most = choice.most(|k| k.iterations);
-        let iterations = Iterations::All(self.layers().all.map_or(most, |limit| limit.min(most)));
+        let iterations = match self.foveated.is_on() {
+            true => Iterations::Layers(self.foveated.layer_iterations().map(|limit| limit.min(most))),
+            false => Iterations::All(self.layers().all.map_or(most, |limit| limit.min(most))),
+        };
         RenderOptions {
             run: self.run.clone(),
             spp: choice.most(|k| k.spp),
@@ -63,6 +66,10 @@ impl LoopOptions {
         self.foveated.check().map_err(Failure::Input)?;
         if choice.denoiser != Denoiser::None && options.iterations() == 0 {
             return Err(Failure::Input(anyhow::anyhow!("--iterations 0 filters nothing: choose --denoiser none")));
+        }
+        if self.foveated.is_on() && choice.denoiser == Denoiser::None {
+            let what = anyhow::anyhow!("--foveation layers leaves pixels to a denoiser: choose another than none");
+            return Err(Failure::Input(what));
         }
         options.check().map_err(Failure::Input)
     }

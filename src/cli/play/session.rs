@@ -86,6 +86,12 @@ impl Session {
         Decided { decision, decide_ms: begin.elapsed().as_secs_f64() * 1e3 }
     }
 
+    /// Radii of the foveal layers that a frame has.
+    #[cfg(feature = "view")]
+    pub fn fovea(&self, decided: Decided) -> Option<[f64; 2]> {
+        self.qualities[decided.decision.rung].fovea
+    }
+
     /// Renders a frame as decided, `late_ms` after it was due.
     pub fn render(
         &mut self,
@@ -111,16 +117,17 @@ impl Session {
         let budget_ms = [self.budget.lo_ms(), self.budget.hi_ms()];
         let in_band = (budget_ms[0]..=budget_ms[1]).contains(&frame.makespan_ms);
         let quality = &self.qualities[rung];
-        let (spp, bounces, iterations, scale) = (quality.spp, quality.bounces, quality.iterations(), quality.scale);
+        let (spp, bounces, iterations) = (quality.spp, quality.bounces, quality.iterations());
+        let (scale, fovea) = (quality.scale, quality.fovea);
         let control = Some(ControlKnobs { rung, budget_ms });
         self.tracing.record_with(&FrameKnobs { spp, bounces, iterations, scale, control }, frame);
-        let quality = QualityRow { spp, bounces, iterations, scale };
+        let quality = QualityRow { spp, bounces, iterations, scale, fovea };
         let mut row = FrameRow::new(frame, &quality, self.extent);
         row.control = Some(ControlRow { rung, expected_ms, fits, in_band, late_ms, decide_ms });
         self.progress.event(|| {
             serde_json::json!({
                 "event": "frame", "index": row.index, "rung": rung, "spp": spp, "bounces": bounces,
-                "iterations": iterations, "scale": scale, "predicted_ms": row.predicted_ms, "expected_ms": expected_ms,
+                "iterations": iterations, "scale": scale, "fovea": fovea, "predicted_ms": row.predicted_ms, "expected_ms": expected_ms,
                 "fits": fits, "makespan_ms": row.makespan_ms, "in_band": in_band, "late_ms": late_ms,
             })
         });

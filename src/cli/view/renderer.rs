@@ -5,6 +5,7 @@ use std::time::Instant;
 use diptych::device::GpuDevice;
 use diptych::report::run::FrameRow;
 use diptych::scene::Scene;
+use diptych::stages::Foveation;
 
 use super::camera::Camera;
 use super::shared::{FrameNews, Shared};
@@ -50,10 +51,11 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
         }
         let row = session.render(decided, late_ms, &rig, time_s, index)?;
         let picture = session.renderer.read_display()?;
-        let circles = session
-            .renderer
-            .foveation()
-            .map(|foveation| [0, 1].map(|eye| foveation.circles(eye, time_s, options.size.width, options.size.height)));
+        let layers = session.renderer.foveation().zip(session.fovea(decided));
+        let circles = layers.map(|(foveation, radii)| {
+            let layers = Foveation { radii, ..foveation.clone() };
+            [0, 1].map(|eye| layers.circles(eye, time_s, options.size.width, options.size.height))
+        });
         shared.show(picture, frame_news(row), |news| {
             (news.rungs, news.follows_path, news.circles) =
                 (session.ladder.rungs().len(), camera.follows_path(), circles);

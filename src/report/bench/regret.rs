@@ -3,11 +3,8 @@
 use serde::Serialize;
 
 use super::{KNOBS, Row, knob_cells};
-use crate::control::Knobs;
+use crate::control::{Knobs, MIN_STEP, Rung};
 use crate::report::Table;
-
-/// Times that are less than this apart, as a share, are not told apart by measurement.
-const SAME_TIME: f64 = 0.03;
 
 /// Of a rung.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -16,7 +13,7 @@ pub struct Regret {
     pub time_ms: f64,
     /// Mean of both eyes.
     pub flip: f64,
-    /// Least FLIP of the settings that take no longer.
+    /// Least FLIP of the settings that take no longer, within [`MIN_STEP`].
     pub best_flip: f64,
     /// How much more FLIP the rung has, as a share of the least.
     pub regret: f64,
@@ -27,8 +24,8 @@ pub fn regrets(rungs: &[Knobs], rows: &[Row]) -> Vec<Regret> {
     let all: Vec<_> = rows.iter().map(Row::rung).collect();
     let mut found: Vec<_> = all.iter().filter(|r| rungs.contains(&r.knobs)).collect();
     found.sort_by(|a, b| a.time_ms.total_cmp(&b.time_ms));
-    let of = |rung: &&crate::control::Rung| {
-        let no_longer = all.iter().filter(|r| r.time_ms <= rung.time_ms * (1.0 + SAME_TIME));
+    let of = |rung: &&Rung| {
+        let no_longer = all.iter().filter(|r| r.time_ms <= rung.time_ms * (1.0 + MIN_STEP));
         let best_flip = no_longer.map(|r| r.flip).fold(rung.flip, f64::min);
         let regret = rung.flip / best_flip.max(1e-9) - 1.0;
         Regret { knobs: rung.knobs.clone(), time_ms: rung.time_ms, flip: rung.flip, best_flip, regret }

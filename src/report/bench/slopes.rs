@@ -4,7 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::{Measured, NOISE_MARGIN, Row};
+use super::{Measured, NOISE_MARGIN, Row, once};
 use crate::accumulation::Noise;
 use crate::exec::Stereo;
 
@@ -41,14 +41,14 @@ pub fn log_slope(points: &[(f64, f64)]) -> Option<f64> {
     (spread > 0.0).then(|| logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum::<f64>() / spread)
 }
 
-/// Slopes per denoiser, its iterations, and eye, of the rows with most bounces, as many as the reference has. The
+/// Slopes per denoiser, its iterations, and eye, of the rows that sample all pixels alike and have most bounces. The
 /// reference's noise, which adds to every relMSE, is taken off; settings whose error is lost in it are left out, as is
 /// 1 spp, whose sample goes through the pixel's centre and estimates another image.
 pub fn slopes(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Vec<Slope> {
+    let rows: Vec<&Row> = rows.iter().filter(|r| r.knobs.scale == 1.0 && r.knobs.fovea.is_none()).collect();
     let bounces = rows.iter().map(|r| r.knobs.bounces).max();
-    let rows: Vec<&Row> = rows.iter().filter(|r| Some(r.knobs.bounces) == bounces).collect();
-    let mut filters: Vec<(&str, u32)> = rows.iter().map(|r| filter(r)).collect();
-    filters.dedup();
+    let rows: Vec<&Row> = rows.into_iter().filter(|r| Some(r.knobs.bounces) == bounces).collect();
+    let filters = once(rows.iter().map(|r| filter(r)));
     let of = |name: &(&str, u32)| {
         let own = || rows.iter().filter(|r| filter(r) == *name && r.knobs.spp > 1);
         let eye = |of: fn(&Measured) -> &Vec<f64>| own().map(|r| (r.knobs.spp, of(&r.measured).as_slice())).collect();
