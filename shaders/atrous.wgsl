@@ -3,8 +3,9 @@
 // centre's plane, relative to its distance from the eye, so that it does not depend on the scene's scale or on how
 // obliquely a surface is seen; radiance is compared after c / (1 + luminance).
 // Where pixels are left to the filter, radiance's alpha is Peres's binary mask (equation 4.2), 1 once anything has
-// contributed; with foveation, a layer of K iterations takes part in the last K of them. Departures: pixels that were not sampled stay empty until enough of their
-// surface is within reach, and what is empty at the last iteration takes the mean of whatever surfaces are there.
+// contributed; with foveation, a layer of K iterations takes part in the last K of them. Departures: pixels that were not
+// sampled stay empty until enough of their surface is within reach, and what is empty at the last iteration takes the mean
+// of whatever surfaces are there.
 
 //!include frame rng pack edges foveation
 

@@ -1,10 +1,10 @@
 // Which pixels are sampled. A frame may leave a share of all of them to the filter (`sampled_share`, the render scale
 // squared), whose guides are at full size. With foveation there are three layers around the gaze (Peres, sections 4.2 and
-// 4.4): the inner one is sampled in full, outside the outer radius
-// each pixel with probability 1 - p, in between it falls linearly. Departures: a pixel's threshold is not a random toss
-// but its place on the Z curve, Owen-scrambled (Burley 2020; Ahmed & Wonka 2020), so that every aligned block of 2^k
-// pixels holds as many samples as it should; it depends on the pixel alone, so that a gaze that moves leaves the mask
-// as it is where the probability is. And each eye has a gaze of its own.
+// 4.4): the inner one is sampled in full, outside the outer radius each pixel with probability 1 - p, in between it falls
+// linearly. Departures: a pixel's threshold is not a random toss but its place on the Z curve, Owen-scrambled (Burley
+// 2020; Ahmed & Wonka 2020), so that every aligned block of 2^k pixels holds as many samples as it should; it depends on
+// the pixel alone, so that a gaze that moves leaves the mask as it is where the probability is. And each eye has a gaze of
+// its own.
 
 override FOVEATED: bool = false;
 // Whether pixels may be left to the filter; foveation does.

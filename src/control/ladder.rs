@@ -116,8 +116,7 @@ impl Ladder {
     }
 
     /// The Pareto front of time and FLIP. Of rungs closer than [`MIN_STEP`], and where a step down saves too little for
-    /// what it costs ([`STEEPEST`]), the better ones stay. What was not measured
-    /// in finite numbers is left out.
+    /// what it costs ([`STEEPEST`]), the better ones stay. What was not measured in finite numbers is left out.
     ///
     /// # Errors
     /// As [`Self::new`].
