@@ -266,7 +266,7 @@
         draw(svg, "line", { class: "axis", x1: left - 4, x2: left, y1: y(time), y2: y(time) });
         draw(svg, "text", { x: left - 7, y: y(time) + 4, "text-anchor": "end" }, time);
       }
-      for (const spp of ticks(mostSpp, 4).filter((n) => Number.isInteger(n) && n))
+      for (const spp of ticks(mostSpp, 4).filter((n) => n > 0))
         draw(svg, "text", { x: x(count) + 6, y: ySpp(spp) + 4 }, spp);
       for (const rung of new Set([0, data.rungs - 1]))
         draw(svg, "text", { x: left - 7, y: yRung(rung) + 4, "text-anchor": "end" }, rung);
