@@ -70,17 +70,19 @@ pub fn guessed_paths(knobs: &Knobs) -> f64 {
     f64::from(knobs.spp) * sampled_share(knobs) * f64::from(1 + knobs.bounces.clamp(1, 4))
 }
 
-/// What tracing costs on each rung, held against the first. From the rungs' own times if all have them, else guessed.
+/// What tracing costs on each rung: from the rungs' own times if all have them, else guessed. Efforts of paths are the
+/// same for a rung whatever the others are, so that what was learned with one choice of rungs holds for another.
 pub fn efforts(rungs: &[Rung]) -> Vec<Effort> {
     let paths = Stage::PathTrace.name();
     let are_timed = rungs.iter().all(|r| r.stage_ms.get(paths).is_some_and(|ms| *ms > 0.0));
     let Some(first) = rungs.first() else { return Vec::new() };
     let measured = |rung: &Rung, stage: Stage| {
         let ms = |r: &Rung| r.stage_ms.get(stage.name()).copied().filter(|ms| *ms > 0.0);
-        Some((stage, ms(rung)? / ms(first)?))
+        let unit = if stage == Stage::Gbuffer { ms(first)? } else { 1.0 };
+        Some((stage, ms(rung)? / unit))
     };
     let guessed = |rung: &Rung| {
-        let paths = guessed_paths(&rung.knobs) / guessed_paths(&first.knobs);
+        let paths = guessed_paths(&rung.knobs);
         Effort::new([(Stage::PathTrace, paths), (Stage::HoleFill, paths)])
     };
     let of = |rung: &Rung| match are_timed {
@@ -123,7 +125,7 @@ mod tests {
     #[test]
     fn efforts_are_measured_where_all_rungs_are() {
         let of = |rungs: &[Rung]| efforts(rungs).iter().map(|e| e.of(Stage::PathTrace)).collect::<Vec<_>>();
-        assert_eq!(of(&[rung(1, 1, Some(2.0)), rung(4, 1, Some(9.0))]), [1.0, 4.5]);
-        assert_eq!(of(&[rung(1, 1, Some(2.0)), rung(4, 2, None)]), [1.0, 6.0]);
+        assert_eq!(of(&[rung(1, 1, Some(2.0)), rung(4, 1, Some(9.0))]), [2.0, 9.0]);
+        assert_eq!(of(&[rung(1, 1, Some(2.0)), rung(4, 2, None)]), [2.0, 12.0]);
     }
 }
