@@ -9,6 +9,7 @@ use diptych::control::SCALES;
 use diptych::device::ShaderChecks;
 use diptych::graph::{Filter, HaloPlan, Seam};
 use diptych::image::Extent;
+use diptych::report::once;
 use diptych::schedule::RatioRule;
 use diptych::stages::{Aov, Sampler};
 
@@ -235,13 +236,7 @@ impl RenderOptions {
 
     /// The auxiliary images asked for, each once.
     pub fn aovs(&self) -> Vec<Aov> {
-        let mut once = Vec::new();
-        for &aov in &self.aov {
-            if !once.contains(&aov) {
-                once.push(aov);
-            }
-        }
-        once
+        once(self.aov.iter().copied())
     }
 
     /// What clap cannot see.

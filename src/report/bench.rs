@@ -12,7 +12,7 @@ pub use slopes::{Slope, log_slope, slopes};
 
 use super::peers::{self, Peer};
 use super::plot::{Axis, Chart, Series, line_chart_svg};
-use super::{ReportError, Table, median_of};
+use super::{ReportError, Table, median_of, once};
 use crate::accumulation::Noise;
 use crate::control::{Knobs, Ladder, Rung, front};
 use crate::exec::{FrameReport, Stereo};
@@ -254,17 +254,6 @@ fn fronts(rows: &[Row], error: &str) -> Vec<Series> {
         Series { name: (*name).to_owned(), points, band: None, guide: false }
     };
     denoisers.iter().map(series).collect()
-}
-
-/// Each value once, in the order in which they come.
-fn once<T: PartialEq>(values: impl Iterator<Item = T>) -> Vec<T> {
-    let mut once = Vec::new();
-    for value in values {
-        if !once.contains(&value) {
-            once.push(value);
-        }
-    }
-    once
 }
 
 /// A line per rung, from the cheapest.

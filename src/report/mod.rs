@@ -44,6 +44,17 @@ pub fn median_of(values: Vec<f64>) -> f64 {
     median(values).unwrap_or(0.0)
 }
 
+/// Each value once, in the order in which they come.
+pub fn once<T: PartialEq>(values: impl IntoIterator<Item = T>) -> Vec<T> {
+    let mut once = Vec::new();
+    for value in values {
+        if !once.contains(&value) {
+            once.push(value);
+        }
+    }
+    once
+}
+
 /// Largest over mean.
 fn imbalance(busy_ms: &[f64]) -> f64 {
     busy_ms.iter().copied().fold(0.0, f64::max) * busy_ms.len() as f64 / busy_ms.iter().sum::<f64>().max(1e-9)

@@ -11,7 +11,7 @@ use super::table::Table;
 
 #[derive(Debug, thiserror::Error)]
 pub enum PeersError {
-    #[error("cannot read the peers {path}: check that it is there")]
+    #[error("cannot read the peers {path}")]
     Read { path: PathBuf, source: io::Error },
     #[error("{path} names no peers: write [[peer]] with name, time_ms, flip and perhaps note, as in docs/peers")]
     File { path: PathBuf, source: Box<PeersError> },

@@ -30,14 +30,27 @@ impl Foveation {
 
     /// Radii and gaze of an eye at `time_s` in an image of this size, pixels.
     pub fn circles(&self, eye: usize, time_s: f64, width: u32, height: u32) -> ([f64; 2], [f64; 2]) {
+        self.circles_of(self.radii, eye, time_s, width, height)
+    }
+
+    /// ... with the radii of a frame.
+    pub fn circles_of(
+        &self,
+        radii: [f64; 2],
+        eye: usize,
+        time_s: f64,
+        width: u32,
+        height: u32,
+    ) -> ([f64; 2], [f64; 2]) {
         let [x, y] = self.gaze[eye].at(time_s);
-        (self.radii.map(|r| r * f64::from(width)), [x * f64::from(width), y * f64::from(height)])
+        (radii.map(|r| r * f64::from(width)), [x * f64::from(width), y * f64::from(height)])
     }
 
     /// Sets the constants of a frame whose size is set. Without radii all of it is the inner layer.
     pub(crate) fn describe(&self, frame: &mut Frame, time_s: f64, radii: Option<[f64; 2]>) {
-        let around = Self { radii: radii.unwrap_or(EVERYWHERE), ..self.clone() };
-        let [(radii, left), (_, right)] = [0, 1].map(|eye| around.circles(eye, time_s, frame.width, frame.height));
+        let radii = radii.unwrap_or(EVERYWHERE);
+        let circles = |eye| self.circles_of(radii, eye, time_s, frame.width, frame.height);
+        let [(radii, left), (_, right)] = [0, 1].map(circles);
         frame.fovea_radii = Vec2::from(radii.map(|r| r as f32));
         frame.gaze = Vec4::from([left[0], left[1], right[0], right[1]].map(|c| c as f32));
         frame.unsampled_share = self.unsampled_share as f32;

@@ -11,6 +11,7 @@ use diptych::image::RgbImage;
 use diptych::metrics::Pair;
 use diptych::metrics::rings::Viewing;
 use diptych::report::bench::{Measured, Repeat, Row, SeenErrors};
+use diptych::report::once;
 use diptych::scene::shot::Shot;
 use diptych::stages::Foveation;
 use diptych::trace::frames::record_devices;
@@ -95,13 +96,7 @@ impl Args {
 
 /// What is asked for, each once, or else the default.
 fn chosen<T: Copy + PartialEq>(asked: &[T], default: &[T]) -> Vec<T> {
-    let mut once = Vec::new();
-    for &value in if asked.is_empty() { default } else { asked } {
-        if !once.contains(&value) {
-            once.push(value);
-        }
-    }
-    once
+    once(if asked.is_empty() { default } else { asked }.iter().copied())
 }
 
 #[derive(Clone, Copy)]

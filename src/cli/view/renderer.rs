@@ -5,7 +5,6 @@ use std::time::Instant;
 use diptych::device::GpuDevice;
 use diptych::report::run::FrameRow;
 use diptych::scene::Scene;
-use diptych::stages::Foveation;
 
 use super::camera::Camera;
 use super::shared::{FrameNews, Shared};
@@ -53,8 +52,7 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
         let picture = session.renderer.read_display()?;
         let layers = session.renderer.foveation().zip(session.fovea(decided));
         let circles = layers.map(|(foveation, radii)| {
-            let layers = Foveation { radii, ..foveation.clone() };
-            [0, 1].map(|eye| layers.circles(eye, time_s, options.size.width, options.size.height))
+            [0, 1].map(|eye| foveation.circles_of(radii, eye, time_s, options.size.width, options.size.height))
         });
         shared.show(picture, frame_news(row), |news| {
             (news.rungs, news.follows_path, news.circles) =

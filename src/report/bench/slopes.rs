@@ -4,9 +4,10 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::{Measured, NOISE_MARGIN, Row, once};
+use super::{Measured, NOISE_MARGIN, Row};
 use crate::accumulation::Noise;
 use crate::exec::Stereo;
+use crate::report::once;
 
 /// Exponent of the error, √relMSE, over samples per pixel: −0.5 for independent samples.
 #[derive(Clone, Debug, Serialize)]
