@@ -19,10 +19,29 @@ const ROUGHNESS: u32 = 5u;
 const HOLES: u32 = 6u;
 const SPP: u32 = 7u;
 const STRIPES: u32 = 8u;
+const BASE_COLOR: u32 = 9u;
+const DIFFUSE_ALBEDO: u32 = 10u;
+const SPECULAR_ALBEDO: u32 = 11u;
 
 fn centre_hit(pixel: vec2<u32>, hit: vec4<u32>) -> FirstHit {
     let direction = ray_direction(pass_.view, vec2<f32>(pixel) + frame.centre);
     return first_hit(Hit(0.0, hit.x, bitcast<vec2<f32>>(hit.yz)), pass_.view, direction);
+}
+
+// A property of the surface's material.
+fn material_value(kind: u32, s: Surface, hit: vec4<u32>, to_viewer: vec3<f32>) -> vec3<f32> {
+    switch kind {
+        case BASE_COLOR: {
+            return parameters_at(placed(hit.x).row, bitcast<vec2<f32>>(hit.yz), materials[s.material]).base;
+        }
+        case DIFFUSE_ALBEDO: {
+            return s.diffuse;
+        }
+        default: {
+            let towards = layer_albedo(dot(s.normal, to_viewer), s.roughness).towards;
+            return mix(s.f0 * towards.x + s.f90 * towards.y, vec3<f32>(1.0), s.coat);
+        }
+    }
 }
 
 @compute @workgroup_size(8, 8)
@@ -66,7 +85,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let origin = frame.views[pass_.view].origin;
             if (hit.x & SPHERE) == 0u {
                 let s = surface_at(hit.x, bitcast<vec2<f32>>(hit.yz), origin, direction);
-                if pass_.arg0 == NORMAL {
+                if pass_.arg0 >= BASE_COLOR {
+                    value = material_value(pass_.arg0, s, hit, -direction);
+                } else if pass_.arg0 == NORMAL {
                     value = s.normal;
                 } else if pass_.arg0 == POSITION {
                     value = s.position + frame.world_origin;
@@ -76,7 +97,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             } else if hit.x != NO_PRIM {
                 let p = origin + direction * emission_image[at].a;
                 let light = lights[hit.x & ~SPHERE];
-                if pass_.arg0 == NORMAL {
+                if pass_.arg0 >= BASE_COLOR {
+                    value = vec3<f32>(0.0);
+                } else if pass_.arg0 == NORMAL {
                     value = normalize(p - light.position);
                 } else if pass_.arg0 == POSITION {
                     value = p + frame.world_origin;

@@ -13,6 +13,7 @@ use diptych::stages::Aov;
 use glam::DVec3;
 use reference::Pinhole;
 use reference::intersect::{Geometry, Ray};
+use reference::layer;
 use reference::scenes::{materials, matte};
 use reference::surface::{Surface, Surfaces};
 
@@ -171,6 +172,47 @@ fn assert_exact_geometry(subject: &Subject) -> Errors {
 fn small_scenes_are_exact() {
     for (name, scene, camera) in matte::all() {
         assert_exact(&subject(name, scene, &camera));
+    }
+}
+
+/// The reference's table of what microfacets reflect is finer than the renderer's.
+const TABLE: f64 = 0.01;
+
+#[test]
+fn colours_of_materials_are_what_their_names_say() {
+    for (name, build) in materials::ALL.into_iter().filter(|(name, _)| *name != "unlit") {
+        let (scene, camera) = build();
+        let subject = subject(name, scene, &camera);
+        let mut settings = subject.settings(EXTENT.width, EXTENT.height);
+        settings.stages.aovs = vec![Aov::BaseColor, Aov::DiffuseAlbedo, Aov::SpecularAlbedo];
+        let mut stage = Stage::alone(&subject, &settings);
+        stage.frame(0);
+        let planes: Vec<_> = (0..3).map(|i| stage.aov(i).left).collect();
+        let exact = Exact::new(&subject);
+        let view = subject.rig.view(0.0, Eye::Left);
+        let mut compared = 0;
+        for pixel in 0..EXTENT.area() {
+            let (x, y) = (pixel as u32 % EXTENT.width, pixel as u32 / EXTENT.width);
+            let Some(seen) = exact.behind(&view, x, y) else { continue };
+            let value = |i: usize| DVec3::from_array(std::array::from_fn(|c| f64::from(planes[i][c][pixel])));
+            let Some(bsdf) = seen.and_then(|seen| seen.surface.bsdf) else {
+                assert!((0..3).all(|i| value(i) == DVec3::ZERO), "{name}: the sky at ({x}, {y})");
+                continue;
+            };
+            let diffuse = (1.0 - bsdf.metallic) * (1.0 - bsdf.transmission) * bsdf.base;
+            let f0 = bsdf.f0.lerp(bsdf.base, bsdf.metallic);
+            let f90 = bsdf.f90 + (1.0 - bsdf.f90) * bsdf.metallic;
+            let mu = bsdf.normal.dot(bsdf.to_viewer);
+            let facets = f0.map(|f0| layer::albedo(bsdf.alpha, f0, f90, mu));
+            let specular = facets.lerp(DVec3::ONE, bsdf.coat_reflectance());
+            let off = |i: usize, expected: DVec3| (value(i) - expected).abs().max_element();
+            let place = format!("{name} at ({x}, {y})");
+            assert!(off(0, bsdf.base) < 1e-4, "{place}: base colour {} and {}", value(0), bsdf.base);
+            assert!(off(1, diffuse) < 1e-4, "{place}: diffuse {} and {diffuse}", value(1));
+            assert!(off(2, specular) < TABLE, "{place}: specular {} and {specular}", value(2));
+            compared += 1;
+        }
+        assert!(compared > EXTENT.area() / 4, "{name}: {compared} pixels compared");
     }
 }
 

@@ -7,6 +7,9 @@
 override HAS_EMISSIVE: bool = true;
 override HAS_LOCAL_LIGHTS: bool = true;
 override HAS_DIRECTIONAL: bool = true;
+// Emissive triangles that are masked or blended, and such under a coat.
+override HAS_ALPHA_EMITTERS: bool = true;
+override HAS_COATED_EMITTERS: bool = true;
 
 struct Light {
     // Triangle: unused. Local: position. Directional: the way to the light.
@@ -142,6 +145,14 @@ fn sample_triangle_light(p: vec3<f32>, light: Light, probability: f32, u: vec2<f
         return no_light();
     }
     s.radiance = emissive_at(light.prim, bary, m);
+    if HAS_COATED_EMITTERS {
+        s.radiance = surface_at(light.prim, bary, p, s.direction).emission;
+    }
+    // A scattered ray meets the triangle there with this probability, so both ways to the light have one mean, and the
+    // weights that join them need no more than the densities of directions.
+    if HAS_ALPHA_EMITTERS {
+        s.radiance *= coverage_at(light.prim, bary, m);
+    }
     s.pdf = pdf;
     // A ray meets the plane where its numerator and denominator say, each off by a few roundings of the vertices'
     // distance: slantwise, that is 1 / cosine as far along the ray.

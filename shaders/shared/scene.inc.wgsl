@@ -303,16 +303,18 @@ fn alpha_at(row: u32, bary: vec2<f32>, m: Material) -> f32 {
     return factor;
 }
 
-// Whether a ray meets the surface there, where parts of it are cut out or thin. `key` names the ray: the same ray
-// and triangle always decide alike, in whatever order a traversal meets them.
-fn is_covered(row: u32, prim: u32, bary: vec2<f32>, key: u32) -> bool {
-    let m = materials[triangles[row].material];
+// Share of rays that meet the surface there, where parts of it are cut out or thin.
+fn coverage_at(row: u32, bary: vec2<f32>, m: Material) -> f32 {
     let alpha = alpha_at(row, bary, m);
     if (m.flags & ALPHA_MASK) != 0u {
-        return alpha >= m.alpha_cutoff;
+        return select(0.0, 1.0, alpha >= m.alpha_cutoff);
     }
-    if (m.flags & ALPHA_BLEND) != 0u {
-        return unit_float(hash_combine(key, prim)) < alpha;
-    }
-    return true;
+    return select(1.0, clamp(alpha, 0.0, 1.0), (m.flags & ALPHA_BLEND) != 0u);
+}
+
+// Whether a ray meets the surface there. `key` names the ray: the same ray and triangle always decide alike, in whatever
+// order a traversal meets them.
+fn is_covered(row: u32, prim: u32, bary: vec2<f32>, key: u32) -> bool {
+    let m = materials[triangles[row].material];
+    return unit_float(hash_combine(key, prim)) < coverage_at(row, bary, m);
 }

@@ -20,6 +20,10 @@ pub struct SceneNeeds {
     pub vertex_colors: bool,
     pub alpha: bool,
     pub emissive: bool,
+    /// Emissive surfaces that are masked or blended.
+    pub alpha_emitters: bool,
+    /// Emissive surfaces under a coat.
+    pub coated_emitters: bool,
     /// Point and spot lights.
     pub local_lights: bool,
     /// Local lights that are spheres.
@@ -56,6 +60,8 @@ impl SceneNeeds {
         vertex_colors: true,
         alpha: true,
         emissive: true,
+        alpha_emitters: true,
+        coated_emitters: true,
         local_lights: true,
         spheres: true,
         directional: true,
@@ -67,6 +73,7 @@ impl SceneNeeds {
     pub fn of(scene: &Scene) -> Self {
         let used = || scene.instances.iter().map(|i| &scene.meshes[i.mesh]);
         let materials = || used().map(|m| &scene.materials[m.material]);
+        let emitters = || materials().filter(|m| m.emissive != glam::Vec3::ZERO);
         let radius = |kind: &LightKind| match kind {
             LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } => Some(*radius),
             LightKind::Directional { .. } => None,
@@ -82,7 +89,9 @@ impl SceneNeeds {
             unlit: materials().any(|m| m.unlit),
             vertex_colors: used().any(|m| !m.colors.is_empty()),
             alpha: materials().any(|m| m.alpha_mode != AlphaMode::Opaque),
-            emissive: materials().any(|m| m.emissive != glam::Vec3::ZERO),
+            emissive: emitters().next().is_some(),
+            alpha_emitters: emitters().any(|m| m.alpha_mode != AlphaMode::Opaque),
+            coated_emitters: emitters().any(|m| m.clearcoat.factor > 0.0),
             local_lights: scene.lights.iter().any(|l| radius(&l.kind).is_some()),
             spheres: scene.lights.iter().any(|l| radius(&l.kind).is_some_and(|r| r > 0.0)),
             directional: scene.lights.iter().any(|l| radius(&l.kind).is_none()),
@@ -93,7 +102,7 @@ impl SceneNeeds {
     }
 
     /// Names and values, as the shaders' override constants have them.
-    pub fn constants(&self) -> [(&'static str, bool); 16] {
+    pub fn constants(&self) -> [(&'static str, bool); 18] {
         [
             ("HAS_TEXTURES", self.textures),
             ("HAS_SECOND_UVS", self.second_uvs),
@@ -105,6 +114,8 @@ impl SceneNeeds {
             ("HAS_VERTEX_COLORS", self.vertex_colors),
             ("HAS_ALPHA", self.alpha),
             ("HAS_EMISSIVE", self.emissive),
+            ("HAS_ALPHA_EMITTERS", self.alpha_emitters),
+            ("HAS_COATED_EMITTERS", self.coated_emitters),
             ("HAS_LOCAL_LIGHTS", self.local_lights),
             ("HAS_SPHERES", self.spheres),
             ("HAS_DIRECTIONAL", self.directional),

@@ -23,9 +23,11 @@ pub(super) const ROOM: Room = Room {
 /// shader's constants.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
+#[value(rename_all = "snake_case")]
 #[repr(u32)]
 pub enum Aov {
-    /// Linear RGB.
+    /// What radiance is divided by before it is filtered: the share of even light from all around that the surface
+    /// sends to the eye, by all its lobes, linear RGB; the mean over the pixel where it has several samples.
     Albedo,
     /// Shading normal, world space, towards the eye.
     Normal,
@@ -44,6 +46,13 @@ pub enum Aov {
     Spp,
     /// Index of the device that finished the pixel.
     Stripes,
+    /// Linear RGB: factor, texture and vertex colour, of unlit materials as well; 0 where there is no surface.
+    BaseColor,
+    /// Albedo of the Lambertian lobe, linear RGB: what of the base colour neither metal nor transmission takes; not yet
+    /// dimmed by the layers above.
+    DiffuseAlbedo,
+    /// Share of even light from all around that is reflected to the eye by microfacets, the coat's included, linear RGB.
+    SpecularAlbedo,
 }
 
 impl Aov {
@@ -63,13 +72,16 @@ impl Aov {
             Self::Holes => "holes",
             Self::Spp => "spp",
             Self::Stripes => "stripes",
+            Self::BaseColor => "base_color",
+            Self::DiffuseAlbedo => "diffuse_albedo",
+            Self::SpecularAlbedo => "specular_albedo",
         }
     }
 
     /// Channels that carry something.
     pub fn channels(self) -> &'static [&'static str] {
         match self {
-            Self::Albedo => &["R", "G", "B"],
+            Self::Albedo | Self::BaseColor | Self::DiffuseAlbedo | Self::SpecularAlbedo => &["R", "G", "B"],
             Self::Normal | Self::Position => &["X", "Y", "Z"],
             Self::Motion => &["X", "Y"],
             Self::Depth => &["Z"],

@@ -14,7 +14,7 @@ use self::light_tree::{Bounds, Cone, LightTree};
 use super::alias;
 use super::layout::{EnvCell, Frame, LIGHT_SPOT, LIGHT_TRIANGLE, Light};
 use crate::accel::{Accel, Node, Triangle};
-use crate::scene::{self, LightKind, Material, Scene};
+use crate::scene::{self, AlphaMode, LightKind, Material, Scene};
 
 /// Lights in the order spheres, points, emissive triangles (which the tree picks from), directional.
 #[derive(Default)]
@@ -35,11 +35,40 @@ fn luminance(c: Vec3) -> f64 {
     f64::from(c.x) * 0.2126 + f64::from(c.y) * 0.7152 + f64::from(c.z) * 0.0722
 }
 
-/// Mean radiance that a material emits, as luminance.
+/// Mean reflectance of a coat for light from within: Schlick's term over directions weighted by the cosine.
+const COAT_REFLECTANCE: f64 = 0.04 + 0.96 / 21.0;
+
+/// Least coverage that an emitter is picked by: where the image's mean is none, its filtered texels or the colours of
+/// vertices may still leave some.
+const LEAST_COVERAGE: f64 = 1e-3;
+
+/// Mean radiance that a material emits, as luminance; above 0 unless it emits nothing at all.
 fn emitted(scene: &Scene, material: &Material) -> f64 {
+    if material.unlit {
+        return 0.0;
+    }
     let tint =
         material.emissive_texture.map_or(Vec3::ONE, |t| mean_color(&scene.images[scene.textures[t.texture].image]));
-    if material.unlit { 0.0 } else { luminance(material.emissive * tint) }
+    let passes = 1.0 - COAT_REFLECTANCE * f64::from(material.clearcoat.factor);
+    luminance(material.emissive * tint) * passes * mean_coverage(scene, material).max(LEAST_COVERAGE)
+}
+
+/// Share of rays that meet the material, without the colours of vertices.
+fn mean_coverage(scene: &Scene, material: &Material) -> f64 {
+    let coverage = |alpha: f32| match material.alpha_mode {
+        AlphaMode::Opaque => 1.0,
+        AlphaMode::Mask { cutoff } => f64::from(u8::from(alpha >= cutoff)),
+        AlphaMode::Blend => f64::from(alpha.clamp(0.0, 1.0)),
+    };
+    let factor = material.base_color.w;
+    match material.base_color_texture {
+        Some(t) if material.alpha_mode != AlphaMode::Opaque => {
+            let texels = &scene.images[scene.textures[t.texture].image].pixels;
+            let sum: f64 = texels.iter().map(|texel| coverage(factor * f32::from(texel[3]) / 255.0)).sum();
+            sum / texels.len().max(1) as f64
+        }
+        _ => coverage(factor),
+    }
 }
 
 fn mean_color(image: &scene::TexelImage) -> Vec3 {

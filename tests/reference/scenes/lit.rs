@@ -4,19 +4,24 @@
 //! To add a row: a line in [`ALL`] with a function that adds the light to [`things`].
 
 use diptych::image::Extent;
-use diptych::scene::{Environment, Light, LightKind, Material, Scene};
-use glam::{Vec3, vec3, vec4};
+use diptych::scene::{AlphaMode, Clearcoat, Environment, Light, LightKind, Material, Scene};
+use glam::{Vec2, Vec3, vec2, vec3, vec4};
 
 use super::pictures::sky;
-use super::studio::{add_balls, camera, dielectric, ground, metal};
+use super::studio::{Pictures, add_balls, camera, dielectric, ground, metal, second, turned};
 use super::{add_material, matte, place, quad};
 use crate::reference::Pinhole;
 
 type Row = (&'static str, fn(&mut Scene));
 
 /// Every kind of light with its name.
-pub const ALL: [Row; 10] = [
+pub const ALL: [Row; 15] = [
     ("emissive_triangles", add_lamps),
+    ("emissive_masked", |scene| add_cards(scene, Card::Masked)),
+    ("emissive_blended", |scene| add_cards(scene, Card::Blended)),
+    ("emissive_textured_mask", |scene| add_cards(scene, Card::Textured)),
+    ("emissive_coated", |scene| add_cards(scene, Card::Coated)),
+    ("emissive_double_sided", |scene| add_cards(scene, Card::FromBehind)),
     ("point", |scene| scene.lights.push(point(0.0))),
     ("spot", |scene| scene.lights.push(spot(0.0))),
     ("sphere", |scene| scene.lights.push(point(0.3))),
@@ -45,6 +50,67 @@ fn add_lamps(scene: &mut Scene) {
     place(scene, quad(vec3(-1.8, 2.4, -1.0), 2.4 * Vec3::X, 2.0 * Vec3::Z, wide));
     let strip = add_material(scene, lamp(vec3(0.5, 1.5, 3.0), true));
     place(scene, quad(vec3(2.4, 0.3, -0.5), 0.6 * Vec3::Z, 1.2 * Vec3::Y, strip));
+}
+
+/// What is special about the cards of [`add_cards`].
+#[derive(Clone, Copy, PartialEq)]
+enum Card {
+    Masked,
+    Blended,
+    Textured,
+    Coated,
+    FromBehind,
+}
+
+/// Two lamps with nothing else to light the scene: one above that looks down, one upright that is seen at a slant.
+fn add_cards(scene: &mut Scene, kind: Card) {
+    let pictures = Pictures::add(scene);
+    let lamp = |emissive: Vec3| {
+        let plain = Material { base_color: vec4(0.1, 0.1, 0.1, 1.0), emissive, ..matte() };
+        match kind {
+            Card::Masked => Material { alpha_mode: AlphaMode::Mask { cutoff: 0.5 }, ..plain },
+            Card::Blended => Material { base_color: vec4(0.1, 0.1, 0.1, 0.5), alpha_mode: AlphaMode::Blend, ..plain },
+            Card::Textured => Material {
+                base_color_texture: Some(turned(pictures.checker)),
+                emissive_texture: Some(second(pictures.steps)),
+                alpha_mode: AlphaMode::Mask { cutoff: 0.6 },
+                ..plain
+            },
+            Card::Coated => Material {
+                clearcoat: Clearcoat {
+                    factor: 1.0,
+                    factor_texture: Some(pictures.steps),
+                    normal_map: pictures.normal_map(2.0),
+                    ..Clearcoat::default()
+                },
+                ..plain
+            },
+            Card::FromBehind => Material { double_sided: true, ..plain },
+        }
+    };
+    let above = add_material(scene, lamp(vec3(4.0, 3.0, 2.0)));
+    let upright = add_material(scene, lamp(vec3(1.5, 2.5, 4.0)));
+    let mut cards = [
+        quad(vec3(-1.2, 2.4, -1.0), 2.4 * Vec3::X, 2.0 * Vec3::Z, above),
+        quad(vec3(-2.0, 0.3, -0.9), 2.0 * Vec3::Z, 1.3 * Vec3::Y, upright),
+    ];
+    for card in &mut cards {
+        card.uvs = [
+            vec![vec2(-0.1, 1.1), vec2(1.2, 1.0), vec2(1.0, 0.0), vec2(0.1, -0.1)],
+            vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y],
+        ];
+        // Half of the one card is cut out; the other fades along its length.
+        if matches!(kind, Card::Masked | Card::Blended) {
+            card.colors = [1.0, 0.0, 0.0, 1.0].map(|a| vec4(1.0, 1.0, 1.0, a)).to_vec();
+        }
+        if kind == Card::Coated {
+            card.tangents = vec![(card.positions[1] - card.positions[0]).normalize().extend(1.0); 4];
+        }
+        if kind == Card::FromBehind {
+            card.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+        }
+    }
+    cards.into_iter().for_each(|card| place(scene, card));
 }
 
 fn point(radius: f32) -> Light {
