@@ -1,5 +1,6 @@
 # make demo    the built-in scene on two virtual devices: a stereo picture and a trace-file
 # make test    format, lints, documentation, tests
+# make test-long    all tests with whole sweeps and many samples, and those that need scenes of others or Chromium
 # make test-view    the same for the window of `diptych view`, which needs Xvfb and xdotool to be tested
 # make deps    checks for a Vulkan driver and compilers; installs Mesa's driver where apt-get is and none was found
 # make clean
@@ -11,7 +12,7 @@ CARGO ?= cargo
 DIPTYCH := $(or $(CARGO_TARGET_DIR),target)/release/diptych
 DEMO := out/demo
 
-.PHONY: demo test test-view deps clean
+.PHONY: demo test test-long test-view deps clean
 
 demo: deps
 	$(CARGO) build --release --locked
@@ -26,6 +27,9 @@ test: deps
 	$(CARGO) clippy --release --locked --all-targets -- -D warnings
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --release --locked
 	XDG_RUNTIME_DIR="$${XDG_RUNTIME_DIR:-$${TMPDIR:-/tmp}}" $(CARGO) test --release --locked
+
+test-long: deps
+	DIPTYCH_TEST_LONG=1 $(CARGO) test --release --locked -- --include-ignored
 
 test-view: deps
 	$(CARGO) clippy --release --locked --all-targets --features view -- -D warnings

@@ -67,6 +67,13 @@ impl GpuDevice {
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
+    /// What a driver says that has no memory left. Hosts that promise more memory than there is never come to say it, and
+    /// what is refused for its size is another error.
+    pub fn report_out_of_memory(&self) {
+        let error = wgpu::Error::OutOfMemory { source: "injected".into() };
+        self.failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(error.into());
+    }
+
     /// Whether the device has done everything up to `submission`.
     ///
     /// # Errors

@@ -30,7 +30,7 @@ pub enum InjectedKind {
     Hang,
     /// Its dispatches run twice.
     Slow,
-    /// It is asked for more memory than it can have.
+    /// It reports that it has no memory left.
     Oom,
 }
 

@@ -181,13 +181,7 @@ impl Worker {
             Some(InjectedKind::Hang) => loop {
                 std::thread::park();
             },
-            Some(InjectedKind::Oom) => {
-                let size = self.gpu.device.limits().max_buffer_size.saturating_add(4) & !3;
-                let usage = wgpu::BufferUsages::STORAGE;
-                let label = Some("too large");
-                let descriptor = wgpu::BufferDescriptor { label, size, usage, mapped_at_creation: false };
-                drop(self.gpu.device.create_buffer(&descriptor));
-            }
+            Some(InjectedKind::Oom) => self.gpu.report_out_of_memory(),
             // Comes as more runs of dispatches.
             Some(InjectedKind::Slow) | None => {}
         }

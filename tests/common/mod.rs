@@ -2,6 +2,8 @@
 
 #![allow(dead_code)] // Each test binary uses a part.
 
+mod effort;
+
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
@@ -17,6 +19,7 @@ use diptych::scene::needs::SceneNeeds;
 use diptych::scene::rig::{Rig, RigKey};
 use diptych::schedule::{Even, Policy};
 use diptych::stages::{Sampler, SceneTables, StageSettings};
+pub use effort::is_thorough;
 
 /// A scene ready to be put on devices, and where it is seen from.
 pub struct Subject {

@@ -1,0 +1,388 @@
+//! Bad input ends in one clear error that names the thing: exit status 2 for the command line and input files, 1 for a
+//! run that cannot be done, no panic, and nothing under a final name.
+
+use std::path::{Path, PathBuf};
+use std::process::Output;
+
+use crate::common::diptych;
+
+/// A folder to put results in, which nothing must be put in.
+struct Case {
+    folder: tempfile::TempDir,
+}
+
+impl Case {
+    fn new() -> Self {
+        Self { folder: tempfile::tempdir().unwrap() }
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    /// Writes an input file and gives its path.
+    fn file(&self, name: &str, bytes: &[u8]) -> String {
+        let path = self.path(name);
+        std::fs::write(&path, bytes).unwrap();
+        path.to_str().unwrap().to_owned()
+    }
+
+    fn render_into(&self, out: &Path, shot: &str, options: &[&str]) -> Output {
+        let mut args = vec!["render", shot, "--out", out.to_str().unwrap()];
+        if !options.contains(&"--size") {
+            args.extend(["--size", "32x18"]);
+        }
+        args.extend(options);
+        diptych(&args)
+    }
+
+    /// Renders into a new folder and expects to be told off with `status` and all of `parts`.
+    #[track_caller]
+    fn refused(&self, shot: &str, options: &[&str], status: i32, parts: &[&str]) {
+        let out = self.path("out");
+        let output = self.render_into(&out, shot, options);
+        assert_refused(&format!("{shot} {options:?}"), &output, status, parts);
+        assert_eq!(files_in(&out), Vec::<PathBuf>::new(), "{shot} {options:?} left files");
+    }
+}
+
+fn files_in(folder: &Path) -> Vec<PathBuf> {
+    let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
+    entries.map(|e| e.unwrap().path()).collect()
+}
+
+#[track_caller]
+fn assert_refused(what: &str, output: &Output, status: i32, parts: &[&str]) {
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(status), "{what}: {text}");
+    assert!(!text.contains("panicked"), "{what}: {text}");
+    let errors: Vec<&str> = text.lines().filter(|l| l.starts_with("error:")).collect();
+    assert_eq!(errors.len(), 1, "{what}: not one error: {text}");
+    assert!(errors[0].len() > "error: ".len(), "{what}: {text}");
+    for part in parts {
+        assert!(text.contains(part), "{what}: '{part}' is not in: {text}");
+    }
+}
+
+/// A refusal by the command line's options.
+#[track_caller]
+fn assert_option_refused(options: &[&str], parts: &[&str]) {
+    Case::new().refused("builtin:cornell", options, 2, parts);
+}
+
+const SHOT: &str = "scene = 'builtin:cornell'\n[rig]\nyfov_deg = 40.0\n[[rig.key]]\nposition = [0.0, 1.0, 4.0]\n\
+                    target = [0.0, 1.0, 0.0]\n";
+
+#[test]
+fn a_good_shot_is_rendered() {
+    let case = Case::new();
+    let shot = case.file("good.toml", SHOT.as_bytes());
+    let out = case.path("out");
+    let output = case.render_into(&out, &shot, &[]);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(files_in(&out).len(), 4, "{:?}", files_in(&out));
+}
+
+#[test]
+fn shots_that_are_not_there_are_named() {
+    let case = Case::new();
+    case.refused("no/such/shot.toml", &[], 2, &["no/such/shot.toml"]);
+    case.refused("no/such/scene.gltf", &[], 2, &["no/such/scene.gltf"]);
+    case.refused("builtin:nonesuch", &[], 2, &["nonesuch", "cornell", "atrium"]);
+    case.refused("builtin:", &[], 2, &["cornell"]);
+    let picture = case.file("picture.png", b"not a shot");
+    case.refused(&picture, &[], 2, &["picture.png", ".toml", ".glb"]);
+    case.refused(case.folder.path().to_str().unwrap(), &[], 2, &[case.folder.path().to_str().unwrap()]);
+}
+
+#[test]
+fn shots_with_bad_values_are_named_with_their_key() {
+    let case = Case::new();
+    for (name, from, to, parts) in [
+        ("nan", "40.0", "nan", &["yfov_deg"][..]),
+        ("infinite", "[0.0, 1.0, 4.0]", "[0.0, inf, 4.0]", &["position"]),
+        ("text", "40.0", "'wide'", &["yfov_deg"]),
+        ("typo", "yfov_deg", "yfov_degs", &["yfov_degs"]),
+        ("no view", "[0.0, 1.0, 0.0]", "[0.0, 1.0, 4.0]", &["target"]),
+        ("no scene", "scene = 'builtin:cornell'\n", "", &["scene"]),
+        ("lost scene", "builtin:cornell", "lost/scene.gltf", &["lost/scene.gltf"]),
+        ("no toml", "[rig]", "[rig", &[]),
+    ] {
+        let file = format!("{name}.toml");
+        let text = SHOT.replacen(from, to, 1);
+        assert_ne!(text, SHOT, "{name}");
+        let shot = case.file(&file, text.as_bytes());
+        let parts: Vec<&str> = parts.iter().copied().chain((name != "lost scene").then_some(file.as_str())).collect();
+        case.refused(&shot, &[], 2, &parts);
+    }
+}
+
+/// A binary glTF of one triangle.
+fn glb() -> Vec<u8> {
+    glb_of(TRIANGLE)
+}
+
+const TRIANGLE: &str = r#"{"asset":{"version":"2.0"},"scene":0,"scenes":[{"nodes":[0]}],"nodes":[{"mesh":0}],
+        "meshes":[{"primitives":[{"attributes":{"POSITION":0}}]}],
+        "accessors":[{"bufferView":0,"componentType":5126,"count":3,"type":"VEC3","min":[0,0,0],"max":[1,1,0]}],
+        "bufferViews":[{"buffer":0,"byteLength":36}],"buffers":[{"byteLength":36}]}"#;
+
+/// One with three corners in its binary chunk.
+fn glb_of(json: &str) -> Vec<u8> {
+    let mut json = json.as_bytes().to_vec();
+    json.resize(json.len().next_multiple_of(4), b' ');
+    let corners = [0.0f32, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+    let binary: Vec<u8> = corners.iter().flat_map(|c| c.to_le_bytes()).collect();
+    let mut out = Vec::new();
+    let length = 12 + 8 + json.len() + 8 + binary.len();
+    let words = |values: [u32; 2]| values.map(u32::to_le_bytes).concat();
+    out.extend(b"glTF");
+    out.extend(words([2, length as u32]));
+    out.extend(words([json.len() as u32, 0x4e4f_534a]));
+    out.extend(&json);
+    out.extend(words([binary.len() as u32, 0x004e_4942]));
+    out.extend(&binary);
+    out
+}
+
+#[test]
+fn damaged_glb_files_are_named() {
+    let case = Case::new();
+    let whole = glb();
+    let good = case.file("whole.glb", &whole);
+    let output = case.render_into(&case.path("good"), &good, &[]);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    // Within and at the ends of the header, the JSON chunk and the binary chunk.
+    for keep in
+        [0, 3, 4, 8, 11, 12, 16, 19, 20, 100, whole.len() - 44, whole.len() - 37, whole.len() - 36, whole.len() - 1]
+    {
+        let name = format!("cut-{keep}.glb");
+        let cut = case.file(&name, &whole[..keep]);
+        case.refused(&cut, &[], 2, &[&name]);
+    }
+    let corners = whole.len() - 36;
+    let mut bytes = whole.clone();
+    bytes[corners..corners + 4].copy_from_slice(&f32::NAN.to_le_bytes());
+    let broken = case.file("nan.glb", &bytes);
+    case.refused(&broken, &[], 2, &["nan.glb"]);
+}
+
+/// What is wrong in a file is named with its place.
+#[test]
+fn glb_files_that_contradict_themselves_are_named() {
+    let case = Case::new();
+    let image = r#""materials":[{"pbrMetallicRoughness":{"baseColorTexture":{"index":0}}}],"textures":[{"source":0}],
+        "images":[{"uri":"URI"}],"meshes":[{"primitives":[{"material":0,"#;
+    let image_of = |uri: &str| image.replace("URI", uri);
+    let meshes = r#""meshes":[{"primitives":[{"#;
+    for (name, from, to, parts) in [
+        ("own ancestor", r#"{"mesh":0}"#, r#"{"mesh":0,"children":[1]},{"children":[1]}"#, &["node 1"][..]),
+        ("cycle", r#"[{"mesh":0}]"#, r#"[{"mesh":0},{"children":[2]},{"children":[1]}]"#, &["ancestor"]),
+        ("no mesh", r#"{"mesh":0}"#, r#"{"mesh":7}"#, &["mesh", "7"]),
+        ("no node", r#""nodes":[0]"#, r#""nodes":[9]"#, &["node", "9"]),
+        ("no accessor", r#""POSITION":0"#, r#""POSITION":4"#, &["accessor", "4"]),
+        ("too many", r#""count":3"#, r#""count":4"#, &["accessor 0"]),
+        ("far too many", r#""count":3"#, r#""count":4000000000"#, &["accessor 0"]),
+        (
+            "zeros",
+            r#""bufferView":0,"componentType":5126,"count":3"#,
+            r#""componentType":5126,"count":4000000000"#,
+            &["accessor 0"],
+        ),
+        ("bad index", r#"{"POSITION":0}"#, r#"{"POSITION":0},"indices":0"#, &["indices", "accessor 0"]),
+        ("beyond", r#""buffer":0,"byteLength":36"#, r#""buffer":0,"byteOffset":8,"byteLength":36"#, &["buffer"]),
+        (
+            "infinite",
+            r#"{"mesh":0}"#,
+            r#"{"mesh":0,"scale":[1e38,1e38,1e38],"children":[1]},{"scale":[1e9,1,1]}"#,
+            &["node 1"],
+        ),
+        ("huge", r#"{"mesh":0}"#, r#"{"mesh":0,"scale":[1e30,1e30,1e30]}"#, &["units"]),
+        ("no turn", r#"{"mesh":0}"#, r#"{"mesh":0,"rotation":[0,0,0,0]}"#, &["node 0"]),
+        ("version", r#""2.0""#, r#""3.0""#, &["3.0"]),
+        ("lost image", meshes, &image_of("lost.png"), &["lost.png"]),
+        ("no image", meshes, &image_of("data:image/png;base64,AAAA"), &["image 0"]),
+        ("no JSON", r#"{"asset""#, r#"{"asset"#, &["JSON"]),
+    ] {
+        let json = TRIANGLE.replacen(from, to, 1);
+        assert_ne!(json, TRIANGLE, "{name}");
+        let file = case.file(&format!("{name}.glb"), &glb_of(&json));
+        case.refused(&file, &[], 2, parts);
+    }
+}
+
+/// Pixels of a sky that are no radiance are taken as 0, and said.
+#[test]
+fn skies_with_values_that_are_none_are_cleaned() {
+    use diptych::image::{Extent, Image, exr};
+    let case = Case::new();
+    let mut sky = Image::filled(Extent::new(8, 4), [0.5f32; 3]);
+    sky.pixels[3] = [f32::NAN, 1.0, 1.0];
+    sky.pixels[9] = [1.0, f32::INFINITY, 1.0];
+    sky.pixels[12] = [1.0, 1.0, -1.0];
+    exr::write_rgb(&case.path("sky.exr"), &sky).unwrap();
+    let shot = case.file("sky.toml", format!("{SHOT}[environment]\nimage = 'sky.exr'\n").as_bytes());
+    let out = case.path("out");
+    let output = case.render_into(&out, &shot, &["--spp", "8"]);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{text}");
+    assert!(text.contains("3 pixels") && text.contains("sky.exr"), "{text}");
+    for name in ["left.exr", "right.exr"] {
+        let image = exr::read_rgb(&out.join(name)).unwrap();
+        assert!(image.pixels.as_flattened().iter().all(|v| v.is_finite() && *v >= 0.0), "{name}");
+    }
+    let run = std::fs::read_to_string(out.join("run.json")).unwrap();
+    assert!(run.replace(' ', "").contains("\"nonfinite_samples\":0"), "{run}");
+}
+
+#[test]
+fn skies_that_do_not_decode_are_named() {
+    let case = Case::new();
+    let whole = {
+        use diptych::image::{Extent, Image, exr};
+        exr::write_rgb(&case.path("whole.exr"), &Image::filled(Extent::new(8, 4), [0.5f32; 3])).unwrap();
+        std::fs::read(case.path("whole.exr")).unwrap()
+    };
+    let huge = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 40000 +X 40000\n";
+    for (name, bytes) in [
+        ("empty.exr", &[][..]),
+        ("half.exr", &whole[..whole.len() / 2]),
+        ("text.exr", b"not an image"),
+        ("empty.hdr", b""),
+        ("huge.hdr", huge),
+    ] {
+        case.file(name, bytes);
+        let shot = case.file("sky.toml", format!("{SHOT}[environment]\nimage = '{name}'\n").as_bytes());
+        case.refused(&shot, &[], 2, &[name]);
+    }
+    let shot = case.file("sky.toml", format!("{SHOT}[environment]\nimage = 'lost.hdr'\n").as_bytes());
+    case.refused(&shot, &[], 2, &["lost.hdr"]);
+}
+
+#[test]
+fn sizes_that_are_none_are_refused() {
+    for size in ["0x0", "abc", "99999x99999", "64", "64x", "-4x4", "1e3x10", "0x10"] {
+        let option = format!("--size={size}");
+        let case = Case::new();
+        let out = case.path("out");
+        let output = diptych(&["render", "builtin:cornell", "--out", out.to_str().unwrap(), &option]);
+        assert_refused(size, &output, 2, &["--size", size]);
+        assert!(!out.exists(), "{size}");
+    }
+}
+
+#[test]
+fn sizes_beyond_a_device_s_memory_fail_and_say_so() {
+    // 1 GiB an image. Adapters that bind as much would take minutes and have nothing to refuse.
+    let binds = diptych::device::adapters().iter().map(|a| a.max_storage_mib).max();
+    let binds = binds.expect("these tests need an adapter: on Linux, install mesa-vulkan-drivers");
+    if binds >= 1024 {
+        eprintln!("\nSKIPPED: an adapter here binds {binds} MiB: 8192x8192 is not too large for it\n");
+        return;
+    }
+    Case::new().refused("builtin:cornell", &["--size", "8192x8192"], 1, &["8192x8192", "MiB"]);
+}
+
+#[test]
+fn sample_counts_out_of_range_are_refused() {
+    for spp in ["0", "1000000000", "10000000000", "-1", "many", "1.5"] {
+        assert_option_refused(&[&format!("--spp={spp}")], &["--spp", spp]);
+    }
+    assert_option_refused(&["--bounces", "100000"], &["--bounces"]);
+    for iterations in ["11", "2,3", "2,3,11", ",", "-1"] {
+        assert_option_refused(&[&format!("--iterations={iterations}")], &["--iterations"]);
+    }
+    assert_option_refused(&["--iterations", "2,3,5"], &["--iterations", "--foveation layers"]);
+    assert_option_refused(&["--seed", "-1"], &["-1"]);
+    assert_option_refused(&["--frames", "0"], &["--frames"]);
+}
+
+#[test]
+fn gazes_that_are_nowhere_are_refused() {
+    for gaze in ["0.5", "1.5,0.5", "-0.1,0.5", "0.5,0.5,0.5", "nan,0.5", "a,b"] {
+        assert_option_refused(&["--foveation", "layers", &format!("--gaze={gaze}")], &["--gaze"]);
+    }
+    assert_option_refused(&["--gaze", "0.5,0.5"], &["--gaze", "--foveation layers"]);
+    assert_option_refused(&["--preset", "nh3ld", "--spp", "2"], &["--preset", "--spp"]);
+}
+
+#[test]
+fn ratios_that_do_not_fit_are_refused() {
+    assert_option_refused(&["--virtual", "3", "--ratios", "1,2"], &["2 ratios", "3 devices"]);
+    assert_option_refused(&["--virtual", "2", "--ratios=-1,2"], &["-1"]);
+    assert_option_refused(&["--virtual", "2", "--ratios=0,0"], &["ratio"]);
+    assert_option_refused(&["--virtual", "2", "--ratios=nan,1"], &["ratio"]);
+    assert_option_refused(&["--virtual", "2", "--ratios", "much,little"], &["much"]);
+    assert_option_refused(&["--virtual", "2", "--ratios", "cooking=1,2"], &["cooking", "path_trace"]);
+    assert_option_refused(&["--virtual", "2", "--ratios", "atrous.middle=1,2"], &["middle"]);
+    assert_option_refused(&["--virtual", "2", "--ratios", ""], &["ratios"]);
+    assert_option_refused(&["--virtual", "2", "--balance", "static"], &["--balance static", "--ratios"]);
+    assert_option_refused(&["--virtual", "2", "--balance", "even", "--ratios", "1,2"], &["--ratios"]);
+    assert_option_refused(&["--balance", "fair"], &["fair", "measured"]);
+}
+
+#[test]
+fn devices_that_are_not_there_are_refused() {
+    assert_option_refused(&["--devices", "99"], &["99", "diptych devices"]);
+    assert_option_refused(&["--devices", "first"], &["first"]);
+    assert_option_refused(&["--virtual", "0"], &["--virtual", "0"]);
+    assert_option_refused(&["--virtual", "1000"], &["--virtual", "1000"]);
+    assert_option_refused(&["--threads-per-device", "0"], &["--threads-per-device"]);
+}
+
+#[test]
+fn unknown_options_and_commands_are_refused() {
+    assert_option_refused(&["--quality", "best"], &["--quality"]);
+    assert_option_refused(&["--denoiser", "magic"], &["magic", "atrous"]);
+    assert_option_refused(&["--aov", "smell"], &["smell", "normal"]);
+    assert_option_refused(&["--sampler", "dice"], &["dice"]);
+    assert_refused("no --out", &diptych(&["render", "builtin:cornell"]), 2, &["--out"]);
+    assert_refused("no such command", &diptych(&["paint"]), 2, &["paint"]);
+}
+
+#[test]
+fn times_and_rates_that_are_none_are_refused() {
+    for fps in ["0", "-1", "nan", "inf"] {
+        assert_option_refused(&[&format!("--fps={fps}")], &["--fps"]);
+    }
+    for time in ["nan", "inf", "noon"] {
+        assert_option_refused(&["--time", time], &["--time"]);
+    }
+    for clamp in ["0", "-1", "nan"] {
+        assert_option_refused(&[&format!("--clamp={clamp}")], &["--clamp"]);
+    }
+    assert_option_refused(&["--reference", "--clamp", "3"], &["--clamp", "--reference"]);
+}
+
+#[test]
+fn results_that_cannot_be_put_anywhere_fail() {
+    let case = Case::new();
+    let file = case.file("file", b"in the way");
+    for out in [PathBuf::from(&file), Path::new(&file).join("below")] {
+        let output = case.render_into(&out, "builtin:cornell", &[]);
+        assert_refused("--out at a file", &output, 1, &[&file, "--out"]);
+    }
+    assert_eq!(std::fs::read(&file).unwrap(), b"in the way");
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn folders_that_nobody_can_write_to_fail() {
+    // Not even root makes folders there.
+    let out = Path::new("/proc/diptych-test");
+    let output = Case::new().render_into(out, "builtin:cornell", &[]);
+    assert_refused("--out in /proc", &output, 1, &["/proc/diptych-test"]);
+}
+
+/// A picture that stands there already is replaced whole or not at all.
+#[test]
+fn a_failed_run_leaves_earlier_results_alone() {
+    let case = Case::new();
+    let out = case.path("out");
+    std::fs::create_dir(&out).unwrap();
+    std::fs::write(out.join("left.exr"), b"earlier").unwrap();
+    let output = case.render_into(&out, "builtin:cornell", &["--virtual", "3", "--ratios", "1,2"]);
+    assert_refused("ratios", &output, 2, &["ratios"]);
+    assert_eq!(files_in(&out), [out.join("left.exr")]);
+    assert_eq!(std::fs::read(out.join("left.exr")).unwrap(), b"earlier");
+}

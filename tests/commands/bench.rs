@@ -1,0 +1,210 @@
+//! `bench` measures what it says: the error of independent samples falls as their number to the −1/2, that of Sobol'
+//! samples no slower; what it writes can be read, and what was measured is not measured again.
+
+use std::fs::OpenOptions;
+use std::io::{BufRead, BufReader, Write};
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use crate::common::{diptych, is_thorough};
+use diptych::control::{Knobs, Ladder, Rung};
+use serde_json::Value;
+
+fn bench(out: &Path, options: &[&str]) -> Vec<Value> {
+    let args = ["bench", "builtin:cornell", "--json", "--out", out.to_str().unwrap()];
+    let output = diptych(&[&args, options].concat());
+    assert!(output.status.success(), "{options:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap().lines().map(|l| serde_json::from_str(l).unwrap()).collect()
+}
+
+fn event<'a>(events: &'a [Value], name: &str) -> &'a Value {
+    events.iter().find(|e| e["event"] == name).unwrap()
+}
+
+/// Student's t of 11 degrees of freedom exceeds this with a probability below 1e-4.
+const T: f64 = 6.0;
+
+#[test]
+fn errors_fall_as_the_square_root_of_samples() {
+    let folder = tempfile::tempdir().unwrap();
+    for sampler in ["pcg", "sobol"] {
+        let events = bench(
+            folder.path(),
+            &[
+                "--size",
+                if is_thorough() { "96x64" } else { "48x32" },
+                "--reproject",
+                "off",
+                "--denoiser",
+                "none",
+                "--spp",
+                "2,8,32",
+                "--bounces",
+                "6",
+                "--repeats",
+                "12",
+                "--warm-up",
+                "0",
+                "--reference-spp",
+                "512",
+                "--sampler",
+                sampler,
+            ],
+        );
+        let origin = event(&events, "reference")["origin"].as_str().unwrap();
+        assert_eq!(origin.contains("kept from an earlier run"), sampler == "sobol", "{origin}");
+        let slopes = event(&events, "result")["slopes"].as_array().unwrap();
+        assert_eq!(slopes.len(), 2);
+        for found in slopes {
+            println!("{sampler}: {found}");
+            let [slope, error] = ["slope", "standard_error"].map(|name| found[name].as_f64().unwrap());
+            let most = if is_thorough() { 0.01 } else { 0.02 };
+            assert!(error < most && found["points"] == 3, "too coarse to tell: {found}");
+            assert!(slope < -0.5 + T * error, "{sampler}: {found}");
+            assert!(sampler == "sobol" || slope > -0.5 - T * error, "{sampler}: {found}");
+        }
+    }
+}
+
+#[test]
+fn a_grid_has_its_rows_its_plot_and_its_reference() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, size) = (folder.path().join("out"), ["--size", "32x18", "--quick", "--repeats", "1"]);
+    let events = bench(&out, &[&size[..], &["--reference-spp", "64", "--virtual", "2"]].concat());
+    let rows = event(&events, "result")["rows"].as_array().unwrap().clone();
+    assert!(rows.len() >= 4);
+    assert!(rows.iter().all(|r| r["time_ms"].as_f64().unwrap() > 0.0 && r["errors"]["right"]["rmse"].is_f64()));
+    assert!(rows.iter().any(|r| r["on_front"] == true));
+    let csv = std::fs::read_to_string(out.join("bench.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 1 + 2 * rows.len(), "{csv}");
+    let columns =
+        ["denoiser", "scale", "foveation", "spp", "eye", "time_ms", "rmse", "psnr", "flip_foveated", "mean_ratio"];
+    for column in columns {
+        assert!(csv.lines().next().unwrap().split(',').any(|c| c == column), "no {column} in {csv}");
+    }
+    let svg = std::fs::read_to_string(out.join("bench.svg")).unwrap();
+    assert!(["atrous", "none", "noise of the reference"].iter().all(|text| svg.contains(text)));
+
+    // The kept reference is an image like any other's.
+    let kept = std::fs::read_dir(out.join("reference")).unwrap().next().unwrap().unwrap().path();
+    let again = folder.path().join("again");
+    let given = [&size[..], &["--denoiser", "none", "--reference", kept.to_str().unwrap()]].concat();
+    let events = bench(&again, &given);
+    assert!(event(&events, "reference")["noise"].is_null());
+    let same = &event(&events, "result")["rows"][1]["errors"]["left"]["rmse"];
+    let first = rows.iter().find(|r| r["denoiser"] == "none" && r["spp"] == 4).unwrap();
+    assert_eq!(same, &first["errors"]["left"]["rmse"]);
+}
+
+/// All results.
+fn results(out: &Path) -> Vec<String> {
+    let files = ["bench.csv", "bench.svg", "ladder.toml", "ladder.svg"];
+    files.map(|name| std::fs::read_to_string(out.join(name)).unwrap()).into()
+}
+
+fn count(events: &[Value], name: &str) -> usize {
+    events.iter().filter(|e| e["event"] == name).count()
+}
+
+#[test]
+fn a_run_that_was_killed_goes_on_and_one_that_is_done_gives_the_same_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path();
+    let options = ["--size", "32x18", "--quick", "--repeats", "2", "--reference-spp", "32"];
+    let args = ["bench", "builtin:cornell", "--json", "--out", out.to_str().unwrap()];
+    let mut killed = Command::new(env!("CARGO_BIN_EXE_diptych"))
+        .args([&args[..], &options].concat())
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(killed.stdout.take().unwrap()).lines();
+    let first = lines.find_map(|l| Some(l.unwrap()).filter(|l| l.contains(r#""event":"setting""#))).unwrap();
+    killed.kill().unwrap();
+    killed.wait().unwrap();
+    let first: Value = serde_json::from_str(&first).unwrap();
+    assert!(!out.join("bench.csv").exists());
+    let journal = out.join("bench.journal.jsonl");
+    let kept = std::fs::read_to_string(&journal).unwrap().lines().count();
+    // What a run leaves that was killed within a line.
+    OpenOptions::new().append(true).open(&journal).unwrap().write_all(br#"{"subject":"#).unwrap();
+
+    let events = bench(out, &options);
+    let rows = event(&events, "result")["rows"].as_array().unwrap();
+    assert_eq!((rows.len(), count(&events, "setting")), (16, 16 - kept));
+    assert_eq!(rows[0]["time_ms"], first["time_ms"]);
+    let settings = |r: &Value| ["denoiser", "iterations", "bounces", "scale", "spp"].map(|name| r[name].to_string());
+    let mut different: Vec<_> = rows.iter().map(settings).collect();
+    different.sort();
+    different.dedup();
+    assert_eq!(different.len(), 16);
+
+    let done = results(out);
+    let events = bench(out, &options);
+    assert_eq!((count(&events, "setting"), count(&events, "frame")), (0, 0));
+    assert_eq!(results(out), done);
+
+    // Other settings count for nothing, and --fresh takes nothing.
+    let seeded = [&options[..], &["--seed", "3", "--spp", "1", "--denoiser", "none", "--bounces", "6"]].concat();
+    assert_eq!(count(&bench(out, &seeded), "setting"), 1);
+    let fresh = [&options[..], &["--fresh", "--spp", "1", "--denoiser", "none"]].concat();
+    assert_eq!(count(&bench(out, &fresh), "setting"), 2);
+}
+
+#[test]
+fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let options = ["--size", "48x27", "--quick", "--spp", "1,8", "--iterations", "2,5", "--reference-spp", "64"];
+    let events = bench(folder.path(), &options);
+    let rows = event(&events, "result")["rows"].as_array().unwrap();
+    let ladder = Ladder::read(&folder.path().join("ladder.toml")).unwrap();
+    let rungs = ladder.rungs();
+    assert!(rungs.len() > 1, "{ladder:?}");
+    assert!(rungs.windows(2).all(|p| p[0].time_ms < p[1].time_ms && p[0].flip > p[1].flip), "{ladder:?}");
+    assert_eq!((ladder.origin().shot.as_str(), ladder.origin().size.as_str()), ("builtin:cornell", "48x27"));
+    for rung in rungs {
+        let row = rows.iter().find(|r| r["time_ms"] == rung.time_ms).unwrap();
+        assert_eq!((&row["spp"], &row["on_front"]), (&rung.knobs.spp.into(), &true.into()));
+        let [left, right] = ["left", "right"].map(|eye| row["errors"][eye]["flip"].as_f64().unwrap());
+        assert!((rung.flip - (left + right) / 2.0).abs() < 1e-12);
+        let is_filtered = rung.knobs.denoiser == "atrous";
+        assert!(rung.stage_ms["path_trace"] > 0.0 && rung.stage_ms.contains_key("atrous") == is_filtered, "{rung:?}");
+    }
+    // Of its own grid the ladder's best rung leaves nothing to regret.
+    let path = folder.path().join("ladder.toml");
+    let judged = bench(folder.path(), &[&options[..], &["--ladder", path.to_str().unwrap()]].concat());
+    let regrets = event(&judged, "result")["regrets"].as_array().unwrap();
+    assert_eq!((count(&judged, "setting"), regrets.len()), (0, rungs.len()));
+    assert_eq!(regrets[rungs.len() - 1]["regret"], 0.0);
+    // A rung that the fastest setting of all beats has something to regret.
+    let error = |r: &Value| ["left", "right"].map(|eye| r["errors"][eye]["flip"].as_f64().unwrap()).iter().sum::<f64>();
+    let worst = rows.iter().max_by(|a, b| error(a).total_cmp(&error(b))).unwrap();
+    let [spp, bounces, iterations] = ["spp", "bounces", "iterations"].map(|name| worst[name].as_u64().unwrap() as u32);
+    let denoiser = worst["denoiser"].as_str().unwrap().to_owned();
+    let knobs = Knobs { spp, bounces, iterations, denoiser, scale: worst["scale"].as_f64().unwrap(), fovea: None };
+    let alone = Ladder::new(ladder.origin().clone(), vec![Rung { knobs, ..rungs[0].clone() }]).unwrap();
+    alone.write(&path).unwrap();
+    let judged = bench(folder.path(), &[&options[..], &["--ladder", path.to_str().unwrap()]].concat());
+    let found = &event(&judged, "result")["regrets"][0];
+    let [flip, best_flip, regret] = ["flip", "best_flip", "regret"].map(|name| found[name].as_f64().unwrap());
+    assert!((flip - error(worst) / 2.0).abs() < 1e-9 && (regret - (flip / best_flip - 1.0)).abs() < 1e-9, "{found}");
+    // Light that takes fewer reflections than it does in the reference misses some of it.
+    let ratio = |bounces: u32| {
+        let is = |r: &&Value| r["denoiser"] == "none" && r["spp"] == 8 && r["bounces"] == bounces;
+        rows.iter().find(is).unwrap()["errors"]["left"]["mean_ratio"].as_f64().unwrap()
+    };
+    assert!(ratio(2) < 0.97 * ratio(6), "{} and {}", ratio(2), ratio(6));
+}
+
+#[test]
+fn references_that_do_not_fit_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let render = ["render", "builtin:cornell", "--size", "16x8", "--out", out, "--quiet"];
+    assert!(diptych(&render).status.success());
+    for (reference, part) in [(out, "16x8"), ("/nowhere", "left.exr")] {
+        let output = diptych(&["bench", "builtin:cornell", "--size", "32x18", "--out", out, "--reference", reference]);
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(2) && text.contains(part), "{text}");
+    }
+    assert!(!folder.path().join("bench.csv").exists());
+}

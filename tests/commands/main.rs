@@ -1,0 +1,14 @@
+//! The program as a user runs it: its commands, files, messages and exit statuses.
+
+mod bad_input;
+mod bench;
+#[path = "../common/mod.rs"]
+mod common;
+mod host_trace;
+mod metrics;
+mod play;
+mod reference_mode;
+mod report;
+mod scale;
+mod studies;
+mod trace_files;

@@ -1,0 +1,259 @@
+//! Errors of images against an independent implementation, and what `compare` says on the command line.
+
+use std::path::Path;
+use std::process::Output;
+
+use crate::common::diptych;
+use diptych::image::exr::{write_channels, write_rgb};
+use diptych::image::{Extent, Image, RgbImage};
+use diptych::metrics::compare;
+
+/// Small deterministic numbers in 0 … 1.
+fn noise(mut state: u32) -> impl FnMut() -> f64 {
+    move || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        f64::from(state >> 8) / f64::from(1 << 24)
+    }
+}
+
+fn scene(width: u32, height: u32) -> RgbImage {
+    let radiance = |x: u32, y: u32| {
+        let checker = if (x / 8 + y / 8) % 2 == 1 { 1.6 } else { 0.1 };
+        [2.0 * f64::from(x) / f64::from(width), f64::from(y) / f64::from(height), checker].map(|c| c as f32)
+    };
+    let pixels = (0..height).flat_map(|y| (0..width).map(move |x| radiance(x, y))).collect();
+    Image { extent: Extent::new(width, height), pixels }
+}
+
+fn noisy(image: &RgbImage, seed: u32) -> RgbImage {
+    let mut random = noise(seed);
+    let pixels = image.pixels.iter().map(|p| p.map(|c| (f64::from(c) * (0.5 + random())) as f32)).collect();
+    Image { extent: image.extent, pixels }
+}
+
+/// The image with pixel (x, y) made from those around it; beyond the border the outermost pixels go on.
+fn resampled(image: &RgbImage, pixel: impl Fn(&dyn Fn(i64, i64) -> [f32; 3]) -> [f32; 3]) -> RgbImage {
+    let Extent { width, height } = image.extent;
+    let at = |x: i64, y: i64| *image.get(x.clamp(0, width as i64 - 1) as u32, y.clamp(0, height as i64 - 1) as u32);
+    let pixels = (0..i64::from(height))
+        .flat_map(|y| (0..i64::from(width)).map(move |x| (x, y)))
+        .map(|(x, y)| pixel(&|dx, dy| at(x + dx, y + dy)))
+        .collect();
+    Image { extent: image.extent, pixels }
+}
+
+fn blurred(image: &RgbImage) -> RgbImage {
+    resampled(image, |around| {
+        let mut sum = [0.0f64; 3];
+        for (dy, dx) in (-2..=2).flat_map(|dy| (-2..=2).map(move |dx| (dy, dx))) {
+            for (s, c) in sum.iter_mut().zip(around(dx, dy)) {
+                *s += f64::from(c);
+            }
+        }
+        sum.map(|s| (s / 25.0) as f32)
+    })
+}
+
+fn shifted(image: &RgbImage) -> RgbImage {
+    resampled(image, |around| around(-2, 0))
+}
+
+fn flat(width: u32, height: u32, colour: [f32; 3]) -> RgbImage {
+    RgbImage::filled(Extent::new(width, height), colour)
+}
+
+/// The values are of `flip_evaluator` 1.7 (the paper's authors; LDR, its default 67.02 pixels per degree, f32) on the
+/// same images, tonemapped in f64 by NumPy. In flat images its f32 rounding shows under the square root of the feature
+/// difference: hence 1e-4 there.
+#[test]
+fn flip_is_what_its_authors_program_finds() {
+    let base = scene(48, 40);
+    let noisy_scene = |width, height| (scene(width, height), noisy(&scene(width, height), 9));
+    for (name, (reference, image), independent) in [
+        ("noise", (base.clone(), noisy(&base, 3)), 0.119_637_9),
+        ("blur", (base.clone(), blurred(&base)), 0.192_730_35),
+        ("shift", (base.clone(), shifted(&base)), 0.203_533_72),
+        ("flat", (flat(17, 13, [0.5; 3]), flat(17, 13, [0.6, 0.5, 0.2])), 0.392_691_88),
+        ("black and white", (flat(12, 12, [0.0; 3]), flat(12, 12, [1e6; 3])), 0.967_386_54),
+        ("green and blue", (flat(12, 12, [0.0, 1e6, 0.0]), flat(12, 12, [0.0, 0.0, 1e6])), 1.0),
+        ("1x1", noisy_scene(1, 1), 0.168_721_35),
+        ("3x5", noisy_scene(3, 5), 0.194_424_69),
+        ("1x30", noisy_scene(1, 30), 0.196_970_91),
+        ("11x64", noisy_scene(11, 64), 0.126_090_47),
+        ("97x23", noisy_scene(97, 23), 0.116_105_51),
+        ("shift and noise", (scene(320, 200), noisy(&shifted(&scene(320, 200)), 5)), 0.210_273_36),
+    ] {
+        let flip = compare(&reference, &image).unwrap().flip;
+        let bound = if name == "flat" { 1e-4 } else { 1e-5 };
+        assert!((flip - independent).abs() < bound, "{name}: {flip}, independently {independent}");
+        assert_eq!(compare(&image, &image).unwrap().flip, 0.0, "{name}");
+    }
+}
+
+/// The values are of NumPy 1.26.4 and scikit-image 0.26.0 (SSIM) in f64.
+#[test]
+fn the_other_errors_are_what_an_independent_implementation_finds() {
+    let base = scene(48, 40);
+    for (name, image, independent) in [
+        ("noise", noisy(&base, 3), [0.27950811, 0.067717953, 26.199494, 0.57405287, 0.99284886, 0.019218881]),
+        ("blur", blurred(&base), [0.24241248, 1.4808656, 19.569979, 0.81639745, 1.0, 0.0023173925]),
+        ("shift", shifted(&base), [0.398096, 3.793718, 17.693615, 0.79455309, 0.95975719, 0.06041976]),
+    ] {
+        let e = compare(&base, &image).unwrap();
+        let found = [e.rmse, e.relmse, e.psnr, e.ssim.unwrap(), e.mean_ratio.unwrap(), e.block16.unwrap()];
+        for (found, independent) in found.iter().zip(independent) {
+            assert!((found / independent - 1.0).abs() < 1e-7, "{name}: {found}, independently {independent}");
+        }
+    }
+}
+
+/// Infinities and NaN count as 0, here black: the errors are those of black pixels.
+#[test]
+fn pixels_that_are_not_finite_are_counted_and_harm_nothing_else() {
+    let reference = scene(33, 21);
+    let [mut odd, mut black] = [noisy(&reference, 4), noisy(&reference, 4)];
+    for (i, value) in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY].into_iter().enumerate() {
+        odd.pixels[100 * i] = [value; 3];
+        black.pixels[100 * i] = [0.0; 3];
+    }
+    let (odd, black) = (compare(&reference, &odd).unwrap(), compare(&reference, &black).unwrap());
+    assert_eq!((odd.nonfinite_px, black.nonfinite_px), (3, 0));
+    assert_eq!((odd.flip, odd.rmse, odd.ssim, odd.psnr), (black.flip, black.rmse, black.ssim, black.psnr));
+
+    let extreme = RgbImage::filled(reference.extent, [f32::MAX, -f32::MAX, f32::MIN_POSITIVE]);
+    let errors = compare(&extreme, &reference).unwrap();
+    assert!(errors.rmse.is_finite() && (0.0..=1.0).contains(&errors.flip), "{errors:?}");
+}
+
+/// A reference and an image in a folder, both of the same size.
+struct Files {
+    folder: tempfile::TempDir,
+}
+
+impl Files {
+    fn new() -> Self {
+        let files = Self { folder: tempfile::tempdir().unwrap() };
+        write_rgb(&files.path("reference.exr"), &scene(48, 40)).unwrap();
+        write_rgb(&files.path("image.exr"), &noisy(&scene(48, 40), 3)).unwrap();
+        files
+    }
+
+    fn path(&self, name: &str) -> std::path::PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn compare(&self, reference: &str, image: &str, options: &[&str]) -> Output {
+        let [reference, image] = [self.path(reference), self.path(image)];
+        let text = |path: &Path| path.to_str().unwrap().to_owned();
+        let (reference, image) = (text(&reference), text(&image));
+        diptych(&[&["compare", reference.as_str(), image.as_str()], options].concat())
+    }
+
+    fn json(&self, options: &[&str]) -> serde_json::Value {
+        let output = self.compare("reference.exr", "image.exr", &[options, &["--json"]].concat());
+        assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+        serde_json::from_slice(&output.stdout).unwrap()
+    }
+
+    #[track_caller]
+    fn refused(&self, reference: &str, image: &str, options: &[&str], parts: &[&str]) {
+        let output = self.compare(reference, image, options);
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert_eq!(output.status.code(), Some(2), "{text}");
+        assert!(output.stdout.is_empty() && !text.contains("panicked"), "{text}");
+        assert!(parts.iter().all(|part| text.contains(part)), "{text} without one of {parts:?}");
+    }
+}
+
+#[test]
+fn compare_prints_all_errors_as_text_and_as_json() {
+    let files = Files::new();
+    let json = files.json(&[]);
+    let text = String::from_utf8(files.compare("reference.exr", "image.exr", &[]).stdout).unwrap();
+    for name in ["rmse", "relmse", "psnr", "ssim", "flip", "mean_ratio", "block16"] {
+        let value = json[name].as_f64().unwrap();
+        let said = text.lines().any(|l| l.split_whitespace().eq([name, format!("{value:.6}").as_str()]));
+        assert!(said, "{name} {value}: {text}");
+    }
+    assert_eq!(json["nonfinite_px"], 0);
+    assert!(json.get("rings").is_none() && json.get("seams").is_none());
+    assert_eq!(json["image_source"]["channels"], serde_json::json!(["R", "G", "B"]));
+}
+
+#[test]
+fn compare_splits_errors_by_ring_and_by_seam() {
+    let files = Files::new();
+    let json = files.json(&["--rings", "20", "--gaze", "0.25,0.5", "--yfov", "90", "--seams", "10,25"]);
+    let rings = json["rings"]["rings"].as_array().unwrap();
+    assert_eq!(rings.len(), 20);
+    assert_eq!(rings.iter().map(|r| r["pixels"].as_u64().unwrap()).sum::<u64>(), 48 * 40);
+    let squares = rings.iter().filter_map(|r| Some(r["rmse"].as_f64()?.powi(2) * r["pixels"].as_f64()?));
+    let mse = squares.sum::<f64>() / (48.0 * 40.0);
+    assert!((mse.sqrt() - json["rmse"].as_f64().unwrap()).abs() < 1e-12);
+    let flips = rings.iter().filter_map(|r| Some(r["flip"].as_f64()? * r["pixels"].as_f64()?));
+    assert!((flips.sum::<f64>() / (48.0 * 40.0) - json["flip"].as_f64().unwrap()).abs() < 1e-12);
+    let seams = &json["seams"];
+    let ratio = seams["near_rmse"].as_f64().unwrap() / seams["elsewhere_rmse"].as_f64().unwrap();
+    assert!((seams["ratio"].as_f64().unwrap() - ratio).abs() < 1e-12);
+
+    let text = files.compare("reference.exr", "image.exr", &["--rings", "3", "--seams", "10"]).stdout;
+    let text = String::from_utf8(text).unwrap();
+    assert!(text.contains("seam_ratio") && text.contains("from_deg"), "{text}");
+}
+
+#[test]
+fn compare_paints_where_the_error_is() {
+    let files = Files::new();
+    let [heatmap, flip_map] = ["heat.png", "flip.png"].map(|name| files.path(name));
+    let options = ["--heatmap", heatmap.to_str().unwrap(), "--flip-map", flip_map.to_str().unwrap()];
+    assert_eq!(files.compare("reference.exr", "image.exr", &options).status.code(), Some(0));
+    for path in [&heatmap, &flip_map] {
+        assert_eq!(image::open(path).unwrap().into_rgb8().dimensions(), (48, 40));
+    }
+    let unwritable = files.path("none/heat.png");
+    let output = files.compare("reference.exr", "image.exr", &["--heatmap", unwritable.to_str().unwrap()]);
+    assert_eq!(output.status.code(), Some(1));
+}
+
+#[test]
+fn compare_says_which_channels_it_took_where_there_was_a_choice() {
+    let files = Files::new();
+    let grey = vec![0.5; 48 * 40];
+    write_channels(
+        &files.path("layer.exr"),
+        Extent::new(48, 40),
+        &["left.B", "left.G", "left.R", "Z"].map(|n| (n, &grey[..])),
+    )
+    .unwrap();
+    let text = String::from_utf8(files.compare("reference.exr", "layer.exr", &[]).stdout).unwrap();
+    assert!(text.contains("image: channels left.R, left.G, left.B") && !text.contains("reference:"), "{text}");
+}
+
+#[test]
+fn compare_refuses_bad_input_by_name() {
+    let files = Files::new();
+    write_rgb(&files.path("small.exr"), &scene(48, 39)).unwrap();
+    std::fs::write(files.path("text.exr"), "not an image").unwrap();
+    let whole = std::fs::read(files.path("image.exr")).unwrap();
+    std::fs::write(files.path("half.exr"), &whole[..whole.len() / 2]).unwrap();
+    files.refused("reference.exr", "small.exr", &[], &["reference.exr", "small.exr", "48x40", "48x39"]);
+    for bad in ["none.exr", "text.exr", "half.exr"] {
+        files.refused("reference.exr", bad, &[], &[bad]);
+        files.refused(bad, "image.exr", &[], &[bad]);
+    }
+    for (option, value) in [
+        ("--rings", "0"),
+        ("--rings", "many"),
+        ("--gaze", "0.5"),
+        ("--gaze", "0.5,1.5"),
+        ("--gaze", "nan,0.5"),
+        ("--yfov", "180"),
+        ("--yfov", "nan"),
+        ("--seams", "0"),
+        ("--seams", "40"),
+        ("--seams", "first"),
+    ] {
+        files.refused("reference.exr", "image.exr", &[option, value], &[option]);
+    }
+    files.refused("reference.exr", "image.exr", &["--gaze", "0.5,0.5"], &["--rings"]);
+}

@@ -1,0 +1,173 @@
+//! `--report` writes one page that needs nothing else and whose script runs. Where there is a `chromium`, it says so.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+
+use crate::common::diptych;
+use serde_json::Value;
+
+/// Runs a command on a small picture; returns the page it wrote.
+fn report(out: &Path, args: &[&str]) -> String {
+    let shape = ["--size", "48x32", "--quiet", "--report", "--out", out.to_str().unwrap()];
+    let output = diptych(&[args, &shape].concat());
+    assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    std::fs::read_to_string(out.join("report.html")).unwrap()
+}
+
+/// What the page's live figures of a kind are made of.
+fn data(page: &str, kind: &str) -> Value {
+    let begin = format!("data-kind=\"{kind}\"><script type=\"application/json\">");
+    let (_, rest) = page.split_once(&begin).unwrap_or_else(|| panic!("no {kind}"));
+    serde_json::from_str(rest.split_once("</script>").unwrap().0).unwrap()
+}
+
+/// Nothing is fetched: what is referred to is in the page.
+fn stands_alone(page: &str) {
+    for attribute in ["src=\"", "href=\"", "url("] {
+        for (at, _) in page.match_indices(attribute) {
+            let to = &page[at + attribute.len()..];
+            assert!(to.starts_with("data:image/png;base64,"), "{attribute}{}", to.get(..60).unwrap_or(to));
+        }
+    }
+    let foreign = ["<link", "@import", "fetch(", "XMLHttpRequest", "http://", "https://"];
+    let namespaces = page.replace("http://www.w3.org/2000/svg", "");
+    assert!(foreign.iter().all(|word| !namespaces.contains(word)));
+}
+
+/// Every frame's tasks are whole, of shapes that there are, and end with the frame at the latest, give or take clocks.
+fn lanes_are_sound(lanes: &Value, frames: usize) {
+    let (shapes, found) = (lanes["shapes"].as_array().unwrap(), lanes["frames"].as_array().unwrap());
+    assert_eq!(found.len(), frames);
+    assert!(lanes["shown"].as_u64().unwrap() < frames as u64);
+    for frame in found {
+        let (tasks, ms) = (frame["tasks"].as_array().unwrap(), frame["ms"].as_f64().unwrap());
+        assert!(!tasks.is_empty() && tasks.len().is_multiple_of(3), "{frame}");
+        let mut begin = 0;
+        for task in tasks.chunks(3).map(|t| [0, 1, 2].map(|i| t[i].as_i64().unwrap())) {
+            assert!((task[0] as usize) < shapes.len() && task[2] >= 0, "{task:?}");
+            begin += task[1];
+            assert!((begin + task[2]) as f64 / 1e3 < ms + 5.0, "{task:?} of a frame of {ms} ms");
+        }
+    }
+}
+
+/// Opens a page of `out`, if there is a browser; returns the document that its script made. A screenshot is left there.
+fn browse(out: &Path) -> Option<String> {
+    let found = std::env::var_os("PATH").map(|all| std::env::split_paths(&all).collect::<Vec<_>>());
+    if !found.unwrap_or_default().iter().any(|folder| folder.join("chromium").is_file()) {
+        eprintln!("\nSKIPPED: there is no chromium: whether the script of {} runs is not known\n", out.display());
+        return None;
+    }
+    let page = format!("file://{}", out.join("report.html").display());
+    let profile = format!("--user-data-dir={}", out.join("profile").display());
+    let fixed = ["--headless=new", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--v=0"];
+    let mut command = Command::new("chromium");
+    command.args(fixed).args([&profile, "--virtual-time-budget=2000", "--window-size=1200,900", "--dump-dom", &page]);
+    let output = command.output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(!said.contains("CONSOLE") && !said.contains("Uncaught"), "{said}");
+    let document = String::from_utf8(output.stdout).unwrap();
+    assert!(document.contains("data-ready=\"1\""), "the script did not end: {said}");
+    Some(document)
+}
+
+#[test]
+fn a_play_shows_its_frames_and_its_picture_beside_a_reference() {
+    let folder = tempfile::tempdir().unwrap();
+    let shape =
+        ["--budget-ms", "0.01..30000", "--frames", "12", "--fps", "1000", "--virtual", "2", "--report-spp", "64"];
+    let disturbed = ["--disturb", "slow:dev1@4..6", "--disturb", "scene-cut@8"];
+    let page = report(folder.path(), &[&["play", "builtin:cornell"], &shape[..], &disturbed].concat());
+    stands_alone(&page);
+    lanes_are_sound(&data(&page, "lanes"), 12);
+    let run: Value = serde_json::from_slice(&std::fs::read(folder.path().join("run.json")).unwrap()).unwrap();
+    let timeline = data(&page, "timeline");
+    let frames = run["frames"].as_array().unwrap();
+    for column in ["index", "rung"] {
+        assert!(frames.iter().map(|f| &f[column]).eq(timeline[column].as_array().unwrap()), "{column}");
+    }
+    for (frame, samples) in frames.iter().zip(timeline["spp"].as_array().unwrap()) {
+        let [spp, scale] = ["spp", "scale"].map(|name| frame[name].as_f64().unwrap());
+        assert!((spp * scale * scale - samples.as_f64().unwrap()).abs() < 0.01, "{frame}");
+    }
+    assert_eq!(timeline["disturbed"][0]["from"], 4);
+    assert_eq!(page.matches("<img").count(), 6);
+    for part in ["reference, 64 spp", "FLIP, left eye (mean 0.", "builtin:cornell", "triangles", "<h2>Rungs</h2>"] {
+        assert!(page.contains(part), "no {part}");
+    }
+    // The reference is of where the camera jumped to.
+    let (before, left) = (folder.path().join("before"), folder.path().join("left.exr"));
+    let reference = ["render", "builtin:cornell", "--reference", "--spp", "64", "--time", "0.011", "--size", "48x32"];
+    assert!(diptych(&[&reference[..], &["--out", before.to_str().unwrap()]].concat()).status.success());
+    let other = diptych(&["compare", before.join("left.exr").to_str().unwrap(), left.to_str().unwrap(), "--json"]);
+    let other: Value = serde_json::from_slice(&other.stdout).unwrap();
+    let flip: f64 = page.split_once("FLIP, left eye (mean ").unwrap().1[..6].parse().unwrap();
+    assert!(flip < 0.8 * other["flip"].as_f64().unwrap(), "{flip} against {other}");
+    if let Some(document) = browse(folder.path()) {
+        let lanes = ["0 left", "0 right", "0 transfers", "1 left", "1 right", "1 transfers"];
+        for part in lanes.into_iter().chain(["scene cut", "slow: device 1"]) {
+            assert!(document.contains(&format!(">{part}</text>")), "no {part}");
+        }
+    }
+}
+
+#[test]
+fn a_grid_shows_its_front_and_other_renderers() {
+    let folder = tempfile::tempdir().unwrap();
+    let peers = folder.path().join("peers.toml");
+    let two =
+        "[[peer]]\nname = 'Slow'\ntime_ms = 1e6\nflip = 0.999\n[[peer]]\nname = 'Right'\ntime_ms = 1\nflip = 1e-6";
+    std::fs::write(&peers, two).unwrap();
+    let grid = ["--quick", "--spp", "1,2", "--bounces", "2", "--denoiser", "none,atrous", "--reference-spp", "16"];
+    let fixed = ["bench", "builtin:cornell", "--repeats", "1", "--warm-up", "0", "--peers", peers.to_str().unwrap()];
+    let page = report(folder.path(), &[&fixed[..], &grid].concat());
+    stands_alone(&page);
+    let names: Vec<String> =
+        data(&page, "lanes")["frames"].as_array().unwrap().iter().map(|f| f["name"].to_string()).collect();
+    assert!(names[0].contains("fastest: ") && names.len() <= 3, "{names:?}");
+    lanes_are_sound(&data(&page, "lanes"), names.len());
+    assert_eq!(page.matches("<img").count(), 4 * names.len() + 2);
+    for part in
+        ["Fronts and quality ladder", "Slow", "<td class=\"number\">0.999</td>", "<td>none</td>", "Time against error"]
+    {
+        assert!(page.contains(part), "no {part}");
+    }
+    // Peers are of the page alone.
+    assert!(!std::fs::read_to_string(folder.path().join("ladder.svg")).unwrap().contains("Slow"));
+    browse(folder.path());
+}
+
+#[test]
+fn a_scaling_shows_a_frame_of_each_count() {
+    let folder = tempfile::tempdir().unwrap();
+    let counts = ["scale", "builtin:cornell", "--counts", "1,2", "--threads-per-device", "1", "--warm-up", "1"];
+    let page = report(folder.path(), &[&counts[..], &["--frames-in-flight", "2"]].concat());
+    stands_alone(&page);
+    let lanes = data(&page, "lanes");
+    lanes_are_sound(&lanes, 2);
+    assert_eq!((&lanes["frames"][1]["name"], &lanes["shown"]), (&"2 device(s)".into(), &1.into()));
+    assert!(page.contains("All counts gave the same bytes.") && page.matches("<img").count() == 2);
+    browse(folder.path());
+}
+
+#[test]
+fn options_that_are_wrong_are_refused_with_a_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, bad): (PathBuf, PathBuf) = (folder.path().join("out"), folder.path().join("bad.toml"));
+    std::fs::write(&bad, "[[peer]]\nname = 'a'\ntime_ms = -1.0\nflip = 0.1").unwrap();
+    let bad = bad.to_str().unwrap();
+    let cases: [(&[&str], &str); 5] = [
+        (&["bench", "--report", "--peers", bad], "time_ms -1"),
+        (&["bench", "--report", "--peers", "/nowhere/peers.toml"], "cannot read the peers"),
+        (&["bench", "--peers", bad], "--report"),
+        (&["bench", "--report", "--seams", "--peers", bad], "--seams"),
+        (&["play", "--report-spp", "8"], "--report"),
+    ];
+    for (args, reason) in cases {
+        let output = diptych(&[args, &["--out", out.to_str().unwrap()]].concat());
+        let text = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{args:?}: {text}");
+        assert!(text.contains(reason), "{args:?}: {text}");
+        assert!(!out.join("report.html").exists());
+    }
+}

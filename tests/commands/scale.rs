@@ -1,0 +1,81 @@
+//! `scale` tells what it measured in a table that programs read and on a page that stands alone.
+
+use std::path::Path;
+
+use crate::common::diptych;
+use serde_json::Value;
+
+/// The result of scaling a small scene over one and two devices, with its files in `out`.
+fn scale(out: &Path, options: &[&str]) -> Value {
+    let args =
+        ["scale", "builtin:checker", "--size", "48x32", "--counts", "1,2", "--threads-per-device", "1", "--json"];
+    let output = diptych(&[&args[..], &["--out", out.to_str().unwrap()], options].concat());
+    assert!(output.status.success(), "{options:?}: {}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    serde_json::from_str(text.lines().last().unwrap()).unwrap()
+}
+
+fn read(out: &Path, name: &str) -> String {
+    std::fs::read_to_string(out.join(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+}
+
+#[test]
+fn rows_say_how_sure_they_are_and_what_was_moved() {
+    let folder = tempfile::tempdir().unwrap();
+    let result = scale(folder.path(), &[]);
+    let rows = result["rows"].as_array().unwrap();
+    let number = |row: &Value, key: &str| row[key].as_f64().unwrap_or_else(|| panic!("no {key} in {row}"));
+    for row in rows {
+        let [median, least, most, iqr] =
+            ["makespan_ms", "makespan_ms_min", "makespan_ms_max", "makespan_ms_iqr"].map(|key| number(row, key));
+        assert!(least <= median && median <= most && (0.0..=most - least).contains(&iqr), "{row}");
+        // Frames of a few milliseconds beside other work; what counts other things than the model is off by far more.
+        assert!((0.0..1.0).contains(&number(row, "prediction_error")) && row["frames"] == 5, "{row}");
+    }
+    assert_eq!((number(&rows[0], "bytes_per_frame"), number(&rows[0], "speedup_error")), (0.0, 0.0));
+    assert!(number(&rows[1], "bytes_per_frame") > 0.0 && number(&rows[1], "speedup_error") > 0.0, "{}", rows[1]);
+
+    let csv = read(folder.path(), "scale.csv");
+    let lines: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
+    assert_eq!(lines.len(), 3, "{csv}");
+    let bytes = lines[0].iter().position(|column| *column == "bytes_per_frame").unwrap();
+    assert_eq!(lines[2][bytes].parse::<f64>().unwrap(), number(&rows[1], "bytes_per_frame"));
+    assert!(!folder.path().join("simulate.csv").exists());
+    assert!(!folder.path().join("report.html").exists());
+}
+
+#[test]
+fn a_page_has_all_of_it_and_needs_nothing_else() {
+    let folder = tempfile::tempdir().unwrap();
+    let result = scale(folder.path(), &["--simulate", "1,2,4", "--report"]);
+    assert_eq!(result["simulated"].as_array().unwrap().len(), 3);
+    let page = read(folder.path(), "report.html");
+    for heading in ["Settings", "Devices", "Scene", "Scaling", "Simulation", "What limits each count"] {
+        assert!(page.contains(&format!("<h2>{heading}</h2>")), "no {heading}");
+    }
+    assert!(page.contains("All counts gave the same bytes."));
+    assert_eq!((page.matches("<svg").count(), page.matches("<table>").count()), (2, 6));
+    assert!(page.contains(read(folder.path(), "scale.svg").trim()));
+    assert_eq!(read(folder.path(), "simulate.csv").lines().count(), 4);
+}
+
+#[test]
+fn frames_in_flight_are_not_simulated() {
+    let folder = tempfile::tempdir().unwrap();
+    let args = ["scale", "builtin:checker", "--size", "48x32", "--frames-in-flight", "2", "--simulate", "1,2"];
+    let output = diptych(&[&args[..], &["--out", folder.path().to_str().unwrap()]].concat());
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{said}");
+    assert!(said.contains("--frames-in-flight"), "{said}");
+}
+
+/// Each is timed with others behind it, which are not timed; between five there are four periods.
+#[test]
+fn frames_in_flight_are_timed_from_end_to_end() {
+    let folder = tempfile::tempdir().unwrap();
+    let result = scale(folder.path(), &["--frames-in-flight", "2"]);
+    for row in result["rows"].as_array().unwrap() {
+        assert_eq!((&row["frames"], &row["periods"]), (&5.into(), &4.into()), "{row}");
+        assert_eq!(row["period_ms"], row["interval_ms"], "{row}");
+    }
+}

@@ -1,0 +1,145 @@
+//! Studies measure what they say: sequences against their references, and seams by policy.
+
+use std::path::Path;
+
+use crate::common::diptych;
+use serde_json::Value;
+
+/// Frames of the checker scene with the images that a comparison takes.
+fn render(out: &Path, options: &[&str]) {
+    let fixed = ["render", "builtin:checker", "--size", "64x40", "--frames", "3", "--fps", "6", "--quiet"];
+    let out = ["--out", out.to_str().unwrap()];
+    let output = diptych(&[&fixed[..], &out, options].concat());
+    assert!(output.status.success(), "{options:?}: {}", String::from_utf8_lossy(&output.stderr));
+}
+
+const AOVS: [&str; 2] = ["--aov", "motion,position,normal"];
+
+fn compare(reference: &Path, image: &Path) -> Value {
+    let output = diptych(&["compare", reference.to_str().unwrap(), image.to_str().unwrap(), "--json"]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).unwrap()
+}
+
+#[track_caller]
+fn refused(args: &[&str], parts: &[&str]) {
+    let output = diptych(args);
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && parts.iter().all(|p| text.contains(p)), "{args:?}: {text}");
+}
+
+#[test]
+fn noise_flickers_and_filtering_calms_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let [right, noisy, filtered] = ["right", "noisy", "filtered"].map(|name| folder.path().join(name));
+    render(&right, &["--spp", "64", "--denoiser", "none", "--seed", "9"]);
+    render(&noisy, &[&AOVS[..], &["--denoiser", "none"]].concat());
+    // Frames of both look through the same points of their pixels.
+    render(&filtered, &[&AOVS[..], &["--denoiser", "atrous"]].concat());
+    let of = |found: &Value, eye: &str, name: &str| found[eye][name].as_f64().unwrap();
+
+    let [noisy_found, filtered_found] = [&noisy, &filtered].map(|image| compare(&right, image));
+    for eye in ["left", "right"] {
+        println!("{eye}: {} and {}", noisy_found[eye], filtered_found[eye]);
+        assert_eq!(
+            (&noisy_found[eye]["frames"], noisy_found[eye]["per_frame"].as_array().unwrap().len()),
+            (&3.into(), 3)
+        );
+        let flicker = [&noisy_found, &filtered_found].map(|found| of(found, eye, "flicker"));
+        assert!(flicker[1] < 0.7 * flicker[0], "{eye}: {flicker:?}");
+        let new_share = of(&noisy_found, eye, "new_share");
+        assert!(new_share > 0.0 && new_share < 0.5, "{new_share}");
+        assert_eq!(new_share, of(&filtered_found, eye, "new_share"), "surfaces are the same for both");
+    }
+    let same = compare(&noisy, &noisy);
+    assert_eq!((of(&same, "left", "flicker"), &same["left"]["ghosting"]), (0.0, &Value::Null));
+
+    let text = diptych(&["compare", right.to_str().unwrap(), noisy.to_str().unwrap()]).stdout;
+    let text = String::from_utf8(text).unwrap();
+    assert_eq!((text.lines().count(), text.contains("flicker")), (4, true), "{text}");
+}
+
+#[test]
+fn sequences_that_lack_something_are_refused_by_its_name() {
+    let folder = tempfile::tempdir().unwrap();
+    let [with, without] = ["with", "without"].map(|name| folder.path().join(name));
+    render(&with, &AOVS);
+    render(&without, &[]);
+    let [with_text, without_text] = [&with, &without].map(|path| path.to_str().unwrap());
+    refused(&["compare", with_text, without_text], &["left.motion.0000.exr", "--aov motion,position,normal"]);
+    refused(&["compare", with_text, with_text, "--rings", "3"], &["--rings"]);
+    let file = with.join("left.0000.exr");
+    refused(&["compare", with_text, file.to_str().unwrap()], &["with"]);
+
+    std::fs::remove_file(with.join("right.normal.0002.exr")).unwrap();
+    refused(&["compare", without_text, with_text], &["frame 2, right eye", "right.normal.0002.exr"]);
+    std::fs::remove_file(with.join("left.0001.exr")).unwrap();
+    refused(&["compare", without_text, with_text], &["with/left.0001.exr"]);
+    refused(&["compare", with_text, with_text], &["no frame between 0 and 2"]);
+    let empty = folder.path().join("empty");
+    std::fs::create_dir(&empty).unwrap();
+    let empty = empty.to_str().unwrap();
+    refused(&["compare", empty, empty], &["0 frame(s)"]);
+}
+
+#[test]
+fn only_the_halo_leaves_no_seam() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let fixed = ["bench", "builtin:checker", "--size", "64x40", "--out", out, "--reference-spp", "32"];
+    let study = ["--seams", "--counts", "1,2", "--repeats", "2", "--warm-up", "1", "--json", "--report"];
+    let output = diptych(&[&fixed[..], &study].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let result: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    let rows = result["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), 2 + 3 * 2);
+    for row in rows {
+        let is_same = row["same_bytes"] == true;
+        assert_eq!(is_same, ["-", "halo"].contains(&row["policy"].as_str().unwrap()), "{row}");
+        // The PSNR of equal images is infinite.
+        assert_eq!(is_same, row["psnr_one"].is_null(), "{row}");
+        if row["devices"] == 2 {
+            let [near, over_one] = ["seam_rmse_one", "seam_over_one"].map(|name| row[name].as_f64().unwrap());
+            assert_eq!((near == 0.0, over_one == 1.0), (is_same, is_same), "{row}");
+            assert!(row["seam"].as_f64().unwrap() > 0.0, "{row}");
+        }
+    }
+    let csv = std::fs::read_to_string(folder.path().join("seams.csv")).unwrap();
+    assert_eq!(csv.lines().count(), 1 + rows.len(), "{csv}");
+    let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    assert!(["builtin:checker", "same bytes", "20.30 (-0.53)"].iter().all(|part| page.contains(part)));
+
+    refused(&[&fixed[..], &["--seams", "--denoiser", "none"]].concat(), &["no seam"]);
+    refused(&[&fixed[..], &["--seams", "--counts", "1"]].concat(), &["--counts"]);
+}
+
+#[test]
+fn the_thesis_stands_beside_what_was_measured() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let fixed = ["bench", "--out", out, "--preset", "peres"];
+    let study = ["--shots", "builtin:cornell", "--scale", "0.04", "--reference-spp", "16", "--repeats", "1", "--json"];
+    let output = diptych(&[&fixed[..], &study, &["--report"]].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let result: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    let rows = result["rows"].as_array().unwrap();
+    assert_eq!(rows.len(), 2 * 3);
+    assert_eq!((&rows[0]["size"], &rows[3]["size"]), (&"38x43".into(), &"73x77".into()));
+    for base in [&rows[0], &rows[3]] {
+        assert_eq!((&base["configuration"], &base["stands_for"]), (&"Base".into(), &"Pink Room".into()));
+        let quality = &base["found"]["quality"];
+        let [rmse, psnr, ssim] = ["rmse_percent", "psnr", "ssim"].map(|name| quality[name].as_f64().unwrap());
+        assert!((psnr + 20.0 * (rmse / 100.0).log10()).abs() < 1e-9 && ssim > 0.0 && ssim < 1.0, "{quality}");
+        assert_eq!(base["found"]["speed_up"], 1.0);
+    }
+    let csv = std::fs::read_to_string(folder.path().join("peres.csv")).unwrap();
+    assert!(csv.lines().count() == 7 && csv.contains("builtin:cornell,Pink Room,NH3LD"), "{csv}");
+    let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    assert!(["27.619", "12.81", "builtin:cornell"].iter().all(|part| page.contains(part)));
+
+    refused(&[&fixed[..], &["--seams"]].concat(), &["--preset", "--seams"]);
+    refused(&[&fixed[..], &["--shots", "a,b,c,d"]].concat(), &["--shots"]);
+    refused(&[&fixed[..], &["--scale", "0"]].concat(), &["--scale"]);
+}

@@ -1,0 +1,109 @@
+//! A run's trace-file is valid whatever becomes of the run, and `diptych trace` reads it, alone and beside another.
+
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use crate::common::diptych;
+use serde_json::Value;
+
+/// Renders on two devices, dies by a kill after the second frame and returns the trace as it was left.
+fn killed_run(folder: &std::path::Path) -> String {
+    let path = folder.join("trace.json");
+    let mut run = Command::new(env!("CARGO_BIN_EXE_diptych"))
+        .args(["render", "builtin:checker", "--size", "48x32", "--virtual", "2", "--threads-per-device", "1"])
+        .args(["--frames", "100000", "--quiet", "--trace", path.to_str().unwrap(), "--out"])
+        .arg(folder.join("out"))
+        .stdout(Stdio::null())
+        .spawn()
+        .unwrap();
+    let begin = Instant::now();
+    while std::fs::read_to_string(&path).unwrap_or_default().matches("\"name\":\"frame\",\"cat\":\"frame\"").count() < 2
+    {
+        assert!(run.try_wait().unwrap().is_none(), "the run ended by itself");
+        assert!(begin.elapsed() < Duration::from_secs(120), "no frame in two minutes");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    run.kill().unwrap();
+    run.wait().unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+/// What a command that succeeds prints.
+#[track_caller]
+fn printed(args: &[&str]) -> String {
+    let output = diptych(args);
+    assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+#[track_caller]
+fn refused(args: &[&str], part: &str) {
+    let output = diptych(args);
+    let text = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2), "{args:?}: {text}");
+    assert!(text.contains(part) && !text.contains("panicked"), "{args:?}: {text}");
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
+}
+
+#[test]
+fn a_killed_run_leaves_a_trace_that_is_valid_and_can_be_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = killed_run(folder.path());
+    let document: Value = serde_json::from_slice(&std::fs::read(&path).unwrap()).unwrap();
+    assert_eq!(document["otherData"]["complete"], false);
+    let events = document["traceEvents"].as_array().unwrap();
+    let on_host =
+        |name: &str| events.iter().filter(|e| e["name"] == name && e["pid"] == 1 && e["cat"] == "host").count();
+    // Of two devices and at least two frames.
+    assert!(on_host("device frame") >= 4 && on_host("finish frame") >= 2 && on_host("load scene") == 1);
+
+    let text = printed(&["trace", &path]);
+    for part in ["device 0: ", "device 1: ", "imbalance", "critical path", "path_trace left", "ended early"] {
+        assert!(text.contains(part), "no `{part}` in\n{text}");
+    }
+    let summary: Value = serde_json::from_str(&printed(&["trace", &path, "--json"])).unwrap();
+    let parts = summary["critical_path"].as_array().unwrap();
+    let shares: f64 = parts.iter().map(|part| number(&part["share"])).sum();
+    assert!((shares - 1.0).abs() < 1e-9, "the path is {shares} of the frames");
+    for device in summary["devices"].as_array().unwrap() {
+        let used_ms =
+            number(&device["busy_ms"]) + number(&device["transfer_ms"]) - number(&device["hidden_transfer_ms"]);
+        let residual_us = number(&device["clock_residual_us"]);
+        assert!(residual_us > 0.0 && residual_us < 1000.0 && used_ms > 0.0, "{device}");
+        assert!((used_ms + number(&device["idle_ms"]) - number(&summary["total_ms"])).abs() < 0.1, "{device}");
+    }
+
+    let detail: Value = serde_json::from_str(&printed(&["trace", &path, "--frame", "1", "--json"])).unwrap();
+    let steps = detail["steps"].as_array().unwrap();
+    let makespan_ms = number(&detail["summary"]["frames"][0]["makespan_ms"]);
+    let path_ms: f64 = steps.iter().map(|step| number(&step["time_ms"])).sum();
+    assert!((path_ms - makespan_ms).abs() < 1e-6, "{path_ms} ms of {makespan_ms}");
+    assert!(printed(&["trace", &path, "--frame", "1"]).contains("step by step"));
+
+    let same: Value = serde_json::from_str(&printed(&["trace", &path, &path, "--json"])).unwrap();
+    let changes =
+        |key: &str| same[key].as_array().unwrap().iter().map(|c| number(&c["difference"])).collect::<Vec<_>>();
+    assert!(changes("stages").len() > 5 && changes("stages").iter().chain(&changes("frames")).all(|&d| d == 0.0));
+    assert!(printed(&["trace", &path, &path]).contains("makespan ms"));
+}
+
+#[test]
+fn files_that_are_not_ours_are_refused_where_ours_are_needed() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = |name: &str, text: &str| {
+        let path = folder.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path.to_str().unwrap().to_owned()
+    };
+    let foreign = file("foreign.json", r#"[{"ph": "X", "name": "op", "pid": 7, "tid": 1, "ts": 0, "dur": 9}]"#);
+    let table = file("table.csv", "devices,makespan_ms\n");
+    assert!(printed(&["trace", &foreign]).contains("note: there is no device work"));
+    refused(&["trace", &foreign, &foreign], "foreign.json' holds no frames");
+    refused(&["trace", &foreign, "--frame", "0"], "foreign.json' holds no frames");
+    refused(&["trace", &foreign, &table], "table.csv' is not a trace");
+    refused(&["trace", "no/such.json"], "no/such.json");
+    refused(&["trace", &foreign, &foreign, "--frame", "0"], "cannot be used with");
+}

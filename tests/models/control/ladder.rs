@@ -1,0 +1,99 @@
+//! Ladders and their files: what is written is read again, what is no ladder is refused with its reason, and fronts are
+//! what nothing beats.
+
+use diptych::control::{Ladder, MIN_STEP, Rung, STEEPEST};
+use proptest::prelude::*;
+
+use super::hold;
+use super::plant::{ladder, times};
+
+fn three() -> Ladder {
+    ladder(&times(10.0, &[1.5, 1.5]))
+}
+
+fn refusal(text: &str) -> String {
+    Ladder::parse(text).expect_err(text).to_string()
+}
+
+#[test]
+fn a_ladder_is_read_as_it_was_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("ladder.toml");
+    let mut rungs = three().rungs().to_vec();
+    rungs[1].knobs.fovea = Some([0.15, 0.3]);
+    rungs[1].time_ms = 15.000_000_000_000_002;
+    rungs[2].stage_ms.insert("path_trace".into(), 1.0 / 3.0);
+    let written = Ladder::new(three().origin().clone(), rungs).unwrap();
+    written.write(&path).unwrap();
+    assert_eq!(Ladder::read(&path).unwrap(), written);
+}
+
+#[test]
+fn what_is_no_ladder_is_refused_with_its_reason() {
+    let text = three().text().unwrap();
+    assert!(Ladder::parse(&text).is_ok());
+    let changed = |from: &str, to: &str| {
+        assert!(text.contains(from), "{from} in {text}");
+        refusal(&text.replacen(from, to, 1))
+    };
+    for (from, to, part) in [
+        ("time_ms = 15.0", "time_ms = 10.0", "rung 2: its 10 ms are not more than the 10 ms of the rung before"),
+        ("time_ms = 15.0", "time_ms = nan", "rung 2: time_ms NaN is out of range"),
+        ("time_ms = 10.0", "time_ms = -1.0", "rung 1: time_ms -1 is out of range"),
+        ("time_ms = 10.0", "time_ms = inf", "rung 1: time_ms inf is out of range"),
+        ("flip = 0.9", "flip = 0.2", "rung 2: its FLIP, 0.45, is not below the 0.2 of the rung before"),
+        ("flip = 0.9", "flip = 1.5", "rung 1: flip 1.5 is out of range"),
+        ("spp = 1", "spp = 0", "rung 1: spp 0 is out of range"),
+        ("spp = 1", "spp = -1", "spp"),
+        ("scale = 1.0", "scale = 0.0", "rung 1: scale 0 is out of range"),
+        ("scale = 1.0", "scale = 1.0\nfovea = [0.3, 0.15]", "rung 1: fovea's outer radius 0.15 is out of range"),
+        ("spp = 1", "spp = 1\nssp = 2", "unknown field `ssp`"),
+        ("relmse = 0.1", "", "missing field `relmse`"),
+        ("denoiser = \"none\"", "denoiser = \"\"", "rung 1: denoiser is empty"),
+        ("[origin]", "[origin", "form"),
+    ] {
+        let message = changed(from, to);
+        assert!(message.contains(part), "{to}: {message}");
+    }
+    let origin = text.split("[[rung]]").next().unwrap();
+    assert_eq!(refusal(origin), "it has no rungs");
+    let missing = Ladder::read("/nowhere/ladder.toml".as_ref()).unwrap_err().to_string();
+    assert!(missing.contains("/nowhere/ladder.toml"), "{missing}");
+}
+
+#[test]
+fn a_front_has_nothing_that_is_beaten_or_hardly_told_apart_and_leaves_out_nothing_else() {
+    let template = three().rungs()[0].clone();
+    let points = prop::collection::vec((1.0f64..20.0, 0.01f64..1.0), 1..60);
+    hold(points, |points| {
+        let rung = |&(time_ms, flip): &(f64, f64)| Rung { time_ms, flip, ..template.clone() };
+        let measured: Vec<Rung> = points.iter().map(rung).collect();
+        let front = Ladder::of_measured(three().origin().clone(), &measured).unwrap();
+        let rungs = front.rungs();
+        for step in rungs.windows(2) {
+            let (saved, lost) = (step[1].time_ms / step[0].time_ms, step[0].flip / step[1].flip);
+            assert!(saved >= 1.0 + MIN_STEP && lost > 1.0 && lost <= saved.powf(STEEPEST), "{step:?}");
+        }
+        for other in &measured {
+            assert!(!rungs.iter().any(|r| other.time_ms < r.time_ms && other.flip <= r.flip));
+            // What is not on the ladder is no better than a rung that costs no more, but for the step, or saves too
+            // little against a better one.
+            let reach_ms = other.time_ms * (1.0 + MIN_STEP);
+            let is_beaten = rungs.iter().any(|r| r.time_ms <= reach_ms && r.flip <= other.flip);
+            let is_steep = |r: &Rung| other.flip / r.flip > (r.time_ms / other.time_ms).powf(STEEPEST);
+            let mut better = rungs.iter().filter(|r| r.time_ms > other.time_ms);
+            assert!(is_beaten || better.any(is_steep), "{other:?} is missing");
+        }
+    });
+}
+
+#[test]
+fn settings_without_finite_numbers_are_on_no_front() {
+    let mut measured = three().rungs().to_vec();
+    measured[0].time_ms = f64::NAN;
+    measured[1].flip = f64::INFINITY;
+    let origin = three().origin().clone();
+    assert_eq!(Ladder::of_measured(origin.clone(), &measured).unwrap().rungs(), &measured[2..]);
+    let message = Ladder::of_measured(origin, &measured[..2]).unwrap_err().to_string();
+    assert_eq!(message, "it has no rungs");
+}

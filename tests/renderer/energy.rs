@@ -1,0 +1,195 @@
+//! A white furnace neither makes nor loses light.
+
+use crate::common::{Stage, Subject, still_rig};
+use crate::reference::scenes::{add_material, add_mesh, empty, icosphere, instance, matte, place, quad, scaled_at};
+use crate::reference::ztest::{assert_agrees, mean_and_variance};
+use crate::reference::{Pinhole, Reference};
+use diptych::exec::RenderSettings;
+use diptych::image::{Extent, Image, RgbImage};
+use diptych::scene::{Clearcoat, Environment, Material, Scene, Volume};
+use diptych::stages::{Aov, Sampler};
+use glam::{Vec3, vec3};
+
+const WIDTH: u32 = 160;
+const HEIGHT: u32 = 90;
+
+/// Rounding of a sum of samples that are all 1.
+const ROUNDING: f32 = 1e-5;
+
+/// The left image and its albedo.
+fn render(subject: &Subject, settings: &RenderSettings) -> (RgbImage, Vec<f32>) {
+    let mut settings = settings.clone();
+    settings.stages.aovs = vec![Aov::Albedo];
+    let mut stage = Stage::alone(subject, &settings);
+    let image = stage.frame(0).linear.left;
+    (image, stage.aov(0).left.swap_remove(0))
+}
+
+/// Pixels whose centre is on a surface of that albedo.
+fn pixels_of(albedo: &[f32], of: f32) -> Vec<usize> {
+    (0..albedo.len()).filter(|&i| (albedo[i] - of).abs() < 1e-6).collect()
+}
+
+/// Pixels of the set all of whose neighbours are in it, too.
+fn inner(pixels: &[usize], width: usize) -> Vec<usize> {
+    let is_in = |i: usize| pixels.binary_search(&i).is_ok();
+    let block = |i: usize| (0..3).flat_map(move |dy| (0..3).map(move |dx| i + dy * width + dx - width - 1));
+    pixels.iter().copied().filter(|&i| i > width && block(i).all(is_in)).collect()
+}
+
+fn mean(image: &RgbImage, pixels: &[usize]) -> f64 {
+    pixels.iter().map(|&i| f64::from(image.pixels[i][1])).sum::<f64>() / pixels.len() as f64
+}
+
+#[test]
+fn a_white_sphere_vanishes_and_grey_ones_show_their_albedo() {
+    let subject = Subject::load("builtin:furnace");
+    for (spp, bounces, sampler) in [(1, 6, Sampler::Sobol), (1, 1, Sampler::Pcg), (16, 12, Sampler::Pcg)] {
+        let mut settings = subject.settings(WIDTH, HEIGHT);
+        settings.bounces = bounces;
+        settings.stages.spp = spp;
+        settings.stages.sampler = sampler;
+        let (image, albedo) = render(&subject, &settings);
+        let brightest = image.pixels.as_flattened().iter().fold(0.0f32, |a, b| a.max(*b));
+        assert!(brightest <= 1.0 + ROUNDING, "{spp} spp: light is made: {brightest}");
+        for (of, least) in [(1.0, 500), (0.5, 40), (0.2, 40)] {
+            let pixels = inner(&pixels_of(&albedo, of), WIDTH as usize);
+            assert!(pixels.len() >= least, "{} pixels of albedo {of}", pixels.len());
+            // Only paths that hit another sphere fall short; those that are cut off there carry nothing. At one sample that is
+            // about one path in fifty, and 98 pixels of a grey vary by four standard deviations of 1.4.
+            let (exact_share, least_mean) = match (spp, bounces) {
+                (_, 1) => (0.9, 0.94),
+                (1, _) => (0.92, 0.98),
+                _ => (0.8, 0.995),
+            };
+            let exact = pixels.iter().filter(|i| (image.pixels[**i][1] - of).abs() <= ROUNDING).count();
+            assert!(exact as f64 >= exact_share * pixels.len() as f64, "{exact} of {} show {of}", pixels.len());
+            let mean = mean(&image, &pixels) / f64::from(of);
+            assert!((least_mean..=1.0 + 1e-5).contains(&mean), "{spp} spp: albedo {of} shows {mean} of it");
+        }
+        let sky = pixels_of(&albedo, 0.0);
+        assert!(sky.iter().any(|&i| image.pixels[i] == [1.0; 3]));
+    }
+}
+
+#[test]
+fn a_white_environment_image_is_as_good_as_a_constant_one() {
+    let mut subject = Subject::load("builtin:furnace");
+    let white = Image::filled(Extent::new(16, 8), [1.0; 3]);
+    let scene = diptych::scene::Scene {
+        environment: Environment::Map { image: white, rotation_deg: 40.0 },
+        ..subject.scene.clone()
+    };
+    subject = Subject::new("furnace, image", scene, subject.rig);
+    let mut settings = subject.settings(WIDTH, HEIGHT);
+    settings.stages.spp = 64;
+    settings.stages.sampler = Sampler::Pcg;
+    let (image, albedo) = render(&subject, &settings);
+    let pixels = inner(&pixels_of(&albedo, 1.0), WIDTH as usize);
+    let values: Vec<f64> = pixels.iter().map(|&i| f64::from(image.pixels[i][1])).collect();
+    let n = values.len() as f64;
+    let mean = values.iter().sum::<f64>() / n;
+    let sigma = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
+    assert!(sigma < 0.2, "noise {sigma}");
+    // Up to 0.2 % are the other spheres'.
+    let z = [(mean - 1.0) / (sigma / n.sqrt()), (mean - 0.998) / (sigma / n.sqrt())];
+    assert!(z[0] < 4.5 && z[1] > -4.5, "mean {mean}, noise of a pixel {sigma}");
+    let brightest = values.iter().fold(0.0f64, |a, b| a.max(*b));
+    assert!(brightest < 1.0 + 7.0 * sigma, "{brightest} is above 1 by more than noise, {sigma}");
+}
+
+#[test]
+fn the_filter_keeps_the_mean() {
+    let subject = Subject::load("builtin:furnace");
+    let raw = render(&subject, &subject.settings(WIDTH, HEIGHT));
+    let filtered = render(&subject, &subject.denoised(WIDTH, HEIGHT));
+    for of in [1.0, 0.5, 0.2] {
+        let pixels = pixels_of(&raw.1, of);
+        let ratio = mean(&filtered.0, &pixels) / mean(&raw.0, &pixels);
+        assert!((ratio - 1.0).abs() < 0.01, "albedo {of}: {ratio}");
+    }
+    let brightest = filtered.0.pixels.as_flattened().iter().fold(0.0f32, |a, b| a.max(*b));
+    assert!(brightest <= 1.0 + ROUNDING, "light is made: {brightest}");
+}
+
+/// White dielectrics, metals, thin glass and coats, each in four roughnesses.
+fn white_materials() -> Vec<Material> {
+    let dielectric = Material { specular: 1.0, ..matte() };
+    let coat = Clearcoat { factor: 1.0, ..Clearcoat::default() };
+    let kinds = [
+        dielectric.clone(),
+        Material { ior: 2.5, ..dielectric.clone() },
+        Material { metallic: 1.0, ..dielectric.clone() },
+        Material { transmission: 1.0, ..dielectric.clone() },
+        Material { transmission: 0.5, metallic: 0.5, ..dielectric.clone() },
+        Material { clearcoat: coat, ..dielectric },
+    ];
+    let rough = |roughness: f32| kinds.clone().map(|kind| Material { roughness, ..kind });
+    let mut all = [0.0, 0.25, 0.5, 1.0].map(rough).concat();
+    for material in &mut all {
+        material.clearcoat.roughness = 1.0 - material.roughness;
+    }
+    all
+}
+
+/// Six by four tiles in the plane y = 0, before a sky of 1, seen from the height `elevation_deg` over the plane: every
+/// path ends after one scattering.
+fn tiles(elevation_deg: f32) -> (Scene, Pinhole) {
+    let mut scene = empty(&format!("tiles from {elevation_deg} degrees"));
+    scene.environment = Environment::Constant(Vec3::ONE);
+    let (sin, cos) = elevation_deg.to_radians().sin_cos();
+    // As deep as the view foreshortens, so that each is square in the picture.
+    let depth = 1.0 / sin;
+    for (i, material) in white_materials().into_iter().enumerate() {
+        let material = add_material(&mut scene, material);
+        let corner = vec3((i % 6) as f32 - 3.0, 0.0, ((i / 6) as f32 - 2.0) * depth);
+        place(&mut scene, quad(corner, depth * Vec3::Z, Vec3::X, material));
+    }
+    let camera = Pinhole::looking_at(vec3(0.0, 100.0 * sin, 100.0 * cos), Vec3::ZERO, Vec3::Y, 2.29);
+    (scene, camera)
+}
+
+/// Balls of clear glass, of flat facets, as smooth normals neither keep nor lose light evenly.
+fn glass_balls() -> (Scene, Pinhole) {
+    let mut scene = empty("glass balls");
+    scene.environment = Environment::Constant(Vec3::ONE);
+    for (i, roughness) in [0.0, 0.3, 0.7].into_iter().enumerate() {
+        let volume = Some(Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY });
+        let glass = Material { specular: 1.0, transmission: 1.0, volume, roughness, ..matte() };
+        let material = add_material(&mut scene, glass);
+        let ball = add_mesh(&mut scene, icosphere(2, false, material));
+        instance(&mut scene, ball, scaled_at(0.48, vec3(i as f32 - 1.0, 0.0, 0.0)));
+    }
+    (scene, Pinhole::looking_at(Vec3::Z * 50.0, Vec3::ZERO, Vec3::Y, 1.6))
+}
+
+/// No block of 8x8 pixels is brighter than the sky, and each loses what the reference says it does.
+fn hold_in_the_furnace((scene, camera): (Scene, Pinhole), bounces: u32) {
+    let extent = Extent::new(48, 32);
+    let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
+    let subject = Subject::new(&scene.name.clone(), scene, rig);
+    let mut settings = subject.settings(extent.width, extent.height);
+    (settings.bounces, settings.stages.spp, settings.stages.sampler) = (bounces, 64, Sampler::Pcg);
+    let mut stage = Stage::alone(&subject, &settings);
+    let renders: Vec<_> = (0..4).map(|i| stage.frame(i).linear).flat_map(|eyes| [eyes.left, eyes.right]).collect();
+    let found = mean_and_variance(&renders);
+    let expected = Reference::new(&subject.scene).render(&camera, extent, 1024, bounces - 1, 5);
+    let report = assert_agrees(&subject.name, &expected, &found, 0.02);
+    println!("{}\n{report}", subject.name);
+    let sky = mean_and_variance(&[Image::filled(extent, [1.0; 3]), Image::filled(extent, [1.0; 3])]);
+    let over_sky = crate::reference::ztest::compare(&sky, &found);
+    let brightest = over_sky.block_z.as_flattened().iter().fold(f64::NEG_INFINITY, |a, b| a.max(*b));
+    assert!(brightest < 4.5, "{}: a block is brighter than the sky, z = {brightest}", subject.name);
+}
+
+#[test]
+fn white_materials_never_shine_and_lose_what_single_scattering_loses() {
+    for elevation_deg in [70.0, 25.0, 6.0] {
+        hold_in_the_furnace(tiles(elevation_deg), 1);
+    }
+}
+
+#[test]
+fn white_glass_never_shines() {
+    hold_in_the_furnace(glass_balls(), 16);
+}

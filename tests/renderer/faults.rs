@@ -1,0 +1,295 @@
+//! Devices that fail, hang or lag change no byte as long as one is left; the command says so and leaves all its files.
+
+use std::path::Path;
+use std::time::Duration;
+
+use crate::common::{Stage, Subject, diptych};
+use diptych::device::FailureKind;
+use diptych::exec::{ExecError, Injection, Trouble};
+use diptych::schedule::Measured;
+use serde_json::Value;
+
+const WIDTH: u32 = 96;
+const HEIGHT: u32 = 54;
+
+fn trouble(injections: &[&str], slowdown: &[u32]) -> Trouble {
+    let injections: Vec<Injection> = injections.iter().map(|i| i.parse().unwrap()).collect();
+    Trouble { injections, slowdown: slowdown.to_vec() }
+}
+
+/// One device after another fails in a way of its own while stripes move, each time in the frame after.
+#[test]
+fn frames_keep_their_bytes_until_no_device_is_left() {
+    let subject = Subject::load("builtin:checker");
+    let settings = subject.denoised(WIDTH, HEIGHT);
+    let time_s = |frame: u32| f64::from(frame) * 0.3;
+    let one: Vec<_> = {
+        let mut alone = Stage::alone(&subject, &settings);
+        (0..5).map(|i| alone.frame_at(time_s(i), i).linear).collect()
+    };
+    let mut four = Stage::with(&subject, &settings, 4, Box::new(Measured::new(HEIGHT, 4)));
+    four.renderer().set_watchdog(Duration::from_secs(3));
+    let fates = ["loss:dev0@frame1", "oom:dev2@frame2", "hang:dev1@frame3", "loss:dev3@frame5"];
+    four.renderer().set_trouble(trouble(&fates, &[]));
+    let mut rows = Vec::new();
+    for (i, expected) in (0..5).zip(&one) {
+        let frame = four.frame_at(time_s(i), i);
+        assert!(frame.linear == *expected, "frame {i} differs");
+        let stripes = frame.report.assignment.stripes(diptych::graph::Stage::PathTrace, diptych::scene::rig::Eye::Left);
+        rows.push((0..4).map(|d| stripes.rows(d).len()).collect::<Vec<_>>());
+    }
+    let working = |frame: usize| rows[frame].iter().map(|r| *r > 0).collect::<Vec<_>>();
+    assert_eq!(working(0), [true, true, true, true]);
+    assert_eq!(working(1), [false, true, true, true]);
+    assert_eq!(working(2), [false, true, false, true]);
+    assert_eq!(rows[3], [0, 0, 0, HEIGHT as usize]);
+    assert_eq!(rows[4], rows[3]);
+    let faults = four.renderer().faults();
+    let seen: Vec<_> = faults.iter().map(|f| (f.frame, f.device, f.kind, f.attempts)).collect();
+    let expected = [(1, 0, FailureKind::Loss, 2), (2, 2, FailureKind::Oom, 2), (3, 1, FailureKind::Hang, 2)];
+    assert_eq!(seen, expected);
+    assert!(faults.iter().all(|f| f.recovery_ms > 0.0), "{faults:?}");
+    match four.renderer().render(&subject.rig, 0.0, 5) {
+        Err(ExecError::NoneLeft { device: 3, what }) => assert!(what.contains("lost"), "{what}"),
+        other => panic!("{other:?}"),
+    }
+}
+
+/// What is in flight behind a frame that a device fails in is begun again as well.
+#[test]
+fn frames_in_flight_keep_their_bytes_when_devices_fail() {
+    let subject = Subject::load("builtin:checker");
+    let mut settings = subject.denoised(WIDTH, HEIGHT);
+    let times_s: Vec<f64> = (0..8).map(|i| f64::from(i) * 0.3).collect();
+    let alone = Stage::alone(&subject, &settings).frames_in_flight(&times_s);
+    settings.stages.frames_in_flight = 3;
+    let mut four = Stage::with(&subject, &settings, 4, Box::new(Measured::new(HEIGHT, 4)));
+    four.renderer().set_watchdog(Duration::from_secs(3));
+    four.renderer().set_trouble(trouble(&["loss:dev0@frame1", "hang:dev2@frame4", "oom:dev1@frame5"], &[]));
+    let frames = four.frames_in_flight(&times_s);
+    assert_eq!(frames.len(), alone.len());
+    for (one, other) in alone.iter().zip(&frames) {
+        assert_eq!(one.report.index, other.report.index);
+        assert!(one.linear == other.linear, "frame {} differs", one.report.index);
+    }
+    let faults = four.renderer().faults();
+    let mut failed: Vec<_> = faults.iter().map(|f| f.device).collect();
+    failed.sort_unstable();
+    assert_eq!(failed, [0, 1, 2]);
+    assert!(faults.iter().all(|f| f.recovery_ms > 0.0 && f.attempts > 1), "{faults:?}");
+}
+
+/// What a device that failed had kept is lost, so history begins anew for all: as in a run that begins there.
+#[test]
+fn history_begins_anew_when_a_device_fails() {
+    let subject = Subject::load("builtin:checker");
+    let mut settings = subject.accumulated(WIDTH, HEIGHT);
+    let times_s: Vec<f64> = (0..6).map(|i| f64::from(i) * 0.02).collect();
+    let before = Stage::alone(&subject, &settings).frames_in_flight(&times_s[..3]);
+    let after: Vec<_> = {
+        let mut alone = Stage::alone(&subject, &settings);
+        (3..6).map(|i| alone.frame_at(times_s[i as usize], i)).collect()
+    };
+    for in_flight in [1, 2] {
+        settings.stages.frames_in_flight = in_flight;
+        let mut three = Stage::with(&subject, &settings, 3, Box::new(Measured::new(HEIGHT, 3)));
+        three.renderer().set_trouble(trouble(&["loss:dev1@frame3"], &[]));
+        let frames = three.frames_in_flight(&times_s);
+        for (one, other) in before.iter().chain(&after).zip(&frames) {
+            assert!(one.linear == other.linear, "frame {} differs", one.report.index);
+        }
+        assert_eq!(frames[3].report.spec.history_rows, None);
+        assert!(frames[4].report.spec.history_rows.is_some());
+    }
+}
+
+#[test]
+fn two_devices_may_fail_in_one_frame() {
+    let subject = Subject::load("builtin:checker");
+    let settings = subject.denoised(WIDTH, HEIGHT);
+    let one = Stage::alone(&subject, &settings).frame(0).linear;
+    let mut three = Stage::even(&subject, &settings, 3);
+    let fates = ["loss:dev0@frame0", "oom:dev0@frame0", "loss:dev1@frame0"];
+    three.renderer().set_trouble(trouble(&fates, &[]));
+    assert!(three.frame(0).linear == one);
+    let mut failed: Vec<_> = three.renderer().faults().iter().map(|f| f.device).collect();
+    failed.sort_unstable();
+    assert_eq!(failed, [0, 1]);
+    // The time of the attempts that failed is no time that a device takes to begin.
+    assert_eq!(three.renderer().costs().lead_ms(2), 0.0);
+    assert!(three.frame(0).linear == one, "the frame after");
+}
+
+#[test]
+fn a_frame_whose_primary_is_lost_before_it_was_read_is_made_again() {
+    let subject = Subject::load("builtin:checker");
+    let settings = subject.denoised(WIDTH, HEIGHT);
+    let mut two = Stage::even(&subject, &settings, 2);
+    let expected = two.frame(0).linear;
+    two.renderer().set_trouble(trouble(&["loss:dev0@frame0"], &[]));
+    assert!(two.renderer().read_linear().unwrap() == expected);
+    let seen: Vec<_> = two.renderer().faults().iter().map(|f| (f.device, f.kind, f.attempts)).collect();
+    assert_eq!(seen, [(0, FailureKind::Loss, 2)]);
+    assert!(two.frame(0).linear == expected, "the frame after");
+}
+
+#[test]
+fn slow_devices_change_neither_bytes_nor_counts() {
+    let subject = Subject::load("builtin:checker");
+    let mut settings = subject.denoised(WIDTH, HEIGHT);
+    settings.stages.spp = 5; // Two dispatches, of which the second adds to the first.
+    let one = Stage::alone(&subject, &settings).frame(0);
+    let mut two = Stage::even(&subject, &settings, 2);
+    let mut busy_ms = |slowdown: &[u32], injections: &[&str]| {
+        two.renderer().set_trouble(trouble(injections, slowdown));
+        let frame = two.frame(0);
+        assert!(frame.linear == one.linear, "{slowdown:?} {injections:?}");
+        assert_eq!(frame.report.tallies, one.report.tallies, "{slowdown:?} {injections:?}");
+        let of = |t: &&diptych::exec::TaskTiming| t.device == 1 && t.transfer.is_none();
+        frame.report.tasks.iter().filter(of).map(|t| t.end_ms - t.begin_ms).sum::<f64>()
+    };
+    busy_ms(&[1, 1], &["slow:dev1@frame0"]);
+    // Other tests take their share of the machine: the best of three, and far less than the factor.
+    let mut least_ms = |slowdown: &[u32]| (0..3).map(|_| busy_ms(slowdown, &[])).fold(f64::INFINITY, f64::min);
+    let (plain, slowed) = (least_ms(&[]), least_ms(&[1, 8]));
+    assert!(slowed > 2.0 * plain, "{slowed} ms of work instead of {plain} take no longer");
+}
+
+fn json(path: &Path) -> Value {
+    serde_json::from_slice(&std::fs::read(path).unwrap()).unwrap()
+}
+
+/// Names of the files in a folder.
+fn names(folder: &Path) -> Vec<String> {
+    let mut names: Vec<_> =
+        std::fs::read_dir(folder).unwrap().map(|f| f.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn the_command_goes_on_without_its_first_device() {
+    let folder = tempfile::tempdir().unwrap();
+    let render = |name: &str, more: &[&str]| {
+        let out = folder.path().join(name);
+        let mut args = vec!["render", "builtin:checker", "--size", "64x36", "--frames", "3", "--aov", "motion"];
+        // Which keeps nothing from frame to frame that could be lost.
+        args.extend(["--denoiser", "atrous"]);
+        args.extend(["--out", out.to_str().unwrap()]);
+        args.extend(more);
+        let output = diptych(&args);
+        let said = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.success(), "{said}");
+        (out, said)
+    };
+    let trace = folder.path().join("trace.json");
+    let (one, _) = render("one", &[]);
+    let lost = ["--virtual", "2", "--inject", "loss:dev0@frame1", "--trace", trace.to_str().unwrap()];
+    let (two, said) = render("two", &lost);
+    assert!(said.contains("warning: device 0 failed in frame 1"), "{said}");
+    assert_eq!(names(&one), names(&two));
+    for name in names(&one).iter().filter(|n| *n != "run.json") {
+        let bytes = |folder: &Path| std::fs::read(folder.join(name)).unwrap();
+        assert!(bytes(&one) == bytes(&two), "{name} differs");
+    }
+    let run = json(&two.join("run.json"));
+    let [fault] = &run["faults"].as_array().unwrap()[..] else { panic!("{run}") };
+    assert_eq!((&fault["frame"], &fault["device"], &fault["kind"]), (&1.into(), &0.into(), &"loss".into()));
+    assert_eq!(run["devices"].as_array().unwrap().len(), 2);
+    assert_eq!(run["frames"][2]["stripes"], serde_json::json!([0, 36]));
+    let events = json(&trace);
+    let marked = |e: &&Value| e["name"] == "device taken out" && e["pid"] == 10;
+    assert_eq!(events["traceEvents"].as_array().unwrap().iter().filter(marked).count(), 1);
+    let frames = events["traceEvents"].as_array().unwrap().iter().filter(|e| e["cat"] == "frame");
+    assert_eq!(frames.map(|e| &e["args"]["devices"]).collect::<Vec<_>>(), ["0,1", "1", "1"]);
+}
+
+#[test]
+fn without_a_device_left_the_command_fails() {
+    let folder = tempfile::tempdir().unwrap();
+    let to = folder.path().to_str().unwrap();
+    let args = ["render", "builtin:checker", "--size", "32x18", "--frames", "2", "--out", to];
+    let output = diptych(&[&args[..], &["--inject", "loss:dev0@frame1"]].concat());
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("no device is left") && said.contains("device 0"), "{said}");
+    // What was whole before stays.
+    assert!(names(folder.path()).contains(&"left.0000.exr".to_owned()));
+}
+
+#[test]
+fn a_device_that_takes_too_long_is_out() {
+    let folder = tempfile::tempdir().unwrap();
+    let to = folder.path().to_str().unwrap();
+    let args = ["render", "builtin:checker", "--size", "320x180", "--spp", "16", "--watchdog-ms", "1", "--out", to];
+    let output = diptych(&args);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("within 1 ms") || said.contains("more than 1 ms"), "{said}");
+}
+
+#[test]
+fn faults_that_cannot_be_made_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let to = folder.path().to_str().unwrap();
+    for (more, expected) in [
+        (["--inject", "loss"], "KIND:devI@frameF"),
+        (["--inject", "melt:dev0@frame0"], "melt"),
+        (["--inject", "loss:dev0@frame7"], "no frame 7"),
+        (["--inject", "loss:dev3@frame0"], "no device 3"),
+        (["--slowdown", "1,2"], "2 numbers"),
+        (["--slowdown", "0"], "--slowdown"),
+        (["--threads-per-device", "1,2"], "2 thread counts"),
+        (["--watchdog-ms", "0"], "--watchdog-ms"),
+    ] {
+        let output = diptych(&[&["render", "builtin:checker", "--size", "16x9", "--out", to][..], &more].concat());
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(2), "{more:?}: {said}");
+        assert!(said.contains(expected), "{more:?}: {said}");
+    }
+}
+
+/// Runs the command until `is_under_way`, presses Ctrl-C and returns its exit status.
+#[cfg(unix)]
+fn interrupted(args: &[&str], is_under_way: impl Fn() -> bool) -> Option<i32> {
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_diptych"));
+    let mut run = command.args(args).stdout(std::process::Stdio::null()).spawn().unwrap();
+    while !is_under_way() {
+        assert_eq!(run.try_wait().unwrap(), None, "it has ended already");
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    // SAFETY: a signal to a child that has not been waited for.
+    assert_eq!(unsafe { libc::kill(run.id() as libc::pid_t, libc::SIGINT) }, 0);
+    run.wait().unwrap().code()
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_leaves_whole_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, trace) = (folder.path().join("out"), folder.path().join("trace.json"));
+    let args =
+        ["render", "builtin:checker", "--size", "32x18", "--frames", "100000", "--trace", trace.to_str().unwrap()];
+    let args = [&args[..], &["--out", out.to_str().unwrap()]].concat();
+    assert_eq!(interrupted(&args, || out.join("stereo.0001.png").exists()), Some(130));
+    let run = json(&out.join("run.json"));
+    let frames = run["frames"].as_array().unwrap().len();
+    assert!(frames >= 2, "{frames}");
+    assert_eq!(names(&out).len(), 3 * frames + 1, "{:?}", names(&out));
+    assert_eq!(json(&trace)["otherData"]["complete"], true);
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_ends_a_reference_with_the_samples_it_has() {
+    let folder = tempfile::tempdir().unwrap();
+    let (out, passes) = (folder.path().join("out"), folder.path().join("passes"));
+    let args = ["render", "builtin:checker", "--size", "32x18", "--reference", "--spp", "1000000"];
+    let folders = ["--passes-out", passes.to_str().unwrap(), "--out", out.to_str().unwrap()];
+    let is_under_way = || passes.join("reference.state").exists();
+    assert_eq!(interrupted(&[&args[..], &folders].concat(), is_under_way), Some(130));
+    let reference = &json(&out.join("run.json"))["references"][0];
+    assert!(reference["spp"].as_u64().unwrap() < 1_000_000, "{reference}");
+    assert!(reference["spp"].as_u64().unwrap() > 0, "{reference}");
+    assert!(out.join("left.exr").exists() && out.join("stereo.png").exists());
+}

@@ -1,0 +1,202 @@
+//! Foveated layers: which pixels are sampled, and that nothing else changes.
+
+use crate::common::{Stage, Subject};
+use diptych::exec::{RenderSettings, Stereo};
+use diptych::graph::Filter;
+use diptych::image::RgbImage;
+use diptych::scene::shot::Gaze;
+use diptych::stages::{Aov, Foveation};
+
+const WIDTH: u32 = 128;
+const HEIGHT: u32 = 96;
+
+fn towards(x: f64, y: f64) -> [Gaze; 2] {
+    [x, 1.0 - x].map(|x| Gaze { path: vec![[0.0, x, y]] })
+}
+
+fn settings(subject: &Subject, foveation: Foveation) -> RenderSettings {
+    let mut settings = subject.settings(WIDTH, HEIGHT);
+    settings.stages.iterations = foveation.iterations.into_iter().fold(0, u32::max);
+    settings.stages.aovs = vec![Aov::Spp];
+    settings.stages.foveation = Some(foveation);
+    settings
+}
+
+/// Distance of each pixel's centre from an eye's gaze, pixels.
+fn distances(foveation: &Foveation, eye: usize) -> Vec<f64> {
+    let (_, [x, y]) = foveation.circles(eye, 0.0, WIDTH, HEIGHT);
+    let centre = |i: u32| (f64::from(i % WIDTH) + 0.5, f64::from(i / WIDTH) + 0.5);
+    (0..WIDTH * HEIGHT).map(|i| f64::hypot(centre(i).0 - x, centre(i).1 - y)).collect()
+}
+
+fn eyes<T>(both: &Stereo<T>) -> [&T; 2] {
+    [&both.left, &both.right]
+}
+
+fn same(a: &RgbImage, b: &RgbImage, i: usize) -> bool {
+    a.pixels[i].map(f32::to_bits) == b.pixels[i].map(f32::to_bits)
+}
+
+#[test]
+fn the_mask_has_the_density_of_its_ring() {
+    const RINGS: usize = 12;
+    let subject = Subject::load("builtin:cornell");
+    for (x, unsampled_share) in [(0.5, 0.5), (0.3, 0.75)] {
+        let foveation = Foveation { unsampled_share, ..Foveation::new(towards(x, 0.4), [0; 3]) };
+        let mut stage = Stage::alone(&subject, &settings(&subject, foveation.clone()));
+        stage.frame(0);
+        let spp = stage.aov(0);
+        for (eye, spp) in eyes(&spp).into_iter().enumerate() {
+            let [r0, r1] = foveation.radii.map(|r| r * f64::from(WIDTH));
+            let mut rings = [(0.0, 0.0, 0.0); RINGS];
+            for (&d, &spp) in distances(&foveation, eye).iter().zip(&spp[0]) {
+                let expected = 1.0 - unsampled_share * ((d - r0) / (r1 - r0)).clamp(0.0, 1.0);
+                assert!(spp == 0.0 || spp == 1.0);
+                assert!(d >= r0 || spp == 1.0, "a pixel of the inner layer is not sampled");
+                let ring = &mut rings[((d / 8.0) as usize).min(RINGS - 1)];
+                *ring = (ring.0 + 1.0, ring.1 + expected, ring.2 + f64::from(spp));
+            }
+            for (i, (pixels, expected, sampled)) in rings.into_iter().enumerate() {
+                // Independent pixels would scatter by the root of their number; these are stratified.
+                let tolerance = 0.5 * f64::sqrt(pixels) + 1.0;
+                assert!((sampled - expected).abs() < tolerance, "ring {i}: {sampled} of {pixels}, not {expected}");
+            }
+        }
+    }
+}
+
+#[test]
+fn what_is_sampled_is_what_it_is_without_foveation() {
+    let subject = Subject::load("builtin:checker");
+    let foveation = Foveation::new(towards(0.4, 0.5), [0; 3]);
+    for spp in [1, 3] {
+        let mut foveated = settings(&subject, foveation.clone());
+        foveated.stages.spp = spp;
+        let mut plain = foveated.clone();
+        plain.stages.foveation = None;
+        let all = Stage::alone(&subject, &plain).frame(0);
+        let mut stage = Stage::alone(&subject, &foveated);
+        let some = stage.frame(0);
+        let sampled = stage.aov(0);
+        for eye in 0..2 {
+            let mask = &eyes(&sampled)[eye][0];
+            let (a, b) = (eyes(&all.linear)[eye], eyes(&some.linear)[eye]);
+            let wrong = (0..mask.len()).filter(|&i| mask[i] > 0.0 && !same(a, b, i)).count();
+            assert_eq!(wrong, 0, "{spp} spp: sampled pixels differ");
+            let skipped = mask.iter().filter(|m| **m == 0.0).count();
+            assert!(skipped > mask.len() / 4);
+            assert!(some.report.tallies[eye].rays < all.report.tallies[eye].rays);
+        }
+    }
+}
+
+#[test]
+fn foveation_that_skips_nothing_changes_no_byte_and_traces_every_pixel_once() {
+    let subject = Subject::load("builtin:checker");
+    let foveation = Foveation { unsampled_share: 0.0, ..Foveation::new(towards(0.5, 0.5), [5; 3]) };
+    for (spp, reproject) in [(1, false), (3, true)] {
+        let mut foveated = settings(&subject, foveation.clone());
+        (foveated.stages.spp, foveated.stages.reproject) = (spp, reproject);
+        let mut plain = foveated.clone();
+        plain.stages.foveation = None;
+        let expected = Stage::alone(&subject, &plain).frame(0);
+        let found = Stage::alone(&subject, &foveated).frame(0);
+        // The right eye's reprojection may give way outside the inner layer.
+        for eye in 0..if reproject { 1 } else { 2 } {
+            let (a, b) = (eyes(&expected.linear)[eye], eyes(&found.linear)[eye]);
+            assert_eq!((0..a.pixels.len()).filter(|&i| !same(a, b, i)).count(), 0, "{spp} spp, eye {eye}");
+            // A pixel that is listed twice would have its rays twice.
+            let rays = |f: &crate::common::Frame| f.report.row_tallies[eye].iter().map(|r| r.rays).collect::<Vec<_>>();
+            assert_eq!(rays(&expected), rays(&found));
+        }
+    }
+}
+
+#[test]
+fn a_render_scale_samples_its_square_of_all_pixels_and_keeps_the_mean() {
+    let subject = Subject::load("builtin:cornell");
+    for filter in [Filter::Svgf, Filter::Atrous] {
+        let render = |scale: f64| {
+            let mut settings = RenderSettings { scale, ..subject.denoised(WIDTH, HEIGHT) };
+            (settings.stages.filter, settings.stages.sparse, settings.stages.aovs) = (filter, true, vec![Aov::Spp]);
+            let mut stage = Stage::alone(&subject, &settings);
+            let frames: Vec<_> = (0..8).map(|i| stage.frame(i)).collect();
+            (frames, stage.aov(0))
+        };
+        let mean = |image: &RgbImage| image.pixels.iter().flatten().map(|c| f64::from(*c)).sum::<f64>();
+        let (full, _) = render(1.0);
+        for scale in [0.5, 0.75] {
+            let (frames, spp) = render(scale);
+            let rays = |f: &[crate::common::Frame]| f.iter().map(|f| f.report.tallies[0].rays).sum::<u64>();
+            assert!(rays(&frames) < rays(&full));
+            let share = spp.left[0].iter().map(|s| f64::from(*s)).sum::<f64>() / f64::from(WIDTH * HEIGHT);
+            // Stratified, but for the rims of surfaces, which are always sampled.
+            assert!(share > scale * scale - 0.01 && share < scale * scale + 0.05, "{filter:?} {scale}: {share}");
+            let (last, whole) = (&frames[7].linear, &full[7].linear);
+            for (found, expected) in eyes(last).into_iter().zip(eyes(whole)) {
+                let ratio = mean(found) / mean(expected);
+                assert!((ratio - 1.0).abs() < 0.03, "{filter:?} {scale}: the mean changes by {ratio}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_full_render_scale_changes_no_byte_where_others_are_possible() {
+    let subject = Subject::load("builtin:checker");
+    for filter in [Filter::Svgf, Filter::Atrous] {
+        let render = |sparse: bool| {
+            let mut settings = subject.denoised(WIDTH, HEIGHT);
+            (settings.stages.filter, settings.stages.sparse) = (filter, sparse);
+            let mut stage = Stage::alone(&subject, &settings);
+            (0..3).map(|i| stage.frame(i).linear).collect::<Vec<_>>()
+        };
+        for (plain, sparse) in render(false).iter().zip(&render(true)) {
+            for (a, b) in eyes(plain).into_iter().zip(eyes(sparse)) {
+                assert_eq!((0..a.pixels.len()).filter(|&i| !same(a, b, i)).count(), 0, "{filter:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn where_nothing_is_sampled_the_filter_leaves_no_hole_and_no_nan() {
+    let subject = Subject::load("builtin:cornell");
+    for gaze in [towards(0.0, 0.0), towards(1.0, 1.0), towards(0.5, 0.5)] {
+        for unsampled_share in [0.5, 1.0] {
+            let foveation = Foveation { unsampled_share, ..Foveation::new(gaze.clone(), [2, 3, 5]) };
+            let (mut foveated, distances) = (settings(&subject, foveation.clone()), distances(&foveation, 0));
+            foveated.stages.reproject = true;
+            let mut plain = foveated.clone();
+            plain.stages.foveation = None;
+            let all = Stage::alone(&subject, &plain).frame(0).linear;
+            let mut stage = Stage::alone(&subject, &foveated);
+            let found = stage.frame(0).linear;
+            for eye in 0..2 {
+                assert!(eyes(&found)[eye].pixels.iter().flatten().all(|c| c.is_finite()));
+            }
+            // With all of the outer layer unsampled, light only reaches as far as the filter.
+            let reach = if unsampled_share < 1.0 { f64::INFINITY } else { 0.3 * f64::from(WIDTH) };
+            let is_dark = |i: usize| found.left.pixels[i] == [0.0; 3] && all.left.pixels[i] != [0.0; 3];
+            let dark = (0..distances.len()).filter(|&i| distances[i] < reach && is_dark(i)).count();
+            assert_eq!(dark, 0, "{gaze:?}, {unsampled_share}");
+        }
+    }
+}
+
+#[test]
+fn a_mask_that_turns_samples_every_pixel_in_three_frames() {
+    let subject = Subject::load("builtin:cornell");
+    for filter in [Filter::Svgf, Filter::Atrous] {
+        let mut settings = settings(&subject, Foveation::new(towards(0.5, 0.5), [1; 3]));
+        (settings.stages.filter, settings.stages.iterations) = (filter, 1);
+        let mut stage = Stage::alone(&subject, &settings);
+        let mut sampled = vec![0.0; (WIDTH * HEIGHT) as usize];
+        for frame in 0..3 {
+            stage.frame(frame);
+            sampled.iter_mut().zip(&stage.aov(0).left[0]).for_each(|(sum, spp)| *sum += spp);
+        }
+        let never = sampled.iter().filter(|s| **s == 0.0).count();
+        assert_eq!(never == 0, filter == Filter::Svgf, "{never} pixels were never sampled");
+    }
+}

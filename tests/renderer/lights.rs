@@ -1,0 +1,156 @@
+//! Choosing among many lights keeps the mean, at any scale; small suns make little noise.
+
+use crate::common::{Stage, Subject, still_rig};
+use crate::reference::ztest::{Estimate, assert_agrees, mean_and_variance};
+use crate::reference::{Emitters, Pinhole, Reference, scenes};
+use diptych::image::{Extent, RgbImage};
+use diptych::scene::{AlphaMode, Environment, Light, LightKind, Material, Mesh, Scene};
+use diptych::stages::Sampler;
+use glam::{DVec3, Vec3, vec3};
+
+const WIDTH: u32 = 32;
+const HEIGHT: u32 = 24;
+
+fn subject(scene: Scene, camera: &Pinhole) -> Subject {
+    let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
+    Subject::new(&scene.name.clone(), scene, rig)
+}
+
+/// Mean light of a floor under a card, which is out of sight.
+fn floor_under(card: Mesh, lamp: Material) -> f64 {
+    let mut scene = scenes::empty("card");
+    let grey = scenes::add_matte(&mut scene, Vec3::splat(0.5));
+    let lamp = scenes::add_material(&mut scene, lamp);
+    scenes::place(&mut scene, scenes::quad(vec3(-3.0, 0.0, -3.0), 6.0 * Vec3::Z, 6.0 * Vec3::X, grey));
+    scenes::place(&mut scene, Mesh { material: lamp, ..card });
+    let camera = Pinhole::looking_at(vec3(0.0, 1.0, 4.0), vec3(0.0, 0.0, 1.0), Vec3::Y, 30.0);
+    let estimate = rendered(&subject(scene, &camera), 1, 64);
+    estimate.mean.iter().map(|pixel| pixel[1]).sum::<f64>() / estimate.mean.len() as f64
+}
+
+#[test]
+fn a_card_lights_as_much_as_there_is_of_it() {
+    let card = |width: f32| scenes::quad(vec3(-1.0, 2.0, -1.0), width * Vec3::X, 2.0 * Vec3::Z, 0);
+    let lamp = |alpha| Material { base_color: Vec3::ZERO.extend(alpha), emissive: Vec3::splat(5.0), ..scenes::matte() };
+    let cut_out = Mesh { colors: [1.0, 0.0, 0.0, 1.0].map(|alpha| Vec3::ONE.extend(alpha)).to_vec(), ..card(2.0) };
+    let masked = Material { alpha_mode: AlphaMode::Mask { cutoff: 0.5 }, ..lamp(1.0) };
+    let blended = Material { alpha_mode: AlphaMode::Blend, ..lamp(0.25) };
+    let half = floor_under(cut_out, masked) / floor_under(card(1.0), lamp(1.0));
+    let quarter = floor_under(card(2.0), blended) / floor_under(card(2.0), lamp(1.0));
+    println!("a card cut in half: {half:.4} of its half; a quarter of a card: {quarter:.4}");
+    assert!((half - 1.0).abs() < 0.01, "half a card lights {half} times as much as its half");
+    assert!((quarter - 0.25).abs() < 0.0025, "a card of alpha 0.25 lights {quarter} times as much as an opaque one");
+}
+
+/// Of eight renders, in which both eyes see the same.
+fn rendered(subject: &Subject, bounces: u32, spp: u32) -> Estimate {
+    let mut settings = subject.settings(WIDTH, HEIGHT);
+    settings.bounces = bounces;
+    settings.stages.sampler = Sampler::Pcg;
+    settings.stages.spp = spp;
+    let mut stage = Stage::alone(subject, &settings);
+    let frames: Vec<_> = (0..4).map(|i| stage.frame(i).linear).flat_map(|eyes| [eyes.left, eyes.right]).collect();
+    mean_and_variance(&frames)
+}
+
+/// A floor and a wall of edge 6 · `scale` with a block, under lamps of every kind: spheres, points, spots of both and
+/// triangles, some of which face away.
+fn many_lamps(scale: f32) -> (Scene, Pinhole) {
+    let mut scene = scenes::empty(&format!("many lamps, scale {scale}"));
+    let grey = scenes::add_matte(&mut scene, Vec3::splat(0.6));
+    let lamp = scenes::add_material(&mut scene, Material { emissive: vec3(1.5, 1.2, 0.9), ..scenes::matte() });
+    let both = Material { emissive: vec3(0.6, 0.9, 1.5), double_sided: true, ..scenes::matte() };
+    let both = scenes::add_material(&mut scene, both);
+    let at = |x: f32, y: f32, z: f32| vec3(x, y, z) * scale;
+    scenes::place(&mut scene, scenes::quad(at(-3.0, 0.0, -3.0), at(0.0, 0.0, 6.0), at(6.0, 0.0, 0.0), grey));
+    scenes::place(&mut scene, scenes::quad(at(-3.0, 0.0, -3.0), at(6.0, 0.0, 0.0), at(0.0, 3.0, 0.0), grey));
+    let block = scenes::add_mesh(&mut scene, scenes::block(grey));
+    scenes::instance(&mut scene, block, scenes::scaled_at(0.8 * scale, at(0.3, 0.4, 0.2)));
+    for k in 0..15u32 {
+        let (column, row) = ((k % 5) as f32, (k / 5) as f32);
+        let position = at(column * 1.2 - 2.4, 1.9 - 0.3 * row, row * 1.5 - 1.8);
+        let direction = vec3(0.3 - 0.2 * column, -1.0, 0.4 - 0.3 * row).normalize();
+        let (cos_inner, cos_outer) = (0.95, 0.6);
+        let radius = if k % 4 < 2 { 0.0 } else { 0.15 * scale };
+        let kind = match k % 2 {
+            0 => LightKind::Point { position, radius },
+            _ => LightKind::Spot { position, radius, direction, cos_inner, cos_outer },
+        };
+        scene.lights.push(Light { kind, strength: vec3(0.5, 0.4, 0.3 + 0.05 * column) * scale * scale });
+        let corner = position + at(0.5, 0.15, 0.3);
+        let (u, v) = (at(0.25, 0.05 * row, 0.0), at(0.0, 0.1 * (column - 2.0), 0.2));
+        let (u, v) = if k % 3 == 0 { (v, u) } else { (u, v) };
+        scenes::place(&mut scene, scenes::quad(corner, u, v, if k % 4 == 3 { both } else { lamp }));
+    }
+    // Below the lamps: how much of a pixel they cover would be most of the noise.
+    let camera = Pinhole::looking_at(at(0.4, 1.0, 4.5), at(0.0, -0.2, 0.5), Vec3::Y, 30.0);
+    (scene, camera)
+}
+
+#[test]
+fn many_lamps_of_every_kind_are_unbiased() {
+    let (scene, camera) = many_lamps(1.0);
+    let subject = subject(scene, &camera);
+    let view = subject.rig.view(0.0, diptych::scene::rig::Eye::Left);
+    let seen = Pinhole { forward: view.forward, right: view.right, up: view.up, ..camera };
+    let reference = Reference::new(&subject.scene).with_emitters(Emitters::Sampled);
+    for bounces in [1, 3] {
+        let expected = reference.render(&seen, Extent::new(WIDTH, HEIGHT), 192, bounces - 1, 1);
+        let found = rendered(&subject, bounces, 128);
+        let what = format!("{bounces} reflections");
+        println!("{what}\n{}", assert_agrees(&what, &expected, &found, 0.03));
+    }
+}
+
+#[test]
+fn the_scale_of_a_scene_does_not_change_its_picture() {
+    let estimate = |scale| {
+        let (scene, camera) = many_lamps(scale);
+        rendered(&subject(scene, &camera), 2, 128)
+    };
+    let one = estimate(1.0);
+    for scale in [1e-3, 1e6] {
+        assert_agrees(&format!("scale {scale}"), &one, &estimate(scale), 0.03);
+    }
+}
+
+/// Irradiance of a floor that faces +y, by the midpoint rule over the bilinearly interpolated image.
+fn irradiance(image: &RgbImage, steps: usize) -> DVec3 {
+    let sky = Environment::Map { image: image.clone(), rotation_deg: 0.0 };
+    let (columns, rows) = (steps * image.extent.width as usize, steps * image.extent.height as usize);
+    let step = std::f64::consts::PI / rows as f64;
+    let mut sum = DVec3::ZERO;
+    for row in 0..rows / 2 {
+        let (sin_theta, cos_theta) = (step * (row as f64 + 0.5)).sin_cos();
+        for column in 0..columns {
+            let (s, c) = (std::f64::consts::TAU * ((column as f64 + 0.5) / columns as f64 - 0.5)).sin_cos();
+            let direction = DVec3::new(sin_theta * s, cos_theta, -sin_theta * c);
+            sum += crate::reference::environment::radiance(&sky, direction) * (sin_theta * cos_theta);
+        }
+    }
+    sum * step * (std::f64::consts::TAU / columns as f64)
+}
+
+#[test]
+fn a_sun_of_one_texel_lights_with_little_noise_and_its_own_power() {
+    let mut image = RgbImage::filled(Extent::new(256, 128), [0.02; 3]);
+    image.pixels[30 * 256 + 100] = [3e5; 3];
+    let expected = irradiance(&image, 8).x * 0.5 / std::f64::consts::PI;
+    let mut scene = scenes::empty("small sun");
+    let grey = scenes::add_matte(&mut scene, Vec3::splat(0.5));
+    scenes::place(&mut scene, scenes::quad(vec3(-50.0, 0.0, -50.0), 100.0 * Vec3::Z, 100.0 * Vec3::X, grey));
+    scene.environment = Environment::Map { image, rotation_deg: 0.0 };
+    let camera = Pinhole::looking_at(vec3(0.0, 5.0, 0.1), Vec3::ZERO, Vec3::Z, 45.0);
+    let subject = subject(scene, &camera);
+    let mut settings = subject.settings(WIDTH, HEIGHT);
+    settings.bounces = 1;
+    settings.stages.sampler = Sampler::Pcg;
+    settings.stages.spp = 16;
+    let image = Stage::alone(&subject, &settings).frame(0).linear.left;
+    let values: Vec<f64> = image.pixels.iter().map(|p| f64::from(p[0])).collect();
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    let rmse = (values.iter().map(|v| (v - expected).powi(2)).sum::<f64>() / values.len() as f64).sqrt();
+    println!("mean {mean}, expected {expected}, relative RMSE {}", rmse / expected);
+    assert!((mean / expected - 1.0).abs() < 2e-3, "mean {mean}, expected {expected}");
+    assert!(rmse < 0.03 * expected, "relative RMSE {}", rmse / expected);
+}

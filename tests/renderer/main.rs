@@ -1,0 +1,20 @@
+//! The renderer on devices, by way of the library: what its images are, on any number of devices.
+
+#[path = "../common/mod.rs"]
+mod common;
+mod display;
+mod energy;
+mod faults;
+mod foveation;
+mod gbuffer;
+mod instances;
+mod lights;
+#[path = "../reference/mod.rs"]
+mod reference;
+mod same_bytes;
+mod seams;
+mod stereo;
+mod stress;
+mod temporal;
+mod unbiased;
+mod watertight;

@@ -1,0 +1,131 @@
+//! Where stripes meet: apart, smoothed, or the same bytes as one device.
+
+use crate::common::{Stage, Subject};
+use diptych::exec::{RenderSettings, Stereo};
+use diptych::graph::{HaloPlan, Seam};
+use diptych::image::RgbImage;
+use diptych::schedule::Static;
+
+const WIDTH: u32 = 32;
+const HEIGHT: u32 = 480;
+/// Taps reach 2 × (16 + 8 + 4 + 2 + 1) rows in five iterations.
+const HALO_ROWS: u32 = 62;
+const EDGES: [u32; 2] = [160, 320];
+
+struct Images {
+    one: Stereo<RgbImage>,
+    three: Stereo<RgbImage>,
+}
+
+fn render(subject: &Subject, seam: Seam) -> Images {
+    let settings = RenderSettings { seam, ..subject.denoised(WIDTH, HEIGHT) };
+    let one = Stage::even(subject, &settings, 1).frame(0).linear;
+    let frame = Stage::even(subject, &settings, 3).frame(0);
+    assert_eq!(frame.report.stripe_edges(), EDGES);
+    Images { one, three: frame.linear }
+}
+
+fn eyes(images: &Images) -> [(&RgbImage, &RgbImage); 2] {
+    [(&images.one.left, &images.three.left), (&images.one.right, &images.three.right)]
+}
+
+/// Rows in which the images are not bitwise the same.
+fn rows_that_differ(a: &RgbImage, b: &RgbImage) -> Vec<u32> {
+    let bits = |image: &RgbImage, row: u32| -> Vec<[u32; 3]> {
+        image.rows(row..row + 1).iter().map(|p| p.map(f32::to_bits)).collect()
+    };
+    a.extent.rows().filter(|&row| bits(a, row) != bits(b, row)).collect()
+}
+
+/// Mean step of display luminance from the row above each edge to the one below.
+fn jump(image: &RgbImage) -> f64 {
+    let shown = |x: u32, y: u32| {
+        let [r, g, b] = image.get(x, y).map(f64::from);
+        let luminance = 0.2126 * r + 0.7152 * g + 0.0722 * b;
+        luminance / (1.0 + luminance)
+    };
+    let steps = EDGES.iter().flat_map(|&e| (0..WIDTH).map(move |x| (shown(x, e - 1) - shown(x, e)).abs()));
+    steps.sum::<f64>() / f64::from(WIDTH * 2)
+}
+
+#[test]
+fn stripes_filtered_apart_differ_within_the_halo_and_nowhere_else() {
+    for shot in ["builtin:checker", "builtin:atrium"] {
+        let images = render(&Subject::load(shot), Seam::None);
+        for (one, three) in eyes(&images) {
+            let rows = rows_that_differ(one, three);
+            for edge in EDGES {
+                assert!(rows.contains(&(edge - 1)) && rows.contains(&edge), "{shot}: no seam at {edge}: {rows:?}");
+            }
+            let is_near = |row: &u32| EDGES.iter().any(|&e| (e - HALO_ROWS..e + HALO_ROWS).contains(row));
+            assert!(rows.iter().all(is_near), "{shot}: {rows:?}");
+        }
+    }
+}
+
+#[test]
+fn fewer_iterations_make_a_narrower_halo() {
+    let subject = Subject::load("builtin:checker");
+    let mut settings = subject.denoised(WIDTH, 120);
+    settings.seam = Seam::None;
+    settings.stages.iterations = 2;
+    let one = Stage::even(&subject, &settings, 1).frame(0).linear;
+    let two = Stage::even(&subject, &settings, 2).frame(0).linear;
+    for (one, two) in [(&one.left, &two.left), (&one.right, &two.right)] {
+        let rows = rows_that_differ(one, two);
+        assert!(!rows.is_empty() && rows.iter().all(|r| (54..66).contains(r)), "{rows:?}");
+    }
+}
+
+#[test]
+fn the_seam_filter_makes_the_jump_smaller() {
+    for shot in ["builtin:checker", "builtin:atrium"] {
+        let subject = Subject::load(shot);
+        let [apart, smoothed] = [Seam::None, Seam::Filter].map(|seam| render(&subject, seam));
+        for (eye, (a, b)) in
+            [(&apart.three.left, &smoothed.three.left), (&apart.three.right, &smoothed.three.right)].iter().enumerate()
+        {
+            let (before, after) = (jump(a), jump(b));
+            println!("{shot}, eye {eye}: {before:.4} to {after:.4}");
+            assert!(after < 0.9 * before, "{shot}, eye {eye}: the jump went from {before} to {after}");
+        }
+        // One device has no seam: nothing is smoothed.
+        assert!(smoothed.one.left == apart.one.left && smoothed.one.right == apart.one.right);
+    }
+}
+
+#[test]
+fn the_seam_filter_changes_the_rows_at_the_seam_and_no_others() {
+    let subject = Subject::load("builtin:checker");
+    let [apart, smoothed] = [Seam::None, Seam::Filter].map(|seam| render(&subject, seam).three);
+    for (a, b) in [(&apart.left, &smoothed.left), (&apart.right, &smoothed.right)] {
+        let rows = rows_that_differ(a, b);
+        let is_near = |row: &u32| EDGES.iter().any(|&e| (e - 4..e + 4).contains(row));
+        assert!(!rows.is_empty() && rows.iter().all(is_near), "{rows:?}");
+    }
+}
+
+#[test]
+fn the_halo_leaves_no_seam() {
+    let subject = Subject::load("builtin:checker");
+    for plan in [HaloPlan::RECOMPUTE, HaloPlan::EXCHANGE] {
+        let images = render(&subject, Seam::Halo(plan));
+        for (one, three) in eyes(&images) {
+            assert_eq!(rows_that_differ(one, three), Vec::<u32>::new(), "{plan:?}");
+        }
+    }
+}
+
+/// Rows cross a whole stripe: the middle one is narrower than the halo.
+#[test]
+fn a_stripe_narrower_than_the_halo_leaves_no_seam() {
+    let subject = Subject::load("builtin:checker");
+    for plan in [HaloPlan::RECOMPUTE, HaloPlan::EXCHANGE] {
+        let settings = RenderSettings { seam: Seam::Halo(plan), ..subject.denoised(WIDTH, 200) };
+        let one = Stage::even(&subject, &settings, 1).frame(0).linear;
+        let narrow = Static::new(200, 3, &["95,10,95".parse().unwrap()]).unwrap();
+        let three = Stage::with(&subject, &settings, 3, Box::new(narrow)).frame(0).linear;
+        assert_eq!(rows_that_differ(&one.left, &three.left), Vec::<u32>::new(), "{plan:?}");
+        assert_eq!(rows_that_differ(&one.right, &three.right), Vec::<u32>::new(), "{plan:?}");
+    }
+}

@@ -1,0 +1,169 @@
+//! Two eyes: what is reprojected looks like what is traced, and each eye sees from its own side.
+
+use crate::common::{Stage, Subject, still_rig};
+use crate::reference::scenes::{add_matte, empty, materials, place, quad};
+use crate::reference::ztest::{assert_agrees, mean_and_variance};
+use diptych::exec::RenderSettings;
+use diptych::metrics::compare;
+use diptych::scene::rig::Eye;
+use diptych::stages::Aov;
+use glam::{DVec3, Vec3};
+
+/// 512 spp of three reflections in the classic box: the noise of the two renders, which is independent but in the
+/// holes, is below what is asked.
+#[test]
+fn a_reprojected_eye_looks_like_a_traced_one() {
+    let subject = Subject::load("builtin:cornell");
+    let mut settings = RenderSettings { bounces: 2, ..subject.settings(96, 54) };
+    settings.stages.spp = 512;
+    let traced = Stage::alone(&subject, &settings).frame(0);
+    settings.stages.reproject = true;
+    let reprojected = Stage::alone(&subject, &settings).frame(0);
+    assert!(traced.linear.left == reprojected.linear.left);
+    assert!(traced.linear.right != reprojected.linear.right);
+    assert!((0.001..0.5).contains(&reprojected.hole_fraction()), "{}", reprojected.hole_fraction());
+    let found = compare(&traced.linear.right, &reprojected.linear.right).unwrap();
+    println!("holes {:.3}\n{found}", reprojected.hole_fraction());
+    assert!(found.psnr >= 40.0, "{found}");
+    assert!((found.mean_ratio.unwrap() - 1.0).abs() < 0.005, "{found}");
+}
+
+/// What gloss sends depends on the eye: the right one takes the left's only where that shows little.
+#[test]
+fn glossy_surfaces_look_reprojected_as_they_look_traced() {
+    for name in ["metals", "dielectrics", "clearcoats"] {
+        let (_, scene) = materials::ALL.into_iter().find(|(row, _)| *row == name).unwrap();
+        let (scene, camera) = scene();
+        let mut rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
+        rig.baseline_m = 0.064;
+        let subject = Subject::new(name, scene, rig);
+        let mut settings = RenderSettings { bounces: 3, ..subject.settings(96, 54) };
+        settings.stages.spp = 256;
+        let traced = Stage::alone(&subject, &settings).frame(0).linear.right;
+        settings.stages.reproject = true;
+        let frame = Stage::alone(&subject, &settings).frame(0);
+        let found = compare(&traced, &frame.linear.right).unwrap();
+        let mean = found.mean_ratio.unwrap();
+        println!("{name}: holes {:.3}, PSNR {:.1} dB, mean {mean:.4}", frame.hole_fraction(), found.psnr);
+        assert!(frame.hole_fraction() < 0.5, "{name}: {} are holes", frame.hole_fraction());
+        assert!(found.psnr >= 38.0 && (mean - 1.0).abs() < 0.005, "{name}: {found}");
+    }
+}
+
+/// At the size that the command line takes by default.
+#[test]
+fn few_pixels_of_the_atrium_are_holes() {
+    let subject = Subject::load("builtin:atrium");
+    assert_eq!(subject.rig.baseline_m, 0.064);
+    let settings = RenderSettings { bounces: 1, ..subject.denoised(640, 360) };
+    let frame = Stage::alone(&subject, &settings).frame(0);
+    let fraction = frame.hole_fraction();
+    println!("holes {:.1} %: {:?}", 100.0 * fraction, frame.report.tallies[1].holes);
+    assert!((0.01..0.15).contains(&fraction), "{fraction} of the right eye are holes");
+    assert_eq!(frame.report.tallies[0].holes, [0; 6], "the left eye has no holes");
+}
+
+#[test]
+fn eyes_in_one_place_see_the_same() {
+    for shot in ["builtin:cornell", "builtin:checker"] {
+        let mut subject = Subject::load(shot);
+        subject.rig.baseline_m = 0.0;
+        let mut settings = RenderSettings { bounces: 2, ..subject.settings(80, 45) };
+        settings.stages.reproject = true;
+        let frame = Stage::alone(&subject, &settings).frame(0);
+        assert!(frame.hole_fraction() < 0.001, "{shot}: {} are holes", frame.hole_fraction());
+        let found = compare(&frame.linear.left, &frame.linear.right).unwrap();
+        assert!(found.psnr > 60.0, "{shot}: reprojection onto itself\n{found}");
+
+        settings.stages.reproject = false;
+        settings.stages.spp = 16;
+        let mut stage = Stage::alone(&subject, &settings);
+        let frames: Vec<_> = (0..8).map(|i| stage.frame(i).linear).collect();
+        let lefts: Vec<_> = frames.iter().map(|f| f.left.clone()).collect();
+        let rights: Vec<_> = frames.iter().map(|f| f.right.clone()).collect();
+        assert!(lefts[0] != rights[0], "{shot}: the eyes share their random numbers");
+        assert_agrees(shot, &mean_and_variance(&lefts), &mean_and_variance(&rights), 0.06);
+    }
+}
+
+/// Means of the columns and rows of pixels nearer than `depth`.
+fn middle_of_near(depths: &[f32], width: usize, depth: f32) -> (f64, f64) {
+    let near: Vec<usize> = (0..depths.len()).filter(|&i| depths[i] > 0.0 && depths[i] < depth).collect();
+    assert!(near.len() > 50, "{} near pixels", near.len());
+    let mean = |of: &dyn Fn(usize) -> usize| near.iter().map(|&i| of(i) as f64).sum::<f64>() / near.len() as f64;
+    (mean(&|i| i % width), mean(&|i| i / width))
+}
+
+#[test]
+fn a_near_object_is_further_left_in_the_right_eye() {
+    let (width, height) = (160, 90);
+    let mut scene = empty("board before a wall");
+    let grey = add_matte(&mut scene, Vec3::splat(0.5));
+    let at = |z: f32, half: f32| quad(Vec3::new(-half, -half, z), Vec3::X * 2.0 * half, Vec3::Y * 2.0 * half, grey);
+    place(&mut scene, at(-2.0, 0.25));
+    place(&mut scene, at(-40.0, 100.0));
+    scene.environment = diptych::scene::Environment::Constant(Vec3::ONE);
+    let mut rig = still_rig(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y, 0.5);
+    rig.baseline_m = 0.2;
+    let subject = Subject::new("board before a wall", scene, rig);
+    let mut settings = subject.settings(width, height);
+    settings.stages.aovs = vec![Aov::Depth];
+    settings.stages.reproject = true;
+    let mut stage = Stage::alone(&subject, &settings);
+    stage.frame(0);
+    let depth = stage.aov(0);
+    let (left_x, left_y) = middle_of_near(&depth.left[0], width as usize, 10.0);
+    let (right_x, right_y) = middle_of_near(&depth.right[0], width as usize, 10.0);
+    // Focal length in pixels, times baseline over distance.
+    let disparity = 0.5 * f64::from(height) / 0.5 * 0.2 / 2.0;
+    assert!((left_x - right_x - disparity).abs() < 0.6, "{left_x} - {right_x} is not {disparity}");
+    assert!((left_y - right_y).abs() < 1e-9);
+    let middle = f64::from(width) / 2.0 - 0.5;
+    assert!(left_x > middle && right_x < middle, "{left_x} and {right_x} on the sides of {middle}");
+}
+
+#[test]
+fn a_point_has_the_same_row_in_both_eyes() {
+    let (width, height) = (160u32, 90u32);
+    for shot in ["builtin:atrium", "builtin:checker"] {
+        let subject = Subject::load(shot);
+        let mut settings = subject.settings(width, height);
+        settings.stages.aovs = vec![Aov::Position, Aov::Depth];
+        let mut stage = Stage::alone(&subject, &settings);
+        for time_s in [0.0, 1.1, 3.3] {
+            stage.frame_at(time_s, 0);
+            let (position, depth) = (stage.aov(0).right, stage.aov(1).right);
+            let view = subject.rig.view(time_s, Eye::Left);
+            let mut furthest = 0.0f64;
+            for i in (0..position[0].len()).filter(|&i| depth[0][i] > 0.0) {
+                let point = DVec3::from_array(std::array::from_fn(|c| f64::from(position[c][i])));
+                let seen = point - view.origin.as_dvec3();
+                let slope = seen.dot(view.up.as_dvec3()) / seen.dot(view.forward.as_dvec3());
+                let row = (0.5 - 0.5 * slope / f64::from(view.tan_half_yfov)) * f64::from(height);
+                furthest = furthest.max((row - (i / width as usize) as f64 - 0.5).abs());
+            }
+            assert!(furthest < 1e-3, "{shot} at {time_s} s: {furthest} rows apart");
+        }
+    }
+}
+
+/// A hole's random numbers are those it would have had if the whole eye had been traced.
+#[test]
+fn holes_get_the_bytes_of_a_traced_eye() {
+    let subject = Subject::load("builtin:checker");
+    let mut settings = subject.settings(128, 72);
+    settings.stages.aovs = vec![Aov::Holes];
+    let traced = Stage::alone(&subject, &settings).frame(0).linear.right;
+    settings.stages.reproject = true;
+    let mut stage = Stage::alone(&subject, &settings);
+    let reprojected = stage.frame(0);
+    let holes = stage.aov(0).right;
+    let filled: Vec<usize> = (0..traced.pixels.len()).filter(|&i| holes[0][i] > 0.0).collect();
+    let counted: u64 = reprojected.report.tallies[1].holes.iter().sum();
+    assert_eq!(filled.len() as u64, counted);
+    assert!(filled.len() > 100, "{} holes", filled.len());
+    for i in filled {
+        let (found, expected) = (reprojected.linear.right.pixels[i], traced.pixels[i]);
+        assert_eq!(found.map(f32::to_bits), expected.map(f32::to_bits), "pixel {i}");
+    }
+}

@@ -1,0 +1,132 @@
+//! Scenes that strain the arithmetic: no sample is dropped, no pixel is anything but a radiance, and what the row says
+//! of its scene holds.
+
+mod moved;
+mod rows;
+mod surfaces;
+
+use crate::common::{Stage, Subject, is_thorough, still_rig};
+use crate::reference::Pinhole;
+use diptych::image::RgbImage;
+use diptych::scene::needs::SceneNeeds;
+use diptych::scene::shot::Gaze;
+use diptych::scene::{AlphaMode, Scene};
+use diptych::stages::{Foveation, Sampler};
+
+const WIDTH: u32 = 32;
+const HEIGHT: u32 = 18;
+
+/// How a scene is rendered.
+#[derive(Clone, Copy)]
+struct Effort {
+    size: [u32; 2],
+    spp: u32,
+    bounces: u32,
+    seed: u32,
+}
+
+impl Effort {
+    const fn new(spp: u32, bounces: u32) -> Self {
+        Self { size: [WIDTH, HEIGHT], spp, bounces, seed: 5 }
+    }
+}
+
+/// A scene, where it is seen from, and what must be true of its image beside being finite.
+struct Row {
+    name: &'static str,
+    scene: Scene,
+    camera: Pinhole,
+    effort: Effort,
+    claim: Box<dyn Fn(&RgbImage)>,
+}
+
+/// A scene as its camera sees it, with both eyes.
+fn subject(name: &str, scene: Scene, camera: Pinhole) -> Subject {
+    Subject::new(name, scene, still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov))
+}
+
+/// Both eyes of `frames` frames, each with random numbers of its own; every sample is finite.
+fn renders(subject: &Subject, effort: Effort, sampler: Sampler, frames: u32) -> Vec<RgbImage> {
+    let mut settings = subject.settings(effort.size[0], effort.size[1]);
+    // The same shaders for all rows: drivers take longer to compile than rows to render.
+    if !is_thorough() {
+        settings.stages.needs = SceneNeeds { instances: subject.needs.instances, ..SceneNeeds::ALL };
+    }
+    settings.bounces = effort.bounces;
+    settings.seed = effort.seed;
+    settings.stages.spp = effort.spp;
+    settings.stages.sampler = sampler;
+    let mut stage = Stage::alone(subject, &settings);
+    let images: Vec<_> = (0..frames).map(|i| stage.frame(i).linear).flat_map(|eyes| [eyes.left, eyes.right]).collect();
+    for pixel in images.iter().flat_map(|image| &image.pixels) {
+        assert!(pixel.iter().all(|c| c.is_finite() && *c >= 0.0), "{}: {pixel:?} is no radiance", subject.name);
+    }
+    images
+}
+
+fn image(name: &str, scene: Scene, camera: Pinhole, effort: Effort) -> RgbImage {
+    renders(&subject(name, scene, camera), effort, Sampler::Sobol, 1).swap_remove(0)
+}
+
+fn hold(row: Row) {
+    let image = image(row.name, row.scene, row.camera, row.effort);
+    let brightest = image.pixels.as_flattened().iter().fold(0.0f32, |a, b| a.max(*b));
+    let mean = image.pixels.as_flattened().iter().map(|v| f64::from(*v)).sum::<f64>() / (3 * image.pixels.len()) as f64;
+    println!("{:40} mean {mean:.6e}, brightest {brightest:.6e}", row.name);
+    (row.claim)(&image);
+}
+
+#[test]
+fn every_sample_of_every_row_is_finite() {
+    rows::all().into_iter().for_each(hold);
+}
+
+/// What is accumulated, filtered and antialiased over frames, from few samples, is a radiance everywhere.
+#[test]
+fn every_row_is_finite_through_history_and_filters() {
+    for row in rows::all() {
+        let subject = subject(row.name, row.scene, row.camera);
+        let [width, height] = row.effort.size;
+        let mut settings = subject.accumulated(width, height);
+        settings.bounces = row.effort.bounces;
+        // The same shaders for all rows, those for gloss among them.
+        settings.stages.needs = SceneNeeds::ALL;
+        let gaze = Gaze { path: vec![[0.0, 0.5, 0.5]] };
+        settings.stages.foveation = Some(Foveation::new([gaze.clone(), gaze], [2, 3, 5]));
+        let mut stage = Stage::alone(&subject, &settings);
+        for frame in 0..3 {
+            let linear = stage.frame(frame).linear;
+            for pixel in linear.left.pixels.iter().chain(&linear.right.pixels) {
+                assert!(pixel.iter().all(|c| c.is_finite() && *c >= 0.0), "{}, frame {frame}: {pixel:?}", row.name);
+            }
+        }
+    }
+}
+
+/// However many layers a ray has to look through, on whatever driver: its sample is right, or it is counted.
+#[test]
+fn rays_that_are_cut_short_are_counted() {
+    for count in [1000, 5000, 100_000] {
+        let (scene, camera) = rows::layers(count, AlphaMode::Blend);
+        let subject = subject(&format!("{count} layers"), scene, camera);
+        for spp in [1, 8] {
+            let mut settings = subject.settings(8, 8);
+            settings.stages.spp = spp;
+            let frame = Stage::alone(&subject, &settings).frame_with_drops(0);
+            let wrong = frame.linear.left.pixels.iter().filter(|pixel| **pixel != [1.0; 3]).count();
+            let dropped = frame.report.tallies[0].nonfinite;
+            println!("{count} layers, {spp} samples: {wrong} of 64 pixels are not right, {dropped} samples counted");
+            assert!(wrong as u64 <= dropped, "{count} layers: {wrong} pixels are wrong and {dropped} samples counted");
+            assert!(count > 1000 || dropped == 0, "{count} layers: {dropped} samples were dropped");
+        }
+    }
+}
+
+#[test]
+#[ignore = "takes minutes: run it after changes to lights, sampling or intersection"]
+fn every_one_of_many_samples_is_finite() {
+    for row in rows::all() {
+        let effort = Effort { spp: row.effort.spp.max(256), seed: 77, ..row.effort };
+        image(row.name, row.scene, row.camera, effort);
+    }
+}

@@ -1,0 +1,278 @@
+//! No ray leaks between triangles that share an edge or a vertex: rays aimed at exactly those, on a device, by the
+//! renderer's own traversal.
+
+use std::collections::HashMap;
+
+use crate::reference::sampling::Rng;
+use crate::reference::scenes::{add_matte, empty, icosphere, place};
+use diptych::accel::Accel;
+use diptych::device::{self, GpuDevice, Selection};
+use diptych::scene::Mesh;
+use diptych::stages::layout::Frame;
+use diptych::stages::{SceneBuffers, SceneTables, scene_layout_entries};
+use glam::{Vec3, vec3};
+use wgpu::util::DeviceExt;
+
+/// Rays of one dispatch.
+const BATCH: usize = 1 << 18;
+
+/// An entry point behind the text of a stage, so that what is tested is the very code that renders.
+const AIM: &str = "
+struct Aimed {
+    origin: vec4<f32>,
+    direction: vec4<f32>,
+}
+@group(1) @binding(8) var<storage, read> aimed: array<Aimed>;
+@group(1) @binding(9) var<storage, read_write> found: array<u32>;
+
+@compute @workgroup_size(64)
+fn aim(@builtin(global_invocation_id) id: vec3<u32>) {
+    if id.x >= arrayLength(&found) {
+        return;
+    }
+    let ray = aimed[id.x];
+    found[id.x] = traverse(ray.origin.xyz, ray.direction.xyz, 3.0e38, 0u, false).prim;
+}
+";
+
+type Ray = [[f32; 4]; 2];
+
+struct Tracer {
+    gpu: GpuDevice,
+    /// Frame and scene; rays and what they meet.
+    layouts: [wgpu::BindGroupLayout; 2],
+    pipeline: wgpu::ComputePipeline,
+}
+
+fn buffer_entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLayoutEntry {
+    wgpu::BindGroupLayoutEntry {
+        binding,
+        visibility: wgpu::ShaderStages::COMPUTE,
+        ty: wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None },
+        count: None,
+    }
+}
+
+impl Tracer {
+    fn new() -> Self {
+        let adapter = device::adapters().into_iter().find(|a| a.missing.is_empty());
+        let adapter = adapter.expect("these tests need an adapter: on Linux, install mesa-vulkan-drivers");
+        let selection = Selection { adapters: Some(vec![adapter.index]), virtual_devices: 1, threads_per_device: None };
+        let gpu = device::open(&selection).unwrap().remove(0);
+        let text = device::wgsl("gbuffer") + AIM;
+        let descriptor = wgpu::ShaderModuleDescriptor { label: None, source: wgpu::ShaderSource::Wgsl(text.into()) };
+        let checks = device::ShaderChecks::Fast.runtime_checks();
+        // SAFETY: every loop of the traversal ends and no integer is divided; bounds are checked.
+        let module = unsafe { gpu.device.create_shader_module_trusted(descriptor, checks) };
+        let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
+        let mut scene_entries = vec![buffer_entry(0, wgpu::BufferBindingType::Uniform)];
+        scene_entries.extend(scene_layout_entries());
+        let layouts = [scene_entries, vec![buffer_entry(8, storage(true)), buffer_entry(9, storage(false))]];
+        let layouts = layouts.map(|entries| {
+            let descriptor = wgpu::BindGroupLayoutDescriptor { label: None, entries: &entries };
+            gpu.device.create_bind_group_layout(&descriptor)
+        });
+        let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: None,
+            bind_group_layouts: &layouts.each_ref().map(Some),
+            immediate_size: 32,
+        });
+        let constants = [("HAS_ALPHA", 0.0)];
+        let pipeline = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label: None,
+            layout: Some(&pipeline_layout),
+            module: &module,
+            entry_point: Some("aim"),
+            compilation_options: wgpu::PipelineCompilationOptions { constants: &constants, ..Default::default() },
+            cache: None,
+        });
+        assert_eq!(gpu.failure(), None);
+        Self { gpu, layouts, pipeline }
+    }
+
+    fn buffer(&self, contents: &[u8], usage: wgpu::BufferUsages) -> wgpu::Buffer {
+        let descriptor = wgpu::util::BufferInitDescriptor { label: None, contents, usage };
+        self.gpu.device.create_buffer_init(&descriptor)
+    }
+
+    fn bind(&self, group: usize, entries: &[wgpu::BindGroupEntry<'_>]) -> wgpu::BindGroup {
+        let descriptor = wgpu::BindGroupDescriptor { label: None, layout: &self.layouts[group], entries };
+        self.gpu.device.create_bind_group(&descriptor)
+    }
+
+    /// For each ray, the first triangle it meets, u32::MAX if there is none.
+    fn trace(&self, scene: &wgpu::BindGroup, rays: &[Ray]) -> Vec<u32> {
+        let storage = wgpu::BufferUsages::STORAGE;
+        let aimed = self.buffer(bytemuck::cast_slice(rays), storage);
+        let zeros = vec![0u32; rays.len()];
+        let found = self.buffer(bytemuck::cast_slice(&zeros), storage | wgpu::BufferUsages::COPY_SRC);
+        let results = self.bind(1, &[bound(8, &aimed), bound(9, &found)]);
+        let read = wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST;
+        let back = self.buffer(bytemuck::cast_slice(&zeros), read);
+        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
+        {
+            let mut pass = encoder.begin_compute_pass(&Default::default());
+            pass.set_pipeline(&self.pipeline);
+            pass.set_bind_group(0, scene, &[]);
+            pass.set_bind_group(1, &results, &[]);
+            pass.dispatch_workgroups(rays.len().div_ceil(64) as u32, 1, 1);
+        }
+        encoder.copy_buffer_to_buffer(&found, 0, &back, 0, None);
+        self.gpu.queue.submit([encoder.finish()]);
+        back.map_async(wgpu::MapMode::Read, .., Result::unwrap);
+        self.gpu.wait(None).unwrap();
+        bytemuck::cast_slice(&back.get_mapped_range(..).unwrap()).to_vec()
+    }
+}
+
+fn bound(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
+    wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
+}
+
+/// A closed surface, and from where rays are aimed at it.
+struct Case {
+    name: &'static str,
+    mesh: Mesh,
+    /// Rays start in this box. Inside the surface, none may leave.
+    from: [Vec3; 2],
+    /// Aim only at points that are this much beside the line of sight's own normal: 0 for every point.
+    facing: f32,
+}
+
+/// The icosphere with each vertex moved in or out by up to `roughness` of the radius.
+fn boulder(levels: u32, roughness: f32, scale: f32, centre: Vec3) -> Mesh {
+    let mut mesh = Mesh { normals: Vec::new(), ..icosphere(levels, true, 0) };
+    let mut rng = Rng::new(7, 0);
+    // Vertices that triangles share may stand in the list several times.
+    let mut moved = HashMap::new();
+    for p in &mut mesh.positions {
+        let at = p.to_array().map(f32::to_bits);
+        let radius = *moved.entry(at).or_insert_with(|| 1.0 + roughness * (2.0 * rng.uniform() as f32 - 1.0));
+        *p = centre + scale * radius * *p;
+    }
+    mesh
+}
+
+/// A cube of edge `size` whose faces are grids of `cells` a side, on a lattice of exact numbers if both are powers
+/// of two.
+fn lattice(cells: u32, size: f32, corner: Vec3) -> Mesh {
+    let mut mesh = Mesh::default();
+    let mut index = HashMap::new();
+    let step = size / cells as f32;
+    for axis in 0..3 {
+        for side in [0, cells] {
+            for i in 0..cells {
+                for j in 0..cells {
+                    let mut vertex = |u: u32, v: u32| {
+                        let mut at = [0; 3];
+                        (at[axis], at[(axis + 1) % 3], at[(axis + 2) % 3]) = (side, u, v);
+                        *index.entry(at).or_insert_with(|| {
+                            mesh.positions.push(corner + step * Vec3::from(at.map(|c| c as f32)));
+                            mesh.positions.len() as u32 - 1
+                        })
+                    };
+                    let [a, b, c, d] = [vertex(i, j), vertex(i + 1, j), vertex(i + 1, j + 1), vertex(i, j + 1)];
+                    mesh.triangles.extend([[a, b, c], [a, c, d]]);
+                }
+            }
+        }
+    }
+    mesh
+}
+
+fn around(centre: Vec3, reach: f32) -> [Vec3; 2] {
+    [centre - reach, centre + reach]
+}
+
+fn cases() -> Vec<Case> {
+    let inside = |name, mesh, centre, reach| Case { name, mesh, from: around(centre, reach), facing: 0.0 };
+    let far = vec3(4096.0, -2048.0, 1024.0);
+    vec![
+        inside("ball, from inside", boulder(5, 0.0, 1.0, Vec3::ZERO), Vec3::ZERO, 0.5),
+        inside("boulder, from inside", boulder(4, 0.1, 1.0, Vec3::ZERO), Vec3::ZERO, 0.5),
+        inside("boulder of 1e-3", boulder(4, 0.1, 1e-3, Vec3::ZERO), Vec3::ZERO, 5e-4),
+        inside("boulder of 1e6", boulder(4, 0.1, 1e6, Vec3::ZERO), Vec3::ZERO, 5e5),
+        inside("boulder 4,700 radii off", boulder(4, 0.1, 1.0, far), far, 0.25),
+        inside("cube of exact cells", lattice(32, 2.0, Vec3::NEG_ONE), Vec3::ZERO, 0.99),
+        inside("cube of exact cells, from its centre", lattice(32, 2.0, Vec3::NEG_ONE), Vec3::ZERO, 0.0),
+        inside("cube of odd cells", lattice(37, 0.3, vec3(-0.1, 0.05, 0.7)), vec3(0.05, 0.2, 0.85), 0.14),
+        inside("cube of 12 triangles", lattice(1, 2.0, Vec3::NEG_ONE), Vec3::ZERO, 0.999),
+        Case {
+            name: "boulder, from 30 radii",
+            mesh: boulder(4, 0.02, 1.0, Vec3::ZERO),
+            from: around(vec3(20.0, -15.0, 18.0), 1.0),
+            facing: 0.5,
+        },
+        Case {
+            name: "boulder, from 10,000 radii",
+            mesh: boulder(4, 0.02, 1.0, Vec3::ZERO),
+            from: around(vec3(6e3, 5e3, -6e3), 100.0),
+            facing: 0.5,
+        },
+    ]
+}
+
+/// A ray from the case's box at a vertex, or at a point on an edge.
+fn aim(case: &Case, centre: Vec3, rng: &mut Rng) -> Ray {
+    let mut random = || rng.uniform() as f32;
+    loop {
+        let origin = case.from[0] + (case.from[1] - case.from[0]) * vec3(random(), random(), random());
+        let pick = |x: f32, n: usize| ((x * n as f32) as usize).min(n - 1);
+        let triangle = case.mesh.triangles[pick(random(), case.mesh.triangles.len())];
+        let corner = pick(random(), 3);
+        let [a, b] = [triangle[corner], triangle[(corner + 1) % 3]].map(|v| case.mesh.positions[v as usize]);
+        let along = random();
+        let target = if along < 0.4 { a } else { a + (b - a) * ((along - 0.4) / 0.6) };
+        let Some(direction) = (target - origin).try_normalize() else { continue };
+        if case.facing > 0.0 && -direction.dot((target - centre).normalize()) < case.facing {
+            continue;
+        }
+        return [origin.extend(0.0).to_array(), direction.extend(0.0).to_array()];
+    }
+}
+
+fn leaks(tracer: &Tracer, case: &Case, rays: usize) -> usize {
+    let mut scene = empty(case.name);
+    add_matte(&mut scene, Vec3::ONE);
+    place(&mut scene, case.mesh.clone());
+    let centre = case.mesh.positions.iter().sum::<Vec3>() / case.mesh.positions.len() as f32;
+    let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
+    let buffers = SceneBuffers::new(&tracer.gpu, &tables).unwrap();
+    let mut frame = Frame::default();
+    tables.describe(&mut frame);
+    let frame = tracer.buffer(bytemuck::bytes_of(&frame), wgpu::BufferUsages::UNIFORM);
+    let entries: Vec<_> = std::iter::once(bound(0, &frame)).chain(buffers.entries()).collect();
+    let group = tracer.bind(0, &entries);
+    let mut rng = Rng::new(3, 0);
+    let mut missed = 0;
+    for begin in (0..rays).step_by(BATCH) {
+        let mut batch: Vec<Ray> = (begin..rays.min(begin + BATCH)).map(|_| aim(case, centre, &mut rng)).collect();
+        for [origin, _] in &mut batch {
+            let near = Vec3::from_slice(origin).as_dvec3() - tables.origin();
+            *origin = near.as_vec3().extend(0.0).to_array();
+        }
+        missed += tracer.trace(&group, &batch).iter().filter(|&&prim| prim == u32::MAX).count();
+    }
+    missed
+}
+
+fn assert_nothing_leaks(rays: usize) {
+    let tracer = Tracer::new();
+    let cases = cases();
+    let each = rays.div_ceil(cases.len());
+    let count = |case| leaks(&tracer, case, each);
+    let leaks: Vec<_> = cases.iter().map(|case| (case.name, count(case))).collect();
+    println!("leaks of {each} rays each: {leaks:#?}");
+    assert!(leaks.iter().all(|(_, missed)| *missed == 0), "rays leak, of {each} each: {leaks:#?}");
+}
+
+#[test]
+fn no_ray_leaks_at_edges_and_vertices() {
+    assert_nothing_leaks(1_000_000);
+}
+
+#[test]
+#[ignore = "takes a minute: run it after changes to intersection"]
+fn no_ray_of_ten_million_leaks_at_edges_and_vertices() {
+    assert_nothing_leaks(10_000_000);
+}
