@@ -20,9 +20,10 @@
 // Light, and the variance of its luminance or why there is none.
 @group(1) @binding(9) var<storage, read_write> accumulated: array<vec4<u32>>;
 // As bits: mean luminance and its variance per sample, or with gloss of both lights as half floats; samples and recent
-// mean as half floats; material and, in the upper 8 bits, frames.
+// mean, over the power of two in the mean, as half floats; material and, in the upper 8 bits, frames.
 @group(1) @binding(10) var<storage, read_write> moments: array<vec4<u32>>;
 @group(1) @binding(11) var<uniform> previous: Previous;
+@group(1) @binding(12) var<storage, read_write> tally: array<u32>;
 
 // Frames before variance over time means something, as in the paper.
 const FEW_FRAMES: f32 = 4.0;
@@ -81,6 +82,11 @@ fn pack_moments(known: Known) -> vec2<u32> {
     return vec2<u32>(pack_pair(mean.x, mean.y), pack_deviations(known.variance));
 }
 
+// The power of two in a mean of luminance: what is near the mean is near 1 over it, whatever unit light is in.
+fn power_of_two_in(mean: f32) -> f32 {
+    return bitcast<f32>(max(bitcast<u32>(mean) & 0x7f800000u, 0x00800000u));
+}
+
 // Longest history of gloss in frames, once the eye has moved: the smoother, the faster it changes.
 fn gloss_longest(hit: u32) -> f32 {
     let roughness = f32((hit >> ROUGHNESS_SHIFT) & 63u) / ROUGHNESS_STEPS;
@@ -107,18 +113,42 @@ fn past_at(seen: vec3<f32>, row: u32, of_left: bool, position: vec3<f32>, normal
             && off < reach && dot(normal, unpack_normal(tap.guide.w)) > 0.9;
         let half = unpack2x16float(tap.moments.z);
         let near = select(fraction, 1.0 - fraction, offset == vec2<i32>(0));
-        let w = select(0.0, near.x * near.y, is_same && half.x > 0.0);
-        let known = unpack_moments(tap.moments.xy);
-        past.light += tap.light.matte * w;
-        past.gloss += tap.light.gloss * w;
-        past.mean += known.mean * w;
-        past.variance += known.variance * w;
-        past.recent += half.y * w;
-        past.samples += half.x * w;
-        past.frames += f32(tap.moments.w >> 24u) * w;
-        past.found += w;
+        let w = select(0.0, near.x * near.y, is_same && (tap.moments.z & 0xffffu) != 0u);
+        if w > 0.0 {
+            let known = unpack_moments(tap.moments.xy);
+            past.light += tap.light.matte * w;
+            past.gloss += tap.light.gloss * w;
+            past.mean += known.mean * w;
+            past.variance += known.variance * w;
+            past.recent += half.y * power_of_two_in(known.mean.x) * w;
+            past.samples += half.x * w;
+            past.frames += f32(tap.moments.w >> 24u) * w;
+            past.found += w;
+        }
     }
     return past;
+}
+
+fn is_finite_light(light: SplitLight) -> bool {
+    return is_finite(light.matte) && is_finite(light.gloss) && is_finite(light.a.xyy);
+}
+
+fn is_finite_past(past: Past) -> bool {
+    return is_finite(past.light) && is_finite(past.gloss) && is_finite(vec3<f32>(past.mean, past.recent))
+        && is_finite(vec3<f32>(past.variance, past.samples));
+}
+
+fn count_dropped(at: u32, dropped: bool) {
+    if dropped {
+        tally[at] = add_tally(tally[at], 0u, 1u);
+    }
+}
+
+// No light, and no history of it.
+fn leave_nothing(at: u32, material: u32, dropped: bool) {
+    accumulated[at] = pack_light(SplitLight(vec3<f32>(0.0), vec3<f32>(0.0), vec2<f32>(MISSING)));
+    moments[at] = vec4<u32>(0u, 0u, 0u, material);
+    count_dropped(at, dropped);
 }
 
 @compute @workgroup_size(8, 8)
@@ -130,7 +160,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let at = pixel_index(pixel);
     let bits = guide_image[at];
     let hit = hit_image[at].w;
-    let now = unpack_light(radiance[at]);
     let material = hit & MATERIAL_MASK;
     if bits.w == NO_NORMAL {
         accumulated[at] = vec4<u32>(0u);
@@ -139,6 +168,14 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let position = bitcast<vec3<f32>>(bits.xyz);
     let normal = unpack_normal(bits.w);
+    var now = unpack_light(radiance[at]);
+    var sampled = radiance[at].w == SAMPLED;
+    var dropped = false;
+    if !is_finite_light(now) {
+        now = SplitLight(vec3<f32>(0.0), vec3<f32>(0.0), vec2<f32>(0.0));
+        sampled = false;
+        dropped = true;
+    }
     var past = Past();
     var fraction = vec2<f32>(0.0);
     // The own eye, then the left one. Loops are what a pixel can leave early.
@@ -147,13 +184,16 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         let eye = pass_.view - i;
         let seen = seen_at(position, previous.views[eye]);
         past = past_at(seen, pixel.y, i == 1u, position, normal, material);
+        if !is_finite_past(past) {
+            past = Past();
+            dropped = true;
+        }
         fraction = fract(seen.xy - frame.centre);
     }
     let found = past.found >= 0.01;
     let scale = select(0.0, 1.0 / past.found, found);
     var samples = past.samples * scale;
     var frames = past.frames * scale;
-    let sampled = now.a.x > 0.0;
     let new_samples = select(0.0, f32(frame.spp), sampled);
     // Resampling blurs most between pixels.
     let between = 4.0 * max(fraction.x * (1.0 - fraction.x), fraction.y * (1.0 - fraction.y));
@@ -167,8 +207,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     frames *= keep;
     let total = samples + new_samples;
     if total <= 0.0 {
-        accumulated[at] = pack_light(SplitLight(vec3<f32>(0.0), vec3<f32>(0.0), vec2<f32>(MISSING)));
-        moments[at] = vec4<u32>(0u, 0u, 0u, material);
+        leave_nothing(at, material, dropped);
         return;
     }
     let alpha = new_samples / total;
@@ -189,15 +228,23 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     frames += select(0.0, 1.0, sampled);
     // Light has changed when the recent mean is off the long one by more than both may vary.
     let spread = variance.x * (1.0 / (2.0 * RECENT_FRAMES - 1.0) + 1.0 / frames) * frames / total;
-    let off = (recent - mean.x) * (recent - mean.x) / max(TRUSTED_DEVIATIONS * TRUSTED_DEVIATIONS * spread, 1e-20);
+    let off = (recent - mean.x) * (recent - mean.x) / max(TRUSTED_DEVIATIONS * TRUSTED_DEVIATIONS * spread, unseen_square());
     let trust = select(1.0, max(1.0 / off, min(FEW_FRAMES / frames, 1.0)), off > 1.0 && frames > FEW_FRAMES);
     let known = variance / totals * frames / max(frames - 1.0, 1.0);
-    accumulated[at] = pack_light(SplitLight(
+    let light = SplitLight(
         mix(past.light * scale, now.matte, alphas.x),
         mix(past.gloss * scale, now.gloss, alphas.y),
         select(vec2<f32>(UNKNOWN), known, frames >= FEW_FRAMES),
-    ));
-    let half = pack_pair(total * trust, recent);
+    );
+    if !(is_finite_light(light) && is_finite(vec3<f32>(variance, recent))) {
+        leave_nothing(at, material, true);
+        return;
+    }
+    let packed = pack_moments(Known(mean, variance));
+    let unit = power_of_two_in(unpack_moments(packed).mean.x);
+    let half = pack_pair(total * trust, recent / unit);
     let count = u32(clamp(round(frames * trust), 1.0, 255.0));
-    moments[at] = vec4<u32>(pack_moments(Known(mean, variance)), half, material | (count << 24u));
+    accumulated[at] = pack_light(light);
+    moments[at] = vec4<u32>(packed, half, material | (count << 24u));
+    count_dropped(at, dropped);
 }

@@ -1,6 +1,6 @@
 // Puts albedo and emission back (remodulation), for `resolve`.
 
-//!include frame split
+//!include frame split pack
 
 @group(1) @binding(0) var<storage, read> radiance: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> albedo: array<vec4<u32>>;
@@ -14,6 +14,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let at = pixel_index(pixel);
+    let color = remodulated(unpack_light(radiance[at]), unpack_albedo(albedo[at])) + emission[at].rgb;
     // Depth goes along: it tells how a pixel moved.
-    composed[at] = vec4<f32>(remodulated(unpack_light(radiance[at]), unpack_albedo(albedo[at])) + emission[at].rgb, emission[at].a);
+    composed[at] = select(vec4<f32>(0.0, 0.0, 0.0, DROPPED), vec4<f32>(color, emission[at].a), is_finite(color));
 }

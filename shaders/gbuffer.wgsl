@@ -26,7 +26,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let direction = ray_direction(pass_.view, vec2<f32>(pixel) + frame.centre);
     var rng = rng_for(pixel, pass_.view, 0u);
     let hit = trace_closest(origin, direction, alpha_key(rng));
-    let first = first_hit(hit, pass_.view, direction);
+    var first = first_hit(hit, pass_.view, direction);
+    let ok = is_sound(&first) && !was_cut_short;
     let is_surface = (hit.prim & SPHERE) == 0u;
     var tag = MATERIAL_NONE;
     if is_surface {
@@ -45,7 +46,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let roughness = select(1.0, first.surface.roughness, is_surface);
     albedo_image[at] = pack_albedo(Albedo(first.albedo, first.matte, roughness));
     emission_image[at] = vec4<f32>(first.emission, depth);
-    tally_image[at] = add_tally(0u, 1u, select(0u, 1u, was_cut_short));
+    tally_image[at] = add_tally(0u, 1u, select(1u, 0u, ok));
 }
 
 // Samples [begin, end) go into the running means.
@@ -55,11 +56,13 @@ fn average_footprint(pixel: vec2<u32>, at: u32, begin: u32, end: u32) {
     var matte = select(vec3<f32>(0.0), centre.matte, begin > 0u);
     var emission = select(vec3<f32>(0.0), emission_image[at].rgb, begin > 0u);
     var mixed = false;
+    var dropped = 0u;
     for (var i = begin; i < end; i += 1u) {
         var rng = rng_for(pixel, pass_.view, i);
         let direction = ray_direction(pass_.view, vec2<f32>(pixel) + sample_offset(&rng));
         let hit = trace_closest(frame.views[pass_.view].origin, direction, alpha_key(rng));
-        let first = first_hit(hit, pass_.view, direction);
+        var first = first_hit(hit, pass_.view, direction);
+        dropped += select(1u, 0u, is_sound(&first));
         mixed = mixed || is_elsewhere(at, first);
         let step = 1.0 / f32(i + 1u);
         albedo += (first.albedo - albedo) * step;
@@ -68,7 +71,7 @@ fn average_footprint(pixel: vec2<u32>, at: u32, begin: u32, end: u32) {
     }
     albedo_image[at] = pack_albedo(Albedo(albedo, matte, centre.roughness));
     emission_image[at] = vec4<f32>(emission, emission_image[at].a);
-    tally_image[at] = add_tally(tally_image[at], end - begin, select(0u, 1u, was_cut_short));
+    tally_image[at] = add_tally(tally_image[at], end - begin, dropped + select(0u, 1u, was_cut_short));
     if mixed {
         hit_image[at].w |= FLAG_MIXED;
     }

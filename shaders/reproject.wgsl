@@ -45,7 +45,7 @@ fn why_not(x: i32, row: u32, position: vec3<f32>, normal: vec3<f32>, material: u
     if dot(normal, unpack_normal(guide.w)) <= 1.0 - 0.01 * slack {
         return NORMAL;
     }
-    if SPARSE && left_radiance[at].w == 0u {
+    if SPARSE && left_radiance[at].w != SAMPLED {
         return SKIPPED;
     }
     return 0u;
@@ -135,5 +135,5 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let tap1 = unpack_light(left_radiance[row + u32(clamp(first + 1, 0, last))]);
     let matte = (tap0.matte * w0 + tap1.matte * w1) / sum;
     let gloss = (tap0.gloss * w0 + tap1.gloss * w1) / sum;
-    right_radiance[at] = pack_light(SplitLight(matte, gloss, vec2<f32>(1.0)));
+    right_radiance[at] = pack_sampled(matte, gloss);
 }

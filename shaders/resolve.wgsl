@@ -2,9 +2,9 @@
 // Temporal Supersampling", GDC 2016): each frame's rays go through another point of the pixel, and frames are averaged
 // along the camera's motion. What the frame before had is clamped to what the pixel's surroundings allow. Departures:
 // averages are of linear light, so that bright edges keep their energy; history is looked up by cubic interpolation of
-// whole pixels; how long it counts is counted in frames.
+// whole pixels; how long it counts is counted in frames, and bounded by how far they moved.
 
-//!include frame motion display
+//!include frame motion pack display
 
 @group(1) @binding(0) var<storage, read> composed: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read> last_resolved: array<vec4<f32>>;
@@ -13,11 +13,15 @@
 @group(1) @binding(3) var<storage, read_write> linear: array<vec4<f32>>;
 @group(1) @binding(4) var<storage, read_write> display: array<u32>;
 @group(1) @binding(5) var<uniform> previous: Previous;
+@group(1) @binding(6) var<storage, read_write> tally: array<u32>;
 
 // Longest history in frames, of a pixel that moved and of one that did not. Glare, what is far brighter than white, would
 // drag a trail along: where the surroundings deviate by more than white, history is shorter.
 const LONGEST_MOVED: f32 = 10.0;
 const LONGEST_STILL: f32 = 255.0;
+// What moves slowly has a history between these, over which it moves by this much, pixels: cubic interpolation moves the
+// finest detail by less than it should, and what it lags behind adds up.
+const LONGEST_WAY: f32 = 0.1;
 // Half the width of what the surroundings allow, in standard deviations.
 const ALLOWED_DEVIATIONS: f32 = 2.5;
 
@@ -66,9 +70,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let direction = ray_direction(pass_.view, at_front);
     let seen = seen_at(select(eye.origin + direction, frame.views[pass_.view].origin + direction * depth, depth > 0.0), eye);
     let size = vec2<f32>(f32(frame.width), f32(frame.height));
-    let motion = seen.xy - at_front;
-    let is_still = all(abs(motion) < vec2<f32>(0.01));
-    let moved = clamp(vec2<f32>(pixel) + select(motion, vec2<f32>(0.0), is_still), vec2<f32>(-2.0), size + 1.0);
+    let is_still = !has_moved(frame.views[pass_.view], eye);
+    let motion = select(seen.xy - at_front, vec2<f32>(0.0), is_still);
+    let moved = clamp(vec2<f32>(pixel) + motion, vec2<f32>(-2.0), size + 1.0);
     let base = floor(moved);
     let fraction = moved - base;
     let reach = i32(frame.history_rows);
@@ -90,13 +94,26 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             old += last_resolved[u32(held.y) * frame.width + u32(held.x)] * w;
         }
     }
-    let longest = select(LONGEST_MOVED / (1.0 + luminance(deviation) * frame.exposure), LONGEST_STILL, is_still);
-    let frames = select(0.0, clamp(round(old.a), 0.0, longest), has_history);
+    // From 0, of what moves by so much that its history is shortest, to 1.
+    let way = max(max(abs(motion.x), abs(motion.y)), LONGEST_WAY / LONGEST_STILL);
+    let stillness = max(LONGEST_WAY / way - LONGEST_MOVED, 0.0) / (LONGEST_STILL - LONGEST_MOVED);
+    let longest_moved = LONGEST_MOVED / (1.0 + luminance(deviation) * frame.exposure);
+    let longest = select(mix(longest_moved, LONGEST_STILL, stillness), LONGEST_STILL, is_still);
+    let is_known = has_history && is_finite(old.rgb) && is_finite(old.aaa);
+    let frames = select(0.0, clamp(round(old.a), 0.0, longest), is_known);
 
     let half = ALLOWED_DEVIATIONS * deviation;
-    let clamped = select(clamp(old.rgb, max(mean - half, vec3<f32>(0.0)), mean + half), old.rgb, is_still);
-    let color = mix(now.rgb, clamped, frames / (frames + 1.0));
-    resolved[at] = vec4<f32>(color, frames + 1.0);
+    let clamped = mix(clamp(old.rgb, max(mean - half, vec3<f32>(0.0)), mean + half), max(old.rgb, vec3<f32>(0.0)), stillness);
+    let past = select(vec3<f32>(0.0), select(clamped, old.rgb, is_still), is_known);
+    let was_dropped = now.a == DROPPED;
+    let total = frames + select(1.0, 0.0, was_dropped);
+    let joined = mix(now.rgb, past, frames / max(total, 1e-20));
+    let is_sound = is_finite(joined);
+    let color = select(now.rgb, joined, is_sound);
+    resolved[at] = vec4<f32>(color, total);
     linear[at] = vec4<f32>(color, 1.0);
     display[at] = display_code(color);
+    if was_dropped || (has_history && !is_known) || !is_sound {
+        tally[at] = add_tally(tally[at], 0u, 1u);
+    }
 }

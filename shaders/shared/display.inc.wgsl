@@ -1,7 +1,8 @@
 // Display encoding of linear light: exposure, c / (1 + c), sRGB.
 
 fn display_code(color: vec3<f32>) -> u32 {
-    let exposed = max(color * frame.exposure, vec3<f32>(0.0));
+    // Bounded, so that the quotient is 1 at most.
+    let exposed = clamp(color, vec3<f32>(0.0), vec3<f32>(1e18)) * frame.exposure;
     let c = exposed / (1.0 + exposed);
     let encoded = select(1.055 * pow(max(c, vec3<f32>(1e-9)), vec3<f32>(1.0 / 2.4)) - 0.055, c * 12.92, c <= vec3<f32>(0.0031308));
     return pack4x8unorm(vec4<f32>(encoded, 1.0));

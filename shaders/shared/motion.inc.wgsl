@@ -7,6 +7,12 @@ struct Previous {
     views: array<View, 2>,
 }
 
+// Whether an eye is anywhere else than it was, or looks another way.
+fn has_moved(now: View, before: View) -> bool {
+    return any(now.origin != before.origin) || any(now.right != before.right) || any(now.up != before.up)
+        || any(now.forward != before.forward);
+}
+
 // Where an eye sees `p`: image point in pixels from the top left corner, and distance along its view direction.
 fn seen_at(p: vec3<f32>, eye: View) -> vec3<f32> {
     let v = p - eye.origin;

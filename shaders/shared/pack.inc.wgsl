@@ -29,7 +29,7 @@ fn unpack_normal(bits: u32) -> vec3<f32> {
     return normalize(vec3<f32>(p + select(vec2<f32>(t), vec2<f32>(-t), p >= vec2<f32>(0.0)), z));
 }
 
-// `tally` image: rays traced (20 bits), non-finite samples dropped (8 bits), why a pixel is a hole (4 bits).
+// `tally` image: rays traced (20 bits), samples and later values dropped (8 bits), why a pixel is a hole (4 bits).
 // One that is left to the filter is none.
 const SKIPPED: u32 = 7u;
 
@@ -39,6 +39,10 @@ fn add_tally(tally: u32, rays: u32, nonfinite: u32) -> u32 {
     return (tally & 0xf0000000u) | (n << 20u) | r;
 }
 
+// In place of a composed pixel's depth: its colour was not finite. `resolve` counts it.
+const DROPPED: f32 = -1.0;
+
+// Asked of bits: drivers may take for granted that nothing else happens.
 fn is_finite(c: vec3<f32>) -> bool {
     let bits = bitcast<vec3<u32>>(c) & vec3<u32>(0x7f800000u);
     return all(bits != vec3<u32>(0x7f800000u));

@@ -39,12 +39,28 @@ fn is_elsewhere(at: u32, f: FirstHit) -> bool {
     return dot(n, f.surface.normal) < 0.95 || apart > 0.005 * f.hit.t;
 }
 
-// Demodulated radiance.
-fn over_albedo(reflected: vec3<f32>, gloss: vec3<f32>, albedo: Albedo) -> SplitLight {
-    if !HAS_GLOSS {
-        return SplitLight(over(reflected, albedo.all), vec3<f32>(0.0), vec2<f32>(1.0));
+// Whether a first hit is finite in all that images hold of it; what is not becomes black.
+fn is_sound(f: ptr<function, FirstHit>) -> bool {
+    if is_finite((*f).emission) && is_finite((*f).albedo) && is_finite((*f).matte) {
+        return true;
     }
-    return SplitLight(over(reflected, albedo.matte), over(gloss, albedo.all - albedo.matte), vec2<f32>(1.0));
+    (*f).emission = vec3<f32>(0.0);
+    (*f).albedo = vec3<f32>(0.0);
+    (*f).matte = vec3<f32>(0.0);
+    return false;
+}
+
+// Leaves demodulated radiance, and the pixel's counts with it: light that is not finite over its albedo is dropped.
+fn leave_radiance(at: u32, reflected: vec3<f32>, gloss: vec3<f32>, albedo: Albedo, counts: u32) {
+    var matte_light = over(reflected, albedo.all);
+    var gloss_light = vec3<f32>(0.0);
+    if HAS_GLOSS {
+        matte_light = over(reflected, albedo.matte);
+        gloss_light = over(gloss, albedo.all - albedo.matte);
+    }
+    let ok = is_finite(matte_light) && is_finite(gloss_light);
+    radiance_image[at] = select(vec4<u32>(0u, 0u, 0u, SAMPLED), pack_sampled(matte_light, gloss_light), ok);
+    tally_image[at] = add_tally(counts, 0u, select(1u, 0u, ok));
 }
 
 // Samples [pass_.arg0, pass_.arg1) of `pixel` of view `view`. Albedo, emission and radiance hold running means until
@@ -74,7 +90,7 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
         } else {
             hit = stored_hit(at);
         }
-        let first = first_hit(hit, view, direction);
+        var first = first_hit(hit, view, direction);
         if JITTER {
             mixed = mixed || is_elsewhere(at, first);
         }
@@ -82,21 +98,24 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
         if (hit.prim & SPHERE) == 0u {
             path = trace_path(first.surface, direction, &rng);
         }
-        let radiance = path.radiance * first.transmittance;
-        let ok = is_finite(radiance) && is_finite(first.emission) && is_finite(first.albedo) && !was_cut_short;
+        // Of finite samples, sums may be infinite.
+        let with_radiance = reflected + path.radiance * first.transmittance;
+        let with_gloss = gloss + path.gloss * first.transmittance;
+        let with_emission = emission + first.emission;
+        let ok = is_sound(&first) && is_finite(with_radiance) && is_finite(with_gloss) && is_finite(with_emission) && !was_cut_short;
         tally = add_tally(tally, rays + path.rays, select(1u, 0u, ok));
         if ok {
             albedo += first.albedo;
-            emission += first.emission;
-            reflected += radiance;
-            gloss += path.gloss * first.transmittance;
             matte += first.matte;
+            emission = with_emission;
+            reflected = with_radiance;
+            gloss = with_gloss;
         }
     }
     // Samples that the driver did not let begin.
-    tally_image[at] = add_tally(tally, 0u, end - i);
+    tally = add_tally(tally, 0u, end - i);
     if !JITTER {
-        radiance_image[at] = pack_light(over_albedo(reflected, gloss, Albedo(albedo, matte, 0.0)));
+        leave_radiance(at, reflected, gloss, Albedo(albedo, matte, 0.0), tally);
         return;
     }
     if mixed {
@@ -116,8 +135,9 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
     albedo_image[at] = pack_albedo(mean_albedo);
     emission_image[at] = vec4<f32>(old_emission.rgb * keep + emission * scale, emission_image[at].a);
     if end < frame.spp {
-        radiance_image[at] = pack_light(SplitLight(mean_reflected, mean_gloss, vec2<f32>(1.0)));
+        radiance_image[at] = pack_sampled(mean_reflected, mean_gloss);
+        tally_image[at] = tally;
         return;
     }
-    radiance_image[at] = pack_light(over_albedo(mean_reflected, mean_gloss, mean_albedo));
+    leave_radiance(at, mean_reflected, mean_gloss, mean_albedo, tally);
 }

@@ -7,9 +7,12 @@ override HAS_GLOSS: bool = true;
 struct SplitLight {
     matte: vec3<f32>,
     gloss: vec3<f32>,
-    // Of matte and of gloss: whether there is any, or the variance of its luminance.
+    // Of matte and of gloss: the variance of its luminance.
     a: vec2<f32>,
 }
+
+// In the last word of what was sampled in this frame; 0: nothing was. As a float, what filters weigh it with.
+const SAMPLED: u32 = 0x3f800000u;
 
 const MOST_LIGHT: f32 = 65504.0;
 
@@ -41,6 +44,11 @@ fn pack_light(light: SplitLight) -> vec4<u32> {
         pack_pair(gloss.g, gloss.b),
         pack_deviations(light.a),
     );
+}
+
+// Light of this frame.
+fn pack_sampled(matte: vec3<f32>, gloss: vec3<f32>) -> vec4<u32> {
+    return vec4<u32>(pack_light(SplitLight(matte, gloss, vec2<f32>(0.0))).xyz, SAMPLED);
 }
 
 // Variances as standard deviations; what is below 0 stays.
@@ -99,6 +107,11 @@ fn remodulated(light: SplitLight, albedo: Albedo) -> vec3<f32> {
         return light.matte * albedo.all;
     }
     return light.matte * albedo.matte + light.gloss * max(albedo.all - albedo.matte, vec3<f32>(0.0));
+}
+
+// Square of a difference in luminance that nobody sees: 1e-10 of white.
+fn unseen_square() -> f32 {
+    return 1e-20 / (frame.exposure * frame.exposure);
 }
 
 // Bounded, so that squares and sums of squares stay finite.

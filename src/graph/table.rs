@@ -341,7 +341,7 @@ fn filtered(passes: u32) -> Resource {
 /// What this frame saw, joined with what the frame before left. What the right eye never saw, the left may have.
 fn accumulate(spec: &FrameSpec, view: Eye) -> Pass {
     const LAST: [Resource; 3] = [LastGuide, LastMoments, LastHistory];
-    let mut pass = Pass::new(Stage::Accumulate, view).reads(&[Hit, Guide, Radiance]);
+    let mut pass = Pass::new(Stage::Accumulate, view).reads(&[Hit, Guide, Radiance, Tally]);
     if let Some(rows) = spec.history_rows {
         let halo = match spec.seam {
             Seam::Halo(_) => rows,
@@ -353,7 +353,7 @@ fn accumulate(spec: &FrameSpec, view: Eye) -> Pass {
         }
     }
     pass.filter = Some((Radiance, filtered(1)));
-    pass.writes(&[filtered(1), Moments])
+    pass.writes(&[filtered(1), Moments, Tally])
 }
 
 /// The first of these links, whose results reach the last one without another exchange.
@@ -387,7 +387,8 @@ fn finish(spec: &FrameSpec, view: Eye, chain: &[Link], out: &mut Vec<Pass>) {
     if spec.filter() == Filter::Svgf {
         resolve(spec, view, last, out);
     } else {
-        let mut tonemap = Pass::new(Stage::Tonemap, view).reads(&[last, Albedo, Emission]).writes(&[Linear, Display]);
+        let tonemap = Pass::new(Stage::Tonemap, view).reads(&[last, Albedo, Emission, Tally]);
+        let mut tonemap = tonemap.writes(&[Linear, Display, Tally]);
         tonemap.filter = Some((last, last));
         out.push(tonemap);
     }
@@ -410,7 +411,8 @@ fn resolve(spec: &FrameSpec, view: Eye, last: Resource, out: &mut Vec<Pass>) {
     compose.filter = Some((last, next));
     compose.margin_rows = reach;
     out.push(compose);
-    let mut pass = Pass::new(Stage::Resolve, view).reads_of(view, &[next], reach).writes(&[Resolved, Linear, Display]);
+    let mut pass = Pass::new(Stage::Resolve, view).reads_of(view, &[next], reach).reads(&[Tally]);
+    pass = pass.writes(&[Resolved, Linear, Display, Tally]);
     pass.filter = Some((next, next));
     if let Some(rows) = history {
         pass = pass.reads_of(view, &[LastResolved], rows);

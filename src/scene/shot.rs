@@ -6,6 +6,7 @@
 mod check;
 mod file;
 
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
 use glam::Vec3;
@@ -79,6 +80,10 @@ impl Gaze {
     }
 }
 
+/// Stops that a picture may be exposed by. White paper in the sun, lit by 100,000 lux, is white at −15, under stars at +12.
+/// Light on its way to the picture is kept in half floats scaled by 2 to this power, and its squares in f32.
+pub const EXPOSURE_EV: RangeInclusive<f64> = -24.0..=24.0;
+
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shot {
     pub name: String,
@@ -89,7 +94,7 @@ pub struct Shot {
     /// Beside the scene's own.
     pub lights: Vec<ShotLight>,
     pub gaze: Gaze,
-    /// Stops, for display images only.
+    /// Stops, within [`EXPOSURE_EV`]. Linear images are not scaled by it.
     pub exposure_ev: f32,
 }
 

@@ -20,6 +20,7 @@ pub(super) const ROOM: Room = Room {
         Slot::FilterTarget,
         Slot::Write(P::Moments),
         Slot::PreviousViews,
+        Slot::Write(P::Tally),
     ],
     clears: &[],
     dispatches,

@@ -200,6 +200,8 @@ const ROOMS: [Room; 15] = [
 ];
 
 #[cfg(test)]
+mod history_tests;
+#[cfg(test)]
 mod light_density_tests;
 #[cfg(test)]
 mod tests;

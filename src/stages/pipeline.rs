@@ -310,7 +310,7 @@ impl DeviceStages {
 /// Whether a stage adds to the pixels' counts instead of setting them. The other images that it reads and writes, it
 /// sets at its first sample, or sets bits of that are the same every time.
 fn adds_counts(stage: Stage) -> bool {
-    matches!(stage, Stage::PathTrace | Stage::HoleFill)
+    matches!(stage, Stage::PathTrace | Stage::HoleFill | Stage::Accumulate | Stage::Resolve | Stage::Tonemap)
 }
 
 fn scratch(gpu: &GpuDevice, size: u64) -> wgpu::Buffer {

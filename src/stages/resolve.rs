@@ -14,6 +14,7 @@ pub(super) const ROOM: Room = Room {
         Slot::Write(P::Linear),
         Slot::Write(P::Display),
         Slot::PreviousViews,
+        Slot::Write(P::Tally),
     ],
     clears: &[],
     dispatches,

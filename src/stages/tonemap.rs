@@ -13,6 +13,7 @@ pub(super) const ROOM: Room = Room {
         Slot::Read(P::Emission, Of::TaskView),
         Slot::Write(P::Linear),
         Slot::Write(P::Display),
+        Slot::Write(P::Tally),
     ],
     clears: &[],
     dispatches,

@@ -1,9 +1,13 @@
 //! What is shown is what was computed.
 
 use crate::common::{Stage, Subject};
-use diptych::exec::RenderSettings;
+use diptych::exec::{RenderSettings, Stereo};
+use diptych::image::RgbImage;
 use diptych::image::display::tonemap;
+use diptych::scene::load::load_shot;
 use diptych::scene::rig::Eye;
+use diptych::scene::{Environment, Light, LightKind};
+use glam::Vec3;
 
 /// The devices' encoding against the host's, in f64; rounding may move a value by one level.
 #[test]
@@ -23,6 +27,51 @@ fn the_display_image_is_the_tonemapped_linear_image() {
         for (i, (e, s)) in expected.pixels.iter().zip(&shown.pixels).enumerate() {
             let apart = (0..3).map(|c| e[c].abs_diff(s[c])).max();
             assert!(apart <= Some(1), "{eye} eye, pixel {i}: {s:?} instead of {e:?}");
+        }
+    }
+}
+
+/// A checker under a sun of `sun_lux`, all its other light as much brighter than usual.
+fn under_a_sun(brightness: f32, sun_lux: f32) -> Subject {
+    let (shot, mut scene) = load_shot("builtin:checker").unwrap();
+    scene.materials.iter_mut().for_each(|m| m.emissive *= brightness);
+    scene.environment = Environment::Constant(Vec3::splat(0.5 * brightness));
+    let kind = LightKind::Directional { direction: Vec3::new(0.3, -1.0, -0.4).normalize(), angle_rad: 0.01 };
+    scene.lights = vec![Light { kind, strength: Vec3::splat(sun_lux) }];
+    Subject::new("checker in the sun", scene, shot.rig)
+}
+
+/// Frames over a path, in units in which white is 1.
+fn exposed(exposure_ev: f32, gloss: bool) -> Vec<Stereo<RgbImage>> {
+    let white = (-exposure_ev).exp2();
+    // 100,000 lux at −17 EV.
+    let subject = under_a_sun(white, 1e5 * (white / 17f32.exp2()));
+    let mut settings = RenderSettings { exposure_ev, ..subject.accumulated(96, 54) };
+    settings.stages.needs.gloss = gloss;
+    let mut stage = Stage::alone(&subject, &settings);
+    let frame = |i: u32| stage.frame_at(0.02 * f64::from(i), i).linear;
+    let mut frames: Vec<_> = (0..8).map(frame).collect();
+    let values = frames.iter_mut().flat_map(|f| [&mut f.left, &mut f.right]).flat_map(|eye| &mut eye.pixels);
+    values.for_each(|pixel| *pixel = pixel.map(|v| v / white));
+    frames
+}
+
+/// Powers of two scale floats and half floats exactly, so that all that is left of the unit of light is how the smallest
+/// of them are rounded.
+#[test]
+fn light_and_exposure_may_be_in_any_unit() {
+    for gloss in [true, false] {
+        let expected = exposed(0.0, gloss);
+        for exposure_ev in [-24.0, -20.0, -17.0, 20.0, 24.0] {
+            let mut worst = 0.0f32;
+            for (e, f) in expected.iter().zip(&exposed(exposure_ev, gloss)) {
+                for (e, f) in [(&e.left, &f.left), (&e.right, &f.right)] {
+                    let pairs = e.pixels.as_flattened().iter().zip(f.pixels.as_flattened());
+                    worst = pairs.map(|(e, f)| (e - f).abs() / (e + 1e-3)).fold(worst, f32::max);
+                }
+            }
+            println!("gloss {gloss}, {exposure_ev} EV: a pixel is off by {worst:.1e}");
+            assert!(worst < 1e-4, "gloss {gloss}, {exposure_ev} EV: a pixel is off by {worst:.1e}");
         }
     }
 }

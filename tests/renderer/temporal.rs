@@ -7,7 +7,8 @@ use diptych::exec::{RenderSettings, Stereo};
 use diptych::image::{Image, RgbImage};
 use diptych::metrics::temporal::{History, Surfaces};
 use diptych::metrics::{self, Errors};
-use diptych::scene::rig::RigKey;
+use diptych::scene::load::load_shot;
+use diptych::scene::rig::{Rig, RigKey};
 use diptych::scene::{Light, LightKind};
 use diptych::stages::Aov;
 use glam::{DVec3, Vec3};
@@ -122,6 +123,56 @@ fn what_a_passing_board_uncovers_has_its_own_light() {
     assert!(pixels > 80, "{pixels} pixels were uncovered");
     // Pixels beside the board show some of it for a frame more, since antialiasing does not know that they are new.
     assert!((found / expected - 1.0).abs() < 0.15, "uncovered pixels have {} of their light", found / expected);
+}
+
+/// A chequered world that shows its colours without any light, so that nothing but antialiasing can be off.
+fn unlit(rig: Rig) -> Subject {
+    let (_, mut scene) = load_shot("builtin:checker").unwrap();
+    scene.materials.iter_mut().for_each(|m| m.unlit = true);
+    Subject::new("unlit checker", scene, rig)
+}
+
+/// A rig that turns to the right until one second, by `pixels` in all, and has its eyes in one place.
+fn turning(pixels: f64) -> Rig {
+    let yfov_rad = 1.0f64;
+    let turn = pixels * 2.0 * (0.5 * yfov_rad).tan() / f64::from(HEIGHT);
+    let position = DVec3::new(0.0, 1.6, 0.0);
+    let ahead = DVec3::new(0.0, -0.15, -10.0);
+    let key =
+        |time_s, aside: f64| RigKey { time_s, position, target: position + ahead + DVec3::X * aside, up: DVec3::Y };
+    Rig { yfov_rad, baseline_m: 0.0, metres_per_unit: 1.0, keys: vec![key(0.0, -10.0 * turn), key(1.0, 0.0)] }
+}
+
+/// Pixels by which `found` lies to the right of `right`, by least squares over its edges.
+fn lag_px(right: &RgbImage, found: &RgbImage) -> f64 {
+    let at = |image: &RgbImage, i: usize| image.pixels[i].iter().map(|c| f64::from(*c)).sum::<f64>();
+    let inner = (0..right.pixels.len()).filter(|i| (1..WIDTH as usize - 1).contains(&(i % WIDTH as usize)));
+    let terms = inner.map(|i| {
+        let slope = 0.5 * (at(right, i - 1) - at(right, i + 1));
+        [slope * (at(found, i) - at(right, i)), slope * slope]
+    });
+    let [across, square] = terms.fold([0.0; 2], |sum, term| [sum[0] + term[0], sum[1] + term[1]]);
+    across / square
+}
+
+/// However slowly the eyes turn, the picture is where they look: that of eyes which have been there all the time.
+#[test]
+fn a_creeping_camera_drags_nothing_behind() {
+    const FRAMES: u32 = 200;
+    let picture = |speed_px: f64| {
+        let subject = unlit(turning(speed_px * f64::from(FRAMES - 1)));
+        let mut stage = Stage::alone(&subject, &subject.accumulated(WIDTH, HEIGHT));
+        (0..FRAMES - 1).for_each(|i| drop(stage.frame_at(f64::from(i) / f64::from(FRAMES - 1), i)));
+        stage.frame_at(1.0, FRAMES - 1).linear.left
+    };
+    let still = picture(0.0);
+    for speed_px in [0.0005, 0.002, 0.009, 0.03] {
+        let found = picture(speed_px);
+        let lag = lag_px(&still, &found);
+        let rmse = metrics::compare(&still, &found).unwrap().rmse;
+        println!("{speed_px} px a frame: {lag:.4} px behind, RMSE {rmse:.4}");
+        assert!(lag.abs() < 0.05, "{speed_px} px a frame: {lag} px behind");
+    }
 }
 
 /// Eyes that see nothing again of what they saw have no history: the frame is that of a run that begins there.

@@ -7,7 +7,7 @@ use glam::{DVec3, Vec3};
 use toml::Spanned;
 
 use super::file::{EnvironmentTable, GazeTable, KeyTable, Kind, LightTable, Number, RigTable, ShotFile, Triple};
-use super::{Gaze, SceneSource, Shot, ShotEnvironment, ShotLight, ShotLightKind, Sky};
+use super::{EXPOSURE_EV, Gaze, SceneSource, Shot, ShotEnvironment, ShotLight, ShotLightKind, Sky};
 use crate::scene::SceneError;
 use crate::scene::rig::{DEFAULT_BASELINE_M, Rig, RigKey};
 
@@ -27,6 +27,7 @@ const NOT_NEGATIVE: Allowed = Allowed { test: |v| v >= 0.0, what: "0 or a number
 const YFOV: Allowed = Allowed { test: |v| (1e-6..180.0).contains(&v), what: "degrees from 1e-6 to below 180" };
 const DISC: Allowed = Allowed { test: |v| (0.0..90.0).contains(&v), what: "degrees from 0 to below 90" };
 const CONE: Allowed = Allowed { test: |v| (0.0..=90.0).contains(&v), what: "degrees from 0 to 90" };
+const STOPS: Allowed = Allowed { test: |v| EXPOSURE_EV.contains(&v), what: "stops from -24 to 24" };
 const FRACTION: Allowed = Allowed { test: |v| (0.0..=1.0).contains(&v), what: "a number from 0 to 1" };
 
 type Result<T> = std::result::Result<T, SceneError>;
@@ -42,7 +43,7 @@ pub fn shot(text: &str, origin: &str) -> Result<Shot> {
         environment: file.environment.map(|table| check.environment(&table)).transpose()?,
         lights: lights.map(|(i, table)| check.light(i, table, &rig)).collect::<Result<_>>()?,
         gaze: file.gaze.map(|table| check.gaze(&table)).transpose()?.unwrap_or_default(),
-        exposure_ev: check.number_or("exposure.ev", file.exposure.and_then(|e| e.ev).as_ref(), 0.0, &ANY)? as f32,
+        exposure_ev: check.number_or("exposure.ev", file.exposure.and_then(|e| e.ev).as_ref(), 0.0, &STOPS)? as f32,
         rig,
     })
 }

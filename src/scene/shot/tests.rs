@@ -217,7 +217,9 @@ fn gaze_and_exposure_are_checked() {
     fails(path, "path = []", &["gaze.path is empty"]);
     fails(path, "path = [[0.0, 1.5, 0.5]]", &["gaze.path[0]", "0 to 1"]);
     fails(path, "path = [[0.0, 0.5, 0.5], [0.0, 0.5, 0.5]]", &["gaze.path[1]", "after 0 s"]);
-    fails("ev = -1.5", "ev = nan", &["exposure.ev"]);
+    for wrong in ["nan", "-24.1", "25", "-150", "1e30"] {
+        fails("ev = -1.5", &format!("ev = {wrong}"), &["exposure.ev", "-24 to 24"]);
+    }
 }
 
 #[test]

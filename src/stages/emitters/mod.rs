@@ -87,7 +87,7 @@ impl Emitters {
         let mut out = Self::default();
         let (mut spheres, mut local, mut directional) = (Vec::new(), Vec::new(), Vec::new());
         for light in scene.lights.iter().filter(|l| luminance(l.strength) > 0.0) {
-            let light = relative_to(accel.origin, light);
+            let light = told_from_a_point(relative_to(accel.origin, light));
             match light.kind {
                 LightKind::Directional { .. } => directional.push(gpu_light(&light)),
                 _ if radius(&light) > 0.0 => spheres.push((gpu_light(&light), local_bounds(&light))),
@@ -163,12 +163,28 @@ fn relative_to(origin: DVec3, light: &scene::Light) -> scene::Light {
     light
 }
 
+/// Smaller spheres have a square that shaders tell from 0 badly or not at all.
+const SMALLEST_RADIUS: f32 = 1e-15;
+
+/// Makes a point of a sphere that is too small or too bright for f32: there is no more to see of it.
+fn told_from_a_point(mut light: scene::Light) -> scene::Light {
+    let is_told = radius(&light) >= SMALLEST_RADIUS && sphere_radiance(&light).is_finite();
+    if let LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } = &mut light.kind
+        && !is_told
+    {
+        *radius = 0.0;
+    }
+    light
+}
+
+fn sphere_radiance(light: &scene::Light) -> Vec3 {
+    let r = radius(light);
+    light.strength / (std::f32::consts::PI * r * r)
+}
+
 fn gpu_light(light: &scene::Light) -> Light {
     let base = Light { strength: light.strength, radius: radius(light), ..Light::default() };
-    let strength = match radius(light) {
-        r if r > 0.0 => light.strength / (std::f32::consts::PI * r * r),
-        _ => light.strength,
-    };
+    let strength = if radius(light) > 0.0 { sphere_radiance(light) } else { light.strength };
     match light.kind {
         LightKind::Point { position, .. } => Light { position, strength, ..base },
         LightKind::Spot { position, direction, cos_inner, cos_outer, .. } => Light {

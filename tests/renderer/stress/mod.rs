@@ -122,6 +122,32 @@ fn rays_that_are_cut_short_are_counted() {
     }
 }
 
+/// Light that is finite in each sample and infinite in a sum, over an albedo or with what a surface emits.
+#[test]
+fn light_that_overflows_is_dropped_and_counted() {
+    let (scene, camera) = rows::too_bright();
+    let subject = subject("too bright", scene, camera);
+    let [plain, denoised, accumulated] = [Subject::settings, Subject::denoised, Subject::accumulated];
+    for (name, settings) in [("plain", plain), ("denoised", denoised), ("accumulated", accumulated)] {
+        for (spp, gloss) in [(1, true), (1, false), (4, true)] {
+            let mut settings = settings(&subject, WIDTH, HEIGHT);
+            settings.stages.spp = spp;
+            settings.stages.needs.gloss = gloss;
+            let mut stage = Stage::alone(&subject, &settings);
+            for frame in 0..3 {
+                let frame = stage.frame_with_drops(frame);
+                let dropped = frame.report.tallies.map(|tally| tally.nonfinite);
+                println!("{name}, {spp} samples, gloss {gloss}: {dropped:?} dropped");
+                for (eye, dropped) in [&frame.linear.left, &frame.linear.right].into_iter().zip(dropped) {
+                    let is_sound = eye.pixels.as_flattened().iter().all(|c| c.is_finite() && *c >= 0.0);
+                    assert!(is_sound, "{name}, {spp} samples, gloss {gloss}: a pixel is no radiance");
+                    assert!(dropped > 0, "{name}, {spp} samples, gloss {gloss}: nothing was counted");
+                }
+            }
+        }
+    }
+}
+
 #[test]
 #[ignore = "takes minutes: run it after changes to lights, sampling or intersection"]
 fn every_one_of_many_samples_is_finite() {

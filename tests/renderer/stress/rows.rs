@@ -142,7 +142,14 @@ fn lights() -> Vec<Row> {
             s.lights.push(point(vec3(-1.0, lift, 0.0), 0.0, 1.0));
         }
     });
+    let bright_point = |radius| floor_with("bright point", |s| s.lights.push(point(vec3(0.3, 1.0, 0.2), radius, 1e12)));
+    let brightest = {
+        let (scene, camera) = bright_point(0.0);
+        image("bright point light", scene, camera, DIRECT)
+    };
     vec![
+        row("a light of radius 1e-21", of_radius(1e-21), DIRECT, times(1.0, 0.0, as_point(DIRECT))),
+        row("a light of radius 1e-14 and 1e12 W/sr", bright_point(1e-14), DIRECT, times(1.0, 0.0, brightest)),
         row("a light of radius 1e-6, direct", of_radius(1e-6), DIRECT, times(1.0, 1e-4, as_point(DIRECT))),
         row("a light of radius 1e-6", of_radius(1e-6), FULL, finite()),
         row("emission of 1e8", (bright, camera), FULL, times(factor, 0.0, mild)),
@@ -190,6 +197,16 @@ pub fn layers(count: u32, alpha_mode: AlphaMode) -> (Scene, Pinhole) {
         place(&mut scene, quad(corner, 4.0 * Vec3::X, 4.0 * Vec3::Y, open));
     }
     (scene, Pinhole::looking_at(vec3(0.0, 0.0, 1.0), Vec3::ZERO, Vec3::Y, 45.0))
+}
+
+/// Two lamps that light each other and a glossy floor, so bright that f32 holds each light but not the sum of two.
+pub fn too_bright() -> (Scene, Pinhole) {
+    floor_with("too bright", |s| {
+        s.materials[0] = Material { metallic: 0.5, roughness: 0.3, ..matte() };
+        let lamp = add_material(s, Material { emissive: Vec3::splat(3e38), double_sided: true, ..matte() });
+        place(s, quad(vec3(-0.6, 0.1, -0.5), Vec3::Z, Vec3::Y, lamp));
+        place(s, quad(vec3(0.6, 0.1, -0.5), Vec3::Z, Vec3::Y, lamp));
+    })
 }
 
 /// The floor under a lamp and a sky, as a comparison for what is put onto it.

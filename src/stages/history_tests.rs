@@ -1,0 +1,176 @@
+//! What is not finite in a frame's history goes no further, and is counted: put there between two frames, on a device.
+
+use glam::{DVec3, Vec2};
+
+use super::layout::{Frame, NO_CURVE, NO_HISTORY, View};
+use super::{DeviceStages, Place, RowTally, Sampler, SceneTables, StageSettings, StageTask, Stamps};
+use crate::accel::Accel;
+use crate::device::{self, GpuDevice, Selection, ShaderChecks};
+use crate::graph::{
+    Assignment, Filter, FrameGraph, FrameSpec, HaloPlan, PhysicalImage, Seam, Stage, Stripes, TaskKind, Views, passes,
+};
+use crate::image::Extent;
+use crate::scene::builtin;
+use crate::scene::needs::SceneNeeds;
+use crate::scene::rig::{Eye, Rig, RigKey};
+
+const EXTENT: Extent = Extent { width: 48, height: 32 };
+const ITERATIONS: u32 = 3;
+const HISTORY_ROWS: u32 = 4;
+
+/// NaN as a float and as two half floats.
+const NAN: u32 = 0x7fc0_7fc0;
+
+/// A scene on one device, whose frames follow one another as `exec` has them.
+struct Bench {
+    gpu: GpuDevice,
+    stages: DeviceStages,
+    stamps: Stamps,
+    tables: SceneTables,
+    frames: u32,
+    before: Option<[View; 2]>,
+}
+
+fn spec(history_rows: Option<u32>) -> FrameSpec {
+    FrameSpec {
+        extent: EXTENT,
+        devices: 1,
+        views: Views::Traced,
+        sparse: false,
+        filter: Filter::Svgf,
+        iterations: ITERATIONS,
+        history_rows,
+        seam: Seam::Halo(HaloPlan::RECOMPUTE),
+        aovs: 0,
+        has_surfaces: true,
+    }
+}
+
+impl Bench {
+    fn new(gloss: bool) -> Self {
+        let scene = (builtin::find("checker").unwrap().build)();
+        let selection = Selection { adapters: None, virtual_devices: 1, threads_per_device: None };
+        let gpu = device::open(&selection).expect("this test needs an adapter").swap_remove(0);
+        let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
+        let settings = StageSettings {
+            extent: EXTENT,
+            needs: SceneNeeds { gloss, ..SceneNeeds::of(&scene) },
+            sampler: Sampler::Sobol,
+            spp: 1,
+            mixes_spp: false,
+            filter: Filter::Svgf,
+            iterations: ITERATIONS,
+            reproject: false,
+            sparse: false,
+            foveation: None,
+            aovs: Vec::new(),
+            frames_in_flight: 1,
+            checks: ShaderChecks::Fast,
+        };
+        let needed: Vec<Stage> = passes(&spec(Some(0))).iter().map(|p| p.stage).collect();
+        let stages = DeviceStages::new(&gpu, settings, &tables, &needed).unwrap();
+        let stamps = Stamps::new(&gpu.device);
+        Self { gpu, stages, stamps, tables, frames: 0, before: None }
+    }
+
+    /// Makes the next frame, whose eyes are `step` to the right of where those of the frame before were. Returns the
+    /// colours of both eyes and how many values were dropped.
+    fn frame(&mut self, step: f64) -> (Vec<f32>, u32) {
+        let (frame, place) = (self.constants(step), Place::of(u64::from(self.frames), 1));
+        let before = self.before.replace(frame.views);
+        let assignment = Assignment::uniform(Stripes::even(EXTENT.height, 1));
+        let graph = FrameGraph::build(&spec(before.map(|_| HISTORY_ROWS)), &assignment, before.map(|_| &assignment));
+        self.stages.set_frame(&self.gpu, &frame, &before.unwrap_or(frame.views), place);
+        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
+        for task in graph.tasks_of(0) {
+            if let TaskKind::Dispatch { stage, index, valid, filter } = task.kind.clone() {
+                let task = StageTask { stage, view: task.view, index, rows: task.rows.clone(), valid, filter };
+                self.stages.record(&self.gpu, &mut encoder, &mut self.stamps, &task, 1);
+            }
+        }
+        self.gpu.queue.submit([encoder.finish()]);
+        self.stamps.reset();
+        self.frames += 1;
+        let [colors, rows] = [PhysicalImage::Linear, PhysicalImage::RowTally]
+            .map(|image| Eye::ALL.map(|eye| self.read(image, eye, place)).concat());
+        let rows: &[RowTally] = bytemuck::cast_slice(&rows);
+        (bytemuck::cast_slice(&colors).to_vec(), rows.iter().map(|row| row.nonfinite).sum())
+    }
+
+    fn constants(&self, step: f64) -> Frame {
+        let position = DVec3::new(step * f64::from(self.frames), 1.6, 0.0);
+        let key = RigKey { time_s: 0.0, position, target: position + DVec3::new(0.0, -0.15, -10.0), up: DVec3::Y };
+        let rig = Rig { yfov_rad: 1.05, baseline_m: 0.064, metres_per_unit: 1.0, keys: vec![key] };
+        let mut frame = Frame {
+            views: Eye::ALL.map(|eye| View::new(&rig.view(0.0, eye), 1.5)),
+            width: EXTENT.width,
+            height: EXTENT.height,
+            index: self.frames,
+            spp: 1,
+            reflections: 2,
+            exposure: 1.0,
+            curve_shift: NO_CURVE,
+            history_rows: if self.before.is_some() { HISTORY_ROWS } else { NO_HISTORY },
+            centre: Vec2::splat(0.5),
+            layer_iterations: [ITERATIONS; 3],
+            sampled_share: 1.0,
+            ..Frame::default()
+        };
+        self.tables.describe(&mut frame);
+        frame
+    }
+
+    fn read(&self, image: PhysicalImage, eye: Eye, place: Place) -> Vec<u8> {
+        let from = self.stages.images.buffer(image, eye, place);
+        let to = self.gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: None,
+            size: from.size(),
+            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
+        encoder.copy_buffer_to_buffer(from, 0, &to, 0, from.size());
+        self.gpu.queue.submit([encoder.finish()]);
+        to.slice(..).map_async(wgpu::MapMode::Read, |mapped| mapped.unwrap());
+        self.gpu.wait(None).unwrap();
+        to.slice(..).get_mapped_range().unwrap().to_vec()
+    }
+
+    /// Overwrites words `words` of a pixel in the middle of what the last frame left.
+    fn poison(&self, image: PhysicalImage, words: std::ops::Range<u64>) {
+        let pixel = u64::from(EXTENT.height / 2 * EXTENT.width + EXTENT.width / 2);
+        let last = self.stages.images.buffer(image, Eye::Left, Place::of(u64::from(self.frames), 1));
+        for word in words {
+            self.gpu.queue.write_buffer(last, 16 * pixel + 4 * word, bytemuck::bytes_of(&NAN));
+        }
+    }
+}
+
+/// With eyes that stand still, creep and move, with and without gloss.
+#[test]
+fn history_that_is_not_finite_is_dropped_and_counted() {
+    let places = [
+        (PhysicalImage::LastHistory, 0..4),
+        (PhysicalImage::LastHistory, 1..2),
+        (PhysicalImage::LastMoments, 0..2),
+        (PhysicalImage::LastMoments, 2..3),
+        (PhysicalImage::LastResolved, 0..4),
+        (PhysicalImage::LastResolved, 2..3),
+        (PhysicalImage::LastResolved, 3..4),
+    ];
+    for gloss in [false, true] {
+        let mut bench = Bench::new(gloss);
+        for step in [0.0, 1e-4, 0.01] {
+            assert_eq!(bench.frame(step).1, 0);
+            for (image, words) in places.clone() {
+                let what = format!("gloss {gloss}, step {step}, {image:?} {words:?}");
+                bench.poison(image, words);
+                let [(first, dropped), (second, later)] = [0, 1].map(|_| bench.frame(step));
+                let is_sound = |colors: &[f32]| colors.iter().all(|c| c.is_finite() && *c >= 0.0);
+                assert!(is_sound(&first) && is_sound(&second), "{what}: it is still there");
+                assert!((1..=32).contains(&dropped), "{what}: {dropped} values were counted");
+                assert_eq!(later, 0, "{what}: it came back");
+            }
+        }
+    }
+}
