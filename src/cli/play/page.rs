@@ -119,7 +119,7 @@ fn pictures(
         row.spp,
         row.elapsed_s,
         if args.report_spp.is_some() { "--report-spp asked for" } else { "the time allowed" },
-        page::FLIP_NOTE,
+        page::flip_note(loaded),
     );
     page::pictures(note, &groups)
 }

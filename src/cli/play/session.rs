@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::collections::HashMap;
 use std::time::Instant;
 
-use diptych::control::{Budget, Controller, Decision, Ladder, Makespan, Origin};
+use diptych::control::{Budget, Controller, Decision, ESTIMATES_EV, Ladder, Origin};
 use diptych::device::GpuDevice;
 use diptych::exec::{FrameReport, Quality, Renderer};
 use diptych::image::Extent;
@@ -109,7 +109,7 @@ impl Session {
     /// Tells the controller, the trace and whoever listens.
     fn take_in(&mut self, frame: &FrameReport, decided: Decided, late_ms: f64) -> FrameRow {
         let Decided { decision: Decision { rung, expected_ms, fits }, decide_ms } = decided;
-        self.controller.observe(rung, Makespan::Ms(frame.makespan_ms));
+        self.controller.observe(rung, frame.makespan_ms);
         let lost = self.renderer.faults().len();
         if std::mem::replace(&mut self.lost, lost) != lost {
             self.controller.devices_changed();
@@ -152,9 +152,10 @@ fn find_ladder(
         shot: render.shot.clone(),
         size: render.size.to_string(),
         devices: Vec::new(),
-        version: concat!(env!("CARGO_PKG_VERSION"), "; flip and relmse are estimated").to_owned(),
+        version: concat!(env!("CARGO_PKG_VERSION"), "; flip is estimated").to_owned(),
     };
     let (rig, rows) = (&loaded.shot.rig, render.size.height);
+        exposure_ev: ESTIMATES_EV,
     let ladder = Calibration::new(renderer, rig, render.time, rows, &options.layers()).ladder(choice, origin);
     // The first frame is not to find what was timed.
     renderer.begin_anew();
