@@ -26,6 +26,8 @@ pub struct Session {
     pub ladder: Ladder,
     pub tracing: Tracing,
     pub progress: Progress,
+    /// How long it took until the first frame could begin.
+    pub warm_up_s: f64,
     qualities: Vec<Quality>,
     controller: Controller,
     budget: Budget,
@@ -54,11 +56,13 @@ impl Session {
     ) -> Result<Self, Failure> {
         let Prepared { options, choice, render, .. } = prepared;
         progress.phase("warming up");
+        let begin = Instant::now();
         let mut renderer =
             setup::varying_renderer(render, loaded, gpus, tracing.recorder.origin(), choice.mixes_spp())?;
         record_devices(&tracing.recorder, renderer.devices());
         let ladder = find_ladder(prepared, loaded, &mut renderer, &progress)?;
         Ok(Self {
+            warm_up_s: begin.elapsed().as_secs_f64(),
             qualities: qualities(&ladder, &options.layers()),
             controller: Controller::new(&ladder, options.budget_ms),
             live: Live::new(options.budget_ms, renderer.devices(), ladder.rungs().len(), prepared.frames),
@@ -92,7 +96,7 @@ impl Session {
         self.qualities[decided.decision.rung].fovea
     }
 
-    /// Renders a frame as decided, `late_ms` after it was due.
+    /// Renders a frame as decided, `late_ms` after it was due; returns its row and its report.
     pub fn render(
         &mut self,
         decided: Decided,
@@ -100,10 +104,10 @@ impl Session {
         rig: &Rig,
         time_s: f64,
         index: u32,
-    ) -> Result<FrameRow, Failure> {
+    ) -> Result<(FrameRow, FrameReport), Failure> {
         self.renderer.set_quality(self.qualities[decided.decision.rung].clone())?;
         let frame = self.renderer.render(rig, time_s, index)?;
-        Ok(self.take_in(&frame, decided, late_ms))
+        Ok((self.take_in(&frame, decided, late_ms), frame))
     }
 
     /// Tells the controller, the trace and whoever listens.
@@ -151,11 +155,11 @@ fn find_ladder(
     let origin = Origin {
         shot: render.shot.clone(),
         size: render.size.to_string(),
+        exposure_ev: ESTIMATES_EV,
         devices: Vec::new(),
         version: concat!(env!("CARGO_PKG_VERSION"), "; flip is estimated").to_owned(),
     };
     let (rig, rows) = (&loaded.shot.rig, render.size.height);
-        exposure_ev: ESTIMATES_EV,
     let ladder = Calibration::new(renderer, rig, render.time, rows, &options.layers()).ladder(choice, origin);
     // The first frame is not to find what was timed.
     renderer.begin_anew();
