@@ -1,4 +1,4 @@
-# make demo    the built-in scene on two virtual devices: a stereo picture and a trace-file
+# make demo    eight frames of the built-in scene on two virtual devices: the last one's stereo picture and a trace-file
 # make test    format, lints, documentation, tests
 # make test-long    all tests with whole sweeps and many samples, and those that need scenes of others or Chromium
 # make test-view    the same for the window of `diptych view`, which needs Xvfb and xdotool to be tested
@@ -16,10 +16,11 @@ DEMO := out/demo
 
 demo: deps
 	$(CARGO) build --release --locked
-	"$(DIPTYCH)" render builtin:atrium --virtual 2 --out $(DEMO) --trace $(DEMO)/trace.json
+	"$(DIPTYCH)" render builtin:atrium --virtual 2 --frames 8 --out $(DEMO)/frames --trace $(DEMO)/trace.json
+	cp $(DEMO)/frames/stereo.0007.png $(DEMO)/stereo.png
 	"$(DIPTYCH)" trace $(DEMO)/trace.json
 	@echo
-	@echo "picture, both eyes side by side: $(DEMO)/stereo.png"
+	@echo "the eighth frame, both eyes side by side: $(DEMO)/stereo.png"
 	@echo "trace: $(DEMO)/trace.json (open it in https://ui.perfetto.dev)"
 
 test: deps

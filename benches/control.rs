@@ -6,7 +6,7 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use diptych::control::{Budget, Controller, Knobs, Ladder, Makespan, Origin, Rung};
+use diptych::control::{Budget, Controller, Knobs, Ladder, Origin, Rung};
 
 fn options() -> (usize, usize) {
     let (mut reps, mut rungs) = (20_000, 64);
@@ -27,11 +27,12 @@ fn ladder(rungs: usize) -> Ladder {
     let rung = |i: usize| Rung {
         time_ms: 1.05f64.powi(i as i32),
         flip: 1.0 / (i + 1) as f64,
-        relmse: 0.1,
+        relmse: None,
         knobs: Knobs { spp: 1, bounces: 6, denoiser: "none".into(), iterations: 0, fovea: None, scale: 1.0 },
         stage_ms: Default::default(),
     };
-    let origin = Origin { shot: String::new(), size: String::new(), devices: Vec::new(), version: String::new() };
+    let (shot, size, devices, version) = Default::default();
+    let origin = Origin { shot, size, exposure_ev: 0.0, devices, version };
     Ladder::new(origin, (0..rungs).map(rung).collect()).expect("rungs in order")
 }
 
@@ -43,7 +44,7 @@ fn decisions(ladder: &Ladder, budget: Budget, reps: usize, load: impl Fn(usize) 
         let begin = Instant::now();
         let decision = black_box(controller.next(&|rung: usize| times_ms[rung]));
         let took_us = begin.elapsed().as_secs_f64() * 1e6;
-        controller.observe(decision.rung, Makespan::Ms(times_ms[decision.rung] * load(frame)));
+        controller.observe(decision.rung, times_ms[decision.rung] * load(frame));
         took_us
     };
     (0..reps).map(decide).collect()

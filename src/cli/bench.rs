@@ -18,9 +18,9 @@ use diptych::control::{Knobs, Ladder, Origin, SCALES};
 use diptych::device::{DeviceInfo, all_wgsl};
 use diptych::report::Table;
 use diptych::report::bench::{
-    Row, Shared, csv, knobs_name, ladder_svg, mark_front, regret_table, regrets, slopes, svg, table,
+    Row, Shared, csv, exposure_note, knobs_name, ladder_svg, mark_front, regret_table, regrets, slopes, svg, table,
 };
-use diptych::report::peers;
+use diptych::report::peers::Peers;
 
 use super::failure::Failure;
 use super::foveation::FoveationMode;
@@ -142,7 +142,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let options = &args.options;
     let judged = args.judged()?;
     args.check().and_then(|()| options.check()).map_err(Failure::Input)?;
-    let peers = args.peers.as_deref().map_or(Ok(Vec::new()), peers::read).map_err(|e| Failure::Input(e.into()))?;
+    let peers = args.peers.as_deref().map(Peers::read).transpose().map_err(|e| Failure::Input(e.into()))?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
     let tracing = Tracing::start(options)?;
@@ -150,20 +150,22 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     for warning in &loaded.scene.warnings {
         eprintln!("warning: {warning}");
     }
+    let exposure_ev = loaded.exposure_ev();
+    let peers = peers.map_or(Ok(Vec::new()), |peers| peers.at(exposure_ev)).map_err(|e| Failure::Input(e.into()))?;
     let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
     let devices: Vec<DeviceInfo> = gpus.iter().map(|gpu| gpu.info.clone()).collect();
     drop(gpus);
     let journal = Journal::open(&options.out, subject(args, &loaded, &devices)?, args.fresh)?;
     let reference = reference::find(args, &loaded, &tracing, &journal)?;
     interrupt::check()?;
-    say_reference(options, &reference);
+    say_reference(options, exposure_ev, &reference);
     let grid = Grid::new(args, &loaded, &reference, &tracing);
     let mut rows = grid.measure(journal, &judged)?;
     let regrets = regrets(&judged, &rows);
     mark_front(&mut rows);
     let slopes = slopes(&rows, reference.noise.as_ref());
-    let ladder = ladder(options, &rows, &devices)?;
-    let (figure, shared) = write_results(args, &rows, &ladder, &reference)?;
+    let ladder = ladder(options, exposure_ev, &rows, &devices)?;
+    let (figure, shared) = write_results(args, exposure_ev, &rows, &ladder, &reference)?;
     if args.report {
         let (loaded, reference, devices, peers) = (&loaded, &reference, &devices[..], &peers[..]);
         let (rows, slopes, regrets, ladder) = (&rows[..], &slopes[..], &regrets[..], &ladder);
@@ -171,7 +173,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     tracing.finish()?;
     if options.json {
-        let result = serde_json::json!({ "event": "result", "rows": rows, "slopes": slopes, "regrets": regrets });
+        let result = serde_json::json!({
+            "event": "result", "exposure_ev": exposure_ev, "rows": rows, "slopes": slopes, "regrets": regrets,
+        });
         say!("{result}");
     } else if !options.quiet {
         say!("{}", table(&rows, reference.noise.as_ref()).text().trim_end());
@@ -193,24 +197,30 @@ fn subject(args: &Args, loaded: &Loaded, devices: &[DeviceInfo]) -> Result<Strin
     let shaders = all_wgsl();
     let Args { virtual_devices, repeats, warm_up, .. } = args;
     let devices = Table::of_devices([devices]).rows;
-    Ok(hash_of(&format!("{quiet:?} {virtual_devices} {repeats} {warm_up} {seen} {devices:?} {shaders}")))
+    let shown = format!("{} EV", loaded.shot.exposure_ev);
+    Ok(hash_of(&format!("{quiet:?} {virtual_devices} {repeats} {warm_up} {seen} {shown} {devices:?} {shaders}")))
 }
 
-fn say_reference(options: &RunOptions, reference: &Reference) {
+fn say_reference(options: &RunOptions, exposure_ev: f64, reference: &Reference) {
     let Reference { origin, noise, .. } = reference;
     if options.json {
-        say!("{}", serde_json::json!({ "event": "reference", "origin": origin, "noise": noise }));
+        say!(
+            "{}",
+            serde_json::json!({ "event": "reference", "origin": origin, "noise": noise, "exposure_ev": exposure_ev })
+        );
     } else if !options.quiet {
         say!("reference: {origin}");
         if let Some(noise) = noise {
             say!("its own noise, below which no error is real: {noise}");
         }
+        say!("{}", exposure_note(exposure_ev));
     }
 }
 
 /// All but the page; returns the plot, and what all rows have in common.
 fn write_results(
     args: &Args,
+    exposure_ev: f64,
     rows: &[Row],
     ladder: &Ladder,
     reference: &Reference,
@@ -219,6 +229,7 @@ fn write_results(
     let reproject = if options.reproject == Switch::On { "on" } else { "off" };
     let shared = vec![
         ("size", options.size.to_string()),
+        ("exposure_ev", exposure_ev.to_string()),
         ("sampler", setup::name(&options.sampler)),
         ("reproject", reproject.to_owned()),
         ("virtual_devices", args.virtual_devices.to_string()),
@@ -235,7 +246,7 @@ fn write_results(
 }
 
 /// The front as a ladder.
-fn ladder(options: &RunOptions, rows: &[Row], devices: &[DeviceInfo]) -> Result<Ladder, Failure> {
+fn ladder(options: &RunOptions, exposure_ev: f64, rows: &[Row], devices: &[DeviceInfo]) -> Result<Ladder, Failure> {
     let name = |d: &DeviceInfo| {
         let threads = d.threads.map_or(String::new(), |threads| format!(", {threads} threads"));
         format!("{}, {}{threads}", d.name, d.driver)
@@ -243,6 +254,7 @@ fn ladder(options: &RunOptions, rows: &[Row], devices: &[DeviceInfo]) -> Result<
     let origin = Origin {
         shot: options.shot.clone(),
         size: options.size.to_string(),
+        exposure_ev,
         devices: devices.iter().map(name).collect(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
     };

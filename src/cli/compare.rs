@@ -22,6 +22,10 @@ pub struct Args {
     reference: PathBuf,
     /// What is judged: an image, or the folder of a sequence, rendered with --aov motion,position,normal
     image: PathBuf,
+    /// Stops by which both are brightened to be shown, for PSNR, SSIM, FLIP, flicker, ghosting and the maps: the
+    /// shot's, to judge what render and play show of it
+    #[arg(long, value_name = "EV", default_value = "0", value_parser = exposure, allow_negative_numbers = true)]
+    exposure: f32,
     /// Writes the error of display values as a colour-coded PNG
     #[arg(long, value_name = "FILE")]
     heatmap: Option<PathBuf>,
@@ -56,9 +60,15 @@ fn yfov(text: &str) -> Result<f64, String> {
     parsed.ok_or_else(|| "give degrees above 0 and below 180".to_owned())
 }
 
+fn exposure(text: &str) -> Result<f32, String> {
+    let parsed = text.parse().ok().filter(|ev: &f32| ev.is_finite());
+    parsed.ok_or_else(|| "give a number of stops, e.g. -0.5".to_owned())
+}
+
 /// What `--json` prints.
 #[derive(Serialize)]
 struct Findings {
+    exposure_ev: f32,
     #[serde(flatten)]
     errors: Errors,
     reference_source: ColourSource,
@@ -79,16 +89,17 @@ struct Rings {
 pub fn run(args: &Args) -> Result<(), Failure> {
     if args.reference.is_dir() && args.image.is_dir() {
         refuse_options_of_images(args).map_err(Failure::Input)?;
-        return sequence::run(&args.reference, &args.image, args.json);
+        return sequence::run(&args.reference, &args.image, args.exposure, args.json);
     }
     let (reference, reference_source) = read(&args.reference)?;
     let (image, image_source) = read(&args.image)?;
-    let pair = Pair::new(&reference, &image)
+    let pair = Pair::new(&reference, &image, args.exposure)
         .with_context(|| format!("cannot compare {} with {}", args.image.display(), args.reference.display()))
         .map_err(Failure::Input)?;
     check_seams(&args.seams, image.extent).map_err(Failure::Input)?;
     let viewing = Viewing { gaze: args.gaze, yfov_deg: args.yfov };
     let findings = Findings {
+        exposure_ev: args.exposure,
         errors: pair.errors(),
         reference_source,
         image_source,
@@ -96,7 +107,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         seams: (!args.seams.is_empty()).then(|| pair.seam_error(&args.seams)),
     };
     if let Some(path) = &args.heatmap {
-        write_png(path, &heatmap(&reference, &image)?)?;
+        write_png(path, &heatmap(&reference, &image, args.exposure)?)?;
     }
     if let Some(path) = &args.flip_map {
         write_png(path, &flip_heatmap(&pair))?;
@@ -139,6 +150,7 @@ fn print(findings: &Findings) {
             say!("{name}: {source}");
         }
     }
+    say!("{:<22} {:>12}", "exposure_ev", findings.exposure_ev);
     say!("{}", findings.errors);
     if let Some(seams) = &findings.seams {
         for (name, value) in

@@ -35,15 +35,21 @@ pub fn against(
     reference: &Stereo<RgbImage>,
     loaded: &Loaded,
 ) -> Result<Group, Failure> {
-    let frame = Group::of_frame(name, linear, loaded.shot.exposure_ev).against(reference, linear);
+    let frame = Group::against(name, linear, reference, loaded.shot.exposure_ev);
     Ok(frame.context("cannot compare the pictures of the page")?)
 }
 
 const VIEWER_NOTE: &str =
     "Choose what is left and right of the line, and drag the line or move it with the arrow keys.";
 
-pub const FLIP_NOTE: &str = "FLIP is of tonemapped values at 67 pixels per degree, in the colours of magma: black is 0, \
-    pale yellow is 1.";
+/// What the maps of FLIP show, and of what.
+pub fn flip_note(loaded: &Loaded) -> String {
+    format!(
+        "FLIP is of these pictures, tonemapped at {} EV, at 67 pixels per degree, in the colours of magma: black is 0, \
+         pale yellow is 1.",
+        loaded.shot.exposure_ev
+    )
+}
 
 /// `note` says what of.
 pub fn pictures(note: String, groups: &[Group]) -> Result<Section, Failure> {

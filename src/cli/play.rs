@@ -9,6 +9,7 @@ mod page;
 mod path;
 mod session;
 
+use diptych::exec::TaskTiming;
 use diptych::report::play::{Play, PlaySummary};
 use diptych::report::run::{FrameRow, RunReport};
 
@@ -43,6 +44,9 @@ pub struct Args {
     /// Also write report.html: the last picture beside a reference, frame times, rungs, and swimlanes of each frame
     #[arg(long)]
     report: bool,
+    /// Each task in run.json as well, beside the sums per stage, view and device
+    #[arg(long)]
+    details: bool,
     /// With --report: samples per pixel of the reference [default: what 10 seconds allow]
     #[arg(long, value_name = "N", requires = "report", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
     report_spp: Option<u32>,
@@ -63,15 +67,17 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let gpus = setup::open_devices(options, usize::from(args.options.virtual_devices))?;
     Disturbances(&args.disturb).check(args.frames, gpus.len())?;
     let session = Session::start(&prepared, &loaded, gpus, tracing, progress)?;
-    let mut run =
-        Run { args, options, loaded: &loaded, session, path: CameraPath::new(&loaded.shot.rig), rows: Vec::new() };
+    let path = CameraPath::new(&loaded.shot.rig);
+    let (rows, tasks) = (Vec::new(), Vec::new());
+    let mut run = Run { args, options, loaded: &loaded, session, path, rows, tasks };
     run.frames()?;
     let last = if args.report { Last::of(&mut run)? } else { None };
-    let Run { session: Session { renderer, ladder, tracing, progress, .. }, rows, .. } = run;
+    let Run { session: Session { renderer, ladder, tracing, progress, warm_up_s, .. }, rows, tasks, .. } = run;
     progress.finish();
     let settings = setup::run_settings(options, renderer.policy_name());
     let devices = renderer.devices();
     let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, rows);
+    report.warm_up_s = warm_up_s;
     report.faults = renderer.faults().to_vec();
     let budget = args.options.budget_ms;
     let play = Play {
@@ -86,7 +92,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     tracing.finish()?;
     drop(renderer);
     if let Some(last) = &last {
-        page::write(args, options, &loaded, &report, last)?;
+        page::write(args, options, &loaded, &report, &tasks, last)?;
     }
     conclude(args, options, &report);
     interrupt::check()
@@ -107,6 +113,8 @@ struct Run<'a> {
     session: Session,
     path: CameraPath,
     rows: Vec<FrameRow>,
+    /// Of each row, where the page shows them.
+    tasks: Vec<Vec<TaskTiming>>,
 }
 
 impl Run<'_> {
@@ -119,7 +127,11 @@ impl Run<'_> {
             let decided = self.session.decide();
             let time_s = self.disturb(index);
             let late_ms = pace.wait();
-            self.rows.push(self.session.render(decided, late_ms, &self.loaded.shot.rig, time_s, index)?);
+            let (row, frame) = self.session.render(decided, late_ms, &self.loaded.shot.rig, time_s, index)?;
+            self.rows.push(if self.args.details { row.with_tasks(&frame) } else { row });
+            if self.args.report {
+                self.tasks.push(frame.tasks_since_begin());
+            }
             if self.args.save_every.is_some_and(|k| index % k == 0) {
                 self.save(Some(index))?;
                 pace.restart();
@@ -161,7 +173,7 @@ fn conclude(args: &Args, options: &RenderOptions, report: &RunReport) {
         return;
     }
     if let Some(play) = &report.play {
-        say!("ladder: {}, {} rungs", play.ladder, play.rungs);
+        say!("warm-up {:.1} s; ladder: {}, {} rungs", report.warm_up_s, play.ladder, play.rungs);
         say!("{}", play.rungs_table().text().trim_end());
         say!("{play}");
         if report.frames.iter().filter_map(|f| f.control.as_ref()).any(|c| !c.fits) {

@@ -212,7 +212,7 @@ fn fold(total: &mut Option<FrameReport>, mut pass: FrameReport) {
 /// The mean as the devices would show it.
 pub fn display(accumulation: &Accumulation, exposure_ev: f32) -> Stereo<DisplayImage> {
     let mean = accumulation.mean();
-    let shown = |image| tonemap(image, f64::from(exposure_ev));
+    let shown = |image| tonemap(image, exposure_ev);
     Stereo { left: shown(&mean.left), right: shown(&mean.right) }
 }
 

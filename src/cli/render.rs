@@ -1,7 +1,9 @@
 //! `diptych render`.
 
-use diptych::exec::Renderer;
-use diptych::report::run::{FrameRow, ReferenceRow, RunReport};
+use std::time::Instant;
+
+use diptych::exec::{FrameReport, Renderer};
+use diptych::report::run::{FrameRow, Quality, ReferenceRow, RunReport};
 use diptych::stages::Aov;
 use diptych::trace::frames::record_devices;
 
@@ -27,6 +29,9 @@ pub struct Args {
     reference: bool,
     #[command(flatten)]
     passes: PassOptions,
+    /// Each task in run.json as well, beside the sums per stage, view and device
+    #[arg(long)]
+    details: bool,
     /// Also write both eyes as a red-cyan anaglyph
     #[arg(long)]
     anaglyph: bool,
@@ -48,6 +53,12 @@ impl Args {
             args.options.foveated.iterations = Some(preset.iterations());
         }
         args
+    }
+
+    /// What run.json has of a frame.
+    fn row(&self, frame: &FrameReport, quality: &Quality) -> FrameRow {
+        let row = FrameRow::new(frame, quality, self.options.size);
+        if self.details { row.with_tasks(frame) } else { row }
     }
 }
 
@@ -80,7 +91,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
     progress.phase("warming up");
+    let warm_up = Instant::now();
     let renderer = setup::renderer(options, &loaded, gpus, tracing.recorder.origin())?;
+    let warm_up_s = warm_up.elapsed().as_secs_f64();
     record_devices(&tracing.recorder, renderer.devices());
     let mut run = Run { args, loaded: &loaded, renderer, tracing: &tracing, progress, begun: 0, rows: Rows::default() };
     match &plan {
@@ -93,6 +106,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     settings.reference = args.reference;
     let devices = renderer.devices();
     let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, rows.frames);
+    report.warm_up_s = warm_up_s;
     report.references = rows.references;
     report.faults = renderer.faults().to_vec();
     report.write(&options.out.join("run.json"))?;
@@ -132,7 +146,7 @@ impl Run<'_> {
                 }
             }
             images.write(&options.out, (options.frames > 1).then_some(frame.index), self.args.anaglyph)?;
-            let row = FrameRow::new(&frame, &setup::frame_settings(options), options.size);
+            let row = self.args.row(&frame, &setup::frame_settings(options));
             let event = serde_json::json!({ "event": "frame", "index": row.index, "makespan_ms": row.makespan_ms });
             self.progress.step(format!("{:.1} ms", row.makespan_ms), &event);
             self.rows.frames.push(row);
@@ -204,8 +218,8 @@ fn reference_frame(
         if args.overlay {
             images.overlay(report.stripe_edges());
         }
-        let quality = diptych::report::run::Quality { spp: done.row.spp, ..setup::frame_settings(options) };
-        rows.frames.push(FrameRow::new(&report, &quality, options.size));
+        let quality = Quality { spp: done.row.spp, ..setup::frame_settings(options) };
+        rows.frames.push(args.row(&report, &quality));
     }
     images.write(&options.out, (options.frames > 1).then_some(index), args.anaglyph)?;
     rows.references.push(done.row);
@@ -215,11 +229,11 @@ fn reference_frame(
 /// Says where things are.
 fn conclude(options: &RenderOptions, report: &RunReport) {
     let median = report.median_makespan_ms();
-    let rays: u64 = report.frames.iter().map(|f| f.rays).sum();
-    let total_s = report.rendering_s();
     if options.json {
         let out = options.out.display().to_string();
-        let mut result = serde_json::json!({ "event": "result", "out": out, "median_makespan_ms": median });
+        let mut result = serde_json::json!({
+            "event": "result", "out": out, "warm_up_s": report.warm_up_s, "median_makespan_ms": median,
+        });
         if !report.references.is_empty() {
             result["references"] = serde_json::json!(report.references);
         }
@@ -231,17 +245,19 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
                 say!("standard error of the mean: {noise}");
             }
         }
-        if total_s > 0.0 {
+        if let Some(rays_per_s) = report.rays_per_s() {
             let pace = match report.median_interval_ms().filter(|_| options.frames_in_flight > 1) {
                 Some(interval_ms) => format!(", a frame every {interval_ms:.1} ms"),
                 None => String::new(),
             };
             say!(
-                "{} frame(s) of {} on {} device(s): median makespan {median:.1} ms{pace}, {:.2} Mrays/s, holes {:.1} %",
+                "warm-up {:.1} s; {} frame(s) of {} on {} device(s): median makespan {median:.1} ms{pace}, {:.2} Mrays/s, \
+                 holes {:.1} %",
+                report.warm_up_s,
                 report.frames.len(),
                 report.scene.name,
                 report.devices.len(),
-                rays as f64 / total_s * 1e-6,
+                rays_per_s * 1e-6,
                 100.0 * report.frames.last().map_or(0.0, |f| f.hole_fraction),
             );
         }

@@ -12,15 +12,16 @@ use diptych::report::study::{SequenceRow, sequence_table};
 
 use super::failure::Failure;
 
-/// Numbers of the frames, and where they are.
+/// Numbers of the frames, where they are, and how they are shown.
 struct Sequence<'a> {
     reference: &'a Path,
     image: &'a Path,
+    exposure_ev: f32,
     frames: BTreeSet<u32>,
 }
 
-pub fn run(reference: &Path, image: &Path, json: bool) -> Result<(), Failure> {
-    let rows = compare(reference, image).map_err(Failure::Input)?;
+pub fn run(reference: &Path, image: &Path, exposure_ev: f32, json: bool) -> Result<(), Failure> {
+    let rows = compare(reference, image, exposure_ev).map_err(Failure::Input)?;
     if json {
         say!("{}", serde_json::to_string(&rows).map_err(anyhow::Error::from)?);
     } else {
@@ -29,14 +30,14 @@ pub fn run(reference: &Path, image: &Path, json: bool) -> Result<(), Failure> {
     Ok(())
 }
 
-fn compare(reference: &Path, image: &Path) -> Result<Stereo<SequenceRow>, anyhow::Error> {
-    let sequence = Sequence::find(reference, image)?;
+fn compare(reference: &Path, image: &Path, exposure_ev: f32) -> Result<Stereo<SequenceRow>, anyhow::Error> {
+    let sequence = Sequence::find(reference, image, exposure_ev)?;
     Ok(Stereo { left: sequence.row("left")?, right: sequence.row("right")? })
 }
 
 impl<'a> Sequence<'a> {
     /// Both folders must have the same frames, one after another.
-    fn find(reference: &'a Path, image: &'a Path) -> Result<Self, anyhow::Error> {
+    fn find(reference: &'a Path, image: &'a Path, exposure_ev: f32) -> Result<Self, anyhow::Error> {
         let [of_reference, of_image] = [frames_in(reference)?, frames_in(image)?];
         for (folder, own, other) in [(image, &of_image, &of_reference), (reference, &of_reference, &of_image)] {
             if let Some(&frame) = other.difference(own).next() {
@@ -49,7 +50,7 @@ impl<'a> Sequence<'a> {
         if let Some((last, next)) = following.find(|(a, b)| *a + 1 != **b) {
             bail!("{} has no frame between {last} and {next}: frames must follow one another", image.display());
         }
-        Ok(Self { reference, image, frames: of_image })
+        Ok(Self { reference, image, exposure_ev, frames: of_image })
     }
 
     fn row(&self, eye: &'static str) -> Result<SequenceRow, anyhow::Error> {
@@ -63,12 +64,12 @@ impl<'a> Sequence<'a> {
             }
             before = Some(now);
         }
-        Ok(SequenceRow::new(eye, errors, changes.into()))
+        Ok(SequenceRow::new(eye, self.exposure_ev, errors, changes.into()))
     }
 
     fn frame(&self, eye: &str, frame: u32) -> Result<(Pair, Surfaces), anyhow::Error> {
         let [reference, image] = [self.reference, self.image].map(|folder| exr::read_rgb(&colour(folder, eye, frame)));
-        let pair = Pair::new(&reference?, &image?)?;
+        let pair = Pair::new(&reference?, &image?, self.exposure_ev)?;
         // The passes of a reference are of one instant, so that its own motion would be none.
         let aov = |name: &str, channels| -> Result<RgbImage, anyhow::Error> {
             let path = self.image.join(format!("{eye}.{name}.{frame:04}.exr"));

@@ -27,6 +27,14 @@ pub struct Loaded {
     pub tables: Arc<SceneTables>,
 }
 
+impl Loaded {
+    /// The shot's exposure as its file says it: -0.9, where the nearest f32 is -0.8999999761581421.
+    pub fn exposure_ev(&self) -> f64 {
+        let ev = self.shot.exposure_ev;
+        ev.to_string().parse().unwrap_or(f64::from(ev))
+    }
+}
+
 pub fn load(options: &RunOptions) -> Result<Loaded, Failure> {
     let _span = tracing::info_span!("load scene").entered();
     let (shot, scene) = load_shot(&options.shot)?;

@@ -15,8 +15,6 @@ pub const CLIMB_BACK_AFTER: u32 = 4;
 const PROBATION: u32 = 16;
 /// Frames for which a rung is left alone after the first such mistake; doubled by each further one, up to the second.
 const RETRY_AFTER: [u32; 2] = [32, 1024];
-/// Of the budget's upper end: what a frame counts as at least that was given up.
-const MISSED: f64 = 1.5;
 /// The margin for scatter is at most this.
 const MARGIN_MAX: f64 = 1.2;
 
@@ -31,16 +29,6 @@ impl<F: Fn(usize) -> f64> Predict for F {
     fn makespan_ms(&self, rung: usize) -> f64 {
         self(rung)
     }
-}
-
-/// What came of a frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Makespan {
-    Ms(f64),
-    /// It was given up after this time. Counts as over budget.
-    Missed {
-        after_ms: f64,
-    },
 }
 
 /// What the next frame is to be rendered with.
@@ -86,15 +74,12 @@ impl Controller {
         Self { budget, times_ms, correction, rung: None, decisions: 0, changed_at: 0, climbed: None, trials }
     }
 
-    /// Takes in a finished frame, in any order and however many frames after its decision.
-    pub fn observe(&mut self, rung: usize, makespan: Makespan) {
-        let floor_ms = MISSED * self.budget.hi_ms();
-        let ms = match makespan {
-            Makespan::Ms(ms) if ms.is_finite() && ms > 0.0 => ms,
-            Makespan::Missed { after_ms } if after_ms.is_finite() => after_ms.max(floor_ms),
-            _ => floor_ms,
-        };
-        self.correction.learn(rung.min(self.times_ms.len() - 1), ms);
+    /// Takes in the makespan of a finished frame, in any order and however many frames after its decision. What is not a
+    /// time above 0 tells nothing.
+    pub fn observe(&mut self, rung: usize, makespan_ms: f64) {
+        if makespan_ms.is_finite() && makespan_ms > 0.0 {
+            self.correction.learn(rung.min(self.times_ms.len() - 1), makespan_ms);
+        }
     }
 
     /// Devices have come, gone or changed their speed: the last frames tell nothing of the next, but the predictor is

@@ -64,7 +64,9 @@ pub struct Rung {
     pub time_ms: f64,
     /// Means over both eyes.
     pub flip: f64,
-    pub relmse: f64,
+    /// `None` where it was not measured.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub relmse: Option<f64>,
     pub knobs: Knobs,
     /// Busy time by stage, summed over views and devices: what a cost model can scale.
     #[serde(default)]
@@ -78,6 +80,9 @@ pub struct Origin {
     pub shot: String,
     /// Of each eye.
     pub size: String,
+    /// At which images were shown to be judged by FLIP.
+    #[serde(default)]
+    pub exposure_ev: f64,
     pub devices: Vec<String>,
     /// Of diptych.
     pub version: String,
@@ -194,7 +199,7 @@ impl Rung {
         }
         within("time_ms", self.time_ms, f64::MIN_POSITIVE..=f64::MAX)?;
         within("flip", self.flip, 0.0..=1.0)?;
-        within("relmse", self.relmse, 0.0..=f64::MAX)?;
+        self.relmse.map_or(Ok(()), |relmse| within("relmse", relmse, 0.0..=f64::MAX))?;
         self.stage_ms.iter().try_for_each(|(stage, &ms)| within(stage, ms, 0.0..=f64::MAX))
     }
 

@@ -12,7 +12,7 @@ mod front;
 mod ladder;
 
 pub use budget::{Budget, BudgetError};
-pub use builtin::{BOUNCES, TRACING, candidates, efforts, guessed_error, guessed_paths};
-pub use controller::{CLIMB_BACK_AFTER, CLIMB_EVERY, Controller, Decision, Makespan, Predict};
+pub use builtin::{BOUNCES, ESTIMATES_EV, TRACING, candidates, efforts, guessed_error, guessed_paths};
+pub use controller::{CLIMB_BACK_AFTER, CLIMB_EVERY, Controller, Decision, Predict};
 pub use front::front;
 pub use ladder::{Knobs, Ladder, LadderError, MIN_STEP, Origin, Rung, SCALES, STEEPEST};

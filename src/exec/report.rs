@@ -91,6 +91,13 @@ impl FrameReport {
         busy
     }
 
+    /// The tasks, with times since the frame's begin.
+    pub fn tasks_since_begin(&self) -> Vec<TaskTiming> {
+        let since = |ms: f64| ms - self.begin_ms;
+        let task = |t: &TaskTiming| TaskTiming { begin_ms: since(t.begin_ms), end_ms: since(t.end_ms), ..t.clone() };
+        self.tasks.iter().map(task).collect()
+    }
+
     /// Bytes that crossed from device to device.
     pub fn uploaded_bytes(&self) -> u64 {
         self.tasks.iter().filter(|t| t.kind == TimedTask::Upload).filter_map(|t| t.bytes).sum()

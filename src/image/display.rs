@@ -34,9 +34,14 @@ pub fn level(display: f64) -> u8 {
     (display.clamp(0.0, 1.0) * 255.0).round() as u8
 }
 
-/// Scales by 2^`exposure_ev`, then [`display_value`].
-pub fn tonemap(image: &RgbImage, exposure_ev: f64) -> DisplayImage {
-    let gain = exposure_ev.exp2();
+/// What radiance is multiplied by before it is shown: two for each stop.
+pub fn gain(exposure_ev: f32) -> f64 {
+    f64::from(exposure_ev).exp2()
+}
+
+/// Scales by [`gain`], then [`display_value`].
+pub fn tonemap(image: &RgbImage, exposure_ev: f32) -> DisplayImage {
+    let gain = gain(exposure_ev);
     let pixels = image.pixels.iter().map(|p| p.map(|c| level(display_value(f64::from(c) * gain)))).collect();
     Image { extent: image.extent, pixels }
 }

@@ -35,12 +35,12 @@ mod tests {
         for (i, pixel) in left_wrong.pixels.iter_mut().enumerate().filter(|(i, _)| i % 64 < 32) {
             *pixel = [2.0, 0.1 * (i % 3) as f32, 0.0];
         }
-        let pair = Pair::new(&grey, &left_wrong).unwrap();
+        let pair = Pair::new(&grey, &left_wrong, 0.0).unwrap();
         let [at_left, at_right] = [0.25, 0.75].map(|x| pair.foveated_flip(&viewing(x)));
         let mean = pair.errors().flip;
         assert!(at_left > 1.3 * mean && at_right < 0.7 * mean, "{at_left} {mean} {at_right}");
         let all_wrong = RgbImage::filled(grey.extent, [2.0, 0.1, 0.0]);
-        let pair = Pair::new(&grey, &all_wrong).unwrap();
+        let pair = Pair::new(&grey, &all_wrong, 0.0).unwrap();
         // FLIP's filters reach beyond the image's borders, where nothing is wrong or right.
         let ratio = pair.foveated_flip(&viewing(0.5)) / pair.errors().flip;
         assert!((ratio - 1.0).abs() < 0.01, "{ratio}");

@@ -2,27 +2,29 @@
 
 use std::f64::consts::TAU;
 
-use crate::image::display::{DisplayImage, display_value, level};
+use crate::image::display::{DisplayImage, display_value, gain, level};
 use crate::image::{Extent, Image, ImageError, RgbImage, check_same_size};
 
 use super::Pair;
 
-/// Colours each pixel by the root mean square, over its channels, of the difference of display values.
+/// Colours each pixel by the root mean square, over its channels, of the difference of display values at this exposure.
 ///
 /// Black is equal, white is black against white. The scale is the square root of the error and the same for all
 /// images, so that errors of a few levels can be told apart and two heatmaps can be compared.
 ///
 /// # Errors
 /// [`ImageError::SizeMismatch`].
-pub fn heatmap(reference: &RgbImage, image: &RgbImage) -> Result<DisplayImage, ImageError> {
+pub fn heatmap(reference: &RgbImage, image: &RgbImage, exposure_ev: f32) -> Result<DisplayImage, ImageError> {
     check_same_size(reference.extent, image.extent)?;
-    let colour = |(r, a): (&[f32; 3], &[f32; 3])| cubehelix(display_error(r, a).sqrt()).map(level);
+    let gain = gain(exposure_ev);
+    let colour = |(r, a): (&[f32; 3], &[f32; 3])| cubehelix(display_error(r, a, gain).sqrt()).map(level);
     let pixels = reference.pixels.iter().zip(&image.pixels).map(colour).collect();
     Ok(Image { extent: image.extent, pixels })
 }
 
-fn display_error(r: &[f32; 3], a: &[f32; 3]) -> f64 {
-    let squares = r.iter().zip(a).map(|(&r, &a)| (display_value(a.into()) - display_value(r.into())).powi(2));
+fn display_error(r: &[f32; 3], a: &[f32; 3], gain: f64) -> f64 {
+    let shown = |radiance: f32| display_value(f64::from(radiance) * gain);
+    let squares = r.iter().zip(a).map(|(&r, &a)| (shown(a) - shown(r)).powi(2));
     (squares.sum::<f64>() / 3.0).sqrt()
 }
 
@@ -87,7 +89,7 @@ mod tests {
         let extent = Extent::new(2, 1);
         let reference = Image { extent, pixels: vec![[0.3; 3], [0.0; 3]] };
         let image = Image { extent, pixels: vec![[0.3; 3], [f32::INFINITY; 3]] };
-        assert_eq!(heatmap(&reference, &image).unwrap().pixels, [[0; 3], [255; 3]]);
+        assert_eq!(heatmap(&reference, &image, 0.0).unwrap().pixels, [[0; 3], [255; 3]]);
     }
 
     #[test]
@@ -114,6 +116,6 @@ mod tests {
     #[test]
     fn different_sizes_are_an_error() {
         let [a, b] = [1, 2].map(|w| RgbImage::filled(Extent::new(w, 1), [0.0; 3]));
-        assert!(heatmap(&a, &b).is_err());
+        assert!(heatmap(&a, &b, 0.0).is_err());
     }
 }

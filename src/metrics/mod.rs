@@ -1,7 +1,8 @@
 //! How good: an image against its reference.
 //!
 //! Sums are f64. RMSE, relMSE, the mean ratio and the block error are over linear radiance; PSNR, SSIM and FLIP are over
-//! [display values](crate::image::display::display_value), 0 … 1, because bright noise weighs there as it is seen.
+//! [display values](crate::image::display::display_value), 0 … 1, because bright noise weighs there as it is seen. What is
+//! seen hangs on the exposure: a [`Pair`] is shown at one.
 
 mod convolve;
 pub mod error;
@@ -17,7 +18,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use crate::image::display::display_value;
+use crate::image::display::{display_value, gain};
 use crate::image::{Extent, ImageError, RgbImage, check_same_size};
 
 /// How an image differs from its reference.
@@ -42,15 +43,15 @@ pub struct Errors {
     pub nonfinite_reference_px: usize,
 }
 
-/// All errors of `image` against `reference`.
+/// All errors of `image` against `reference`, shown at 0 EV; [`Pair::new`] takes another exposure.
 ///
 /// # Errors
 /// [`ImageError::SizeMismatch`], [`ImageError::NoPixels`].
 pub fn compare(reference: &RgbImage, image: &RgbImage) -> Result<Errors, ImageError> {
-    Ok(Pair::new(reference, image)?.errors())
+    Ok(Pair::new(reference, image, 0.0)?.errors())
 }
 
-/// An image and its reference, made ready for all that can be asked of them.
+/// An image and its reference, shown at one exposure and made ready for all that can be asked of them.
 pub struct Pair {
     extent: Extent,
     reference: Side,
@@ -62,30 +63,34 @@ pub struct Pair {
 struct Side {
     /// Linear, with 0 for what is not finite.
     radiance: Vec<[f64; 3]>,
+    /// Display values.
     shown: Vec<[f64; 3]>,
     nonfinite_px: usize,
 }
 
 impl Side {
-    fn new(image: &RgbImage) -> Self {
+    fn new(image: &RgbImage, exposure_ev: f32) -> Self {
+        let gain = gain(exposure_ev);
         let finite = |c: f32| if c.is_finite() { f64::from(c) } else { 0.0 };
         let radiance: Vec<_> = image.pixels.iter().map(|p| p.map(finite)).collect();
-        let shown = radiance.iter().map(|p| p.map(display_value)).collect();
+        let shown = radiance.iter().map(|p| p.map(|c| display_value(c * gain))).collect();
         let nonfinite_px = image.pixels.iter().filter(|p| p.iter().any(|c| !c.is_finite())).count();
         Self { radiance, shown, nonfinite_px }
     }
 }
 
 impl Pair {
+    /// `exposure_ev`: the stops by which both are brightened to be shown.
+    ///
     /// # Errors
     /// [`ImageError::SizeMismatch`], [`ImageError::NoPixels`].
-    pub fn new(reference: &RgbImage, image: &RgbImage) -> Result<Self, ImageError> {
+    pub fn new(reference: &RgbImage, image: &RgbImage, exposure_ev: f32) -> Result<Self, ImageError> {
         check_same_size(reference.extent, image.extent)?;
         let extent = reference.extent;
         if extent.area() == 0 {
             return Err(ImageError::NoPixels(extent));
         }
-        let [reference, image] = [reference, image].map(Side::new);
+        let [reference, image] = [reference, image].map(|side| Side::new(side, exposure_ev));
         let flip = flip::flip_map(extent, &reference.shown, &image.shown);
         Ok(Self { extent, reference, image, flip })
     }

@@ -105,7 +105,7 @@ mod tests {
         for (i, pixel) in changed.pixels.iter_mut().enumerate() {
             *pixel = [image(i as u32 % extent.width, i as u32 / extent.width); 3];
         }
-        Pair::new(&reference, &changed).unwrap()
+        Pair::new(&reference, &changed, 0.0).unwrap()
     }
 
     /// Closed form: seen at 90 degrees from its centre, a square's edges are 45 degrees away and its corners atan √2;

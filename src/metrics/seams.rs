@@ -48,7 +48,7 @@ mod tests {
         for (y, row) in image.pixels.chunks_exact_mut(3).enumerate() {
             row.fill([if (6..14).contains(&y) { 1.3 } else { 1.1 }; 3]);
         }
-        Pair::new(&reference, &image).unwrap()
+        Pair::new(&reference, &image, 0.0).unwrap()
     }
 
     /// Closed form: both regions are flat.
@@ -70,7 +70,7 @@ mod tests {
         assert_eq!(pair().seam_error(&[]).near_rmse, None);
         assert_eq!(pair().seam_error(&[u32::MAX]).near_rmse, None);
         let right = RgbImage::filled(Extent::new(1, 30), [1.0; 3]);
-        let seam = Pair::new(&right, &right).unwrap().seam_error(&[15]);
+        let seam = Pair::new(&right, &right, 0.0).unwrap().seam_error(&[15]);
         assert_eq!((seam.near_rmse, seam.ratio), (Some(0.0), None));
     }
 }

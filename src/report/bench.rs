@@ -12,6 +12,7 @@ pub use slopes::{Slope, log_slope, slopes};
 
 use super::peers::{self, Peer};
 use super::plot::{Axis, Chart, Series, line_chart_svg};
+use super::study::cell;
 use super::{ReportError, Table, median_of, once};
 use crate::accumulation::Noise;
 use crate::control::{Knobs, Ladder, Rung, front};
@@ -148,7 +149,7 @@ impl Row {
     pub fn rung(&self) -> Rung {
         let Measured { time_ms, stage_ms, .. } = &self.measured;
         let [flip, relmse] = ["flip", "relmse"].map(|name| self.measured.error(name));
-        Rung { time_ms: *time_ms, flip, relmse, knobs: self.knobs.clone(), stage_ms: stage_ms.clone() }
+        Rung { time_ms: *time_ms, flip, relmse: Some(relmse), knobs: self.knobs.clone(), stage_ms: stage_ms.clone() }
     }
 }
 
@@ -161,6 +162,11 @@ pub fn mark_front(rows: &mut [Row]) {
     for i in front(&points(&rows.iter().collect::<Vec<_>>(), "flip")) {
         rows[i].on_front = true;
     }
+}
+
+/// What the rows' errors are of.
+pub fn exposure_note(exposure_ev: f64) -> String {
+    format!("PSNR, SSIM and FLIP are of pictures tonemapped at {exposure_ev} EV, the shot's exposure.")
 }
 
 /// What all rows of a table share: names and values of columns.
@@ -264,7 +270,7 @@ pub fn ladder_table(ladder: &Ladder) -> Table {
     let cells = |(i, Rung { time_ms, flip, relmse, knobs, .. }): (usize, &Rung)| {
         let mut cells = vec![i.to_string()];
         cells.extend(knob_cells(knobs));
-        cells.extend([format!("{time_ms:.1}"), format!("{flip:.4}"), format!("{relmse:.4}")]);
+        cells.extend([format!("{time_ms:.1}"), format!("{flip:.4}"), cell(*relmse, 4)]);
         cells
     };
     Table { headers, rows: ladder.rungs().iter().enumerate().map(cells).collect() }
@@ -307,7 +313,7 @@ mod tests {
         let black = RgbImage::filled(Extent::new(12, 12), [0.0; 3]);
         let viewing = Viewing { gaze: [0.5; 2], yfov_deg: 70.0 };
         let flat = |v: f64| {
-            let pair = Pair::new(&black, &RgbImage::filled(black.extent, [v as f32; 3])).unwrap();
+            let pair = Pair::new(&black, &RgbImage::filled(black.extent, [v as f32; 3]), 0.0).unwrap();
             SeenErrors::new(&pair, &viewing)
         };
         let repeat = |v: &f64| Repeat {
@@ -351,7 +357,8 @@ mod tests {
         let svg = svg("t".into(), &rows, None).unwrap();
         assert_eq!(svg.matches("<circle").count(), 2);
         let rungs: Vec<Rung> = rows.iter().map(Row::rung).collect();
-        let origin = Origin { shot: "s".into(), size: "8x8".into(), devices: Vec::new(), version: "0".into() };
+        let (shot, size, version) = ("s".into(), "8x8".into(), "0".into());
+        let origin = Origin { shot, size, exposure_ev: 0.0, devices: Vec::new(), version };
         let ladder = Ladder::of_measured(origin, &rungs).unwrap();
         assert_eq!(ladder.rungs().iter().map(|r| r.time_ms).collect::<Vec<_>>(), [1.0, 3.0]);
         assert_eq!(ladder.rungs()[1].stage_ms["atrous"], 0.75);

@@ -2,6 +2,7 @@
 
 pub mod bench;
 pub mod html;
+mod json;
 pub mod lanes;
 pub mod peers;
 pub mod peres;

@@ -21,6 +21,14 @@ pub enum PeersError {
     Empty,
     #[error("peer {number} ({name}): {what}")]
     Peer { number: usize, name: String, what: String },
+    #[error("exposure_ev {0} is not a number of stops")]
+    Exposure(f64),
+    #[error(
+        "the peers' FLIP is of pictures shown at {peers_ev} EV, the shot's at {shot_ev} EV, so they cannot be held against \
+         each other: measure the peers at the shot's exposure and say so in their file (exposure_ev = {shot_ev}), or give \
+         the shot theirs ([exposure] ev = {peers_ev})"
+    )]
+    OtherExposure { peers_ev: f64, shot_ev: f64 },
 }
 
 /// A renderer with some settings.
@@ -38,39 +46,59 @@ pub struct Peer {
     pub note: String,
 }
 
-#[derive(Deserialize)]
+/// A file of them.
+#[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct File {
+pub struct Peers {
+    /// At which pictures were shown to be judged by FLIP.
+    #[serde(default)]
+    exposure_ev: f64,
     #[serde(default)]
     peer: Vec<Peer>,
 }
 
-/// From the text of a file.
-///
-/// # Errors
-/// [`PeersError::Form`], [`PeersError::Empty`], and [`PeersError::Peer`] for the first whose numbers are out of range.
-pub fn parse(text: &str) -> Result<Vec<Peer>, PeersError> {
-    let File { peer: peers } = toml::from_str(text).map_err(Box::new)?;
-    for (i, peer) in peers.iter().enumerate() {
-        let refuse = |what: String| Err(PeersError::Peer { number: i + 1, name: peer.name.clone(), what });
-        if peer.name.trim().is_empty() {
-            return refuse("its name is empty".to_owned());
+impl Peers {
+    /// From the text of a file.
+    ///
+    /// # Errors
+    /// [`PeersError::Form`], [`PeersError::Exposure`], [`PeersError::Empty`], and [`PeersError::Peer`] for the first whose
+    /// numbers are out of range.
+    pub fn parse(text: &str) -> Result<Self, PeersError> {
+        let peers: Self = toml::from_str(text).map_err(Box::new)?;
+        if !peers.exposure_ev.is_finite() {
+            return Err(PeersError::Exposure(peers.exposure_ev));
         }
-        if !(peer.time_ms > 0.0 && peer.time_ms.is_finite()) {
-            return refuse(format!("time_ms {} is not a time above 0", peer.time_ms));
+        for (i, peer) in peers.peer.iter().enumerate() {
+            let refuse = |what: String| Err(PeersError::Peer { number: i + 1, name: peer.name.clone(), what });
+            if peer.name.trim().is_empty() {
+                return refuse("its name is empty".to_owned());
+            }
+            if !(peer.time_ms > 0.0 && peer.time_ms.is_finite()) {
+                return refuse(format!("time_ms {} is not a time above 0", peer.time_ms));
+            }
+            if !(peer.flip > 0.0 && peer.flip <= 1.0) {
+                return refuse(format!("flip {} is not above 0 and at most 1", peer.flip));
+            }
         }
-        if !(peer.flip > 0.0 && peer.flip <= 1.0) {
-            return refuse(format!("flip {} is not above 0 and at most 1", peer.flip));
-        }
+        if peers.peer.is_empty() { Err(PeersError::Empty) } else { Ok(peers) }
     }
-    if peers.is_empty() { Err(PeersError::Empty) } else { Ok(peers) }
-}
 
-/// # Errors
-/// [`PeersError::Read`], [`PeersError::File`].
-pub fn read(path: &Path) -> Result<Vec<Peer>, PeersError> {
-    let text = std::fs::read_to_string(path).map_err(|source| PeersError::Read { path: path.to_owned(), source })?;
-    parse(&text).map_err(|source| PeersError::File { path: path.to_owned(), source: Box::new(source) })
+    /// # Errors
+    /// [`PeersError::Read`], [`PeersError::File`].
+    pub fn read(path: &Path) -> Result<Self, PeersError> {
+        let text =
+            std::fs::read_to_string(path).map_err(|source| PeersError::Read { path: path.to_owned(), source })?;
+        Self::parse(&text).map_err(|source| PeersError::File { path: path.to_owned(), source: Box::new(source) })
+    }
+
+    /// The peers, to be held against pictures of a shot with this exposure.
+    ///
+    /// # Errors
+    /// [`PeersError::OtherExposure`]: FLIP of the same images is another at each exposure.
+    pub fn at(self, shot_ev: f64) -> Result<Vec<Peer>, PeersError> {
+        let peers_ev = self.exposure_ev;
+        if peers_ev == shot_ev { Ok(self.peer) } else { Err(PeersError::OtherExposure { peers_ev, shot_ev }) }
+    }
 }
 
 /// Time against FLIP, a line per name, in the order in which names come first.
@@ -88,7 +116,7 @@ pub fn series(peers: &[Peer]) -> Vec<Series> {
 /// What [`table`] says.
 pub const NOTE: &str = "Ours: the fastest measured setting whose FLIP, the mean of both eyes against this page's \
     reference, is at most the peer's, and the peer's time over ours. Peers' numbers are their file's, so its machine, \
-    size and reference are to be like those of this page.";
+    size and reference are to be like those of this page; the exposure is the same.";
 
 /// Of each peer the fastest setting here whose FLIP is at most the peer's.
 pub fn table(peers: &[Peer], rows: &[Row]) -> Table {
@@ -128,8 +156,9 @@ mod tests {
             ("[[peer]]\nname = 'a'\nflip = nan\ntime_ms = 1.0", "flip NaN"),
             ("[[peer]]\nname = 'a'\nflip = 1.5\ntime_ms = 1.0", "flip 1.5"),
             ("[[peer]]\nname = ' '\nflip = 0.5\ntime_ms = 1.0", "name is empty"),
+            ("exposure_ev = inf\n[[peer]]\nname = 'a'\nflip = 0.5\ntime_ms = 1.0", "exposure_ev inf"),
         ] {
-            let error = parse(text).unwrap_err().to_string();
+            let error = Peers::parse(text).unwrap_err().to_string();
             assert!(error.contains(reason), "{text}: {error}");
         }
     }
@@ -138,9 +167,19 @@ mod tests {
     fn the_files_of_the_documentation_are_read() {
         for shot in ["hotel-room", "garage"] {
             let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("docs/peers/{shot}.toml"));
-            let peers = read(&path).unwrap();
+            let peers = Peers::read(&path).unwrap().at(0.0).unwrap();
             let lines = series(&peers);
             assert_eq!((peers.len(), lines.len(), lines[1].points.len()), (8, 2, 4), "{shot}");
+        }
+    }
+
+    #[test]
+    fn peers_of_another_exposure_are_not_held_against_ours() {
+        let peers = |ev: &str| Peers::parse(&format!("{ev}\n[[peer]]\nname = 'a'\nflip = 0.1\ntime_ms = 1.0")).unwrap();
+        assert_eq!(peers("exposure_ev = -0.9").at(-0.9).unwrap().len(), 1);
+        for (peers, said) in [(peers(""), "at 0 EV, the shot's at -0.9 EV"), (peers("exposure_ev = 2"), "at 2 EV")] {
+            let error = peers.at(-0.9).unwrap_err().to_string();
+            assert!(error.contains(said) && error.contains("exposure_ev = -0.9"), "{error}");
         }
     }
 }

@@ -58,6 +58,8 @@ pub struct Found {
     pub speed_up: f64,
     /// Mean of both eyes over frames.
     pub quality: Quality,
+    /// The shot's, at which that is judged.
+    pub exposure_ev: f64,
 }
 
 /// A configuration of the thesis at one resolution and scene.
@@ -124,7 +126,8 @@ const TIME: [Column<Row>; 5] = [
     ("thesis speed-up", |r| format!("{:.2}", r.cited_speed_up())),
 ];
 
-const ERRORS: [Column<Row>; 6] = [
+const ERRORS: [Column<Row>; 7] = [
+    ("exposure_ev", |r| r.found.map_or("-".to_owned(), |f| f.exposure_ev.to_string())),
     ("rmse %", |r| cell(r.quality().map(|q| q.rmse_percent), 4)),
     ("ssim", |r| cell(r.quality().and_then(|q| q.ssim), 6)),
     ("psnr", |r| cell(r.quality().map(|q| q.psnr), 3)),
@@ -140,7 +143,8 @@ pub const TIME_NOTE: &str = "Median makespan of warm frames of one instant, both
     pixel on average in the inner, middle and outer layer, with 3, 5 and 5 or 2, 3 and 5 iterations.";
 
 /// What stands with [`quality_table`].
-pub const QUALITY_NOTE: &str = "Mean of both eyes and frames, against an image of many samples without denoiser. RMSE is \
+pub const QUALITY_NOTE: &str = "Mean of both eyes and frames, against an image of many samples without denoiser, both tonemapped at \
+    exposure_ev, the shot's. RMSE is \
     in % of the range of display values, so that PSNR = -20 log10(RMSE / 100 %). Thesis: table 5, which does not say at \
     which resolution, and of what its RMSE is: its PSNR is 1.0 (Pink Room, Base) to 6.1 dB (Forest, Base) below what \
     that formula gives. Other scenes and renderers: hold configurations of a scene against each other, not columns.";
@@ -187,15 +191,16 @@ mod tests {
 
     #[test]
     fn what_was_not_measured_leaves_the_cited_numbers_alone() {
-        let found = Found { time_ms: [9.0, 10.0, 12.0], speed_up: 1.0, quality: Quality::new(20.0, Some(0.5)) };
+        let quality = Quality::new(20.0, Some(0.5));
+        let found = Found { time_ms: [9.0, 10.0, 12.0], speed_up: 1.0, quality, exposure_ev: 2.0 };
         let row =
             |configuration, found| Row::new([0, 2, configuration], "240x270".into(), "builtin:forest".into(), found);
         let rows = [row(0, Some(found)), row(2, None)];
         assert_eq!(time_table(&rows).rows[0][3..], ["Forest", "Base", "10.00", "3.00", "1.00", "22.84", "1.00"]);
         assert_eq!(time_table(&rows).rows[1][5..], ["-", "-", "-", "17.54", "1.30"]);
-        assert_eq!(quality_table(&rows).rows[0][5..8], ["10.0000", "0.500000", "20.000"]);
-        assert_eq!(quality_table(&rows).rows[1][5..], ["-", "-", "-", "4.1787", "0.778536", "21.692"]);
+        assert_eq!(quality_table(&rows).rows[0][5..9], ["2", "10.0000", "0.500000", "20.000"]);
+        assert_eq!(quality_table(&rows).rows[1][5..], ["-", "-", "-", "-", "4.1787", "0.778536", "21.692"]);
         let text = peres_csv(&rows);
-        assert!(text.lines().all(|line| line.split(',').count() == 16), "{text}");
+        assert!(text.lines().all(|line| line.split(',').count() == 17), "{text}");
     }
 }

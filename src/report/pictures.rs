@@ -25,22 +25,28 @@ pub struct Picture {
 impl Group {
     /// Both eyes of linear images as a screen shows them, `exposure_ev` stops brighter.
     pub fn of_frame(name: String, linear: &Stereo<RgbImage>, exposure_ev: f32) -> Self {
-        let eye = |eye: &str, image| Picture { name: eye.to_owned(), image: tonemap(image, f64::from(exposure_ev)) };
+        let eye = |eye: &str, image| Picture { name: eye.to_owned(), image: tonemap(image, exposure_ev) };
         Self { name, pictures: vec![eye("left eye", &linear.left), eye("right eye", &linear.right)] }
     }
 
-    /// Adds the FLIP of each pixel of both eyes, with their means in the names.
+    /// [`Self::of_frame`], and the FLIP of each pixel of both eyes as they are shown, with their means in the names.
     ///
     /// # Errors
     /// [`ReportError::Image`] for images of unlike size or without pixels.
-    pub fn against(mut self, reference: &Stereo<RgbImage>, linear: &Stereo<RgbImage>) -> Result<Self, ReportError> {
+    pub fn against(
+        name: String,
+        linear: &Stereo<RgbImage>,
+        reference: &Stereo<RgbImage>,
+        exposure_ev: f32,
+    ) -> Result<Self, ReportError> {
+        let mut group = Self::of_frame(name, linear, exposure_ev);
         for (eye, right, image) in [("left", &reference.left, &linear.left), ("right", &reference.right, &linear.right)]
         {
-            let pair = Pair::new(right, image)?;
+            let pair = Pair::new(right, image, exposure_ev)?;
             let name = format!("FLIP, {eye} eye (mean {:.4})", pair.errors().flip);
-            self.pictures.push(Picture { name, image: flip_heatmap(&pair) });
+            group.pictures.push(Picture { name, image: flip_heatmap(&pair) });
         }
-        Ok(self)
+        Ok(group)
     }
 }
 
@@ -89,7 +95,7 @@ mod tests {
         let grey = |value: f32| RgbImage::filled(Extent::new(12, 11), [value; 3]);
         let linear = Stereo { left: grey(0.5), right: grey(0.25) };
         let reference = Stereo { left: grey(0.5), right: grey(0.5) };
-        let frame = Group::of_frame("a <b>".into(), &linear, 0.0).against(&reference, &linear).unwrap();
+        let frame = Group::against("a <b>".into(), &linear, &reference, 0.0).unwrap();
         assert_eq!(frame.pictures[2].name, "FLIP, left eye (mean 0.0000)");
         assert!(frame.pictures[3].image.pixels[0] != [0, 0, 3], "{:?}", frame.pictures[3].image.pixels[0]);
         let html = viewer(&[frame, Group::of_frame("reference".into(), &reference, 0.0)]).unwrap();
@@ -98,5 +104,17 @@ mod tests {
         let encoded = html.split("base64,").nth(1).unwrap().split('"').next().unwrap();
         let png = ::image::load_from_memory(&STANDARD.decode(encoded).unwrap()).unwrap().into_rgb8();
         assert_eq!((png.dimensions(), png.get_pixel(3, 3).0), ((12, 11), tonemap(&linear.left, 0.0).pixels[0]));
+    }
+
+    #[test]
+    fn flip_is_of_the_pictures_that_are_shown() {
+        let grey = |value: f32| RgbImage::filled(Extent::new(12, 11), [value; 3]);
+        let eyes = |value| Stereo { left: grey(value), right: grey(value) };
+        let names = |scale: f32, exposure_ev: f32| -> Vec<String> {
+            let group = Group::against("a".into(), &eyes(0.25 * scale), &eyes(0.5 * scale), exposure_ev).unwrap();
+            group.pictures.into_iter().map(|p| p.name).collect()
+        };
+        assert_eq!(names(1024.0, -10.0), names(1.0, 0.0));
+        assert_ne!(names(1024.0, 0.0), names(1.0, 0.0));
     }
 }

@@ -5,10 +5,11 @@ use std::io::Write;
 use std::path::Path;
 
 use serde::Serialize;
+use serde_json::Serializer;
 
 use crate::accumulation::Noise;
 use crate::device::DeviceInfo;
-use crate::exec::{Fault, FrameReport, Stereo, TaskTiming};
+use crate::exec::{Fault, FrameReport, Stereo, TaskTiming, TimedTask};
 use crate::graph::{Seam, Stage};
 use crate::image::file::atomic_write;
 use crate::image::{Extent, ImageError};
@@ -17,8 +18,13 @@ use crate::scene::needs::SceneNeeds;
 use crate::scene::rig::Eye;
 use crate::stages::HoleReason;
 
+use super::json::Lines;
+use super::lanes::round;
 use super::play::{ControlRow, PlaySummary};
 use super::{median, median_of};
+
+/// How deep in the file a frame's sums and tasks are: each has a line.
+const FRAME_DEPTH: usize = 4;
 
 /// The settings of a run, as its options gave them.
 #[derive(Clone, Debug, Serialize)]
@@ -139,7 +145,44 @@ impl fmt::Display for ReferenceRow {
     }
 }
 
-/// A frame; of a reference, makespan, rays and dropped samples of all its passes of this run and the stages of the last.
+/// What a device did for a stage and view in a frame. Its rows that left and came are the stages `download` and `upload`.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct StageSum {
+    pub stage: &'static str,
+    pub view: Eye,
+    pub device: usize,
+    /// To microseconds.
+    pub busy_ms: f64,
+    /// Of transfers.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bytes: Option<u64>,
+}
+
+impl StageSum {
+    /// In the order in which tasks come first.
+    fn of(tasks: &[TaskTiming]) -> Vec<Self> {
+        let mut sums: Vec<Self> = Vec::new();
+        for &TaskTiming { stage, kind, view, device, begin_ms, end_ms, bytes, .. } in tasks {
+            let stage = match kind {
+                TimedTask::Gpu(_) => stage,
+                TimedTask::Download => "download",
+                TimedTask::Upload => "upload",
+            };
+            let busy_ms = end_ms - begin_ms;
+            match sums.iter_mut().find(|s| (s.stage, s.view, s.device) == (stage, view, device)) {
+                Some(sum) => {
+                    sum.busy_ms += busy_ms;
+                    sum.bytes = sum.bytes.zip(bytes).map(|(sum, more)| sum + more);
+                }
+                None => sums.push(Self { stage, view, device, busy_ms, bytes }),
+            }
+        }
+        sums.iter_mut().for_each(|sum| sum.busy_ms = round(sum.busy_ms));
+        sums
+    }
+}
+
+/// A frame; of a reference, makespan, rays and dropped samples of all its passes of this run, stages and tasks of the last.
 #[derive(Clone, Debug, Serialize)]
 pub struct FrameRow {
     pub index: u32,
@@ -166,7 +209,10 @@ pub struct FrameRow {
     pub history_rows: Option<u32>,
     /// The filter's passes before which rows come from neighbours.
     pub halo_exchanges: Vec<usize>,
-    pub stages: Vec<TaskTiming>,
+    pub stages: Vec<StageSum>,
+    /// Each task, with times since the frame's begin, where [`Self::with_tasks`] added them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub tasks: Vec<TaskTiming>,
     /// Of frames inside a budget.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub control: Option<ControlRow>,
@@ -184,12 +230,6 @@ impl FrameRow {
             .into_iter()
             .flat_map(|s| Eye::ALL.map(|v| (format!("{}.{v}", s.name()), rows_of(s, v).into())))
             .collect();
-        let origin = frame.begin_ms;
-        let mut stages = frame.tasks.clone();
-        for task in &mut stages {
-            task.begin_ms -= origin;
-            task.end_ms -= origin;
-        }
         Self {
             index: frame.index,
             makespan_ms: frame.makespan_ms,
@@ -212,9 +252,15 @@ impl FrameRow {
                 Seam::Halo(plan) => (0..frame.spec.filter_passes()).filter(|i| plan.receives_before(*i)).collect(),
                 Seam::None | Seam::Filter => Vec::new(),
             },
-            stages,
+            stages: StageSum::of(&frame.tasks),
+            tasks: Vec::new(),
             control: None,
         }
+    }
+
+    /// With each of its tasks.
+    pub fn with_tasks(self, frame: &FrameReport) -> Self {
+        Self { tasks: frame.tasks_since_begin(), ..self }
     }
 }
 
@@ -227,6 +273,8 @@ pub struct RunReport {
     pub scene: SceneSummary,
     /// Largest resident memory of the process so far, MiB; absent where the system does not tell.
     pub peak_resident_mib: Option<f64>,
+    /// From when devices were open until the first frame could begin: shaders are compiled, and `play` times settings.
+    pub warm_up_s: f64,
     pub frames: Vec<FrameRow>,
     /// Devices that were taken out.
     pub faults: Vec<Fault>,
@@ -254,6 +302,7 @@ impl RunReport {
             devices: devices.to_vec(),
             scene: SceneSummary::of(scene, needs, skips),
             peak_resident_mib: peak_resident_mib(),
+            warm_up_s: 0.0,
             frames,
             faults: Vec::new(),
             references: Vec::new(),
@@ -263,15 +312,18 @@ impl RunReport {
 
     pub fn write(&self, path: &Path) -> Result<(), ImageError> {
         atomic_write(path, |file| {
-            serde_json::to_writer_pretty(&mut *file, self)?;
+            self.serialize(&mut Serializer::with_formatter(&mut *file, Lines::new(FRAME_DEPTH)))?;
             file.write_all(b"\n")
         })
     }
 
-    /// Time in which devices were at frames: their makespans, or what of them was not the frame before's as well.
-    pub fn rendering_s(&self) -> f64 {
+    /// Rays over the time in which devices were at frames: their makespans, or what of them was not the frame before's as
+    /// well. Of several frames the first, which meets cold caches and stripes that are not yet learned, does not count.
+    pub fn rays_per_s(&self) -> Option<f64> {
+        let counted = &self.frames[usize::from(self.frames.len() > 1)..];
         let own_ms = |f: &FrameRow| f.interval_ms.map_or(f.makespan_ms, |i| i.min(f.makespan_ms));
-        self.frames.iter().map(own_ms).sum::<f64>() * 1e-3
+        let (rays, ms) = counted.iter().fold((0, 0.0), |(rays, ms), f| (rays + f.rays, ms + own_ms(f)));
+        (ms > 0.0).then(|| rays as f64 / ms * 1e3)
     }
 
     /// Median time between the ends of frames that follow one another, ms. Those of the last ones in flight, which had

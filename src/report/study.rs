@@ -25,6 +25,8 @@ pub(super) fn table<T>(columns: &[Column<T>], rows: &[T]) -> Table {
 pub struct SequenceRow {
     pub eye: &'static str,
     pub frames: usize,
+    /// At which display values are taken.
+    pub exposure_ev: f32,
     /// Means over frames.
     pub mean: Errors,
     #[serde(flatten)]
@@ -33,14 +35,15 @@ pub struct SequenceRow {
 }
 
 impl SequenceRow {
-    pub fn new(eye: &'static str, per_frame: Vec<metrics::Errors>, temporal: TemporalError) -> Self {
-        Self { eye, frames: per_frame.len(), mean: Errors::mean_of(&per_frame), temporal, per_frame }
+    pub fn new(eye: &'static str, exposure_ev: f32, per_frame: Vec<metrics::Errors>, temporal: TemporalError) -> Self {
+        Self { eye, frames: per_frame.len(), exposure_ev, mean: Errors::mean_of(&per_frame), temporal, per_frame }
     }
 }
 
 const SEQUENCE: &[Column<SequenceRow>] = &[
     ("eye", |r| r.eye.to_owned()),
     ("frames", |r| r.frames.to_string()),
+    ("exposure_ev", |r| r.exposure_ev.to_string()),
     ("relmse", |r| cell(r.mean.get("relmse"), 6)),
     ("psnr", |r| cell(r.mean.get("psnr"), 4)),
     ("flip", |r| cell(r.mean.get("flip"), 6)),
@@ -108,6 +111,8 @@ pub struct SeamRow {
     /// `-` for one device.
     pub policy: String,
     pub eye: Eye,
+    /// At which PSNR and FLIP are taken.
+    pub exposure_ev: f64,
     #[serde(flatten)]
     pub errors: SeamErrors,
     /// Whether every frame has the bytes of one device's.
@@ -120,6 +125,7 @@ const SEAMS: &[Column<SeamRow>] = &[
     ("devices", |r| r.devices.to_string()),
     ("seam policy", |r| r.policy.clone()),
     ("eye", |r| r.eye.to_string()),
+    ("exposure_ev", |r| r.exposure_ev.to_string()),
     ("psnr", |r| format!("{:.3}", r.errors.psnr)),
     ("flip", |r| format!("{:.5}", r.errors.flip)),
     ("seam", |r| cell(r.errors.seam, 4)),
@@ -133,7 +139,8 @@ const SEAMS: &[Column<SeamRow>] = &[
 ];
 
 /// What the columns of [`seam_table`] are.
-pub const SEAM_NOTE: &str = "Means over frames. psnr (dB) and flip are against the reference; seam is the RMSE within 4 \
+pub const SEAM_NOTE: &str = "Means over frames. psnr (dB) and flip are against the reference, both tonemapped at \
+    exposure_ev; seam is the RMSE within 4 \
     rows of where filtered stripes meet over that elsewhere, and seam / one's over that of the one-device picture's same \
     rows: 1 is nothing. psnr, flip and seam rmse to one are against the one-device picture: inf, 0 and 0 where all bytes \
     are the same. ms: median of warm frames, and the distance of their quartiles.";
@@ -197,7 +204,7 @@ mod tests {
             seam_rmse_one: Some(0.0),
         };
         let policy = policy.to_owned();
-        SeamRow { devices, policy, eye, errors, same_bytes: true, time_ms: [1.0, 2.0, 4.0] }
+        SeamRow { devices, policy, eye, exposure_ev: 0.0, errors, same_bytes: true, time_ms: [1.0, 2.0, 4.0] }
     }
 
     #[test]

@@ -96,6 +96,36 @@ fn a_grid_has_its_rows_its_plot_and_its_reference() {
     assert_eq!(same, &first["errors"]["left"]["rmse"]);
 }
 
+/// A shot whose frames are black on the screen has next to no FLIP, whatever their radiance is off by. What was measured
+/// of it at another exposure is not taken for it, the reference is.
+#[test]
+fn a_grid_is_judged_at_the_exposure_of_its_shot() {
+    let folder = tempfile::tempdir().unwrap();
+    let (shot, out) = (folder.path().join("shot.toml"), folder.path().join("out"));
+    let setting = ["--size", "32x18", "--spp", "1", "--bounces", "2", "--denoiser", "none", "--repeats", "1"];
+    let at = |ev: &str| {
+        let text = include_str!("../scenes/cornell.toml").to_owned() + &format!("\n[exposure]\nev = {ev}\n");
+        std::fs::write(&shot, text).unwrap();
+        let args = ["bench", shot.to_str().unwrap(), "--json", "--reference-spp", "16", "--out", out.to_str().unwrap()];
+        let output = diptych(&[&args[..], &setting].concat());
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        let text = String::from_utf8(output.stdout).unwrap();
+        let events: Vec<Value> = text.lines().map(|l| serde_json::from_str(l).unwrap()).collect();
+        let result = event(&events, "result");
+        assert_eq!(result["exposure_ev"].to_string(), ev);
+        assert_eq!(Ladder::read(&out.join("ladder.toml")).unwrap().origin().exposure_ev.to_string(), ev);
+        let csv = std::fs::read_to_string(out.join("bench.csv")).unwrap();
+        assert!(csv.starts_with("size,exposure_ev,") && csv.contains(&format!("32x18,{ev},")), "{csv}");
+        let origin = event(&events, "reference")["origin"].as_str().unwrap().to_owned();
+        (["rmse", "flip", "psnr"].map(|name| result["rows"][0]["errors"]["left"][name].as_f64().unwrap()), origin)
+    };
+    let ([rmse, flip, psnr], _) = at("0.5");
+    let ([dark_rmse, dark_flip, dark_psnr], origin) = at("-12.3");
+    assert!(origin.contains("kept from an earlier run"), "{origin}");
+    assert_eq!(dark_rmse, rmse);
+    assert!(flip > 0.05 && dark_flip < 0.1 * flip && dark_psnr > psnr + 20.0, "{flip} {dark_flip}, {psnr} {dark_psnr}");
+}
+
 /// All results.
 fn results(out: &Path) -> Vec<String> {
     let files = ["bench.csv", "bench.svg", "ladder.toml", "ladder.svg"];

@@ -6,7 +6,8 @@ use std::process::Output;
 use crate::common::diptych;
 use diptych::image::exr::{write_channels, write_rgb};
 use diptych::image::{Extent, Image, RgbImage};
-use diptych::metrics::compare;
+use diptych::metrics::heatmap::heatmap;
+use diptych::metrics::{Pair, compare};
 
 /// Small deterministic numbers in 0 … 1.
 fn noise(mut state: u32) -> impl FnMut() -> f64 {
@@ -107,6 +108,29 @@ fn the_other_errors_are_what_an_independent_implementation_finds() {
     }
 }
 
+/// What is shown is radiance times two to the exposure, so pictures that differ by a power of two in both have the same
+/// errors of display values, to the last bit.
+#[test]
+fn images_are_judged_at_the_exposure_they_are_shown_at() {
+    let base = scene(48, 40);
+    let image = noisy(&base, 3);
+    let brighter = |image: &RgbImage| RgbImage {
+        pixels: image.pixels.iter().map(|p| p.map(|c| c * 1024.0)).collect(),
+        extent: image.extent,
+    };
+    let errors = |reference: &RgbImage, image: &RgbImage, exposure_ev: f32| {
+        let pair = Pair::new(reference, image, exposure_ev).unwrap();
+        let found = pair.errors();
+        (pair.flip().to_vec(), found.flip, found.psnr, found.ssim)
+    };
+    let (bright_base, bright_image) = (brighter(&base), brighter(&image));
+    assert_eq!(errors(&base, &image, 0.0), errors(&bright_base, &bright_image, -10.0));
+    assert_ne!(errors(&base, &image, 0.0), errors(&bright_base, &bright_image, 0.0));
+    let maps = [(&base, &image, 0.0), (&bright_base, &bright_image, -10.0), (&base, &image, -10.0)]
+        .map(|(reference, image, ev)| heatmap(reference, image, ev).unwrap());
+    assert!(maps[0] == maps[1] && maps[0] != maps[2]);
+}
+
 /// Infinities and NaN count as 0, here black: the errors are those of black pixels.
 #[test]
 fn pixels_that_are_not_finite_are_counted_and_harm_nothing_else() {
@@ -180,6 +204,28 @@ fn compare_prints_all_errors_as_text_and_as_json() {
     assert_eq!(json["image_source"]["channels"], serde_json::json!(["R", "G", "B"]));
 }
 
+/// At 0 EV both are white; at the exposure of the shot one is twice as bright.
+#[test]
+fn an_error_that_only_shows_at_the_exposure_of_the_shot_is_found_there() {
+    let files = Files::new();
+    write_rgb(&files.path("reference.exr"), &flat(48, 40, [1e6; 3])).unwrap();
+    write_rgb(&files.path("image.exr"), &flat(48, 40, [5e5; 3])).unwrap();
+    let at = |ev: &str| {
+        let map = files.path("map.png");
+        let found = files.json(&["--exposure", ev, "--flip-map", map.to_str().unwrap(), "--rings", "1"]);
+        let red = image::open(&map).unwrap().into_rgb8().get_pixel(20, 20).0[0];
+        let number = |value: &serde_json::Value| value.as_f64().unwrap();
+        (number(&found["exposure_ev"]), number(&found["flip"]), number(&found["rings"]["rings"][0]["flip"]), red)
+    };
+    let (white, shown) = (at("0"), at("-19.5"));
+    assert_eq!((white.0, shown.0), (0.0, -19.5));
+    assert!(white.1 < 1e-3 && white.2 < 1e-3 && white.3 == 0, "{white:?}");
+    assert!(shown.1 > 0.1 && shown.2 > 0.1 && shown.3 > 20, "{shown:?}");
+    let text = files.compare("reference.exr", "image.exr", &["--exposure", "-0.9"]).stdout;
+    let text = String::from_utf8(text).unwrap();
+    assert!(text.lines().any(|l| l.split_whitespace().eq(["exposure_ev", "-0.9"])), "{text}");
+}
+
 #[test]
 fn compare_splits_errors_by_ring_and_by_seam() {
     let files = Files::new();
@@ -247,6 +293,7 @@ fn compare_refuses_bad_input_by_name() {
         ("--gaze", "0.5"),
         ("--gaze", "0.5,1.5"),
         ("--gaze", "nan,0.5"),
+        ("--exposure", "nan"),
         ("--yfov", "180"),
         ("--yfov", "nan"),
         ("--seams", "0"),

@@ -52,6 +52,9 @@ fn a_run_tells_all_of_every_frame() {
     assert_eq!((told.len(), rows.len()), (40, 40));
     let text = std::fs::read_to_string(out.join("ladder.toml")).unwrap();
     let ladder = ::diptych::control::Ladder::parse(&text).unwrap();
+    // FLIP is estimated, of images at an exposure of its own; nothing is known of relMSE.
+    assert!(ladder.rungs().iter().all(|r| r.relmse.is_none()) && text.contains("flip is estimated"), "{text}");
+    assert_eq!(ladder.origin().exposure_ev, 0.0);
     for (i, (row, event)) in rows.iter().zip(told).enumerate() {
         let rung = &ladder.rungs()[row["rung"].as_u64().unwrap() as usize];
         let knobs = [("spp", rung.knobs.spp), ("bounces", rung.knobs.bounces), ("iterations", rung.knobs.iterations)];

@@ -51,6 +51,12 @@ fn noise_flickers_and_filtering_calms_it() {
         assert!(new_share > 0.0 && new_share < 0.5, "{new_share}");
         assert_eq!(new_share, of(&filtered_found, eye, "new_share"), "surfaces are the same for both");
     }
+    // Twelve stops darker all of it is next to black.
+    let dark = diptych(&["compare", right.to_str().unwrap(), noisy.to_str().unwrap(), "--json", "--exposure", "-12"]);
+    let dark: Value = serde_json::from_slice(&dark.stdout).unwrap();
+    assert_eq!((of(&noisy_found, "left", "exposure_ev"), of(&dark, "left", "exposure_ev")), (0.0, -12.0));
+    assert!(of(&dark, "left", "flicker") < 0.1 * of(&noisy_found, "left", "flicker"), "{dark}");
+
     let same = compare(&noisy, &noisy);
     assert_eq!((of(&same, "left", "flicker"), &same["left"]["ghosting"]), (0.0, &Value::Null));
 

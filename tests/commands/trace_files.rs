@@ -1,4 +1,5 @@
-//! A run's trace-file is valid whatever becomes of the run, and `diptych trace` reads it, alone and beside another.
+//! A run's trace-file is valid whatever becomes of the run, and `diptych trace` reads it, alone and beside another;
+//! `run.json` has the sums of its tasks.
 
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};
@@ -88,6 +89,48 @@ fn a_killed_run_leaves_a_trace_that_is_valid_and_can_be_read() {
         |key: &str| same[key].as_array().unwrap().iter().map(|c| number(&c["difference"])).collect::<Vec<_>>();
     assert!(changes("stages").len() > 5 && changes("stages").iter().chain(&changes("frames")).all(|&d| d == 0.0));
     assert!(printed(&["trace", &path, &path]).contains("makespan ms"));
+}
+
+#[test]
+fn a_run_tells_sums_of_its_tasks_and_each_of_them_where_asked() {
+    let folder = tempfile::tempdir().unwrap();
+    let run = |name: &str, options: &[&str]| {
+        let out = folder.path().join(name);
+        let fixed = ["render", "builtin:cornell", "--size", "48x32", "--virtual", "2", "--frames", "4", "--out"];
+        let text = printed(&[&fixed[..], &[out.to_str().unwrap()], options].concat());
+        (std::fs::read_to_string(out.join("run.json")).unwrap(), text)
+    };
+    let (brief, text) = run("brief", &[]);
+    assert!(brief.len() < 4 * 8000, "{} bytes for 4 frames", brief.len());
+    let brief: Value = serde_json::from_str(&brief).unwrap();
+    let frames = brief["frames"].as_array().unwrap();
+    assert!(frames.iter().all(|f| f.get("tasks").is_none()));
+    // What is printed is of the frames behind the first.
+    let sum = |name: &str| frames[1..].iter().map(|f| number(&f[name])).sum::<f64>();
+    let said = format!("{:.2} Mrays/s", sum("rays") / sum("makespan_ms") * 1e-3);
+    let warm_up = format!("warm-up {:.1} s; 4 frame(s)", number(&brief["warm_up_s"]));
+    assert!(text.contains(&said) && text.contains(&warm_up), "{text} without {said} or {warm_up}");
+
+    let (detailed, _) = run("detailed", &["--details"]);
+    let detailed: Value = serde_json::from_str(&detailed).unwrap();
+    for frame in detailed["frames"].as_array().unwrap() {
+        let (stages, tasks) = (frame["stages"].as_array().unwrap(), frame["tasks"].as_array().unwrap());
+        let of = |v: &Value| (v["stage"].clone(), v["view"].clone(), v["device"].clone());
+        for stage in stages {
+            let transfers = stage.get("bytes").is_some();
+            assert_eq!(transfers, ["download", "upload"].contains(&stage["stage"].as_str().unwrap()), "{stage}");
+            if !transfers {
+                let own = tasks.iter().filter(|t| t.get("bytes").is_none() && of(t) == of(stage));
+                let own_ms: f64 = own.map(|t| number(&t["end_ms"]) - number(&t["begin_ms"])).sum();
+                assert!((own_ms - number(&stage["busy_ms"])).abs() < 0.000_51, "{stage}: {own_ms}");
+            }
+        }
+        let bytes = |rows: &[Value]| rows.iter().filter_map(|r| r.get("bytes")).map(number).sum::<f64>();
+        assert!(bytes(stages) == bytes(tasks) && bytes(tasks) == 2.0 * number(&frame["transferred_bytes"]), "{frame}");
+        let is_once = |s: &Value| stages.iter().filter(|other| of(other) == of(s)).count() == 1;
+        assert!(stages.iter().all(is_once), "{frame}");
+        assert!(tasks.iter().all(|t| number(&t["begin_ms"]) >= 0.0), "{frame}");
+    }
 }
 
 #[test]

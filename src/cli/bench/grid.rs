@@ -187,7 +187,7 @@ impl<'a> Grid<'a> {
         let Self { args, loaded, reference, tracing } = self;
         let (mut renderer, options) = self.renderer(setting)?;
         record_devices(&tracing.recorder, renderer.devices());
-        let Shot { gaze, rig, .. } = &loaded.shot;
+        let Shot { gaze, rig, exposure_ev, .. } = &loaded.shot;
         let viewing = Viewing { gaze: gaze.at(options.time), yfov_deg: rig.yfov_rad.to_degrees() };
         let mut repeats = Vec::new();
         let warm_up = setting.warm_up(args);
@@ -198,8 +198,11 @@ impl<'a> Grid<'a> {
                 // Each setting's frames get numbers of their own in the trace.
                 tracing.record(&options, &FrameReport { index: number * FRAMES_MAX + i, ..frame.clone() });
                 let image = renderer.read_linear()?;
-                let left = SeenErrors::new(&Pair::new(&reference.images.left, &image.left)?, &viewing);
-                let right = SeenErrors::new(&Pair::new(&reference.images.right, &image.right)?, &viewing);
+                let seen = |reference, image| {
+                    Ok::<_, Failure>(SeenErrors::new(&Pair::new(reference, image, *exposure_ev)?, &viewing))
+                };
+                let left = seen(&reference.images.left, &image.left)?;
+                let right = seen(&reference.images.right, &image.right)?;
                 repeats.push(Repeat::new(&frame, Stereo { left, right }));
             }
         }

@@ -7,7 +7,9 @@ use diptych::device::DeviceInfo;
 use diptych::exec::{FrameReport, Stereo};
 use diptych::image::RgbImage;
 use diptych::report::Table;
-use diptych::report::bench::{Regret, Row, Shared, Slope, ladder_svg, ladder_table, regret_table, table};
+use diptych::report::bench::{
+    Regret, Row, Shared, Slope, exposure_note, ladder_svg, ladder_table, regret_table, table,
+};
 use diptych::report::html::Section;
 use diptych::report::lanes::LaneFrame;
 use diptych::report::peers::{self, Peer};
@@ -51,7 +53,10 @@ impl Page<'_> {
         let errors = "Means over frames, by eye. Front: no other setting is both faster and better by FLIP.".to_owned();
         let front = Section {
             heading: "Time against error",
-            notes: [errors].into_iter().chain(self.slopes.iter().map(ToString::to_string)).collect(),
+            notes: [errors, exposure_note(self.loaded.exposure_ev())]
+                .into_iter()
+                .chain(self.slopes.iter().map(ToString::to_string))
+                .collect(),
             table: Some(table(rows, noise)),
             figure: Some(figure),
         };
@@ -97,7 +102,7 @@ impl Page<'_> {
         let mut groups = seen.iter().map(against).collect::<Result<Vec<_>, _>>()?;
         groups.push(Group::of_frame("reference".into(), &reference.images, loaded.shot.exposure_ev));
         let note = format!("The ends and the middle of the front, and the reference: {}. ", reference.origin);
-        page::pictures(note + page::FLIP_NOTE, &groups)
+        page::pictures(note + &page::flip_note(loaded), &groups)
     }
 
     fn ladder(&self) -> Result<Section, Failure> {

@@ -4,7 +4,7 @@ use anyhow::anyhow;
 
 use diptych::exec::Stereo;
 use diptych::image::{Extent, RgbImage};
-use diptych::metrics;
+use diptych::metrics::Pair;
 use diptych::report::html::Section;
 use diptych::report::peres::{
     CONFIGURATIONS, Found, QUALITY_NOTE, Quality, RESOLUTIONS, Row, SCENES, TIME_NOTE, peres_csv, quality_table,
@@ -22,7 +22,7 @@ use crate::cli::options::{Denoiser, RenderOptions, RunOptions};
 use crate::cli::output;
 use crate::cli::page::{self, and_page};
 use crate::cli::progress::Progress;
-use crate::cli::setup::{self, Tracing};
+use crate::cli::setup::{self, Loaded, Tracing};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 enum StudyPreset {
@@ -33,7 +33,7 @@ enum StudyPreset {
 #[derive(clap::Args, Clone, Debug)]
 pub struct PresetOptions {
     /// Repeat a published study instead of measuring the grid
-    #[arg(long, value_name = "STUDY", conflicts_with_all = ["seams", "shot", "size", "spp", "denoiser", "iterations", "reference"])]
+    #[arg(long, value_name = "STUDY", conflicts_with_all = ["seams", "shot", "size", "spp", "bounces", "denoiser", "iterations", "reference"])]
     preset: Option<StudyPreset>,
     /// With --preset: what stands for the study's scenes, in their order: Pink Room, Sponza, Forest
     #[arg(
@@ -151,7 +151,7 @@ impl Study<'_> {
             let virtual_devices = Some(args.virtual_devices);
             let warm = timed.frames(&Setting { number: self.settings, name, options, virtual_devices })?;
             self.settings += 1;
-            let found = judge(&warm.frames, &reference.images, &mut base_ms)?;
+            let found = judge(&warm.frames, &reference.images, &loaded, &mut base_ms)?;
             self.rows.push(Row::new([resolution, scene, i], size.to_string(), shot.clone(), Some(found)));
         }
         Ok(())
@@ -184,12 +184,17 @@ impl Study<'_> {
 }
 
 /// Times and errors of frames; the first to come is what the others' speed-ups are over.
-fn judge(frames: &[TimedFrame], reference: &Stereo<RgbImage>, base_ms: &mut Option<f64>) -> Result<Found, Failure> {
+fn judge(
+    frames: &[TimedFrame],
+    reference: &Stereo<RgbImage>,
+    loaded: &Loaded,
+    base_ms: &mut Option<f64>,
+) -> Result<Found, Failure> {
     let time_ms = quartiles(frames.iter().map(|f| f.report.makespan_ms).collect());
     let (mut psnr, mut ssim) = (Vec::new(), Some(Vec::new()));
     for frame in frames {
         for (reference, image) in [(&reference.left, &frame.linear.left), (&reference.right, &frame.linear.right)] {
-            let errors = metrics::compare(reference, image)?;
+            let errors = Pair::new(reference, image, loaded.shot.exposure_ev)?.errors();
             psnr.push(errors.psnr);
             ssim = ssim.zip(errors.ssim).map(|(all, value)| [all, vec![value]].concat());
         }
@@ -197,5 +202,5 @@ fn judge(frames: &[TimedFrame], reference: &Stereo<RgbImage>, base_ms: &mut Opti
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
     let quality = Quality::new(mean(&psnr), ssim.map(|values| mean(&values)));
     let speed_up = *base_ms.get_or_insert(time_ms[1]) / time_ms[1];
-    Ok(Found { time_ms, speed_up, quality })
+    Ok(Found { time_ms, speed_up, quality, exposure_ev: loaded.exposure_ev() })
 }

@@ -6,7 +6,7 @@ use clap::ValueEnum;
 use diptych::device::DeviceInfo;
 use diptych::exec::Stereo;
 use diptych::graph::Stage;
-use diptych::image::RgbImage;
+use diptych::image::{ImageError, RgbImage};
 use diptych::metrics::Pair;
 use diptych::report::Table;
 use diptych::report::html::Section;
@@ -19,16 +19,18 @@ use super::Args;
 use super::reference::{Reference, given, own, single};
 use super::timed::{Setting, Timed, TimedFrame, Warm};
 use crate::cli::failure::Failure;
+use crate::cli::foveation::FoveationOptions;
 use crate::cli::interrupt;
 use crate::cli::options::{Balance, Denoiser, RenderOptions, RunOptions, SeamOption};
 use crate::cli::output::{self, same_bits};
 use crate::cli::page::{self, and_page};
 use crate::cli::progress::Progress;
-use crate::cli::setup::{self, Tracing};
+use crate::cli::setup::{self, Loaded, Tracing};
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct SeamOptions {
-    /// Measure seams instead of the grid: every seam policy at every count, by the first of --spp and --denoiser
+    /// Measure seams instead of the grid: every seam policy at every count, by the first of --spp, --bounces,
+    /// --denoiser and --iterations
     #[arg(long, conflicts_with_all = ["virtual_devices", "seam"])]
     seams: bool,
     /// With --seams: virtual devices on each chosen adapter; one device is always measured
@@ -64,7 +66,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let settings = 1 + args.seams.counts().len() * SeamOption::value_variants().len();
     let progress = Progress::new(settings as u64 * frames, options.quiet, options.json);
     let timed = Timed { args, loaded: &loaded, progress: &progress, tracing: &tracing };
-    let found = Study { options, reference }.measure(&timed)?;
+    let found = Study { options, reference, loaded: &loaded }.measure(&timed)?;
     progress.finish();
     tracing.finish()?;
     found.write(args)
@@ -77,8 +79,10 @@ fn settings(args: &Args) -> Result<RenderOptions, Failure> {
         run.balance = Some(Balance::Even);
     }
     let denoiser = args.denoiser.first().copied().unwrap_or(Denoiser::Atrous);
-    let spp = args.spp.first().copied().unwrap_or(1);
-    let options = RenderOptions { spp, ..single(run, denoiser) };
+    let first = |asked: &[u32], default| asked.first().copied().unwrap_or(default);
+    let (spp, bounces) = (first(&args.spp, 1), first(&args.bounces, 6));
+    let foveated = FoveationOptions::none(first(&args.iterations, 5));
+    let options = RenderOptions { spp, bounces, foveated, ..single(run, denoiser) };
     options.check().map_err(Failure::Input)?;
     if options.iterations() == 0 {
         return Err(Failure::Input(anyhow!("--seams: without a denoiser stripes leave no seam")));
@@ -89,22 +93,23 @@ fn settings(args: &Args) -> Result<RenderOptions, Failure> {
     Ok(options)
 }
 
-struct Study {
+struct Study<'a> {
     options: RenderOptions,
     reference: Reference,
+    loaded: &'a Loaded,
 }
 
 /// What there is to tell.
-struct Found {
-    study: Study,
+struct Found<'a> {
+    study: Study<'a>,
     rows: Vec<SeamRow>,
     /// Of each number of devices.
     devices: Vec<Vec<DeviceInfo>>,
     balance: &'static str,
 }
 
-impl Study {
-    fn measure(self, timed: &Timed<'_>) -> Result<Found, Failure> {
+impl<'a> Study<'a> {
+    fn measure(self, timed: &Timed<'_>) -> Result<Found<'a>, Failure> {
         let one = Setting { number: 0, name: "1 device".into(), options: self.options.clone(), virtual_devices: None };
         let one = timed.frames(&one)?;
         let mut rows = self.rows("-", &one, &one.frames)?.to_vec();
@@ -132,14 +137,15 @@ impl Study {
         let time_ms = quartiles(frames.iter().map(|f| f.report.makespan_ms).collect());
         let same_bytes = frames.iter().zip(one).all(|(f, o)| same_bits(&f.linear, &o.linear));
         let row = |eye: Eye| -> Result<SeamRow, Failure> {
-            let reference = eye_of(&self.reference.images, eye);
+            let (reference, shown_ev) = (eye_of(&self.reference.images, eye), self.loaded.shot.exposure_ev);
             let mut errors = Vec::new();
             for (frame, one) in frames.iter().zip(one) {
-                let edges = seam_rows(frame, eye);
-                errors.push(seam_errors(reference, eye_of(&frame.linear, eye), eye_of(&one.linear, eye), &edges)?);
+                let [image, one] = [frame, one].map(|f| eye_of(&f.linear, eye));
+                errors.push(seam_errors(reference, image, one, &seam_rows(frame, eye), shown_ev)?);
             }
-            let (devices, policy) = (devices.len(), policy.to_owned());
-            Ok(SeamRow { devices, policy, eye, errors: SeamErrors::mean_of(&errors), same_bytes, time_ms })
+            let (devices, policy, exposure_ev) = (devices.len(), policy.to_owned(), self.loaded.exposure_ev());
+            let errors = SeamErrors::mean_of(&errors);
+            Ok(SeamRow { devices, policy, eye, exposure_ev, errors, same_bytes, time_ms })
         };
         Ok([row(Eye::Left)?, row(Eye::Right)?])
     }
@@ -159,11 +165,17 @@ fn seam_rows(frame: &TimedFrame, view: Eye) -> Vec<u32> {
     edges.iter().copied().filter(|edge| (1..height).contains(edge)).collect()
 }
 
-fn seam_errors(reference: &RgbImage, image: &RgbImage, one: &RgbImage, edges: &[u32]) -> Result<SeamErrors, Failure> {
-    let own = Pair::new(reference, image)?;
-    let to_one = Pair::new(one, image)?;
+fn seam_errors(
+    reference: &RgbImage,
+    image: &RgbImage,
+    one: &RgbImage,
+    edges: &[u32],
+    exposure_ev: f32,
+) -> Result<SeamErrors, ImageError> {
+    let pair = |reference, image| Pair::new(reference, image, exposure_ev);
+    let (own, to_one) = (pair(reference, image)?, pair(one, image)?);
     let seam = own.seam_error(edges);
-    let near_of_one = Pair::new(reference, one)?.seam_error(edges).near_rmse;
+    let near_of_one = pair(reference, one)?.seam_error(edges).near_rmse;
     let (errors, errors_one) = (own.errors(), to_one.errors());
     Ok(SeamErrors {
         psnr: errors.psnr,
@@ -176,9 +188,9 @@ fn seam_errors(reference: &RgbImage, image: &RgbImage, one: &RgbImage, edges: &[
     })
 }
 
-impl Found {
+impl Found<'_> {
     fn write(&self, args: &Args) -> Result<(), Failure> {
-        let Self { study: Study { options, reference }, rows, devices, balance } = self;
+        let Self { study: Study { options, reference, .. }, rows, devices, balance } = self;
         output::write_text(&options.out, "seams.csv", &seam_csv(rows))?;
         let title = format!("Seams of {} at {}", options.shot, options.size);
         let mut settings = Table::of_fields(&setup::run_settings(options, balance));
@@ -212,7 +224,7 @@ impl Found {
     }
 
     fn say(&self, report: bool) -> Result<(), Failure> {
-        let Self { study: Study { options, reference }, rows, .. } = self;
+        let Self { study: Study { options, reference, .. }, rows, .. } = self;
         if options.json {
             say!("{}", serde_json::json!({ "event": "result", "reference": reference.origin, "rows": rows }));
         } else if !options.quiet {
@@ -222,5 +234,23 @@ impl Found {
             say!("{}seams.csv: {}", and_page(report), options.out.display());
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use diptych::image::Extent;
+
+    /// Grey that is far above white at 0 EV, and middle grey at the exposure.
+    #[test]
+    fn pictures_are_judged_as_they_are_shown() {
+        let grey = |value: f32| RgbImage::filled(Extent::new(12, 12), [value; 3]);
+        let flips = |exposure_ev| {
+            let found = seam_errors(&grey(1e6), &grey(5e5), &grey(2.5e5), &[6], exposure_ev).unwrap();
+            [found.flip, found.flip_one]
+        };
+        let [white, shown] = [0.0, -20.0].map(flips);
+        assert!(white.iter().all(|flip| *flip < 1e-3) && shown.iter().all(|flip| *flip > 0.1), "{white:?}, {shown:?}");
     }
 }

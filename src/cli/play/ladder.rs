@@ -216,7 +216,7 @@ impl<'a> Calibration<'a> {
     /// A candidate with what its stages are taken to cost; its own time is not known yet.
     fn rung(&self, knobs: &Knobs, missing_light: f64) -> Rung {
         let flip = guessed_error(knobs, missing_light, self.rows);
-        Rung { time_ms: f64::NAN, flip, relmse: flip, knobs: knobs.clone(), stage_ms: self.stage_ms(knobs) }
+        Rung { time_ms: f64::NAN, flip, relmse: None, knobs: knobs.clone(), stage_ms: self.stage_ms(knobs) }
     }
 
     /// Path tracing goes with the samples, from the same number of bounces if they were timed. The G-buffer takes a ray

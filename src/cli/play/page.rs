@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use anyhow::Context;
 
-use diptych::exec::Stereo;
+use diptych::exec::{Stereo, TaskTiming};
 use diptych::image::RgbImage;
 use diptych::report::Table;
 use diptych::report::html::Section;
@@ -71,6 +71,7 @@ pub fn write(
     options: &RenderOptions,
     loaded: &Loaded,
     report: &RunReport,
+    tasks: &[Vec<TaskTiming>],
     last: &Last,
 ) -> Result<(), Failure> {
     let [lo_ms, hi_ms] = [args.options.budget_ms.lo_ms(), args.options.budget_ms.hi_ms()];
@@ -80,7 +81,7 @@ pub fn write(
         sections.extend(budget(args, play, &report.frames)?);
     }
     let makespans_ms: Vec<f64> = report.frames.iter().map(|f| f.makespan_ms).collect();
-    let frames: Vec<LaneFrame> = report.frames.iter().map(lane_frame).collect();
+    let frames: Vec<LaneFrame> = report.frames.iter().zip(tasks).map(lane_frame).collect();
     let note = "The frame that is chosen above or here, at first one of median makespan.";
     sections.push(page::swimlanes(note.to_owned(), &frames, median_frame(&makespans_ms))?);
     let settings = Table::of_fields(&report.settings);
@@ -93,10 +94,9 @@ pub fn write(
     page::write(&options.out, &title, &sections)
 }
 
-fn lane_frame(row: &FrameRow) -> LaneFrame<'_> {
-    // Times of a row's stages are since the frame's begin.
-    let (makespan_ms, begin_ms) = (row.makespan_ms, 0.0);
-    LaneFrame { name: format!("frame {}", row.index), makespan_ms, begin_ms, tasks: &row.stages }
+/// The tasks' times are since the frame's begin.
+fn lane_frame<'a>((row, tasks): (&FrameRow, &'a Vec<TaskTiming>)) -> LaneFrame<'a> {
+    LaneFrame { name: format!("frame {}", row.index), makespan_ms: row.makespan_ms, begin_ms: 0.0, tasks }
 }
 
 fn pictures(
@@ -119,7 +119,7 @@ fn pictures(
         row.spp,
         row.elapsed_s,
         if args.report_spp.is_some() { "--report-spp asked for" } else { "the time allowed" },
-        page::FLIP_NOTE,
+        page::flip_note(loaded),
     );
     page::pictures(note, &groups)
 }

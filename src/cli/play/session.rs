@@ -4,7 +4,7 @@ use std::cell::RefCell;
 use std::collections::HashMap;
 use std::time::Instant;
 
-use diptych::control::{Budget, Controller, Decision, Ladder, Makespan, Origin};
+use diptych::control::{Budget, Controller, Decision, ESTIMATES_EV, Ladder, Origin};
 use diptych::device::GpuDevice;
 use diptych::exec::{FrameReport, Quality, Renderer};
 use diptych::image::Extent;
@@ -26,6 +26,8 @@ pub struct Session {
     pub ladder: Ladder,
     pub tracing: Tracing,
     pub progress: Progress,
+    /// How long it took until the first frame could begin.
+    pub warm_up_s: f64,
     qualities: Vec<Quality>,
     controller: Controller,
     budget: Budget,
@@ -54,11 +56,13 @@ impl Session {
     ) -> Result<Self, Failure> {
         let Prepared { options, choice, render, .. } = prepared;
         progress.phase("warming up");
+        let begin = Instant::now();
         let mut renderer =
             setup::varying_renderer(render, loaded, gpus, tracing.recorder.origin(), choice.mixes_spp())?;
         record_devices(&tracing.recorder, renderer.devices());
         let ladder = find_ladder(prepared, loaded, &mut renderer, &progress)?;
         Ok(Self {
+            warm_up_s: begin.elapsed().as_secs_f64(),
             qualities: qualities(&ladder, &options.layers()),
             controller: Controller::new(&ladder, options.budget_ms),
             live: Live::new(options.budget_ms, renderer.devices(), ladder.rungs().len(), prepared.frames),
@@ -92,7 +96,7 @@ impl Session {
         self.qualities[decided.decision.rung].fovea
     }
 
-    /// Renders a frame as decided, `late_ms` after it was due.
+    /// Renders a frame as decided, `late_ms` after it was due; returns its row and its report.
     pub fn render(
         &mut self,
         decided: Decided,
@@ -100,16 +104,16 @@ impl Session {
         rig: &Rig,
         time_s: f64,
         index: u32,
-    ) -> Result<FrameRow, Failure> {
+    ) -> Result<(FrameRow, FrameReport), Failure> {
         self.renderer.set_quality(self.qualities[decided.decision.rung].clone())?;
         let frame = self.renderer.render(rig, time_s, index)?;
-        Ok(self.take_in(&frame, decided, late_ms))
+        Ok((self.take_in(&frame, decided, late_ms), frame))
     }
 
     /// Tells the controller, the trace and whoever listens.
     fn take_in(&mut self, frame: &FrameReport, decided: Decided, late_ms: f64) -> FrameRow {
         let Decided { decision: Decision { rung, expected_ms, fits }, decide_ms } = decided;
-        self.controller.observe(rung, Makespan::Ms(frame.makespan_ms));
+        self.controller.observe(rung, frame.makespan_ms);
         let lost = self.renderer.faults().len();
         if std::mem::replace(&mut self.lost, lost) != lost {
             self.controller.devices_changed();
@@ -151,8 +155,9 @@ fn find_ladder(
     let origin = Origin {
         shot: render.shot.clone(),
         size: render.size.to_string(),
+        exposure_ev: ESTIMATES_EV,
         devices: Vec::new(),
-        version: concat!(env!("CARGO_PKG_VERSION"), "; flip and relmse are estimated").to_owned(),
+        version: concat!(env!("CARGO_PKG_VERSION"), "; flip is estimated").to_owned(),
     };
     let (rig, rows) = (&loaded.shot.rig, render.size.height);
     let ladder = Calibration::new(renderer, rig, render.time, rows, &options.layers()).ladder(choice, origin);

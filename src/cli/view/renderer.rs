@@ -48,7 +48,7 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
         if let Some(gaze) = input.gaze {
             session.renderer.set_gaze(gaze);
         }
-        let row = session.render(decided, late_ms, &rig, time_s, index)?;
+        let (row, _) = session.render(decided, late_ms, &rig, time_s, index)?;
         let picture = session.renderer.read_display()?;
         let layers = session.renderer.foveation().zip(session.fovea(decided));
         let circles = layers.map(|(foveation, radii)| {

@@ -41,7 +41,7 @@ fn square(left: usize) -> impl Fn(usize, usize) -> f64 {
 }
 
 fn temporal(frames: [(&RgbImage, &RgbImage, &Surfaces); 2]) -> TemporalError {
-    let [before, now] = frames.map(|(reference, image, _)| Pair::new(reference, image).unwrap());
+    let [before, now] = frames.map(|(reference, image, _)| Pair::new(reference, image, 0.0).unwrap());
     let history = frames[1].2.history(frames[0].2).unwrap();
     now.change_since(&before, &history).unwrap().into()
 }

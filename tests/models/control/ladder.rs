@@ -48,7 +48,8 @@ fn what_is_no_ladder_is_refused_with_its_reason() {
         ("scale = 1.0", "scale = 0.0", "rung 1: scale 0 is out of range"),
         ("scale = 1.0", "scale = 1.0\nfovea = [0.3, 0.15]", "rung 1: fovea's outer radius 0.15 is out of range"),
         ("spp = 1", "spp = 1\nssp = 2", "unknown field `ssp`"),
-        ("relmse = 0.1", "", "missing field `relmse`"),
+        ("flip = 0.9", "", "missing field `flip`"),
+        ("relmse = 0.1", "relmse = -1.0", "rung 1: relmse -1 is out of range"),
         ("denoiser = \"none\"", "denoiser = \"\"", "rung 1: denoiser is empty"),
         ("[origin]", "[origin", "form"),
     ] {

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use diptych::control::{Budget, Controller, Decision, Knobs, Ladder, Makespan, Origin, Rung};
+use diptych::control::{Budget, Controller, Decision, Knobs, Ladder, Origin, Rung};
 
 pub const LO_MS: f64 = 11.0;
 pub const HI_MS: f64 = 20.0;
@@ -12,11 +12,12 @@ pub fn ladder(times_ms: &[f64]) -> Ladder {
     let rung = |(i, &time_ms): (usize, &f64)| Rung {
         time_ms,
         flip: 0.9 / (i + 1) as f64,
-        relmse: 0.1,
+        relmse: Some(0.1),
         knobs: Knobs { spp: i as u32 + 1, bounces: 6, denoiser: "none".into(), iterations: 0, fovea: None, scale: 1.0 },
         stage_ms: Default::default(),
     };
-    let origin = Origin { shot: "s".into(), size: "8x8".into(), devices: vec!["d".into()], version: "0".into() };
+    let (shot, size, devices, version) = ("s".into(), "8x8".into(), vec!["d".into()], "0".into());
+    let origin = Origin { shot, size, exposure_ev: -0.5, devices, version };
     Ladder::new(origin, times_ms.iter().enumerate().map(rung).collect()).unwrap()
 }
 
@@ -41,14 +42,12 @@ pub struct Plant<'a> {
     pub seed: u64,
     /// A frame's time is known when this many more have been decided.
     pub delay: usize,
-    /// Frames that take longer are given up, and nobody knows what they would have taken.
-    pub patience_ms: f64,
 }
 
 impl<'a> Plant<'a> {
     /// Without noise; each frame is known when the next one is decided.
     pub fn new(times_ms: &'a [f64], load: &'a dyn Fn(usize) -> f64) -> Self {
-        Self { times_ms, load, predicted_ms: None, noise: 0.0, seed: 0, delay: 0, patience_ms: f64::INFINITY }
+        Self { times_ms, load, predicted_ms: None, noise: 0.0, seed: 0, delay: 0 }
     }
 
     pub fn run(&self, frames: usize) -> Run {
@@ -61,15 +60,14 @@ impl<'a> Plant<'a> {
         let (mut steps, mut in_flight) = (Vec::new(), VecDeque::new());
         for frame in 0..frames {
             if in_flight.len() > self.delay {
-                let (rung, makespan) = in_flight.pop_front().unwrap();
-                controller.observe(rung, makespan);
+                let (rung, ms) = in_flight.pop_front().unwrap();
+                controller.observe(rung, ms);
             }
             let decision =
                 controller.next(&|rung: usize| self.predicted_ms.map_or(self.times_ms[rung], |ms| ms(frame, rung)));
             let mean_ms = self.times_ms[decision.rung] * (self.load)(frame);
             let ms = mean_ms * (self.noise * random.normal()).exp();
-            let missed = Makespan::Missed { after_ms: 0.0 };
-            in_flight.push_back((decision.rung, if ms > self.patience_ms { missed } else { Makespan::Ms(ms) }));
+            in_flight.push_back((decision.rung, ms));
             steps.push(Step { decision, mean_ms, ms });
         }
         Run(steps)
