@@ -36,7 +36,7 @@ OURS = (
     ("4 spp", ("--spp", "4")),
     ("4 spp, not denoised", ("--spp", "4", "--denoiser", "none", "--reproject", "off")),
 )
-FIRST = "4 spp"
+FIRST_FRAME_OF = "4 spp"
 
 # Samples of a reference that are taken at a time; more take more memory.
 PASS = 64
@@ -58,22 +58,17 @@ def arguments():
 
 
 options = arguments()
+# Times of a machine that others use are of little use.
+LOAD = os.getloadavg()[0]
 if options.cores:
     # Before anything starts threads, who count the cores that they may use.
     os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: options.cores])
-sys.path.insert(0, str(Path(__file__).parent))
 
 
 def find_llvm():
-    """Mitsuba compiles with LLVM, which Mesa's software driver brings along under a name that may have a version."""
-    if "DRJIT_LIBLLVM_PATH" in os.environ or platform.system() != "Linux":
-        return
-    folders = [f"/usr/lib/{platform.machine()}-linux-gnu", "/usr/lib64", "/usr/lib"]
-    found = [path for folder in folders for path in Path(folder).glob("libLLVM*.so*") if path.is_file()]
-    version = lambda path: [int(n) for n in "".join(c if c.isdigit() else " " for c in path.name).split()][:1]
-    if not found:
-        sys.exit("Mitsuba needs LLVM's library: on Debian or Ubuntu, apt-get install libllvm19")
-    os.environ["DRJIT_LIBLLVM_PATH"] = str(max(found, key=version))
+    """Mitsuba compiles with LLVM, and asks for a newer one than older systems have."""
+    for library in sorted(Path(sys.prefix, "lib").glob("libLLVM.so.*"))[-1:]:
+        os.environ.setdefault("DRJIT_LIBLLVM_PATH", str(library))
 
 
 find_llvm()
@@ -98,7 +93,11 @@ def median(values):
 
 
 def diptych(*args):
-    return subprocess.run([*shlex.split(options.diptych), *map(str, args)], check=True, stdout=subprocess.PIPE, text=True).stdout
+    command = [*shlex.split(options.diptych), *map(str, args)]
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True)
+    if done.returncode != 0:
+        sys.exit(f"it failed: {shlex.join(command)}")
+    return done.stdout
 
 
 def flip(reference, images):
@@ -114,19 +113,21 @@ def flip(reference, images):
 
 
 class Mitsuba:
-    """A shot's scene, with an integrator that also tells what OIDN is guided by."""
+    """A shot's scene, and a second integrator that also tells what OIDN is guided by."""
 
     def __init__(self, shot):
         self.scene = shot.load(INSTANT, options.width, options.height, options.bounces)
-        integrator = {"type": "aov", "aovs": "albedo:albedo,normal:sh_normal", "path": shot.integrator(options.bounces)}
-        self.guided = mi.load_dict(integrator)
+        self.plain = self.scene.integrator()
+        guides = {"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"}
+        self.guided = mi.load_dict(guides | {"path": shot.integrator(options.bounces)})
 
     def frame(self, spp, seed, guided=False):
         """Both eyes, and the seconds that they took."""
         begin = time.perf_counter()
         eyes = []
         for eye in range(2):
-            image = mi.render(self.scene, sensor=eye, spp=spp, seed=2 * seed + eye, **({"integrator": self.guided} if guided else {}))
+            integrator = self.guided if guided else self.plain
+            image = mi.render(self.scene, sensor=eye, integrator=integrator, spp=spp, seed=2 * seed + eye)
             eyes.append(np.array(image))
         return eyes, time.perf_counter() - begin
 
@@ -143,8 +144,8 @@ class Oidn:
 
     def __init__(self, device, guided):
         names = (oidn.OIDN_IMAGE_COLOR, oidn.OIDN_IMAGE_ALBEDO, oidn.OIDN_IMAGE_NORMAL)[: 3 if guided else 1]
-        blank = lambda: np.zeros((options.height, options.width, 3), np.float32)
-        self.inputs, self.output = [blank() for _ in names], blank()
+        blank = np.zeros((options.height, options.width, 3), np.float32)
+        self.inputs, self.output = [blank.copy() for _ in names], blank
         self.filter = oidn.Filter(device, oidn.OIDN_FILTER_TYPE_RT)
         for name, image in zip(names, self.inputs):
             self.filter.set_image(name, image, oidn.OIDN_FORMAT_FLOAT3)
@@ -216,7 +217,7 @@ def measure_ours(ours, figures, seed):
     for note, settings in OURS:
         eyes, times = ours.frame(settings, seed, along)
         figures.add("diptych", note, eyes, times[COLD:])
-        if note == FIRST:
+        if note == FIRST_FRAME_OF:
             # Cold, so the time is that of the frames which follow.
             eyes, _ = ours.frame(settings, seed, ("--time", INSTANT))
             figures.add("diptych", f"{note}, first frame", eyes, times[COLD:])
@@ -246,7 +247,7 @@ def processor():
 def conditions(shot, ours):
     llvm = Path(os.environ.get("DRJIT_LIBLLVM_PATH", "its own")).resolve().name
     lines = [
-        f"{processor()}; diptych on {ours.driver}; Mitsuba {mi.__version__} with {llvm}.",
+        f"{processor()}; diptych on {ours.driver}; Mitsuba {mi.__version__} with {llvm}; {LOAD:.1f} processes ran before.",
         f"{options.size} per eye, {options.bounces} bounces, {options.rounds} rounds in turns. Times are of a stereo frame.",
         f"FLIP is the mean of both eyes at 0 EV against Mitsuba's {options.reference_spp} samples per pixel.",
         f"diptych's frames are the last of {FRAMES} along the camera's path, with their history; Mitsuba's and diptych's "
@@ -265,14 +266,17 @@ def table(headers, rows):
 def markdown(shot, figures, lines):
     rows = list(figures.rows())
     measured = [
-        [name, note, f"{ms:.0f}", f"{least:.0f} to {most:.0f}", f"{error:.3f}"] for name, note, ms, least, most, error in rows
+        [name, note, f"{ms:.0f}", f"{least:.0f} to {most:.0f}", f"{error:.3f}"]
+        for name, note, ms, least, most, error in rows
     ]
     ours = [row for row in rows if row[0] == "diptych"]
     beside = []
     for name, note, ms, _, _, error in rows:
         if name in (COLOR, GUIDED):
             reaching = min((row for row in ours if row[5] <= error), key=lambda row: row[2], default=None)
-            cells = ["none", "-"] if reaching is None else [f"{reaching[2]:.0f} ms ({reaching[1]})", f"{ms / reaching[2]:.1f}"]
+            cells = ["none", "-"]
+            if reaching:
+                cells = [f"{reaching[2]:.0f} ms ({reaching[1]})", f"{ms / reaching[2]:.1f}"]
             beside.append([f"{error:.3f}", name, f"{ms:.0f} ms ({note})", *cells])
     return (
         f"## {shot.name}\n\n"

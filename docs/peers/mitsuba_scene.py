@@ -84,8 +84,8 @@ class Materials:
         if info.get("texCoord", 0) != 0:
             self.departures.add("textures on the second coordinate set take the first")
         turn = info.get("extensions", {}).get("KHR_texture_transform", {})
-        (scale_u, scale_v), angle, (du, dv) = turn.get("scale", (1, 1)), turn.get("rotation", 0), turn.get("offset", (0, 0))
-        cos, sin = math.cos(angle), math.sin(angle)
+        (scale_u, scale_v), (du, dv) = turn.get("scale", (1, 1)), turn.get("offset", (0, 0))
+        cos, sin = math.cos(turn.get("rotation", 0)), math.sin(turn.get("rotation", 0))
         uv_from_uv = [[scale_u * cos, scale_v * sin, du], [-scale_u * sin, scale_v * cos, dv], [0, 0, 1]]
         return {
             "type": "bitmap",
@@ -139,9 +139,9 @@ class Materials:
             if extension in ("KHR_materials_clearcoat", "KHR_materials_volume", "KHR_materials_unlit"):
                 self.departures.add(f"{extension} is left out")
         if "metallicRoughnessTexture" in pbr:
-            image = pbr["metallicRoughnessTexture"]
-            metallic = self.bitmap(image, lambda texels: texels[..., 2:3] * pbr["metallicFactor"])
-            roughness = self.bitmap(image, lambda texels: np.maximum(texels[..., 1:2] * pbr["roughnessFactor"], LEAST_ROUGHNESS))
+            image, metal, rough = pbr["metallicRoughnessTexture"], metallic, roughness
+            metallic = self.bitmap(image, lambda texels: texels[..., 2:3] * metal)
+            roughness = self.bitmap(image, lambda texels: np.maximum(texels[..., 1:2] * rough, LEAST_ROUGHNESS))
         else:
             roughness = max(roughness, LEAST_ROUGHNESS)
         principled = {"type": "principled", "base_color": color, "metallic": metallic, "roughness": roughness}
@@ -158,10 +158,11 @@ class Materials:
             return None
         if material.get("doubleSided"):
             self.departures.add("double-sided surfaces emit to their front")
+        emitted = rgb(radiance)
         if "emissiveTexture" in material:
             image = material["emissiveTexture"]
-            return {"type": "area", "radiance": self.bitmap(image, lambda texels: linear_from_srgb(texels[..., :3]) * radiance)}
-        return {"type": "area", "radiance": rgb(radiance)}
+            emitted = self.bitmap(image, lambda texels: linear_from_srgb(texels[..., :3]) * radiance)
+        return {"type": "area", "radiance": emitted}
 
 
 class Shot:
@@ -243,7 +244,8 @@ class Shot:
         if "image" in environment:
             # The middle of diptych's image is at -z, the edge of Mitsuba's.
             place = mi.ScalarTransform4f().rotate([0, 1, 0], 180 + environment["rotation_deg"])
-            return {"environment": {"type": "envmap", "filename": str(folder / environment["image"]), "to_world": place}}
+            image = str(folder / environment["image"])
+            return {"environment": {"type": "envmap", "filename": image, "to_world": place}}
         return {}
 
     def cameras(self, time_s, width, height):
@@ -257,8 +259,8 @@ class Shot:
         }
         cameras = {}
         for eye, side in (("left", -1), ("right", 1)):
-            aside = side * half * right
-            place = mi.ScalarTransform4f().look_at(origin=list(position + aside), target=list(target + aside), up=list(up))
+            eye_position, eye_target = position + side * half * right, target + side * half * right
+            place = mi.ScalarTransform4f().look_at(origin=list(eye_position), target=list(eye_target), up=list(up))
             cameras[eye] = {
                 "type": "perspective", "fov": rig["yfov_deg"], "fov_axis": "y", "to_world": place, "film": film,
                 "near_clip": 1e-4 * self.size, "far_clip": 10 * SUN_DISTANCE * self.size,

@@ -100,9 +100,8 @@ impl Draft {
 
     fn accessor<T: bytemuck::NoUninit>(&mut self, kind: &str, component: u32, elements: &[T]) -> usize {
         let view = self.view(bytemuck::cast_slice(elements));
-        self.accessors.push(
-            json!({ "bufferView": view, "componentType": component, "count": elements.len(), "type": kind }),
-        );
+        self.accessors
+            .push(json!({ "bufferView": view, "componentType": component, "count": elements.len(), "type": kind }));
         self.accessors.len() - 1
     }
 
@@ -132,12 +131,7 @@ impl Draft {
     fn image(&mut self, image: &TexelImage) -> io::Result<Value> {
         let mut png = Vec::new();
         PngEncoder::new(&mut png)
-            .write_image(
-                image.pixels.as_flattened(),
-                image.extent.width,
-                image.extent.height,
-                ExtendedColorType::Rgba8,
-            )
+            .write_image(image.pixels.as_flattened(), image.extent.width, image.extent.height, ExtendedColorType::Rgba8)
             .map_err(io::Error::other)?;
         Ok(json!({ "bufferView": self.view(&png), "mimeType": "image/png" }))
     }
