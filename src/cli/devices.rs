@@ -43,5 +43,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         .collect();
     let headers = ["#", "adapter", "kind", "backend", "driver", "largest buffer", "state"];
     say!("{}", text_table(&headers, &rows).trim_end());
+    for (adapter, advice) in adapters.iter().filter_map(|a| Some((a, a.advice.as_ref()?))) {
+        say!("\nadapter {}: {advice}", adapter.index);
+    }
     Ok(())
 }

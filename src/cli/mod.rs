@@ -12,6 +12,7 @@ macro_rules! say {
 mod bench;
 mod compare;
 mod devices;
+mod export;
 mod failure;
 mod faults;
 mod foveation;
@@ -64,6 +65,8 @@ enum Command {
     Devices(devices::Args),
     /// List the built-in scenes
     Scenes,
+    /// Write a shot as plain glTF that other programs read, with the shot beside it
+    Export(export::Args),
 }
 
 /// Mesa complains on every start where this is unset, as it is in containers; nothing is ever put there.
@@ -87,6 +90,7 @@ pub fn run() -> ExitCode {
         Command::Trace(args) => trace::run(&args),
         Command::Devices(args) => devices::run(&args),
         Command::Scenes => scenes::run(),
+        Command::Export(args) => export::run(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -15,6 +15,9 @@ const MAX_DEVICES: usize = 64;
 const STORAGE_BUFFERS_PER_STAGE: u32 = 18;
 const IMMEDIATE_BYTES: u32 = 32;
 
+/// The oldest release of Mesa whose software driver was found to take about half of 22.3's time for a frame.
+const FAST_MESA: u32 = 25;
+
 /// How long a device may take for what is asked of it before the first frame: drivers compile every shader.
 const START_PATIENCE: Duration = Duration::from_secs(300);
 
@@ -50,6 +53,9 @@ pub struct AdapterReport {
     /// What diptych needs and this adapter lacks; empty: it can be used.
     pub missing: Vec<String>,
     pub hint: &'static str,
+    /// What a newer driver would bring, where that is known.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub advice: Option<String>,
 }
 
 /// Which devices to open.
@@ -104,8 +110,19 @@ fn missing(adapter: &wgpu::Adapter) -> Vec<String> {
     missing
 }
 
+/// Mesa tells its version first, as in `Mesa 22.3.6 (LLVM 15.0.6)`; development versions end in letters.
+fn advice(info: &wgpu::AdapterInfo) -> Option<String> {
+    let version = info.driver_info.strip_prefix("Mesa ")?.split_whitespace().next()?;
+    let major: u32 = version.split('.').next()?.parse().ok()?;
+    let is_slow = info.device_type == wgpu::DeviceType::Cpu && major < FAST_MESA;
+    is_slow.then(|| {
+        format!("Mesa {version} is old: with the software driver of Mesa {FAST_MESA}, frames take about half the time")
+    })
+}
+
 fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
     let info = adapter.get_info();
+    let advice = advice(&info);
     let missing = missing(adapter);
     let hint = if missing.is_empty() { "" } else { "update its driver or choose another adapter with --devices" };
     let limits = adapter.limits();
@@ -120,6 +137,7 @@ fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
         timestamps: adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY),
         missing,
         hint,
+        advice,
     }
 }
 
@@ -226,4 +244,35 @@ pub(super) fn watched(
     });
     device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| failed(error.into())));
     GpuDevice { info, device, queue, patience: START_PATIENCE, failure, instance }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use wgpu::DeviceType;
+
+    #[test]
+    fn software_drivers_that_are_known_to_be_slow_are_told() {
+        let advice_on = |device_type, driver_info: &str| {
+            let fake = wgpu::AdapterInfo::new(device_type, wgpu::Backend::Vulkan);
+            advice(&wgpu::AdapterInfo { driver_info: driver_info.to_owned(), ..fake })
+        };
+        for (driver, old) in [
+            ("Mesa 22.3.6 (LLVM 15.0.6)", Some("22.3.6")),
+            ("Mesa 24.0.0-devel (git-0123456) (LLVM 17.0.6)", Some("24.0.0-devel")),
+            ("Mesa 9.1", Some("9.1")),
+            ("Mesa 25.0.7-2~bpo12+1 (LLVM 15.0.6)", None),
+            ("Mesa 100.0.0", None),
+            ("Mesa", None),
+            ("Mesa of old", None),
+            ("1.2.3", None),
+            ("", None),
+        ] {
+            let told = advice_on(DeviceType::Cpu, driver);
+            assert_eq!(told.is_some(), old.is_some(), "{driver}: {told:?}");
+            assert!(old.is_none_or(|v| told.unwrap().contains(&format!("Mesa {v} is old"))), "{driver}");
+            // A GPU's speed does not hang on the driver that much.
+            assert_eq!(advice_on(DeviceType::DiscreteGpu, driver), None);
+        }
+    }
 }

@@ -9,6 +9,7 @@ pub mod gltf;
 pub mod builtin;
 pub mod environment;
 pub mod load;
+pub mod export;
 pub mod needs;
 
 use glam::{Affine2, Affine3A, Vec2, Vec3, Vec4};

@@ -4,6 +4,7 @@ mod bad_input;
 mod bench;
 #[path = "../common/mod.rs"]
 mod common;
+mod export;
 mod host_trace;
 mod metrics;
 mod play;
@@ -11,4 +12,5 @@ mod reference_mode;
 mod report;
 mod scale;
 mod studies;
+mod tools;
 mod trace_files;

@@ -1,4 +1,4 @@
-//! Reads glTF 2.0 (`.gltf` with its files, or `.glb`) into a [`Scene`].
+//! Reads glTF 2.0 (`.gltf` with its files, or `.glb`) into a [`Scene`], and [writes](write) one.
 //!
 //! A file is somebody else's data: every index, offset, count and size in it is checked where it is used, before
 //! memory is asked for. What cannot be read ends in one [`SceneError`] that names the place; what can be read
@@ -30,6 +30,7 @@ mod placed;
 mod tangents;
 mod textures;
 mod uri;
+mod write;
 
 #[cfg(test)]
 mod tests;
@@ -43,6 +44,7 @@ use self::fault::{Fault, Outcome, Warnings, Within, label};
 use self::geometry::Geometry;
 use self::hierarchy::PlacedNode;
 use self::materials::Surfaces;
+pub use self::write::write;
 use super::{Environment, Instance, Material, Scene, SceneError};
 
 /// More instances than this are taken for a damaged or hostile file.

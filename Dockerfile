@@ -1,0 +1,16 @@
+# diptych on Debian 13, whose software Vulkan driver takes about half of Debian 12's time for a frame.
+#
+#   docker build -t diptych .
+#   docker run --rm -v "$PWD/out:/diptych/out" diptych    # make demo, into out/demo
+#   docker run --rm diptych make test
+ARG RUST=1.95
+FROM rust:${RUST}-trixie
+RUN apt-get update \
+    && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends \
+        libvulkan1 mesa-vulkan-drivers python3-venv \
+    && rm -rf /var/lib/apt/lists/*
+RUN rustup component add clippy rustfmt
+WORKDIR /diptych
+COPY . .
+RUN cargo build --release --locked
+CMD ["make", "demo"]

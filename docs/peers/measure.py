@@ -1,0 +1,334 @@
+"""Time against error of diptych and of Mitsuba 3 with Intel's OIDN, measured in one run on this machine.
+
+    measure.py [options] SHOT...
+
+A shot is what `diptych render` takes. Both sides render the same scene, as `diptych export` writes it, from the same eyes
+at the same instant, with as many bounces, on the same cores, in turns. Both are judged by NVIDIA's FLIP against the same
+reference, Mitsuba's, after the same tonemapping at an exposure of 0 EV; errors are means over both eyes. Times are of a
+stereo frame: diptych's are medians over the frames on the way to that instant, Mitsuba's of as many calls as there are
+rounds. Nobody's include loading, compiling or files. Writes NAME.md, a table, and NAME.toml for `diptych bench --peers`.
+"""
+
+import argparse
+import hashlib
+import json
+import os
+import platform
+import shlex
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+# Frames that diptych is given on its way to the instant that is compared, and of them those that are cold.
+FRAMES, COLD, FPS = 16, 4, 72
+INSTANT = (FRAMES - 1) / FPS
+
+PEER_SAMPLES = (1, 4, 16, 64)
+PEER, COLOR, GUIDED = "Mitsuba", "Mitsuba + OIDN", "Mitsuba + OIDN with albedo and normals"
+
+# What diptych is measured with. A frame without history is the first of its path, so that it knows as much as a peer's.
+OURS = (
+    ("1 spp, render scale 0.5", ("--spp", "1", "--scale", "0.5")),
+    ("1 spp", ("--spp", "1")),
+    ("2 spp", ("--spp", "2")),
+    ("4 spp", ("--spp", "4")),
+    ("4 spp, not denoised", ("--spp", "4", "--denoiser", "none", "--reproject", "off")),
+)
+FIRST_FRAME_OF = "4 spp"
+
+# Samples of a reference that are taken at a time; more take more memory.
+PASS = 64
+
+
+def arguments():
+    parser = argparse.ArgumentParser(description=__doc__.split("\n\n")[0])
+    parser.add_argument("shots", nargs="*", metavar="SHOT", help="builtin:NAME, a .toml or a .gltf/.glb")
+    parser.add_argument("--diptych", default="target/release/diptych", help="the program, perhaps behind another one")
+    parser.add_argument("--out", type=Path, default=Path("out/peers"))
+    parser.add_argument("--size", default="320x180", help="of each eye")
+    parser.add_argument("--bounces", type=int, default=6)
+    parser.add_argument("--rounds", type=int, default=3, help="turns that both sides take")
+    parser.add_argument("--reference-spp", type=int, default=4096)
+    parser.add_argument("--cores", type=int, help="use so many cores only (Linux)")
+    options = parser.parse_args()
+    options.width, options.height = map(int, options.size.split("x"))
+    return options
+
+
+options = arguments()
+# Times of a machine that others use are of little use.
+LOAD = os.getloadavg()[0]
+if options.cores:
+    # Before anything starts threads, who count the cores that they may use.
+    os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[: options.cores])
+
+
+def find_llvm():
+    """Mitsuba compiles with LLVM, and asks for a newer one than older systems have."""
+    for library in sorted(Path(sys.prefix, "lib").glob("libLLVM.so.*"))[-1:]:
+        os.environ.setdefault("DRJIT_LIBLLVM_PATH", str(library))
+
+
+find_llvm()
+
+import flip_evaluator  # noqa: E402
+import mitsuba as mi  # noqa: E402
+import numpy as np  # noqa: E402
+import pyoidn as oidn  # noqa: E402
+
+mi.set_variant("llvm_ad_rgb")
+
+import drjit  # noqa: E402
+from mitsuba_scene import Shot  # noqa: E402
+
+
+def say(text):
+    print(text, file=sys.stderr, flush=True)
+
+
+def median(values):
+    return float(np.median(values))
+
+
+def diptych(*args):
+    command = [*shlex.split(options.diptych), *map(str, args)]
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True)
+    if done.returncode != 0:
+        sys.exit(f"it failed: {shlex.join(command)}")
+    return done.stdout
+
+
+def flip(reference, images):
+    """The mean over both eyes of FLIP, of what is shown of linear radiance at 0 EV."""
+
+    def shown(image):
+        c = np.maximum(np.nan_to_num(image, posinf=1e30), 0)
+        c = c / (1 + c)
+        return np.where(c <= 0.0031308, 12.92 * c, 1.055 * np.maximum(c, 1e-9) ** (1 / 2.4) - 0.055).astype(np.float32)
+
+    errors = [flip_evaluator.evaluate(shown(r), shown(i), "LDR")[1] for r, i in zip(reference, images)]
+    return float(np.mean(errors))
+
+
+class Mitsuba:
+    """A shot's scene, and a second integrator that also tells what OIDN is guided by."""
+
+    def __init__(self, shot):
+        self.scene = shot.load(INSTANT, options.width, options.height, options.bounces)
+        self.plain = self.scene.integrator()
+        guides = {"type": "aov", "aovs": "albedo:albedo,normal:sh_normal"}
+        self.guided = mi.load_dict(guides | {"path": shot.integrator(options.bounces)})
+
+    def frame(self, spp, seed, guided=False):
+        """Both eyes, and the seconds that they took."""
+        begin = time.perf_counter()
+        eyes = []
+        for eye in range(2):
+            integrator = self.guided if guided else self.plain
+            image = mi.render(self.scene, sensor=eye, integrator=integrator, spp=spp, seed=2 * seed + eye)
+            eyes.append(np.array(image))
+        return eyes, time.perf_counter() - begin
+
+    def reference(self, spp):
+        sums, passes = [0.0, 0.0], max(1, spp // PASS)
+        for number in range(passes):
+            eyes, _ = self.frame(min(spp, PASS), seed=1_000_000 + number)
+            sums = [total + eye.astype(np.float64) for total, eye in zip(sums, eyes)]
+        return [(total / passes).astype(np.float32) for total in sums]
+
+
+class Oidn:
+    """OIDN's filter for frames of one size, made once; `guided` by albedo and normals or by colour alone."""
+
+    def __init__(self, device, guided):
+        names = (oidn.OIDN_IMAGE_COLOR, oidn.OIDN_IMAGE_ALBEDO, oidn.OIDN_IMAGE_NORMAL)[: 3 if guided else 1]
+        blank = np.zeros((options.height, options.width, 3), np.float32)
+        self.inputs, self.output = [blank.copy() for _ in names], blank
+        self.filter = oidn.Filter(device, oidn.OIDN_FILTER_TYPE_RT)
+        for name, image in zip(names, self.inputs):
+            self.filter.set_image(name, image, oidn.OIDN_FORMAT_FLOAT3)
+        self.filter.set_image(oidn.OIDN_IMAGE_OUTPUT, self.output, oidn.OIDN_FORMAT_FLOAT3)
+        self.filter.set_bool("hdr", True)
+        self.filter.commit()
+
+    def frame(self, eyes):
+        """Both eyes, whose channels are colour, albedo and normal, and the seconds that they took."""
+        filtered, begin = [], time.perf_counter()
+        for eye in eyes:
+            for number, image in enumerate(self.inputs):
+                image[:] = eye[..., 3 * number : 3 * number + 3]
+            self.filter.execute()
+            filtered.append(self.output.copy())
+        return filtered, time.perf_counter() - begin
+
+
+class Diptych:
+    """The program on a shot's files."""
+
+    def __init__(self, shot, folder):
+        self.shot, self.folder, self.driver = shot, folder, ""
+
+    def frame(self, settings, seed, path):
+        """Both eyes of the last frame of `path`, and the milliseconds of each of its frames."""
+        fixed = ("--size", options.size, "--bounces", options.bounces, "--seed", seed, "--quiet", "--out", self.folder)
+        diptych("render", self.shot, *path, *settings, *fixed)
+        report = json.loads((self.folder / "run.json").read_text())
+        device = report["devices"][0]
+        self.driver = f"{device['name']}, {device['driver']}"
+        files = [max(self.folder.glob(f"{eye}*.exr")) for eye in ("left", "right")]
+        eyes = [np.array(mi.Bitmap(str(file)))[..., :3] for file in files]
+        for file in self.folder.glob("*.exr"):
+            file.unlink()
+        return eyes, [frame["makespan_ms"] for frame in report["frames"]]
+
+
+class Figures:
+    """Milliseconds and FLIP of what has been measured, by renderer and setting."""
+
+    def __init__(self, reference):
+        self.reference, self.times, self.errors = reference, {}, {}
+
+    def add(self, name, note, eyes, times_ms):
+        self.times.setdefault((name, note), []).extend(times_ms)
+        self.errors.setdefault((name, note), []).append(flip(self.reference, eyes))
+
+    def rows(self):
+        """(name, note, median, least and most milliseconds, FLIP) of each, in the order of measuring."""
+        for (name, note), times in self.times.items():
+            yield name, note, median(times), min(times), max(times), float(np.mean(self.errors[name, note]))
+
+
+def measure_peer(mitsuba, filters, figures, seed):
+    for spp in PEER_SAMPLES:
+        note = f"{spp} spp"
+        eyes, took = mitsuba.frame(spp, seed)
+        figures.add(PEER, note, eyes, [1e3 * took])
+        filtered, filtering = filters[COLOR].frame(eyes)
+        figures.add(COLOR, note, filtered, [1e3 * (took + filtering)])
+        eyes, took = mitsuba.frame(spp, seed, guided=True)
+        filtered, filtering = filters[GUIDED].frame(eyes)
+        figures.add(GUIDED, note, filtered, [1e3 * (took + filtering)])
+
+
+def measure_ours(ours, figures, seed):
+    along = ("--frames", FRAMES, "--fps", FPS)
+    for note, settings in OURS:
+        eyes, times = ours.frame(settings, seed, along)
+        figures.add("diptych", note, eyes, times[COLD:])
+        if note == FIRST_FRAME_OF:
+            # Cold, so the time is that of the frames which follow.
+            eyes, _ = ours.frame(settings, seed, ("--time", INSTANT))
+            figures.add("diptych", f"{note}, first frame", eyes, times[COLD:])
+
+
+def reference_of(mitsuba, files, folder):
+    """Kept in `folder` for later runs."""
+    key = hashlib.sha256(repr((options.size, options.bounces, options.reference_spp, INSTANT, mi.__version__)).encode())
+    for file in files:
+        key.update(file.read_bytes())
+    kept = folder / f"reference-{key.hexdigest()[:16]}.npy"
+    if not kept.exists():
+        say(f"reference, {options.reference_spp} samples per pixel")
+        np.save(kept, mitsuba.reference(options.reference_spp))
+    return np.load(kept)
+
+
+def processor():
+    try:
+        names = [line.split(":", 1)[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")]
+    except OSError:
+        names = []
+    name = names[0] if names else platform.processor() or platform.machine()
+    return f"{os.cpu_count() if not options.cores else options.cores} cores of {name}"
+
+
+def conditions(shot, ours):
+    llvm = Path(os.environ.get("DRJIT_LIBLLVM_PATH", "its own")).resolve().name
+    lines = [
+        f"{processor()}; diptych on {ours.driver}; Mitsuba {mi.__version__} with {llvm}; {LOAD:.1f} processes ran before.",
+        f"{options.size} per eye, {options.bounces} bounces, {options.rounds} rounds in turns. Times are of a stereo frame.",
+        f"FLIP is the mean of both eyes at 0 EV against Mitsuba's {options.reference_spp} samples per pixel.",
+        f"diptych's frames are the last of {FRAMES} along the camera's path, with their history; Mitsuba's and diptych's "
+        "first frame know nothing of those before.",
+    ]
+    if shot.departures:
+        lines.append("Mitsuba's scene departs from the file's: " + "; ".join(sorted(shot.departures)) + ".")
+    return lines
+
+
+def table(headers, rows):
+    lines = [headers, ["---"] * len(headers), *rows]
+    return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+
+
+def markdown(shot, figures, lines):
+    rows = list(figures.rows())
+    measured = [
+        [name, note, f"{ms:.0f}", f"{least:.0f} to {most:.0f}", f"{error:.3f}"]
+        for name, note, ms, least, most, error in rows
+    ]
+    ours = [row for row in rows if row[0] == "diptych"]
+    beside = []
+    for name, note, ms, _, _, error in rows:
+        if name in (COLOR, GUIDED):
+            reaching = min((row for row in ours if row[5] <= error), key=lambda row: row[2], default=None)
+            cells = ["none", "-"]
+            if reaching:
+                cells = [f"{reaching[2]:.0f} ms ({reaching[1]})", f"{ms / reaching[2]:.1f}"]
+            beside.append([f"{error:.3f}", name, f"{ms:.0f} ms ({note})", *cells])
+    return (
+        f"## {shot.name}\n\n"
+        + table(["FLIP to reach", "of", "takes it", "diptych", "times as fast"], beside)
+        + "\n"
+        + table(["renderer", "setting", "ms", "least to most", "FLIP"], measured)
+        + "\n"
+        + "\n".join(lines)
+        + "\n"
+    )
+
+
+def peers_file(figures, lines):
+    """For `diptych bench --peers`."""
+    text = "".join(f"# {line}\n" for line in lines)
+    for name, note, ms, _, _, error in figures.rows():
+        if name != "diptych":
+            text += f'\n[[peer]]\nname = "{name}"\ntime_ms = {ms:.1f}\nflip = {error:.4f}\nnote = "{note}"\n'
+    return text
+
+
+def compare(argument, device):
+    with tempfile.TemporaryDirectory() as scratch:
+        exported = Path(diptych("export", argument, "--out", Path(scratch) / "shot").strip())
+        shot = Shot(exported, scratch)
+        folder = options.out / exported.stem
+        folder.mkdir(parents=True, exist_ok=True)
+        mitsuba = Mitsuba(shot)
+        figures = Figures(reference_of(mitsuba, sorted(exported.parent.iterdir()), folder))
+        filters = {COLOR: Oidn(device, guided=False), GUIDED: Oidn(device, guided=True)}
+        ours = Diptych(exported, Path(scratch) / "out")
+        say(f"{shot.name}: warming up")
+        measure_peer(mitsuba, filters, Figures(figures.reference), seed=options.rounds)
+        for number in range(options.rounds):
+            say(f"{shot.name}: round {number + 1} of {options.rounds}")
+            measure_peer(mitsuba, filters, figures, seed=number)
+            measure_ours(ours, figures, seed=number)
+    lines = conditions(shot, ours)
+    text = markdown(shot, figures, lines)
+    (folder / f"{exported.stem}.md").write_text(text)
+    (folder / f"{exported.stem}.toml").write_text(peers_file(figures, lines))
+    print(text, flush=True)
+    say(f"written to {folder}")
+
+
+def main():
+    if options.cores:
+        drjit.set_thread_count(options.cores)
+    with oidn.Device() as device:
+        device.commit()
+        for shot in options.shots or ["builtin:cornell", "builtin:atrium"]:
+            compare(shot, device)
+
+
+main()

@@ -1,0 +1,275 @@
+//! A shot as files that other programs read: plain glTF, whatever the scene was made of, and the shot beside it.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use super::shot::Shot;
+use super::{Environment, Light, LightKind, Scene, SceneError, gltf};
+use crate::image::exr;
+use crate::image::file::atomic_write;
+
+/// Writes `NAME.glb`, `NAME.toml` and, where the environment is an image, `NAME.exr` into `folder`, after the shot's
+/// name. Loading the shot gives the same scene; its lights are all in the shot then.
+///
+/// # Errors
+/// [`SceneError`], where a file cannot be written.
+pub fn export(shot: &Shot, scene: &Scene, folder: &Path) -> Result<PathBuf, SceneError> {
+    let name = file_name(&shot.name);
+    let scene_file = format!("{name}.glb");
+    gltf::write(&folder.join(&scene_file), scene)?;
+    let mut json = json!({
+        "name": shot.name, "scene": scene_file, "rig": rig(shot), "gaze": { "path": shot.gaze.path },
+        "exposure": { "ev": shot.exposure_ev },
+        "light": scene.lights.iter().map(|l| light(l, shot.rig.metres_per_unit)).collect::<Vec<_>>(),
+    });
+    match &scene.environment {
+        Environment::Black => {}
+        Environment::Constant(radiance) => json["environment"] = json!({ "radiance": radiance.to_array() }),
+        Environment::Map { image, rotation_deg } => {
+            let image_file = format!("{name}.exr");
+            exr::write_rgb(&folder.join(&image_file), image)?;
+            json["environment"] = json!({ "image": image_file, "rotation_deg": rotation_deg });
+        }
+    }
+    let path = folder.join(format!("{name}.toml"));
+    let invalid = |e: toml::ser::Error| SceneError::Invalid { path: path.display().to_string(), what: e.to_string() };
+    let text = toml::to_string(&json).map_err(invalid)?;
+    atomic_write(&path, |file| file.write_all(text.as_bytes()))?;
+    Ok(path)
+}
+
+/// A shot may be called anything, also `../x`.
+fn file_name(shot: &str) -> String {
+    let name: String = shot.chars().map(|c| if c.is_alphanumeric() || c == '_' { c } else { '-' }).collect();
+    if name.is_empty() { "shot".into() } else { name }
+}
+
+fn rig(shot: &Shot) -> Value {
+    let rig = &shot.rig;
+    let keys = rig.keys.iter().map(|k| {
+        json!({
+            "time_s": k.time_s, "position": k.position.to_array(), "target": k.target.to_array(), "up": k.up.to_array(),
+        })
+    });
+    json!({
+        "yfov_deg": rig.yfov_rad.to_degrees(), "baseline_m": rig.baseline_m, "metres_per_unit": rig.metres_per_unit,
+        "key": keys.collect::<Vec<_>>(),
+    })
+}
+
+fn light(light: &Light, metres_per_unit: f64) -> Value {
+    let metres = |units: f32| f64::from(units) * metres_per_unit;
+    let degrees = |cos: f32| f64::from(cos).acos().to_degrees();
+    let mut json = match light.kind {
+        LightKind::Point { position, radius } => {
+            json!({ "kind": "point", "position": position.to_array(), "radius_m": metres(radius) })
+        }
+        LightKind::Directional { direction, angle_rad } => json!({
+            "kind": "directional", "direction": direction.to_array(), "angle_deg": f64::from(angle_rad).to_degrees(),
+        }),
+        LightKind::Spot { position, radius, direction, cos_inner, cos_outer } => json!({
+            "kind": "spot", "position": position.to_array(), "radius_m": metres(radius),
+            "direction": direction.to_array(),
+            "inner_cone_deg": degrees(cos_inner), "outer_cone_deg": degrees(cos_outer),
+        }),
+    };
+    json["color"] = json!(light.strength.to_array());
+    json
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{Affine2, Affine3A, Quat, Vec2, Vec3, Vec4};
+
+    use super::*;
+    use crate::image::{Extent, Image};
+    use crate::scene::builtin::BUILTINS;
+    use crate::scene::load::load_shot;
+    use crate::scene::{AlphaMode, Clearcoat, Instance, Material, Mesh, NormalMap, Texture, TextureRef, Volume, Wrap};
+
+    fn round_trip(shot: &Shot, scene: &Scene) -> (Shot, Scene) {
+        let folder = tempfile::tempdir().unwrap();
+        let path = export(shot, scene, folder.path()).unwrap();
+        assert_eq!(path.parent(), Some(folder.path()), "{}", shot.name);
+        load_shot(path.to_str().unwrap()).unwrap_or_else(|e| panic!("{}: {e}", shot.name))
+    }
+
+    fn near(a: &[f32], b: &[f32]) -> bool {
+        a.len() == b.len() && a.iter().zip(b).all(|(a, b)| (a - b).abs() <= 2e-6 * (1.0 + a.abs()))
+    }
+
+    /// An attribute, which may be absent, of each corner of each triangle.
+    fn corners<T: Copy>(mesh: &Mesh, attribute: &[T]) -> Vec<T> {
+        let indices = mesh.triangles.as_flattened();
+        if attribute.is_empty() { Vec::new() } else { indices.iter().map(|&i| attribute[i as usize]).collect() }
+    }
+
+    /// Everything by value, but numbers that reading rounds anew: normals, angles and lengths in metres.
+    #[track_caller]
+    fn assert_same(what: &str, (shot, scene): (&Shot, &Scene), (shot_read, read): (&Shot, &Scene)) {
+        assert_eq!(read.warnings, Vec::<String>::new(), "{what}");
+        assert_eq!(read.materials, scene.materials, "{what}");
+        assert_eq!((&read.textures, &read.images), (&scene.textures, &scene.images), "{what}");
+        assert_eq!(read.environment, scene.environment, "{what}");
+        assert_eq!(read.instances.len(), scene.instances.len(), "{what}");
+        for (a, b) in scene.instances.iter().zip(&read.instances) {
+            assert_eq!(a.world_from_local, b.world_from_local, "{what}");
+            let (a, b) = (&scene.meshes[a.mesh], &read.meshes[b.mesh]);
+            // By corners of triangles, as vertices without a triangle are dropped.
+            assert!(a.material == b.material && corners(a, &a.positions) == corners(b, &b.positions), "{what}");
+            assert!((0..2).all(|set| corners(a, &a.uvs[set]) == corners(b, &b.uvs[set])), "{what}");
+            assert!(corners(a, &a.colors) == corners(b, &b.colors), "{what}");
+            assert!(corners(a, &a.tangents) == corners(b, &b.tangents), "{what}");
+            let normals =
+                [a, b].map(|m| corners(m, &m.normals).into_iter().flat_map(|n| n.to_array()).collect::<Vec<_>>());
+            assert!(near(&normals[0], &normals[1]), "{what}");
+        }
+        assert_eq!(read.lights.len(), scene.lights.len(), "{what}");
+        let numbers = |l: &Light| match l.kind {
+            LightKind::Point { position, radius } => vec![position.x, position.y, position.z, radius],
+            LightKind::Directional { direction: d, angle_rad } => vec![d.x, d.y, d.z, angle_rad],
+            LightKind::Spot { position: p, radius, direction: d, cos_inner, cos_outer } => {
+                vec![p.x, p.y, p.z, radius, d.x, d.y, d.z, cos_inner, cos_outer]
+            }
+        };
+        for (a, b) in scene.lights.iter().zip(&read.lights) {
+            assert_eq!(a.strength, b.strength, "{what}");
+            let (kind_a, kind_b) = (std::mem::discriminant(&a.kind), std::mem::discriminant(&b.kind));
+            assert!(kind_a == kind_b && near(&numbers(a), &numbers(b)), "{what}: {a:?}, {b:?}");
+        }
+        assert_eq!((&shot_read.gaze, shot_read.exposure_ev), (&shot.gaze, shot.exposure_ev), "{what}");
+        assert_eq!(shot_read.rig.keys.len(), shot.rig.keys.len(), "{what}");
+        for (a, b) in shot.rig.keys.iter().zip(&shot_read.rig.keys) {
+            assert_eq!((a.time_s, a.position, a.target), (b.time_s, b.position, b.target), "{what}");
+            assert!(a.up.abs_diff_eq(b.up, 1e-12), "{what}");
+        }
+        assert!((shot_read.rig.yfov_rad - shot.rig.yfov_rad).abs() < 1e-12, "{what}");
+        assert_eq!(shot_read.rig.baseline_m, shot.rig.baseline_m, "{what}");
+    }
+
+    #[test]
+    fn every_built_in_scene_is_read_back_as_it_was() {
+        for builtin in BUILTINS {
+            let (shot, scene) = load_shot(&format!("builtin:{}", builtin.name)).unwrap();
+            let (shot_read, read) = round_trip(&shot, &scene);
+            assert_same(builtin.name, (&shot, &scene), (&shot_read, &read));
+        }
+    }
+
+    /// A triangle of a material with all that there is, and lights of every kind.
+    fn everything() -> (Shot, Scene) {
+        let texture = |i: usize| TextureRef {
+            texture: i,
+            uv_set: i % 2,
+            uv_from_uv: match i {
+                0 => Affine2::IDENTITY,
+                1 => Affine2::from_scale_angle_translation(Vec2::splat(2.0), 0.0, Vec2::new(0.25, 0.5)),
+                // A flip of v, as a scale below 0.
+                2 => Affine2::from_scale(Vec2::new(1.0, -1.0)),
+                _ => Affine2::from_translation(Vec2::new(0.0, i as f32)),
+            },
+        };
+        let map = |i: usize| Some(NormalMap { texture: texture(i), scale: 0.5 });
+        let all = Material {
+            name: "all".into(),
+            base_color: Vec4::new(0.1, 0.2, 0.3, 0.4),
+            base_color_texture: Some(texture(0)),
+            metallic: 0.25,
+            roughness: 0.75,
+            metallic_roughness_texture: Some(texture(1)),
+            normal_map: map(2),
+            emissive: Vec3::new(17.0, 12.0, 0.1),
+            emissive_texture: Some(texture(3)),
+            alpha_mode: AlphaMode::Mask { cutoff: 0.3 },
+            double_sided: true,
+            ior: 1.33,
+            specular: 0.5,
+            specular_texture: Some(texture(4)),
+            specular_color: Vec3::new(1.0, 0.5, 2.0),
+            specular_color_texture: Some(texture(5)),
+            transmission: 0.6,
+            transmission_texture: Some(texture(6)),
+            volume: Some(Volume { attenuation_color: Vec3::new(0.9, 0.8, 0.7), attenuation_distance: 3.0 }),
+            clearcoat: Clearcoat {
+                factor: 0.7,
+                factor_texture: Some(texture(7)),
+                roughness: 0.2,
+                roughness_texture: Some(texture(8)),
+                normal_map: map(9),
+            },
+            unlit: false,
+        };
+        let plain = Material { specular: 1.0, ..Material::default() };
+        let clear = Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY };
+        let materials = vec![
+            all,
+            Material { alpha_mode: AlphaMode::Blend, ior: 0.0, volume: Some(clear), ..plain.clone() },
+            Material { unlit: true, specular: 0.0, ..plain.clone() },
+            Material::default(),
+        ];
+        let mesh = |material| Mesh {
+            positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y],
+            normals: vec![Vec3::Z; 3],
+            tangents: if material == 0 { vec![Vec4::new(1.0, 0.0, 0.0, -1.0); 3] } else { Vec::new() },
+            uvs: [vec![Vec2::ZERO, Vec2::X, Vec2::Y], vec![Vec2::ONE, Vec2::X, Vec2::Y]],
+            colors: vec![Vec4::new(0.5, 0.25, 1.0, 0.125); 3],
+            triangles: vec![[0, 1, 2]],
+            material,
+        };
+        let wraps = [Wrap::Repeat, Wrap::MirroredRepeat, Wrap::ClampToEdge];
+        let textures =
+            |i: usize| Texture { image: i, wrap_u: wraps[i % 3], wrap_v: wraps[(i + 1) % 3], linear: i % 2 == 0 };
+        let (direction, position) = (Vec3::NEG_Y, Vec3::new(1.0, 2.0, 3.0));
+        let kinds = [
+            LightKind::Point { position, radius: 2.0 },
+            LightKind::Directional { direction, angle_rad: 0.005 },
+            LightKind::Spot { position, radius: 0.0, direction, cos_inner: 0.9, cos_outer: 0.5 },
+        ];
+        let turned = Quat::from_rotation_y(0.3);
+        let places = [
+            Affine3A::IDENTITY,
+            Affine3A::from_scale_rotation_translation(Vec3::new(1.0, -2.0, 3.0), turned, position),
+            Affine3A::from_translation(position),
+            Affine3A::from_rotation_x(1.0),
+        ];
+        let texel = |i: usize| Image { extent: Extent::new(2, 1), pixels: vec![[i as u8, 1, 2, 0], [3, 4, 5, 255]] };
+        let sky = Image { extent: Extent::new(2, 1), pixels: vec![[0.5, 1.0, 2.0], [3.0, 0.0, 1e-3]] };
+        let scene = Scene {
+            name: "everything".into(),
+            meshes: (0..4).map(mesh).collect(),
+            instances: places
+                .into_iter()
+                .enumerate()
+                .map(|(mesh, world_from_local)| Instance { mesh, world_from_local })
+                .collect(),
+            materials,
+            textures: (0..10).map(textures).collect(),
+            images: (0..10).map(texel).collect(),
+            lights: kinds.map(|kind| Light { kind, strength: Vec3::new(0.3, 1e6, 0.0) }).to_vec(),
+            environment: Environment::Map { image: sky, rotation_deg: 30.0 },
+            cameras: Vec::new(),
+            warnings: Vec::new(),
+        };
+        let text = "scene = 'a.glb'\nrig.metres_per_unit = 0.01\nrig.yfov_deg = 51.7\n[[rig.key]]\nposition = [0, 0, 1]\n\
+            target = [0, 0, 0]\nup = [0, 1, 0.5]\n[[rig.key]]\ntime_s = 2\nposition = [0, 0, 2]\ntarget = [0, 0.1, 0]\n\
+            [gaze]\npath = [[0, 0.25, 0.75], [1, 0.5, 0.5]]\n[exposure]\nev = -1.5";
+        (Shot::parse(text, "everything.toml").unwrap(), scene)
+    }
+
+    #[test]
+    fn whatever_a_scene_can_have_is_read_back() {
+        let (shot, scene) = everything();
+        let (shot_read, read) = round_trip(&shot, &scene);
+        assert_same("everything", (&shot, &scene), (&shot_read, &read));
+    }
+
+    #[test]
+    fn files_stay_in_their_folder_whatever_the_shot_is_called() {
+        let (shot, scene) = everything();
+        for name in ["../../x", "/etc/x", "", "a\\b", ".."] {
+            round_trip(&Shot { name: name.into(), ..shot.clone() }, &scene);
+        }
+    }
+}

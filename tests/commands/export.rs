@@ -1,0 +1,40 @@
+//! A shot that is exported is the same shot.
+
+use std::path::Path;
+
+use crate::common::diptych;
+
+fn eyes(shot: &str, out: &Path) -> [Vec<u8>; 2] {
+    let out_text = out.to_str().unwrap();
+    let options = ["--size", "48x32", "--spp", "2", "--quiet", "--out", out_text];
+    let output = diptych(&[&["render", shot], &options[..]].concat());
+    assert!(output.status.success(), "{shot}: {}", String::from_utf8_lossy(&output.stderr));
+    ["left.exr", "right.exr"].map(|name| std::fs::read(out.join(name)).unwrap())
+}
+
+#[test]
+fn an_exported_shot_renders_to_the_same_bytes() {
+    // Its normals lie along axes, so that reading does not round them.
+    let shot = "builtin:cornell";
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name);
+    let output = diptych(&["export", shot, "--out", path("files").to_str().unwrap()]);
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let exported = String::from_utf8(output.stdout).unwrap();
+    assert!(eyes(exported.trim(), &path("exported")) == eyes(shot, &path("own")));
+}
+
+#[test]
+fn what_cannot_be_exported_is_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().to_str().unwrap();
+    let file = folder.path().join("file");
+    std::fs::write(&file, "").unwrap();
+    for (shot, out, status, part) in
+        [("builtin:sponza", out, 2, "sponza"), ("builtin:cornell", file.to_str().unwrap(), 1, "choose another --out")]
+    {
+        let output = diptych(&["export", shot, "--out", out]);
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert!(output.status.code() == Some(status) && said.contains(part), "{shot}: {said}");
+    }
+}
