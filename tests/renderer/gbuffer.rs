@@ -188,11 +188,13 @@ fn colours_of_materials_are_what_their_names_say() {
         let planes: Vec<_> = (0..3).map(|i| stage.aov(i).left).collect();
         let exact = Exact::new(&subject);
         let view = subject.rig.view(0.0, Eye::Left);
+        let value_at =
+            |i: usize, pixel: usize| DVec3::from_array(std::array::from_fn(|c| f64::from(planes[i][c][pixel])));
         let mut compared = 0;
         for pixel in 0..EXTENT.area() {
             let (x, y) = (pixel as u32 % EXTENT.width, pixel as u32 / EXTENT.width);
             let Some(seen) = exact.behind(&view, x, y) else { continue };
-            let value = |i: usize| DVec3::from_array(std::array::from_fn(|c| f64::from(planes[i][c][pixel])));
+            let value = |i: usize| value_at(i, pixel);
             let Some(bsdf) = seen.and_then(|seen| seen.surface.bsdf) else {
                 assert!((0..3).all(|i| value(i) == DVec3::ZERO), "{name}: the sky at ({x}, {y})");
                 continue;
