@@ -219,8 +219,12 @@ mod tests {
             material,
         };
         let wraps = [Wrap::Repeat, Wrap::MirroredRepeat, Wrap::ClampToEdge];
-        let textures =
-            |i: usize| Texture { image: i, wrap_u: wraps[i % 3], wrap_v: wraps[(i + 1) % 3], linear: i % 2 == 0 };
+        let textures = |i: usize| Texture {
+            image: i,
+            wrap_u: wraps[i % 3],
+            wrap_v: wraps[(i + 1) % 3],
+            linear: i.is_multiple_of(2),
+        };
         let (direction, position) = (Vec3::NEG_Y, Vec3::new(1.0, 2.0, 3.0));
         let kinds = [
             LightKind::Point { position, radius: 2.0 },
