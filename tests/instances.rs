@@ -2,6 +2,8 @@
 
 mod common;
 
+use std::sync::Arc;
+
 use common::{Stage, Subject, still_rig};
 use diptych::accel::{Accel, Layout};
 use diptych::image::{Extent, Image, RgbImage};
@@ -54,12 +56,12 @@ fn square(material: usize) -> Mesh {
 }
 
 /// Texels of 8x8 from their column and row.
-fn texels(of: impl Fn(usize, usize) -> [u8; 4]) -> Image<[u8; 4]> {
+fn texels(of: impl Fn(usize, usize) -> [u8; 4]) -> Arc<Image<[u8; 4]>> {
     let mut image = Image::filled(Extent::new(8, 8), [0; 4]);
     for (i, texel) in image.pixels.iter_mut().enumerate() {
         *texel = of(i % 8, i / 8);
     }
-    image
+    Arc::new(image)
 }
 
 fn empty_scene(name: &str) -> Scene {

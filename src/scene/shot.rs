@@ -6,8 +6,6 @@
 mod check;
 mod file;
 
-use std::path::PathBuf;
-
 use glam::Vec3;
 
 use super::rig::Rig;
@@ -16,7 +14,7 @@ use super::{Light, LightKind, SceneError};
 #[derive(Clone, Debug, PartialEq)]
 pub enum SceneSource {
     /// A glTF file, as written in the shot: relative to the shot's own folder.
-    File(PathBuf),
+    File(String),
     /// A scene made by a generator of this crate.
     Builtin(String),
 }
@@ -26,7 +24,7 @@ pub enum Sky {
     /// Linear RGB radiance.
     Constant(Vec3),
     /// A latitude-longitude `.hdr` or `.exr`, relative to the shot's folder.
-    Image(PathBuf),
+    Image(String),
 }
 
 #[derive(Clone, Debug, PartialEq)]
