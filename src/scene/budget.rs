@@ -44,7 +44,9 @@ impl FromStr for ByteSize {
         };
         let bytes = scale.and_then(|scale| Some(number.parse::<f64>().ok()? * scale as f64));
         bytes.filter(|bytes| (1.0..u64::MAX as f64).contains(bytes)).map(|bytes| Self(bytes as u64)).ok_or_else(|| {
-            format!("'{text}' is not a size: give a number above 0 with B, kB, MB, GB, TB, KiB, MiB, GiB or TiB, as 4GiB")
+            format!(
+                "'{text}' is not a size: give a number above 0 with B, kB, MB, GB, TB, KiB, MiB, GiB or TiB, as 4GiB"
+            )
         })
     }
 }

@@ -335,29 +335,13 @@ fn upload_pages(gpu: &GpuDevice, images: &[Arc<TexelImage>]) -> wgpu::TextureVie
     let pages = texels.div_ceil(per_page).max(1) as u32;
     let size = wgpu::Extent3d { width: edge, height: edge, depth_or_array_layers: pages };
     let texture = new_texture(gpu, "texels", size, wgpu::TextureFormat::Rgba8Unorm);
-    let mut page = Vec::with_capacity(per_page);
-    let mut pages = 0..pages;
-    let mut write = |page: &mut Vec<[u8; 4]>| {
+    let mut rest = images.iter().flat_map(|image| &image.pixels).copied();
+    for z in 0..pages {
+        let mut page: Vec<[u8; 4]> = rest.by_ref().take(per_page).collect();
         page.resize(per_page, [0; 4]);
-        let z = pages.next().unwrap_or_default();
-        write_layer(gpu, &texture, z, [edge, edge], 4, bytemuck::cast_slice(page));
+        write_layer(gpu, &texture, z, [edge, edge], 4, bytemuck::cast_slice(&page));
         // Else all pages wait in memory for one submission.
         gpu.queue.submit([]);
-        page.clear();
-    };
-    for image in images {
-        let mut rest = &image.pixels[..];
-        while !rest.is_empty() {
-            let (fits, after) = rest.split_at(rest.len().min(per_page - page.len()));
-            page.extend_from_slice(fits);
-            rest = after;
-            if page.len() == per_page {
-                write(&mut page);
-            }
-        }
-    }
-    if !page.is_empty() {
-        write(&mut page);
     }
     texture.create_view(&wgpu::TextureViewDescriptor {
         dimension: Some(wgpu::TextureViewDimension::D2Array),

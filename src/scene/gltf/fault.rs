@@ -13,8 +13,14 @@ pub enum Fault {
     Invalid(String),
     /// Not to be trusted, or too much.
     Refused(String),
-    Read { path: String, source: std::io::Error },
-    Extensions { extensions: Vec<String>, hint: String },
+    Read {
+        path: String,
+        source: std::io::Error,
+    },
+    Extensions {
+        extensions: Vec<String>,
+        hint: String,
+    },
 }
 
 pub type Outcome<T> = Result<T, Fault>;
