@@ -35,6 +35,17 @@ impl Present {
             tangents: any(|m| !m.tangents.is_empty()),
         }
     }
+
+    /// What a triangle takes in all tables.
+    pub fn row_bytes(&self) -> usize {
+        let tables = [
+            (true, size_of::<Triangle>() + size_of::<Shading>()),
+            (self.colors, size_of::<[[f32; 4]; 3]>()),
+            (self.second_uvs, size_of::<[[f32; 2]; 3]>()),
+            (self.tangents, size_of::<[[f32; 4]; 3]>()),
+        ];
+        tables.iter().filter(|(is_there, _)| *is_there).map(|(_, bytes)| bytes).sum()
+    }
 }
 
 /// What an instance's positions are transformed by, relative to `origin`.

@@ -17,6 +17,7 @@ use obvhs::cwbvh::builder::{build_cwbvh, build_cwbvh_from_tris};
 use self::flatten::{Flat, Present};
 pub use self::instances::Instance;
 use self::instances::{Division, Shared};
+use crate::scene::budget::{Budget, Exceeded};
 use crate::scene::{Bounds, Scene};
 
 /// Deepest tree the shader's stack holds; `STACK_SIZE` there.
@@ -30,6 +31,13 @@ const MAX_PRIMS: usize = 1 << 31;
 
 /// Largest coordinate: the tree's costs are sums of areas, which must not overflow.
 const MAX_REACH: f64 = 1e14;
+
+/// What building a tree takes at most for each of its triangles, beside the tables, bytes; and what remains of it.
+const BUILD_BYTES: usize = 400;
+const NODE_BYTES: usize = 80;
+
+/// What an instance takes at most until it is in the tree over them, with that tree, bytes.
+const INSTANCE_BYTES: usize = 1000;
 
 /// Bit of [`Triangle::flags`]: whether a ray is stopped must be asked of the material's alpha.
 pub const TRIANGLE_ALPHA: u32 = 1;
@@ -127,6 +135,8 @@ pub enum AccelError {
         "the scene reaches to {0:e} units, more than the {MAX_REACH:e} that areas can be reckoned with: scale it down"
     )]
     TooLarge(f64),
+    #[error("the scene's {triangles} triangles after instancing are refused: {exceeded}")]
+    Memory { triangles: usize, exceeded: Exceeded },
 }
 
 impl Accel {
@@ -143,17 +153,31 @@ impl Accel {
     /// # Errors
     /// If the scene is too large for the tables or the trees too deep for rays.
     pub fn build_with(scene: &Scene, layout: Layout) -> Result<Self, AccelError> {
+        Self::build_within(scene, layout, &Budget::unlimited())
+    }
+
+    /// [`Self::build_with`]; the tables' part of the budget is taken for good.
+    ///
+    /// # Errors
+    /// As [`Self::build_with`], and if the budget has no room for it.
+    pub fn build_within(scene: &Scene, layout: Layout, budget: &Budget) -> Result<Self, AccelError> {
         let count = scene.triangle_count();
         if count >= MAX_PRIMS {
             return Err(AccelError::TooManyInstances(count));
         }
         let origin = checked_origin(scene)?;
+        let refused = |exceeded| AccelError::Memory { triangles: count, exceeded };
+        let instances = scene.instances.len() * INSTANCE_BYTES;
+        let _instances = budget.reserve(instances as u64).map_err(refused)?;
         let division = Division::new(scene, origin, layout);
         let stored = division.stored_triangles(scene);
         if stored > MAX_TRIANGLES {
             return Err(AccelError::TooMany(stored));
         }
         let present = Present::of(scene);
+        // Lists grow to at most twice their length, and are copied in the order of the tree.
+        let making = stored as u64 * (4 * present.row_bytes() + BUILD_BYTES) as u64;
+        let mut reserved = budget.reserve(making).map_err(refused)?;
         let mut accel = Self { origin, ..Self::empty() };
         let flat = accel.push_tree(&flatten::flatten(scene, division.flat(scene), origin, &present))?;
         let levels = if division.shared.is_empty() {
@@ -170,6 +194,8 @@ impl Accel {
             accel.triangles.push(Triangle::default());
             accel.shadings.push(Shading::default());
         }
+        reserved.shrink_to((stored * (2 * present.row_bytes() + NODE_BYTES)) as u64);
+        reserved.keep();
         Ok(accel)
     }
 

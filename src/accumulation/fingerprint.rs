@@ -2,12 +2,13 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write;
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
 use super::fnv::Fnv;
 use crate::device::wgsl;
-use crate::image::Extent;
+use crate::image::{Extent, Image};
 use crate::scene::rig::{Eye, Rig};
 use crate::scene::{Environment, Mesh, Scene};
 use crate::stages::Sampler;
@@ -101,7 +102,7 @@ fn scene_hash(scene: &Scene) -> String {
     let mut sky = scene.environment.clone();
     if let Environment::Map { image, .. } = &mut sky {
         array(&mut fnv, bytemuck::cast_slice(&image.pixels));
-        image.pixels.clear();
+        *image = Arc::new(Image { extent: image.extent, pixels: Vec::new() });
     }
     let Scene { instances, materials, textures, lights, .. } = scene;
     let sizes: Vec<Extent> = scene.images.iter().map(|i| i.extent).collect();

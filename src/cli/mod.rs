@@ -69,12 +69,13 @@ enum Command {
     Export(export::Args),
 }
 
-/// Mesa complains on every start where this is unset, as it is in containers; nothing is ever put there.
+/// Mesa's layer that chooses among GPUs asks the Wayland server, and complains on every start where none can be found, as
+/// in containers: there, it is left out.
 fn quiet_mesa() {
-    const VARIABLE: &str = "XDG_RUNTIME_DIR";
-    if cfg!(target_os = "linux") && std::env::var_os(VARIABLE).is_none() {
+    const LEAVES_LAYER_OUT: &str = "NODEVICE_SELECT";
+    if cfg!(target_os = "linux") && std::env::var_os("XDG_RUNTIME_DIR").is_none() {
         // SAFETY: the program has no other thread yet.
-        unsafe { std::env::set_var(VARIABLE, std::env::temp_dir()) };
+        unsafe { std::env::set_var(LEAVES_LAYER_OUT, "1") };
     }
 }
 

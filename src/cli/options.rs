@@ -10,6 +10,7 @@ use diptych::device::ShaderChecks;
 use diptych::graph::{Filter, HaloPlan, Seam};
 use diptych::image::Extent;
 use diptych::report::once;
+use diptych::scene::budget::ByteSize;
 use diptych::schedule::RatioRule;
 use diptych::stages::{Aov, Sampler};
 
@@ -117,6 +118,12 @@ pub struct RunOptions {
     /// Run-time checks in shaders
     #[arg(long, default_value = "fast")]
     pub shader_checks: ShaderChecks,
+    /// Memory that the scene may take on the host, as 4GiB or 800MB [default: half of what is there]
+    #[arg(long, value_name = "SIZE")]
+    pub max_scene_memory: Option<ByteSize>,
+    /// Shots and scenes may name files outside their own folders
+    #[arg(long)]
+    pub allow_outside: bool,
     #[command(flatten)]
     pub faults: FaultOptions,
     /// No progress

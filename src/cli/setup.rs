@@ -3,12 +3,14 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use diptych::accel::Accel;
+use diptych::accel::{Accel, Layout};
 use diptych::device::{self, GpuDevice, Selection};
 use diptych::exec::{FrameReport, RenderSettings, Renderer};
 use diptych::report::run::{Quality, RunSettings};
 use diptych::scene::Scene;
-use diptych::scene::load::load_shot;
+use diptych::scene::budget::Budget;
+use diptych::scene::folder::Access;
+use diptych::scene::load::load_shot_within;
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::shot::Shot;
 use diptych::schedule::{Even, Heft, Measured, Policy, Static};
@@ -37,12 +39,14 @@ impl Loaded {
 
 pub fn load(options: &RunOptions) -> Result<Loaded, Failure> {
     let _span = tracing::info_span!("load scene").entered();
-    let (shot, scene) = load_shot(&options.shot)?;
+    let budget = options.max_scene_memory.map_or_else(Budget::of_host, Budget::new);
+    let access = Access { budget: &budget, allow_outside: options.allow_outside };
+    let (shot, scene) = load_shot_within(&options.shot, access)?;
     let accel = {
         let _span = tracing::info_span!("build tree").entered();
-        Accel::build(&scene)?
+        Accel::build_within(&scene, Layout::Auto, &budget)?
     };
-    let tables = SceneTables::new(&scene, accel).map_err(|e| Failure::Input(e.into()))?;
+    let tables = SceneTables::within(&scene, accel, &budget).map_err(|e| Failure::Input(e.into()))?;
     let needs = SceneNeeds { instances: tables.has_instances(), ..SceneNeeds::of(&scene) };
     Ok(Loaded { shot, scene, needs, tables: Arc::new(tables) })
 }

@@ -21,6 +21,9 @@ pub enum ImageError {
     )]
     Unsupported { path: PathBuf, what: String },
 
+    #[error("{path} takes {needed} bytes of memory to read, more than are left")]
+    TooLarge { path: PathBuf, needed: u64 },
+
     #[error("{path} has no colour: check that it has channels R, G and B, Y, or a single channel; it has {channels}")]
     NoColour { path: PathBuf, channels: String },
 

@@ -94,6 +94,15 @@ pub fn read_channels(path: &Path, names: [&'static str; 3]) -> Result<RgbImage, 
     read(path, named, lacks).map(|(image, _)| image)
 }
 
+/// [`read_rgb`] of a file's `bytes`, if that takes at most `max_memory` bytes beside them.
+///
+/// # Errors
+/// As [`read_colour`], and [`ImageError::TooLarge`].
+pub fn decode_rgb(path: &Path, bytes: &[u8], max_memory: u64) -> Result<RgbImage, ImageError> {
+    let lacks = |path, channels| ImageError::NoColour { path, channels };
+    read_bytes(path, bytes, max_memory, Colour::find, lacks).map(|(image, _)| image)
+}
+
 /// `lacks` makes the error, of the path and the names of the channels that are there, where `find` finds none.
 fn read(
     path: &Path,
@@ -101,12 +110,23 @@ fn read(
     lacks: impl Fn(PathBuf, String) -> ImageError,
 ) -> Result<(RgbImage, ColourSource), ImageError> {
     let bytes = fs::read(path).map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
+    read_bytes(path, &bytes, u64::MAX, find, lacks)
+}
+
+fn read_bytes(
+    path: &Path,
+    bytes: &[u8],
+    max_memory: u64,
+    find: impl Fn(&[Header]) -> Option<Colour> + UnwindSafe,
+    lacks: impl Fn(PathBuf, String) -> ImageError,
+) -> Result<(RgbImage, ColourSource), ImageError> {
     // The crate's B44 decoder overflows on damaged blocks, which panics where overflow is checked; Cargo.toml has it
     // unchecked in our own builds.
-    let decoded = catch_unwind(|| decode(&bytes, find))
+    let decoded = catch_unwind(|| decode(bytes, max_memory, find))
         .unwrap_or_else(|_| Err(Refusal::Unreadable("its compressed data makes no sense".into())));
     decoded.map_err(|e| match e {
         Refusal::Unreadable(reason) => ImageError::Decode { path: path.to_owned(), reason },
+        Refusal::TooLarge(needed) => ImageError::TooLarge { path: path.to_owned(), needed },
         Refusal::Unsupported(what) => ImageError::Unsupported { path: path.to_owned(), what },
         Refusal::NotThere(channels) => lacks(path.to_owned(), channels),
     })
@@ -147,6 +167,8 @@ impl fmt::Display for ColourSource {
 enum Refusal {
     Unreadable(String),
     Unsupported(String),
+    /// Bytes that decoding would take.
+    TooLarge(u64),
     /// None of the channels looked for are; these are there.
     NotThere(String),
 }
@@ -160,13 +182,22 @@ impl From<ExrError> for Refusal {
     }
 }
 
-fn decode(bytes: &[u8], find: impl Fn(&[Header]) -> Option<Colour>) -> Result<(RgbImage, ColourSource), Refusal> {
+fn decode(
+    bytes: &[u8],
+    max_memory: u64,
+    find: impl Fn(&[Header]) -> Option<Colour>,
+) -> Result<(RgbImage, ColourSource), Refusal> {
     let reader = ::exr::block::read(Cursor::new(bytes), false)?;
     check_headers(reader.headers(), bytes.len())?;
     let colour = find(reader.headers()).ok_or_else(|| Refusal::NotThere(channel_names(reader.headers())))?;
     let source = colour.source(reader.headers());
 
-    let size = reader.headers()[colour.part].layer_size;
+    let header = &reader.headers()[colour.part];
+    let needed = decoding_bytes(header, bytes.len());
+    if needed > max_memory {
+        return Err(Refusal::TooLarge(needed));
+    }
+    let size = header.layer_size;
     let mut image = Image::filled(Extent::new(size.0 as u32, size.1 as u32), [0.0; 3]);
     let mut seen = HashSet::new();
     reader
@@ -199,6 +230,17 @@ fn check_headers(headers: &[Header], file_bytes: usize) -> Result<(), Refusal> {
         }
     }
     Ok(())
+}
+
+/// At most what decoding a part takes: the image, a block in several states on its way, and lists of the blocks that the
+/// file has an offset for.
+fn decoding_bytes(header: &Header, file_bytes: usize) -> u64 {
+    const STATES_OF_BLOCK: usize = 4;
+    const LISTS_PER_FILE_BYTE: usize = 24;
+    let pixels = header.layer_size.area().saturating_mul(size_of::<[f32; 3]>());
+    let block = header.max_block_byte_size().saturating_mul(STATES_OF_BLOCK);
+    let lists = file_bytes.saturating_mul(LISTS_PER_FILE_BYTE);
+    pixels.saturating_add(block).saturating_add(lists) as u64
 }
 
 fn channel_names(headers: &[Header]) -> String {

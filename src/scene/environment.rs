@@ -1,26 +1,31 @@
 //! Environment images: latitude-longitude radiance from `.hdr` and `.exr` files.
 
-use std::fs::File;
-use std::io::BufReader;
+use std::io::Cursor;
 use std::path::Path;
 
 use ::image::codecs::hdr::HdrDecoder;
 use ::image::{ImageDecoder, ImageError as DecodeError};
 
 use super::SceneError;
-use crate::image::{Extent, Image, RgbImage, exr};
+use super::budget::{Budget, Exceeded};
+use super::folder;
+use crate::image::{Extent, Image, ImageError, RgbImage, exr};
 
 const LARGEST_SIDE: u32 = 1 << 15;
+const LONGEST_HEADER: usize = 1 << 16;
 const LARGEST_AREA: usize = 1 << 28;
 
 /// Reads the image and multiplies it by `scale`. Values that are no radiance (negative, NaN, infinite) become
-/// 0; the second result says how many pixels had one.
+/// 0; the second result says how many pixels had one. The image's part of the budget is taken for good.
 ///
 /// # Errors
-/// [`SceneError::Read`], [`SceneError::Image`] or [`SceneError::Invalid`] for a file that can't be decoded.
-pub fn read_latlong(path: &Path, scale: f32) -> Result<(RgbImage, usize), SceneError> {
+/// [`SceneError::Read`], [`SceneError::Image`] or [`SceneError::Invalid`] for a file that can't be decoded,
+/// [`SceneError::Refused`] for one that the budget has no room for.
+pub fn read_latlong(path: &Path, scale: f32, budget: &Budget) -> Result<(RgbImage, usize), SceneError> {
+    let name = || path.display().to_string();
+    let file = folder::read(path, budget).map_err(|error| error.in_file(&name()))?;
     let is_hdr = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("hdr"));
-    let mut image = if is_hdr { read_hdr(path)? } else { exr::read_rgb(path)? };
+    let mut image = if is_hdr { read_hdr(&name(), &file, budget)? } else { read_exr(path, &file, budget)? };
     let mut bad_pixels = 0;
     for pixel in &mut image.pixels {
         let scaled = pixel.map(|v| v * scale);
@@ -31,15 +36,37 @@ pub fn read_latlong(path: &Path, scale: f32) -> Result<(RgbImage, usize), SceneE
     Ok((image, bad_pixels))
 }
 
-fn read_hdr(path: &Path) -> Result<RgbImage, SceneError> {
-    let name = || path.display().to_string();
-    let invalid = |what: String| SceneError::Invalid { path: name(), what };
+/// What a pixel of the scene takes.
+const PIXEL_BYTES: usize = size_of::<[f32; 3]>();
+
+fn refused(name: &str, error: Exceeded) -> SceneError {
+    SceneError::Refused { path: name.to_owned(), what: error.to_string() }
+}
+
+fn read_exr(path: &Path, bytes: &[u8], budget: &Budget) -> Result<RgbImage, SceneError> {
+    let name = path.display().to_string();
+    let image = exr::decode_rgb(path, bytes, budget.left()).map_err(|error| match error {
+        ImageError::TooLarge { needed, .. } => match budget.reserve(needed) {
+            Err(exceeded) => refused(&name, exceeded),
+            Ok(_) => error.into(),
+        },
+        other => other.into(),
+    })?;
+    budget.reserve((image.extent.area() * PIXEL_BYTES) as u64).map_err(|error| refused(&name, error))?.keep();
+    Ok(image)
+}
+
+fn read_hdr(name: &str, bytes: &[u8], budget: &Budget) -> Result<RgbImage, SceneError> {
+    let invalid = |what: String| SceneError::Invalid { path: name.to_owned(), what };
     let decode_error = |error: DecodeError| match error {
-        DecodeError::IoError(source) => SceneError::Read { path: name(), source },
+        DecodeError::IoError(source) => SceneError::Read { path: name.to_owned(), source },
         other => invalid(other.to_string()),
     };
-    let file = File::open(path).map_err(|source| SceneError::Read { path: name(), source })?;
-    let decoder = HdrDecoder::new(BufReader::new(file)).map_err(decode_error)?;
+    // The decoder keeps all lines of the header, which take more memory than they are long.
+    if !bytes[..bytes.len().min(LONGEST_HEADER)].windows(2).any(|pair| pair == b"\n\n") {
+        return Err(invalid(format!("its header has no end within {LONGEST_HEADER} bytes")));
+    }
+    let decoder = HdrDecoder::new(Cursor::new(bytes)).map_err(decode_error)?;
     let (width, height) = decoder.dimensions();
     let (sides, extent) = (1..=LARGEST_SIDE, Extent::new(width, height));
     if !sides.contains(&width) || !sides.contains(&height) || extent.area() > LARGEST_AREA {
@@ -47,8 +74,10 @@ fn read_hdr(path: &Path) -> Result<RgbImage, SceneError> {
             "its size is {extent}: give an image of 1 to {LARGEST_SIDE} a side and at most {LARGEST_AREA} pixels"
         )));
     }
+    let reserved = budget.reserve((extent.area() * PIXEL_BYTES) as u64).map_err(|error| refused(name, error))?;
     let mut image = Image::filled(extent, [0.0; 3]);
     decoder.read_image(bytemuck::cast_slice_mut(&mut image.pixels)).map_err(decode_error)?;
+    reserved.keep();
     Ok(image)
 }
 
@@ -68,7 +97,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sky.HDR");
         std::fs::write(&path, hdr_bytes()).unwrap();
-        let (image, bad) = read_latlong(&path, 2.0).unwrap();
+        let (image, bad) = read_latlong(&path, 2.0, &Budget::unlimited()).unwrap();
         assert_eq!(image.extent, Extent::new(2, 1));
         assert_eq!(image.pixels, [[2.0, 1.0, 0.0], [8.0, 8.0, 8.0]]);
         assert_eq!(bad, 0);
@@ -81,7 +110,7 @@ mod tests {
         let pixels = vec![[1.0, 2.0, 3.0], [f32::NAN, 1.0, 1.0], [-1.0, f32::INFINITY, 2.0]];
         let image = RgbImage { extent: Extent::new(3, 1), pixels };
         exr::write_rgb(&path, &image).unwrap();
-        let (image, bad) = read_latlong(&path, 0.5).unwrap();
+        let (image, bad) = read_latlong(&path, 0.5, &Budget::unlimited()).unwrap();
         assert_eq!(image.pixels, [[0.5, 1.0, 1.5], [0.0, 0.5, 0.5], [0.0, 0.0, 1.0]]);
         assert_eq!(bad, 2);
     }
@@ -93,11 +122,11 @@ mod tests {
         let whole = hdr_bytes();
         for cut in 0..whole.len() {
             std::fs::write(&path, &whole[..cut]).unwrap();
-            let error = read_latlong(&path, 1.0).unwrap_err().to_string();
+            let error = read_latlong(&path, 1.0, &Budget::unlimited()).unwrap_err().to_string();
             assert!(error.contains("sky.hdr"), "{error}");
         }
         let huge = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4000000000 +X 4000000000\n";
         std::fs::write(&path, huge).unwrap();
-        assert!(read_latlong(&path, 1.0).unwrap_err().to_string().contains("4000000000x"));
+        assert!(read_latlong(&path, 1.0, &Budget::unlimited()).unwrap_err().to_string().contains("4000000000x"));
     }
 }

@@ -1,17 +1,28 @@
 //! From a command line's `SHOT` to a shot and the scene it shows, with the shot's lights and environment in it.
 
-use std::fs;
+use std::io;
 use std::path::Path;
+use std::sync::Arc;
 
 use glam::Vec3;
 
+use super::budget::Budget;
 use super::environment::read_latlong;
+use super::folder::{self, Access, Folder};
 use super::rig::Rig;
 use super::shot::{Gaze, SceneSource, Shot, ShotEnvironment, Sky};
 use super::{Environment, Scene, SceneError, builtin, gltf};
 
 /// Vertical field of view for a scene that brings no camera.
 const FRAMING_YFOV_DEG: f64 = 70.0;
+
+/// [`load_shot_within`] half of the host's memory and the folders of the files.
+///
+/// # Errors
+/// [`SceneError`], naming the file.
+pub fn load_shot(arg: &str) -> Result<(Shot, Scene), SceneError> {
+    load_shot_within(arg, Access { budget: &Budget::of_host(), allow_outside: false })
+}
 
 /// Loads `builtin:NAME`, a `.toml` shot, or a `.gltf`/`.glb`.
 ///
@@ -20,19 +31,20 @@ const FRAMING_YFOV_DEG: f64 = 70.0;
 ///
 /// # Errors
 /// [`SceneError`], naming the file.
-pub fn load_shot(arg: &str) -> Result<(Shot, Scene), SceneError> {
+pub fn load_shot_within(arg: &str, access: Access) -> Result<(Shot, Scene), SceneError> {
+    let path = Path::new(arg);
+    let folder = Folder::of(path, access);
     if let Some(name) = arg.strip_prefix("builtin:") {
         let shot = Shot::parse(builtin::find(name)?.shot, arg)?;
-        return load_scene_of(shot, Path::new(""));
+        return load_scene_of(shot, arg, &folder);
     }
-    let path = Path::new(arg);
     let extension = path.extension().map(|e| e.to_ascii_lowercase().to_string_lossy().into_owned());
     match extension.as_deref() {
         Some("toml") => {
-            let shot = Shot::parse(&read_text(path)?, arg)?;
-            load_scene_of(shot, path.parent().unwrap_or(Path::new("")))
+            let shot = Shot::parse(&read_text(path, access)?, arg)?;
+            load_scene_of(shot, arg, &folder)
         }
-        Some("gltf" | "glb") => load_bare_gltf(path),
+        Some("gltf" | "glb") => load_bare_gltf(path, &folder),
         _ => Err(SceneError::Invalid {
             path: arg.to_owned(),
             what: "give a shot (.toml), a scene (.gltf, .glb) or builtin:NAME".to_owned(),
@@ -40,24 +52,30 @@ pub fn load_shot(arg: &str) -> Result<(Shot, Scene), SceneError> {
     }
 }
 
-fn read_text(path: &Path) -> Result<String, SceneError> {
-    fs::read_to_string(path).map_err(|source| SceneError::Read { path: path.display().to_string(), source })
+fn read_text(path: &Path, access: Access) -> Result<String, SceneError> {
+    let name = path.display().to_string();
+    let held = folder::read(path, access.budget).map_err(|error| error.in_file(&name))?;
+    let no_text = |error| SceneError::Read { path: name, source: io::Error::new(io::ErrorKind::InvalidData, error) };
+    String::from_utf8(held.bytes).map_err(no_text)
 }
 
-/// `folder`: where the shot's relative paths start.
-fn load_scene_of(shot: Shot, folder: &Path) -> Result<(Shot, Scene), SceneError> {
+/// `origin` is the shot's file; names in it start from `folder`.
+fn load_scene_of(shot: Shot, origin: &str, folder: &Folder) -> Result<(Shot, Scene), SceneError> {
     let mut scene = match &shot.scene {
         SceneSource::Builtin(name) => (builtin::find(name)?.build)(),
-        SceneSource::File(path) => gltf::load(&folder.join(path))?,
+        SceneSource::File(name) => {
+            let path = folder.find(name).map_err(|error| error.in_file(origin))?;
+            gltf::load(&path, folder.access)?
+        }
     };
-    apply(&shot, folder, &mut scene)?;
+    apply(&shot, origin, folder, &mut scene)?;
     Ok((shot, scene))
 }
 
-fn load_bare_gltf(path: &Path) -> Result<(Shot, Scene), SceneError> {
-    let mut scene = gltf::load(path)?;
+fn load_bare_gltf(path: &Path, folder: &Folder) -> Result<(Shot, Scene), SceneError> {
+    let mut scene = gltf::load(path, folder.access)?;
     let shot = shot_for(&scene, path);
-    apply(&shot, Path::new(""), &mut scene)?;
+    apply(&shot, &path.display().to_string(), folder, &mut scene)?;
     Ok((shot, scene))
 }
 
@@ -66,7 +84,7 @@ fn shot_for(scene: &Scene, path: &Path) -> Shot {
     let white = ShotEnvironment { sky: Sky::Constant(Vec3::ONE), scale: 1.0, rotation_deg: 0.0 };
     Shot {
         name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
-        scene: SceneSource::File(path.to_owned()),
+        scene: SceneSource::File(path.display().to_string()),
         rig: match scene.cameras.first() {
             Some(&camera) => Rig::from_camera(camera),
             None => Rig::framing(scene.bounds(), FRAMING_YFOV_DEG.to_radians()),
@@ -86,16 +104,16 @@ fn has_light(scene: &Scene) -> bool {
     !scene.lights.is_empty() || scene.environment != Environment::Black || scene.instances.iter().any(|i| emits(i.mesh))
 }
 
-fn apply(shot: &Shot, folder: &Path, scene: &mut Scene) -> Result<(), SceneError> {
+fn apply(shot: &Shot, origin: &str, folder: &Folder, scene: &mut Scene) -> Result<(), SceneError> {
     scene.lights.extend(shot.lights());
     let Some(environment) = &shot.environment else {
         return Ok(());
     };
     scene.environment = match &environment.sky {
         Sky::Constant(radiance) => constant(*radiance * environment.scale),
-        Sky::Image(path) => {
-            let path = folder.join(path);
-            let (image, bad_pixels) = read_latlong(&path, environment.scale)?;
+        Sky::Image(name) => {
+            let path = folder.find(name).map_err(|error| error.in_file(origin))?;
+            let (image, bad_pixels) = read_latlong(&path, environment.scale, folder.access.budget)?;
             if bad_pixels > 0 {
                 let path = path.display();
                 scene.warnings.push(format!(
@@ -103,7 +121,7 @@ fn apply(shot: &Shot, folder: &Path, scene: &mut Scene) -> Result<(), SceneError
                 ));
             }
             let rotation_deg = environment.rotation_deg;
-            Environment::Map { image, rotation_deg }
+            Environment::Map { image: Arc::new(image), rotation_deg }
         }
     };
     Ok(())
@@ -149,11 +167,17 @@ mod tests {
         Shot::parse(&text, "x.toml").unwrap()
     }
 
+    /// As of a shot in that folder.
+    fn apply_in(folder: &Path, shot: &Shot, scene: &mut Scene) -> Result<(), SceneError> {
+        let access = Access { budget: &Budget::unlimited(), allow_outside: false };
+        apply(shot, "x.toml", &Folder::of(&folder.join("x.toml"), access), scene)
+    }
+
     #[test]
     fn a_bare_scene_is_framed_and_lit_white() {
         let mut scene = triangle();
         let shot = shot_for(&scene, Path::new("models/chair.glb"));
-        apply(&shot, Path::new(""), &mut scene).unwrap();
+        apply_in(Path::new(""), &shot, &mut scene).unwrap();
         assert_eq!(shot.name, "chair");
         assert_eq!(scene.environment, Environment::Constant(Vec3::ONE));
         assert_eq!(shot.rig, Rig::framing(scene.bounds(), FRAMING_YFOV_DEG.to_radians()));
@@ -181,12 +205,12 @@ mod tests {
         scene.lights.push(light());
         scene.environment = Environment::Constant(Vec3::ONE);
         let lit = "[environment]\nradiance = [1, 2, 3]\nscale = 2\n[[light]]\nkind = 'point'\nposition = [0, 1, 0]";
-        apply(&shot(lit), Path::new(""), &mut scene).unwrap();
+        apply_in(Path::new(""), &shot(lit), &mut scene).unwrap();
         assert_eq!(scene.lights.len(), 2);
         assert_eq!(scene.environment, Environment::Constant(Vec3::new(2.0, 4.0, 6.0)));
-        apply(&shot(""), Path::new(""), &mut scene).unwrap();
+        apply_in(Path::new(""), &shot(""), &mut scene).unwrap();
         assert_eq!(scene.environment, Environment::Constant(Vec3::new(2.0, 4.0, 6.0)));
-        apply(&shot("[environment]\nscale = 0"), Path::new(""), &mut scene).unwrap();
+        apply_in(Path::new(""), &shot("[environment]\nscale = 0"), &mut scene).unwrap();
         assert_eq!(scene.environment, Environment::Black);
     }
 
@@ -197,11 +221,11 @@ mod tests {
         exr::write_rgb(&folder.path().join("sky.exr"), &sky).unwrap();
         let mut scene = triangle();
         let lit = shot("[environment]\nimage = 'sky.exr'\nscale = 2\nrotation_deg = 30");
-        apply(&lit, folder.path(), &mut scene).unwrap();
+        apply_in(folder.path(), &lit, &mut scene).unwrap();
         let Environment::Map { image, rotation_deg } = &scene.environment else { panic!("{:?}", scene.environment) };
         assert_eq!((image.pixels[0], *rotation_deg), ([2.0, 4.0, 6.0], 30.0));
         assert_eq!(scene.warnings.len(), 1);
-        let error = apply(&lit, Path::new("nowhere"), &mut scene).unwrap_err();
+        let error = apply_in(Path::new("nowhere"), &lit, &mut scene).unwrap_err();
         assert!(error.to_string().contains("sky.exr"), "{error}");
     }
 
@@ -242,7 +266,7 @@ mod tests {
         says("no/such.toml", "cannot read");
         let folder = tempfile::tempdir().unwrap();
         let latin1 = folder.path().join("latin1.toml");
-        fs::write(&latin1, b"name = \"\xe9\"").unwrap();
+        std::fs::write(&latin1, b"name = \"\xe9\"").unwrap();
         says(latin1.to_str().unwrap(), "cannot read");
         assert!(load_shot("builtin:no-such-scene").is_err());
         assert!(load_shot("no/such.glb").is_err());

@@ -3,6 +3,8 @@
 //! A [`Scene`] is plain, validated data. It comes from a glTF file or from a generator of this crate, plus
 //! what a [shot](shot::Shot) adds. It knows nothing of devices.
 
+pub mod budget;
+pub mod folder;
 pub mod rig;
 pub mod shot;
 pub mod gltf;
@@ -11,6 +13,8 @@ pub mod environment;
 pub mod load;
 pub mod export;
 pub mod needs;
+
+use std::sync::Arc;
 
 use glam::{Affine2, Affine3A, Vec2, Vec3, Vec4};
 
@@ -237,7 +241,8 @@ pub enum Environment {
     /// Latitude-longitude radiance. Direction d maps to u = 0.5 + atan2(d.x, -d.z) / 2π + rotation / 360°
     /// (so the image's centre is at −z, and it runs towards +x to the right), v = acos(d.y) / π (row 0 is up).
     Map {
-        image: crate::image::RgbImage,
+        /// Shared with the tables that devices get.
+        image: Arc<crate::image::RgbImage>,
         rotation_deg: f32,
     },
 }
@@ -257,7 +262,8 @@ pub struct Scene {
     /// At least one.
     pub materials: Vec<Material>,
     pub textures: Vec<Texture>,
-    pub images: Vec<TexelImage>,
+    /// Shared with the tables that devices get.
+    pub images: Vec<Arc<TexelImage>>,
     pub lights: Vec<Light>,
     pub environment: Environment,
     pub cameras: Vec<Camera>,
@@ -299,6 +305,8 @@ pub enum SceneError {
     Read { path: String, source: std::io::Error },
     #[error("'{path}' is not valid: {what}")]
     Invalid { path: String, what: String },
+    #[error("'{path}' is refused: {what}")]
+    Refused { path: String, what: String },
     #[error("'{path}' requires {}, which diptych cannot read{hint}", extensions.join(", "))]
     Extensions { path: String, extensions: Vec<String>, hint: String },
     #[error("there is no built-in scene '{name}': choose one of {known}")]

@@ -7,7 +7,6 @@ mod check;
 mod file;
 
 use std::ops::RangeInclusive;
-use std::path::PathBuf;
 
 use glam::Vec3;
 
@@ -17,7 +16,7 @@ use super::{Light, LightKind, SceneError};
 #[derive(Clone, Debug, PartialEq)]
 pub enum SceneSource {
     /// A glTF file, as written in the shot: relative to the shot's own folder.
-    File(PathBuf),
+    File(String),
     /// A scene made by a generator of this crate.
     Builtin(String),
 }
@@ -27,7 +26,7 @@ pub enum Sky {
     /// Linear RGB radiance.
     Constant(Vec3),
     /// A latitude-longitude `.hdr` or `.exr`, relative to the shot's folder.
-    Image(PathBuf),
+    Image(String),
 }
 
 #[derive(Clone, Debug, PartialEq)]

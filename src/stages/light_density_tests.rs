@@ -261,7 +261,7 @@ fn sky(extent: Extent) -> Environment {
     let mut image = RgbImage::filled(extent, [0.1, 0.2, 0.4]);
     let at = extent.width as usize * (extent.height as usize / 4) + extent.width as usize - 1;
     image.pixels[at] = [900.0, 800.0, 600.0];
-    Environment::Map { image, rotation_deg: 77.0 }
+    Environment::Map { image: image.into(), rotation_deg: 77.0 }
 }
 
 #[test]

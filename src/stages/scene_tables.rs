@@ -1,6 +1,7 @@
 //! The scene as the tracing stages read it: tables made once per scene, and their copy on a device.
 
 use std::borrow::Cow;
+use std::sync::Arc;
 
 use glam::{DVec3, Vec3, Vec4};
 use wgpu::util::DeviceExt;
@@ -14,7 +15,8 @@ use super::layout::{
 use crate::accel::{Accel, Node};
 use crate::device::GpuDevice;
 use crate::image::{Extent, RgbImage};
-use crate::scene::{self, AlphaMode, Environment, Scene, Wrap};
+use crate::scene::budget::{Budget, Exceeded};
+use crate::scene::{self, AlphaMode, Environment, Scene, TexelImage, Wrap};
 
 /// Nodes in a row of the tree's texture; the shift and mask in `trace.inc.wgsl`.
 const NODES_PER_ROW: usize = 1024;
@@ -29,6 +31,8 @@ pub enum TableError {
         "the scene's {what} take {mib} MiB, more than the {limit} MiB that device {device} lets a shader read at once"
     )]
     TooLarge { what: &'static str, mib: u64, limit: u64, device: usize },
+    #[error("the tables of the scene's lights are refused: {0}")]
+    Memory(Exceeded),
     #[error("the scene's textures hold {0} texels, more than the 2^32 that can be addressed: make them smaller")]
     Texels(u64),
     #[error("the environment image is {0}; the device takes {1} pixels an edge at most: make it smaller")]
@@ -43,7 +47,7 @@ pub struct SceneTables {
     has_surfaces: bool,
     materials: Vec<layout::Material>,
     textures: Vec<TextureInfo>,
-    texels: Vec<[u8; 4]>,
+    images: Vec<Arc<TexelImage>>,
     emitters: Emitters,
     environment: Environment,
 }
@@ -55,26 +59,35 @@ pub(super) fn linear_from_srgb(code: u8) -> f32 {
 }
 
 impl SceneTables {
-    pub fn new(scene: &Scene, mut accel: Accel) -> Result<Self, TableError> {
+    /// # Errors
+    /// If the scene's textures cannot be addressed.
+    pub fn new(scene: &Scene, accel: Accel) -> Result<Self, TableError> {
+        Self::within(scene, accel, &Budget::unlimited())
+    }
+
+    /// # Errors
+    /// As [`Self::new`], and if the budget has no room for them.
+    pub fn within(scene: &Scene, mut accel: Accel, budget: &Budget) -> Result<Self, TableError> {
+        let _reserved = budget.reserve(emitters::making_bytes(scene, &accel)).map_err(TableError::Memory)?;
         let has_surfaces = accel.nodes.len() > 1 || accel.nodes[0] != [0; 20];
         let emitters = Emitters::new(scene, &mut accel);
         let instances = emitters::rows(&accel.nodes);
         emitters::append(&mut accel.nodes, bytemuck::cast_slice(&accel.instances));
         let mut firsts = Vec::with_capacity(scene.images.len());
-        let mut texels: Vec<[u8; 4]> = Vec::new();
+        let mut texels = 0;
         for image in &scene.images {
-            firsts.push(texels.len() as u64);
-            texels.extend(&image.pixels);
+            firsts.push(texels);
+            texels += image.pixels.len() as u64;
         }
-        if texels.len() as u64 > u64::from(u32::MAX) {
-            return Err(TableError::Texels(texels.len() as u64));
+        if texels > u64::from(u32::MAX) {
+            return Err(TableError::Texels(texels));
         }
         let firsts = firsts.into_iter().map(|first| first as u32).collect();
         let mut table = TextureTable { scene, firsts, infos: Vec::new() };
         let materials: Vec<_> = scene.materials.iter().map(|m| table.material(m)).collect();
         let textures = table.infos;
-        let environment = scene.environment.clone();
-        Ok(Self { accel, instances, has_surfaces, materials, textures, texels, emitters, environment })
+        let (images, environment) = (scene.images.clone(), scene.environment.clone());
+        Ok(Self { accel, instances, has_surfaces, materials, textures, images, emitters, environment })
     }
 
     /// Fills in what the scene says about a frame.
@@ -275,7 +288,7 @@ impl SceneBuffers {
             buffers.push((binding, gpu.device.create_buffer_init(&descriptor)));
         }
         let tree = upload_tree(gpu, &tables.accel.nodes)?;
-        let texels = upload_pages(gpu, &tables.texels);
+        let texels = upload_pages(gpu, &tables.images);
         let environment = upload_environment(gpu, &tables.environment)?;
         gpu.queue.submit([]);
         Ok(Self { buffers, tree, texels, environment })
@@ -314,16 +327,21 @@ fn upload_tree(gpu: &GpuDevice, nodes: &[Node]) -> Result<wgpu::TextureView, Tab
     Ok(texture.create_view(&Default::default()))
 }
 
-fn upload_pages(gpu: &GpuDevice, texels: &[[u8; 4]]) -> wgpu::TextureView {
-    let edge = if texels.is_empty() { 1 } else { PAGE };
+/// The images' texels, one after another.
+fn upload_pages(gpu: &GpuDevice, images: &[Arc<TexelImage>]) -> wgpu::TextureView {
+    let texels: usize = images.iter().map(|image| image.pixels.len()).sum();
+    let edge = if texels == 0 { 1 } else { PAGE };
     let per_page = (edge * edge) as usize;
-    let pages = texels.len().div_ceil(per_page).max(1) as u32;
+    let pages = texels.div_ceil(per_page).max(1) as u32;
     let size = wgpu::Extent3d { width: edge, height: edge, depth_or_array_layers: pages };
     let texture = new_texture(gpu, "texels", size, wgpu::TextureFormat::Rgba8Unorm);
-    for (page, part) in texels.chunks(per_page).enumerate() {
-        let mut whole = bytemuck::cast_slice(part).to_vec();
-        whole.resize(per_page * 4, 0);
-        write_layer(gpu, &texture, page as u32, [edge, edge], 4, &whole);
+    let mut rest = images.iter().flat_map(|image| &image.pixels).copied();
+    for z in 0..pages {
+        let mut page: Vec<[u8; 4]> = rest.by_ref().take(per_page).collect();
+        page.resize(per_page, [0; 4]);
+        write_layer(gpu, &texture, z, [edge, edge], 4, bytemuck::cast_slice(&page));
+        // Else all pages wait in memory for one submission.
+        gpu.queue.submit([]);
     }
     texture.create_view(&wgpu::TextureViewDescriptor {
         dimension: Some(wgpu::TextureViewDimension::D2Array),

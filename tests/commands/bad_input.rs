@@ -2,7 +2,7 @@
 //! run that cannot be done, no panic, and nothing under a final name.
 
 use std::path::{Path, PathBuf};
-use std::process::Output;
+use std::process::{Output, Stdio};
 
 use crate::common::diptych;
 
@@ -257,6 +257,70 @@ fn skies_that_do_not_decode_are_named() {
     }
     let shot = case.file("sky.toml", format!("{SHOT}[environment]\nimage = 'lost.hdr'\n").as_bytes());
     case.refused(&shot, &[], 2, &["lost.hdr"]);
+}
+
+#[test]
+fn scenes_that_take_more_memory_than_they_may_are_refused() {
+    let case = Case::new();
+    let scene = case.file("scene.glb", &glb());
+    let says = ["scene.glb", "--max-scene-memory", "500 bytes"];
+    case.refused(&scene, &["--max-scene-memory", "0.5kB"], 2, &says);
+    // The file fits, what is made of it does not.
+    case.refused(&scene, &["--max-scene-memory", "3kB"], 2, &["--max-scene-memory", "2.9 KiB"]);
+    let output = case.render_into(&case.path("good"), &scene, &["--max-scene-memory", "1MiB"]);
+    assert_eq!(output.status.code(), Some(0), "{}", String::from_utf8_lossy(&output.stderr));
+    for size in ["0", "much", "4G", "-1GiB"] {
+        assert_option_refused(&[&format!("--max-scene-memory={size}")], &["--max-scene-memory", size]);
+    }
+}
+
+/// A shot, a scene or a sky may come from anyone: what they name outside their own folder is not read unasked.
+#[test]
+fn files_outside_the_folder_are_refused_unless_allowed() {
+    use diptych::image::{Extent, Image, exr};
+    let case = Case::new();
+    std::fs::create_dir(case.path("inner")).unwrap();
+    let (_, outside) = (case.file("scene.glb", &glb()), case.path("scene.glb"));
+    exr::write_rgb(&case.path("sky.exr"), &Image::filled(Extent::new(8, 4), [0.5f32; 3])).unwrap();
+    std::fs::write(case.path("corners.bin"), &glb()[glb().len() - 36..]).unwrap();
+    let buffer = r#"{"byteLength":36,"uri":"../corners.bin"}"#;
+    let shot_of = |scene: &str| SHOT.replacen("builtin:cornell", scene, 1);
+    for (name, text, refused) in [
+        ("scene.toml", shot_of("../scene.glb"), "../scene.glb"),
+        ("absolute.toml", shot_of(outside.to_str().unwrap()), "scene.glb"),
+        ("sky.toml", format!("{SHOT}[environment]\nimage = '../sky.exr'\n"), "../sky.exr"),
+        ("buffer.gltf", TRIANGLE.replacen(r#"{"byteLength":36}"#, buffer, 1), "../corners.bin"),
+    ] {
+        let shot = case.file(&format!("inner/{name}"), text.as_bytes());
+        case.refused(&shot, &[], 2, &[name, refused, "--allow-outside"]);
+        let output = case.render_into(&case.path(&format!("{name} out")), &shot, &["--allow-outside"]);
+        assert_eq!(output.status.code(), Some(0), "{name}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+}
+
+/// Where no folder for such things is set, none is made up that others may write to: a display server planted there
+/// would be spoken to.
+#[cfg(target_os = "linux")]
+#[test]
+fn no_display_server_is_looked_for_in_a_shared_folder() {
+    let shared = tempfile::tempdir().unwrap();
+    let planted = std::os::unix::net::UnixListener::bind(shared.path().join("wayland-0")).unwrap();
+    planted.set_nonblocking(true).unwrap();
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_diptych"));
+    command.arg("devices").env("TMPDIR", shared.path());
+    for variable in ["XDG_RUNTIME_DIR", "WAYLAND_DISPLAY", "WAYLAND_SOCKET", "NODEVICE_SELECT"] {
+        command.env_remove(variable);
+    }
+    let mut child = command.stdout(Stdio::null()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut spoken_to = false;
+    while child.try_wait().unwrap().is_none() {
+        spoken_to |= planted.accept().is_ok();
+        std::thread::sleep(std::time::Duration::from_millis(5));
+    }
+    let output = child.wait_with_output().unwrap();
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success() && !text.contains("XDG_RUNTIME_DIR"), "{text}");
+    assert!(!spoken_to && planted.accept().is_err());
 }
 
 #[test]

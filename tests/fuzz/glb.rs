@@ -2,9 +2,11 @@
 
 use std::path::Path;
 
-use diptych::accel::Accel;
+use diptych::accel::{Accel, Layout};
 use diptych::scene::Scene;
-use diptych::scene::load::load_shot;
+use diptych::scene::budget::Budget;
+use diptych::scene::folder::Access;
+use diptych::scene::load::{load_shot, load_shot_within};
 use diptych::scene::rig::Eye;
 use diptych::stages::SceneTables;
 use proptest::prelude::*;
@@ -12,23 +14,30 @@ use proptest::sample::{Index, select};
 use serde_json::{Value, json};
 
 use crate::bytes::{self, Damage};
-use crate::hold;
+use crate::{ALLOWED_BYTES, BUDGET, hold};
 
 /// Reads a file and lays its scene out as for rendering; whether that could be done.
 pub fn load(path: &Path, bytes: &[u8]) -> bool {
     std::fs::write(path, bytes).unwrap();
-    let name = path.to_str().unwrap();
-    let (shot, scene) = match load_shot(name) {
+    load_as_is(path, &Budget::new(BUDGET)).is_some()
+}
+
+/// The scene, if the file that is there could be read and laid out.
+pub fn load_as_is(path: &Path, budget: &Budget) -> Option<Scene> {
+    let folder = path.parent().unwrap().to_str().unwrap();
+    let (shot, scene) = match load_shot_within(path.to_str().unwrap(), Access { budget, allow_outside: false }) {
         Ok(read) => read,
         Err(error) => {
-            assert!(error.to_string().contains(name), "the error does not name the file: {error}");
-            return false;
+            assert!(error.to_string().contains(folder), "the error does not name a file: {error}");
+            return None;
         }
     };
     check(&scene);
     let view = shot.rig.view(0.0, Eye::Left);
     assert!([view.origin, view.right, view.up, view.forward].iter().all(|v| v.is_finite()), "{view:?}");
-    Accel::build(&scene).is_ok_and(|accel| SceneTables::new(&scene, accel).is_ok())
+    let accel = Accel::build_within(&scene, Layout::Auto, budget).ok()?;
+    SceneTables::within(&scene, accel, budget).ok()?;
+    Some(scene)
 }
 
 /// What the rest of the program takes for granted.
@@ -424,7 +433,7 @@ fn glb_files_are_read_or_refused() {
     let seed = everything();
     let whole = seed.pack(seed.json.to_string(), [0; 3]);
     assert!(load(&path, &whole), "{:?}", load_shot(path.to_str().unwrap()).map(drop));
-    hold(2000, 1 << 28, prop::collection::vec(edit(), 1..6), |edits| {
+    hold(2000, ALLOWED_BYTES, prop::collection::vec(edit(), 1..6), |edits| {
         load(&path, &apply(&seed, &edits));
     });
 }

@@ -4,22 +4,20 @@ use std::path::Path;
 
 use ::exr::prelude::{Blocks, Compression, Encoding, LineOrder, SpecificChannels, Vec2, WritableImage};
 use diptych::image::{Extent, Image, RgbImage, exr};
+use diptych::scene::budget::Budget;
 use diptych::scene::environment::read_latlong;
 use proptest::prelude::*;
 use proptest::sample::select;
 
 use crate::glb;
-use crate::{bytes, hold};
-
-/// Pixels of a 16384x16384 texture, or of an environment at its limit, with what decoding takes.
-const ALLOWED_BYTES: usize = 5 << 30;
+use crate::{ALLOWED_BYTES, BUDGET, bytes, hold};
 
 fn picture() -> RgbImage {
     let pixels = (0..24 * 12).map(|i| [i as f32 * 0.1, 1.0, (i % 7) as f32]).collect();
     Image { extent: Extent::new(24, 12), pixels }
 }
 
-fn exr_bytes(compression: Compression, blocks: Blocks) -> Vec<u8> {
+pub fn exr_bytes(compression: Compression, blocks: Blocks) -> Vec<u8> {
     let image = picture();
     let channels = SpecificChannels::rgb(|at: Vec2<usize>| {
         let [r, g, b] = *image.get(at.x() as u32, at.y() as u32);
@@ -48,7 +46,7 @@ fn exr_seeds() -> Vec<Vec<u8>> {
 }
 
 /// Radiance, flat and run-length encoded.
-fn hdr_seeds() -> Vec<Vec<u8>> {
+pub fn hdr_seeds() -> Vec<Vec<u8>> {
     let header =
         |w: u32, h: u32| format!("#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=1.0\n\n-Y {h} +X {w}\n").into_bytes();
     let mut flat = header(4, 3);
@@ -63,7 +61,7 @@ fn hdr_seeds() -> Vec<Vec<u8>> {
     vec![flat, runs]
 }
 
-fn texture_seeds() -> Vec<Vec<u8>> {
+pub fn texture_seeds() -> Vec<Vec<u8>> {
     use ::image::{DynamicImage, ImageFormat, RgbaImage};
     let rgba = RgbaImage::from_fn(19, 7, |x, y| ::image::Rgba([(x * 13) as u8, (y * 31) as u8, 7, (x * y) as u8]));
     let encode = |image: DynamicImage, format| {
@@ -89,7 +87,7 @@ fn damaged(seeds: Vec<Vec<u8>>) -> impl Strategy<Value = Vec<u8>> {
 
 fn read(path: &Path, bytes: &[u8]) -> Option<RgbImage> {
     std::fs::write(path, bytes).unwrap();
-    let (image, _) = read_latlong(path, 1.5).ok()?;
+    let (image, _) = read_latlong(path, 1.5, &Budget::new(BUDGET)).ok()?;
     assert_eq!(image.pixels.len(), image.extent.area());
     assert!(image.pixels.as_flattened().iter().all(|v| v.is_finite() && *v >= 0.0));
     Some(image)

@@ -5,14 +5,16 @@
 
 mod allocations;
 mod bytes;
+mod files;
 mod glb;
 mod images;
 mod shots;
 
 use std::fmt::Debug;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
+use diptych::scene::budget::ByteSize;
 use proptest::strategy::Strategy;
 use proptest::test_runner::{Config, TestRunner};
 
@@ -22,13 +24,21 @@ const PATIENCE: Duration = Duration::from_secs(20);
 /// One test at a time, since allocations are counted for the whole program.
 static TURN: Mutex<()> = Mutex::new(());
 
+fn turn() -> MutexGuard<'static, ()> {
+    TURN.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// What a scene may take in these tests, and what the program may take beside it.
+const BUDGET: ByteSize = ByteSize(64 << 20);
+const ALLOWED_BYTES: usize = 65 << 20;
+
 /// Runs `case` on `cases` values, or as many as the environment asks for. `allowed_bytes` is what a case may have
 /// allocated at once.
 fn hold<S: Strategy>(cases: u32, allowed_bytes: usize, strategy: S, case: impl Fn(S::Value))
 where
     S::Value: Debug,
 {
-    let _turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+    let _turn = turn();
     let cases = std::env::var("DIPTYCH_FUZZ_CASES").ok().map_or(cases, |n| n.parse().expect("a number of cases"));
     let config = Config { cases, failure_persistence: None, max_shrink_iters: 2000, ..Config::default() };
     let result = TestRunner::new(config).run(&strategy, |value| {

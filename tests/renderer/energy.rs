@@ -77,7 +77,7 @@ fn a_white_environment_image_is_as_good_as_a_constant_one() {
     let mut subject = Subject::load("builtin:furnace");
     let white = Image::filled(Extent::new(16, 8), [1.0; 3]);
     let scene = diptych::scene::Scene {
-        environment: Environment::Map { image: white, rotation_deg: 40.0 },
+        environment: Environment::Map { image: white.into(), rotation_deg: 40.0 },
         ..subject.scene.clone()
     };
     subject = Subject::new("furnace, image", scene, subject.rig);

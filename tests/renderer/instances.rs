@@ -1,5 +1,7 @@
 //! Meshes that rays meet in their own space look as they do flattened, and let scenes load that are too large flattened.
 
+use std::sync::Arc;
+
 use crate::common::{Stage, Subject, is_thorough, still_rig};
 use diptych::accel::{Accel, Layout};
 use diptych::image::{Extent, Image, RgbImage};
@@ -52,12 +54,12 @@ fn square(material: usize) -> Mesh {
 }
 
 /// Texels of 8x8 from their column and row.
-fn texels(of: impl Fn(usize, usize) -> [u8; 4]) -> Image<[u8; 4]> {
+fn texels(of: impl Fn(usize, usize) -> [u8; 4]) -> Arc<Image<[u8; 4]>> {
     let mut image = Image::filled(Extent::new(8, 8), [0; 4]);
     for (i, texel) in image.pixels.iter_mut().enumerate() {
         *texel = of(i % 8, i / 8);
     }
-    image
+    Arc::new(image)
 }
 
 fn empty_scene(name: &str) -> Scene {

@@ -116,7 +116,7 @@ fn the_scale_of_a_scene_does_not_change_its_picture() {
 
 /// Irradiance of a floor that faces +y, by the midpoint rule over the bilinearly interpolated image.
 fn irradiance(image: &RgbImage, steps: usize) -> DVec3 {
-    let sky = Environment::Map { image: image.clone(), rotation_deg: 0.0 };
+    let sky = Environment::Map { image: image.clone().into(), rotation_deg: 0.0 };
     let (columns, rows) = (steps * image.extent.width as usize, steps * image.extent.height as usize);
     let step = std::f64::consts::PI / rows as f64;
     let mut sum = DVec3::ZERO;
@@ -139,7 +139,7 @@ fn a_sun_of_one_texel_lights_with_little_noise_and_its_own_power() {
     let mut scene = scenes::empty("small sun");
     let grey = scenes::add_matte(&mut scene, Vec3::splat(0.5));
     scenes::place(&mut scene, scenes::quad(vec3(-50.0, 0.0, -50.0), 100.0 * Vec3::Z, 100.0 * Vec3::X, grey));
-    scene.environment = Environment::Map { image, rotation_deg: 0.0 };
+    scene.environment = Environment::Map { image: image.into(), rotation_deg: 0.0 };
     let camera = Pinhole::looking_at(vec3(0.0, 5.0, 0.1), Vec3::ZERO, Vec3::Z, 45.0);
     let subject = subject(scene, &camera);
     let mut settings = subject.settings(WIDTH, HEIGHT);

@@ -44,7 +44,7 @@ fn f32s(values: &[f32]) -> FlatSamples {
 }
 
 fn decode_colour(bytes: &[u8]) -> Result<(RgbImage, ColourSource), Refusal> {
-    decode(bytes, Colour::find)
+    decode(bytes, u64::MAX, Colour::find)
 }
 
 fn decoded(bytes: &[u8]) -> RgbImage {
@@ -54,6 +54,7 @@ fn decoded(bytes: &[u8]) -> RgbImage {
 fn decoded_colour(bytes: &[u8]) -> (RgbImage, ColourSource) {
     decode_colour(bytes).unwrap_or_else(|e| match e {
         Refusal::Unreadable(why) | Refusal::Unsupported(why) | Refusal::NotThere(why) => panic!("{why}"),
+        Refusal::TooLarge(needed) => panic!("{needed} bytes"),
     })
 }
 
@@ -62,6 +63,7 @@ fn assert_unsupported(bytes: &[u8], named: &str) {
     match decode_colour(bytes) {
         Err(Refusal::Unsupported(what)) => assert!(what.contains(named), "{what}"),
         Err(Refusal::Unreadable(why) | Refusal::NotThere(why)) => panic!("{why}"),
+        Err(Refusal::TooLarge(needed)) => panic!("{needed} bytes"),
         Ok(_) => panic!("it was read"),
     }
 }

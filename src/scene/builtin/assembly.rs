@@ -1,5 +1,7 @@
 //! Puts surfaces, materials and textures together into a [`Scene`].
 
+use std::sync::Arc;
+
 use super::super::{AlphaMode, Environment, Instance, Material, Mesh, Scene, TexelImage, Texture, TextureRef, Wrap};
 use super::geometry::Surface;
 use glam::{Affine3A, Vec3};
@@ -34,7 +36,7 @@ impl Assembly {
 
     /// A repeating texture, for coordinate set 0.
     pub fn texture(&mut self, image: TexelImage, linear: bool) -> TextureRef {
-        self.scene.images.push(image);
+        self.scene.images.push(Arc::new(image));
         let (image, wrap) = (self.scene.images.len() - 1, Wrap::Repeat);
         self.scene.textures.push(Texture { image, wrap_u: wrap, wrap_v: wrap, linear });
         TextureRef { texture: self.scene.textures.len() - 1, uv_set: 0, uv_from_uv: glam::Affine2::IDENTITY }

@@ -1,20 +1,19 @@
 //! The file's buffers and views of them, decompressed where they are compressed.
 
-use std::borrow::Cow;
-use std::cell::{Cell, OnceCell};
-use std::path::Path;
+use std::cell::{Cell, OnceCell, RefCell};
+use std::collections::HashMap;
+use std::rc::Rc;
 
 use ::gltf::json::{Root, Value, buffer};
 
 use super::fault::{Fault, Outcome, Within, label, lookup};
 use super::meshopt::{self, Compressed};
-use super::uri;
+use super::uri::Target;
+use crate::scene::budget::{Budget, Held};
+use crate::scene::folder::Folder;
 
 /// Extension under its ratified name and the one of its successor.
 const MESHOPT: [&str; 2] = ["EXT_meshopt_compression", "KHR_meshopt_compression"];
-
-/// All views of a file decompress to at most this, bytes.
-const MAX_DECODED: usize = 1 << 33;
 
 /// An accessor without a buffer view is all zeros and costs the file nothing; a file that reads more elements of such
 /// accessors than this, however often it uses one, is a trap.
@@ -22,11 +21,30 @@ const MAX_ZEROS: usize = 1 << 22;
 
 pub struct Buffers<'a> {
     pub root: &'a Root,
-    /// None: a placeholder without bytes, behind views that are compressed.
-    data: Vec<Option<Cow<'a, [u8]>>>,
-    decoded: Vec<OnceCell<Vec<u8>>>,
-    decoded_left: Cell<usize>,
+    /// Where URIs start from.
+    pub folder: &'a Folder<'a>,
+    bin: Option<&'a [u8]>,
+    /// Filled when something in use asks for them. None: a placeholder without bytes, behind views that are compressed.
+    data: Vec<OnceCell<Option<Data<'a>>>>,
+    /// What buffers share if they name one file.
+    targets: RefCell<HashMap<Target<'a>, Rc<Held<'a>>>>,
+    decoded: Vec<OnceCell<Held<'a>>>,
     zeros_left: Cell<usize>,
+}
+
+/// A buffer's bytes.
+enum Data<'a> {
+    Chunk(&'a [u8]),
+    Read(Rc<Held<'a>>),
+}
+
+impl Data<'_> {
+    fn bytes(&self) -> &[u8] {
+        match self {
+            Self::Chunk(bytes) => bytes,
+            Self::Read(held) => held,
+        }
+    }
 }
 
 /// Bytes of a buffer view.
@@ -38,17 +56,15 @@ pub struct View<'a> {
 }
 
 impl<'a> Buffers<'a> {
-    /// `bin` is the binary chunk of a GLB; relative URIs start from `base`.
-    pub fn load(root: &'a Root, bin: Option<&'a [u8]>, base: &Path) -> Outcome<Self> {
-        let data = root
-            .buffers
-            .iter()
-            .enumerate()
-            .map(|(i, buffer)| load_buffer(i, buffer, bin, base).within(|| label("buffer", i, &buffer.name)))
-            .collect::<Outcome<_>>()?;
+    /// `bin` is the binary chunk of a GLB.
+    pub fn new(root: &'a Root, bin: Option<&'a [u8]>, folder: &'a Folder<'a>) -> Self {
+        let data = root.buffers.iter().map(|_| OnceCell::new()).collect();
         let decoded = root.buffer_views.iter().map(|_| OnceCell::new()).collect();
-        let (decoded_left, zeros_left) = (Cell::new(MAX_DECODED), Cell::new(MAX_ZEROS));
-        Ok(Self { root, data, decoded, decoded_left, zeros_left })
+        Self { root, folder, bin, data, targets: RefCell::default(), decoded, zeros_left: Cell::new(MAX_ZEROS) }
+    }
+
+    pub fn budget(&self) -> &'a Budget {
+        self.folder.access.budget
     }
 
     /// Notes that `count` elements without bytes are read.
@@ -71,29 +87,28 @@ impl<'a> Buffers<'a> {
                 let bytes = self.decompress(view, extension)?;
                 let _ = self.decoded[index].set(bytes);
             }
-            let bytes = self.decoded[index].get().map_or(&[][..], Vec::as_slice);
+            let bytes = self.decoded[index].get().map_or(&[][..], |held| held);
             return Ok(View { bytes, stride });
         }
         let bytes = self.slice(view.buffer.value(), view.byte_offset.unwrap_or_default().0, view.byte_length.0)?;
         Ok(View { bytes, stride })
     }
 
-    fn decompress(&self, view: &buffer::View, extension: &Value) -> Outcome<Vec<u8>> {
+    fn decompress(&self, view: &buffer::View, extension: &Value) -> Outcome<Held<'a>> {
         let compressed = Compressed::parse(extension, view)?;
-        let left =
-            self.decoded_left.get().checked_sub(compressed.decoded_len()).ok_or_else(|| {
-                Fault::Invalid(format!("the file's views decompress to more than {MAX_DECODED} bytes"))
-            })?;
         let source = self.slice(compressed.buffer, compressed.byte_offset, compressed.byte_length)?;
-        let bytes = meshopt::decode(&compressed, source)?;
-        self.decoded_left.set(left);
-        Ok(bytes)
+        meshopt::decode(&compressed, source, self.budget())
     }
 
     fn slice(&self, index: usize, offset: u64, length: u64) -> Outcome<&[u8]> {
-        let data = lookup(&self.data, "buffer", index)?
-            .as_deref()
-            .ok_or_else(|| Fault::Invalid(format!("buffer {index} has no bytes: it names no file")))?;
+        let cell = lookup(&self.data, "buffer", index)?;
+        if cell.get().is_none() {
+            let buffer = &self.root.buffers[index];
+            let data = self.load(index, buffer).within(|| label("buffer", index, &buffer.name))?;
+            let _ = cell.set(data);
+        }
+        let data = cell.get().and_then(Option::as_ref).map(Data::bytes);
+        let data = data.ok_or_else(|| Fault::Invalid(format!("buffer {index} has no bytes: it names no file")))?;
         let range = || {
             let start = usize::try_from(offset).ok()?;
             let end = start.checked_add(usize::try_from(length).ok()?)?;
@@ -106,30 +121,32 @@ impl<'a> Buffers<'a> {
             ))
         })
     }
-}
 
-fn load_buffer<'a>(
-    index: usize,
-    buffer: &buffer::Buffer,
-    bin: Option<&'a [u8]>,
-    base: &Path,
-) -> Outcome<Option<Cow<'a, [u8]>>> {
-    if is_fallback(buffer) {
-        return Ok(None);
+    fn load(&self, index: usize, buffer: &'a buffer::Buffer) -> Outcome<Option<Data<'a>>> {
+        if is_fallback(buffer) {
+            return Ok(None);
+        }
+        let data = match (&buffer.uri, self.bin) {
+            (Some(uri), _) => Data::Read(self.fetch(uri)?),
+            (None, Some(bin)) if index == 0 => Data::Chunk(bin),
+            (None, _) => return Ok(None),
+        };
+        let (length, claimed) = (data.bytes().len(), buffer.byte_length.0);
+        if (length as u64) < claimed {
+            return Err(Fault::Invalid(format!("it is cut short: {length} of {claimed} bytes are there")));
+        }
+        Ok(Some(data))
     }
-    let bytes = match (&buffer.uri, bin) {
-        (Some(uri), _) => Cow::Owned(uri::fetch(base, uri)?),
-        (None, Some(bin)) if index == 0 => Cow::Borrowed(bin),
-        (None, _) => return Ok(None),
-    };
-    if (bytes.len() as u64) < buffer.byte_length.0 {
-        return Err(Fault::Invalid(format!(
-            "it is cut short: {} of {} bytes are there",
-            bytes.len(),
-            buffer.byte_length.0
-        )));
+
+    fn fetch(&self, uri: &'a str) -> Outcome<Rc<Held<'a>>> {
+        let target = Target::of(uri, self.folder)?;
+        if let Some(known) = self.targets.borrow().get(&target) {
+            return Ok(Rc::clone(known));
+        }
+        let held = Rc::new(target.read(self.budget())?);
+        self.targets.borrow_mut().insert(target, Rc::clone(&held));
+        Ok(held)
     }
-    Ok(Some(bytes))
 }
 
 fn is_fallback(buffer: &buffer::Buffer) -> bool {

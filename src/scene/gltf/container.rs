@@ -1,31 +1,65 @@
 //! Takes a `.gltf` or `.glb` apart: its JSON, parsed, and its binary chunk.
 
-use ::gltf::json::Root;
+use ::gltf::json::{Material, Root};
+use serde::Deserialize;
+use serde::de::IgnoredAny;
 use serde_json::{Value, json};
 
 use super::fault::{Fault, Outcome};
+use crate::scene::budget::{Budget, Reserved};
 
 const MAGIC: &[u8] = b"glTF";
 const CHUNK_JSON: u32 = u32::from_le_bytes(*b"JSON");
 const CHUNK_BIN: u32 = u32::from_le_bytes(*b"BIN\0");
 
-pub struct Container<'a> {
+/// At most what parsing takes for an object and for an element of the JSON, in lists that grow, bytes. Materials take more.
+const OBJECT_BYTES: u64 = 1024;
+const ELEMENT_BYTES: u64 = 96;
+const MATERIAL_BYTES: u64 = 3 * size_of::<Material>() as u64;
+
+pub struct Container<'a, 'b> {
     pub root: Root,
     pub bin: Option<&'a [u8]>,
+    _reserved: Reserved<'b>,
 }
 
-pub fn parse(bytes: &[u8]) -> Outcome<Container<'_>> {
+pub fn parse<'a, 'b>(bytes: &'a [u8], budget: &'b Budget) -> Outcome<Container<'a, 'b>> {
     if bytes.is_empty() {
         return Err(Fault::Invalid("it is empty".into()));
     }
     let (json, bin) = if bytes.starts_with(MAGIC) { split_chunks(bytes)? } else { (bytes, None) };
     let json = json.strip_prefix(b"\xEF\xBB\xBF").unwrap_or(json);
+    let reserved = budget.reserve(parsing_bytes(json))?;
     let root: Root = Root::from_slice(json).or_else(|error| {
+        // As plain values first.
+        let _values = budget.reserve(parsing_bytes(json))?;
         let lenient = serde_json::from_slice(json).ok().and_then(|value| serde_json::from_value(complete(value)).ok());
         lenient.ok_or_else(|| Fault::Invalid(format!("its JSON does not read as glTF 2.0: {error}")))
     })?;
     check_version(&root)?;
-    Ok(Container { root, bin })
+    Ok(Container { root, bin, _reserved: reserved })
+}
+
+/// At most what the JSON takes as the parser lays it out, which may be hundreds of times its length.
+fn parsing_bytes(json: &[u8]) -> u64 {
+    #[derive(Default, Deserialize)]
+    struct Lists {
+        #[serde(default)]
+        materials: Vec<IgnoredAny>,
+    }
+    let (mut objects, mut elements, mut in_string, mut escaped) = (0, 0, false, false);
+    for &byte in json {
+        match byte {
+            _ if escaped => escaped = false,
+            b'\\' => escaped = in_string,
+            b'"' => in_string = !in_string,
+            b'{' if !in_string => objects += 1,
+            b',' | b'[' if !in_string => elements += 1,
+            _ => {}
+        }
+    }
+    let materials = serde_json::from_slice::<Lists>(json).unwrap_or_default().materials.len() as u64;
+    2 * json.len() as u64 + objects * OBJECT_BYTES + elements * ELEMENT_BYTES + materials * MATERIAL_BYTES
 }
 
 /// Fills in what the format lets a file leave out but the parser asks for: a scene's list of nodes, and parts of

@@ -4,13 +4,23 @@ use std::collections::HashMap;
 use std::path::Path;
 
 use crate::scene::SceneError;
+use crate::scene::budget::Exceeded;
+use crate::scene::folder::AccessError;
 
 /// A [`SceneError`] that does not yet know which file it is about.
 #[derive(Debug)]
 pub enum Fault {
     Invalid(String),
-    Read { path: String, source: std::io::Error },
-    Extensions { extensions: Vec<String>, hint: String },
+    /// Not to be trusted, or too much.
+    Refused(String),
+    Read {
+        path: String,
+        source: std::io::Error,
+    },
+    Extensions {
+        extensions: Vec<String>,
+        hint: String,
+    },
 }
 
 pub type Outcome<T> = Result<T, Fault>;
@@ -20,6 +30,7 @@ impl Fault {
         let file = path.display().to_string();
         match self {
             Fault::Invalid(what) => SceneError::Invalid { path: file, what },
+            Fault::Refused(what) => SceneError::Refused { path: file, what },
             Fault::Read { path, source } => SceneError::Read { path, source },
             Fault::Extensions { extensions, hint } => SceneError::Extensions { path: file, extensions, hint },
         }
@@ -32,6 +43,21 @@ impl From<String> for Fault {
     }
 }
 
+impl From<AccessError> for Fault {
+    fn from(error: AccessError) -> Self {
+        match error {
+            AccessError::Read { path, source } => Fault::Read { path: path.display().to_string(), source },
+            AccessError::Refused(what) => Fault::Refused(what),
+        }
+    }
+}
+
+impl From<Exceeded> for Fault {
+    fn from(error: Exceeded) -> Self {
+        Fault::Refused(error.to_string())
+    }
+}
+
 /// Puts the place where something is wrong in front of what is wrong.
 pub trait Within {
     fn within(self, place: impl FnOnce() -> String) -> Self;
@@ -41,6 +67,7 @@ impl<T> Within for Outcome<T> {
     fn within(self, place: impl FnOnce() -> String) -> Self {
         self.map_err(|fault| match fault {
             Fault::Invalid(what) => Fault::Invalid(format!("{}: {what}", place())),
+            Fault::Refused(what) => Fault::Refused(format!("{}: {what}", place())),
             other => other,
         })
     }

@@ -20,9 +20,13 @@ const QUANTIZED: &[ComponentType] = &[F32, I8, U8, I16, U16];
 const COLOR: &[ComponentType] = &[F32, U8, U16];
 const INDEX: &[ComponentType] = &[U8, U16, U32];
 
+/// What a corner takes while triangles are made, with their list as it grows, and a vertex of the file, bytes.
+const CORNER_BYTES: u64 = 40;
+const VERTEX_BYTES: u64 = 16;
+
 /// The meshes read so far.
-pub struct Geometry<'a> {
-    buffers: &'a Buffers<'a>,
+pub struct Geometry<'a, 'b> {
+    buffers: &'a Buffers<'b>,
     /// Those of the file; they say which meshes need tangents.
     materials: &'a [Material],
     meshes: Vec<Mesh>,
@@ -31,8 +35,8 @@ pub struct Geometry<'a> {
     triangles_left: usize,
 }
 
-impl<'a> Geometry<'a> {
-    pub fn new(buffers: &'a Buffers<'a>, materials: &'a [Material]) -> Self {
+impl<'a, 'b> Geometry<'a, 'b> {
+    pub fn new(buffers: &'a Buffers<'b>, materials: &'a [Material]) -> Self {
         let ranges = vec![None; buffers.root.meshes.len()];
         Self { buffers, materials, meshes: Vec::new(), ranges, triangles_left: MAX_TRIANGLES }
     }
@@ -78,7 +82,14 @@ impl<'a> Geometry<'a> {
         if primitive.targets.as_ref().is_some_and(|t| !t.is_empty()) {
             warnings.note("morph targets are left out", place);
         }
-        let corners = self.corners(primitive, positions.count)?;
+        let indices = self.indices(primitive)?;
+        let corner_count = indices.as_ref().map_or(positions.count, |(indices, _)| indices.count);
+        if corner_count / 3 > MAX_TRIANGLES {
+            return Err(too_many());
+        }
+        let budget = self.buffers.budget();
+        let _lists = budget.reserve(corner_count as u64 * CORNER_BYTES + positions.count as u64 * VERTEX_BYTES)?;
+        let corners = corners(indices, positions.count)?;
         let mut triangles = assemble(mode, &corners)?;
         if triangles.is_empty() {
             warnings.note("primitives without triangles are left out", place);
@@ -87,6 +98,9 @@ impl<'a> Geometry<'a> {
         self.triangles_left = self.triangles_left.checked_sub(triangles.len()).ok_or_else(too_many)?;
         let used = compact(&mut triangles, positions.count);
         let vertices = Vertices { buffers: self.buffers, primitive, used: &used, count: positions.count };
+        let material = self.material(primitive)?;
+        let map = self.materials.get(material).and_then(tangents::wanted_by);
+        let mut reserved = budget.reserve(vertices.mesh_bytes(triangles.capacity(), map.is_some()))?;
         let positions = vertices.positions(&positions)?;
         let normals = vertices.normals(&positions, &triangles, place, warnings)?;
         let mut mesh = Mesh {
@@ -96,13 +110,15 @@ impl<'a> Geometry<'a> {
             colors: vertices.colors(place, warnings)?,
             tangents: Vec::new(),
             triangles,
-            material: self.material(primitive)?,
+            material,
         };
-        if let Some(map) = self.materials.get(mesh.material).and_then(tangents::wanted_by) {
+        if let Some(map) = map {
             // The format has tangents ignored where there are no normals.
             let given = if mesh.normals.is_empty() { None } else { vertices.tangents(place, warnings)? };
             tangents::give(&mut mesh, map, given, place, warnings);
         }
+        reserved.shrink_to(bytes_of(&mesh));
+        reserved.keep();
         Ok(Some(mesh))
     }
 
@@ -113,12 +129,9 @@ impl<'a> Geometry<'a> {
         }
     }
 
-    /// The vertices in the order in which triangles take them, each below `vertex_count`.
-    fn corners(&self, primitive: &Primitive, vertex_count: usize) -> Outcome<Vec<u32>> {
-        let Some(index) = primitive.indices else {
-            check_corner_count(vertex_count)?;
-            return Ok((0..vertex_count as u32).collect());
-        };
+    /// The elements of the primitive's indices, with their accessor.
+    fn indices(&self, primitive: &Primitive) -> Outcome<Option<(Elements<'a>, usize)>> {
+        let Some(index) = primitive.indices else { return Ok(None) };
         let indices = Elements::open(self.buffers, index.value()).within(|| "indices".into())?;
         if indices.width != 1 || !INDEX.contains(&indices.component) {
             return Err(Fault::Invalid(format!(
@@ -126,28 +139,60 @@ impl<'a> Geometry<'a> {
                 indices.component, indices.width
             )));
         }
-        check_corner_count(indices.count)?;
-        let corners: Vec<u32> = (0..indices.count).map(|i| indices.unsigned(i)).collect();
-        match corners.iter().position(|&v| v as usize >= vertex_count) {
-            None => Ok(corners),
-            Some(at) => Err(Fault::Invalid(format!(
-                "indices: accessor {index} points to vertex {} (its element {at}), but there are {vertex_count}",
-                corners[at]
-            ))),
-        }
+        Ok(Some((indices, index.value())))
     }
 }
 
+/// The vertices in the order in which triangles take them, each below `vertex_count`.
+fn corners(indices: Option<(Elements, usize)>, vertex_count: usize) -> Outcome<Vec<u32>> {
+    let Some((indices, accessor)) = indices else { return Ok((0..vertex_count as u32).collect()) };
+    let corners: Vec<u32> = (0..indices.count).map(|i| indices.unsigned(i)).collect();
+    match corners.iter().position(|&v| v as usize >= vertex_count) {
+        None => Ok(corners),
+        Some(at) => Err(Fault::Invalid(format!(
+            "indices: accessor {accessor} points to vertex {} (its element {at}), but there are {vertex_count}",
+            corners[at]
+        ))),
+    }
+}
+
+/// What a mesh holds.
+fn bytes_of(mesh: &Mesh) -> u64 {
+    fn held<T>(list: &Vec<T>) -> usize {
+        list.capacity() * size_of::<T>()
+    }
+    let Mesh { positions, normals, tangents, uvs: [uvs_0, uvs_1], colors, triangles, material: _ } = mesh;
+    let vectors = held(positions) + held(normals) + held(tangents) + held(colors);
+    (vectors + held(uvs_0) + held(uvs_1) + held(triangles)) as u64
+}
+
 /// Attributes of one primitive, gathered for the vertices in use.
-struct Vertices<'a> {
-    buffers: &'a Buffers<'a>,
+struct Vertices<'a, 'b> {
+    buffers: &'a Buffers<'b>,
     primitive: &'a Primitive,
     used: &'a [u32],
     /// Vertices in the file.
     count: usize,
 }
 
-impl Vertices<'_> {
+impl Vertices<'_, '_> {
+    /// At most what the mesh takes while it is made.
+    fn mesh_bytes(&self, triangles: usize, mapped: bool) -> u64 {
+        let has = |semantic| self.primitive.attributes.contains_key(&Checked::Valid(semantic));
+        let attributes = [
+            (true, size_of::<Vec3>()),
+            (has(Semantic::Normals), size_of::<Vec3>()),
+            (has(Semantic::TexCoords(0)), size_of::<Vec2>()),
+            (has(Semantic::TexCoords(1)), size_of::<Vec2>()),
+            (has(Semantic::Colors(0)), size_of::<Vec4>()),
+            (mapped, size_of::<Vec4>()),
+        ];
+        let per_vertex: usize = attributes.iter().filter(|(is_there, _)| *is_there).map(|(_, bytes)| bytes).sum();
+        let made = mapped && !has(Semantic::Tangents);
+        let per_triangle = size_of::<[u32; 3]>() + if made { tangents::BYTES_PER_TRIANGLE } else { 0 };
+        (self.used.len() * per_vertex + triangles * per_triangle) as u64
+    }
+
     fn positions(&self, elements: &Elements) -> Outcome<Vec<Vec3>> {
         let gather = |&i: &u32| {
             let [x, y, z, _] = elements.floats(i as usize);
@@ -275,10 +320,6 @@ fn attribute<'a>(
         )));
     }
     Ok(Some(elements))
-}
-
-fn check_corner_count(count: usize) -> Outcome<()> {
-    if count / 3 > MAX_TRIANGLES { Err(too_many()) } else { Ok(()) }
 }
 
 fn too_many() -> Fault {

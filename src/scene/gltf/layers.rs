@@ -25,7 +25,7 @@ struct JsonClearcoat {
     clearcoat_normal_texture: Option<NormalTexture>,
 }
 
-impl Reader<'_, '_> {
+impl Reader<'_, '_, '_> {
     pub(super) fn extensions(&mut self, json: &JsonExtensions, material: &mut Material) -> Outcome<()> {
         if let Some(ior) = &json.ior {
             self.ior(ior, material)?;

@@ -1,6 +1,6 @@
 //! Materials: glTF's metallic-roughness model, with the textures it refers to.
 
-use std::path::Path;
+use std::sync::Arc;
 
 use ::gltf::json::extensions::material::Material as JsonExtensions;
 use ::gltf::json::material::{AlphaMode as JsonAlphaMode, Material as JsonMaterial, NormalTexture};
@@ -18,12 +18,11 @@ use crate::scene::{AlphaMode, Material, NormalMap, TexelImage, Texture, TextureR
 pub struct Surfaces {
     pub materials: Vec<Material>,
     pub textures: Vec<Texture>,
-    pub images: Vec<TexelImage>,
+    pub images: Vec<Arc<TexelImage>>,
 }
 
-/// Relative URIs of images start from `base`.
-pub fn read(buffers: &Buffers, base: &Path, warnings: &mut Warnings) -> Outcome<Surfaces> {
-    let mut table = TextureTable::new(buffers, base);
+pub fn read(buffers: &Buffers, warnings: &mut Warnings) -> Outcome<Surfaces> {
+    let mut table = TextureTable::new(buffers);
     let mut materials = Vec::with_capacity(buffers.root.materials.len() + 1);
     for (index, json) in buffers.root.materials.iter().enumerate() {
         let place = label("material", index, &json.name);
@@ -35,13 +34,13 @@ pub fn read(buffers: &Buffers, base: &Path, warnings: &mut Warnings) -> Outcome<
 }
 
 /// Reads one material.
-pub(super) struct Reader<'r, 'a> {
-    pub table: &'r mut TextureTable<'a>,
+pub(super) struct Reader<'r, 'a, 'b> {
+    pub table: &'r mut TextureTable<'a, 'b>,
     pub warnings: &'r mut Warnings,
     pub place: &'r str,
 }
 
-impl Reader<'_, '_> {
+impl Reader<'_, '_, '_> {
     fn read(&mut self, json: &JsonMaterial) -> Outcome<Material> {
         let none = JsonExtensions::default();
         let extensions = json.extensions.as_ref().unwrap_or(&none);

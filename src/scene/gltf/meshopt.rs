@@ -12,6 +12,7 @@ use ::meshopt::{
 use serde::Deserialize;
 
 use super::fault::{Fault, Outcome};
+use crate::scene::budget::{Budget, Held};
 
 /// A stream byte stands for at most so many decoded ones: the densest coding, a vertex block of 256 elements without
 /// deltas, spends two bits on each byte of an element.
@@ -96,7 +97,7 @@ impl Compressed {
 }
 
 /// The view's bytes, laid out as accessors expect them.
-pub fn decode(compressed: &Compressed, source: &[u8]) -> Outcome<Vec<u8>> {
+pub fn decode<'b>(compressed: &Compressed, source: &[u8], budget: &'b Budget) -> Outcome<Held<'b>> {
     let Compressed { mode, count, byte_stride, .. } = *compressed;
     if compressed.decoded_len() > source.len().saturating_mul(MAX_EXPANSION) {
         return Err(Fault::Invalid(format!(
@@ -104,6 +105,8 @@ pub fn decode(compressed: &Compressed, source: &[u8]) -> Outcome<Vec<u8>> {
             source.len()
         )));
     }
+    // Elements are decoded as such, then copied as bytes.
+    let mut reserved = budget.reserve(2 * compressed.decoded_len() as u64)?;
     let decoded = match (mode, byte_stride) {
         (Mode::Attributes, _) => decode_attributes(compressed, source),
         (Mode::Triangles, 2) => decode_index_buffer::<u16>(source, count).map(to_bytes),
@@ -111,7 +114,10 @@ pub fn decode(compressed: &Compressed, source: &[u8]) -> Outcome<Vec<u8>> {
         (Mode::Indices, 2) => decode_index_sequence::<u16>(source, count).map(to_bytes),
         (Mode::Indices, _) => decode_index_sequence::<u32>(source, count).map(to_bytes),
     };
-    decoded.map_err(|e| Fault::Invalid(format!("its meshopt stream of {} bytes is damaged: {e}", source.len())))
+    let damaged = |e| Fault::Invalid(format!("its meshopt stream of {} bytes is damaged: {e}", source.len()));
+    let bytes = decoded.map_err(damaged)?;
+    reserved.shrink_to(bytes.len() as u64);
+    Ok(Held { bytes, reserved })
 }
 
 fn to_bytes<T: bytemuck::NoUninit>(elements: Vec<T>) -> Vec<u8> {

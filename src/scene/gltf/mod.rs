@@ -45,34 +45,40 @@ use self::geometry::Geometry;
 use self::hierarchy::PlacedNode;
 use self::materials::Surfaces;
 pub use self::write::write;
+use super::folder::{self, Access, Folder};
 use super::{Environment, Instance, Material, Scene, SceneError};
 
 /// More instances than this are taken for a damaged or hostile file.
 const MAX_INSTANCES: usize = 1 << 22;
 
+/// What an instance takes in a list that grows.
+const INSTANCE_BYTES: usize = 3 * size_of::<Instance>();
+
 /// Reads the default scene of the file at `path`; files it refers to are looked up beside it.
 ///
 /// # Errors
 /// [`SceneError::Read`] names a file that cannot be read, [`SceneError::Extensions`] the required extensions that are
-/// not supported, [`SceneError::Invalid`] the part of the file that is wrong.
-pub fn load(path: &Path) -> Result<Scene, SceneError> {
-    uri::read_file(path).and_then(|bytes| parse(&bytes, path)).map_err(|fault| fault.in_file(path))
+/// not supported, [`SceneError::Invalid`] the part of the file that is wrong, [`SceneError::Refused`] what `access` has
+/// no room for or does not allow.
+pub fn load(path: &Path, access: Access) -> Result<Scene, SceneError> {
+    let bytes = folder::read(path, access.budget).map_err(|error| error.in_file(&path.display().to_string()))?;
+    parse(&bytes, path, access).map_err(|fault| fault.in_file(path))
 }
 
 /// `path` is where the `bytes` come from.
-fn parse(bytes: &[u8], path: &Path) -> Outcome<Scene> {
-    let container = container::parse(bytes)?;
+fn parse(bytes: &[u8], path: &Path, access: Access) -> Outcome<Scene> {
+    let container = container::parse(bytes, access.budget)?;
     let root = &container.root;
     let mut warnings = Warnings::default();
     extensions::check(root, &mut warnings)?;
-    let base = path.parent().unwrap_or(Path::new(""));
-    let buffers = Buffers::load(root, container.bin, base)?;
+    let folder = Folder::of(path, access);
+    let buffers = Buffers::new(root, container.bin, &folder);
     let nodes = hierarchy::walk(root)?;
     warn_of_motion(root, &nodes, &mut warnings);
 
-    let Surfaces { mut materials, textures, images } = materials::read(&buffers, base, &mut warnings)?;
+    let Surfaces { mut materials, textures, images } = materials::read(&buffers, &mut warnings)?;
     let mut geometry = Geometry::new(&buffers, &materials);
-    let instances = place_meshes(root, &nodes, &mut geometry, &mut warnings)?;
+    let instances = place_meshes(&buffers, &nodes, &mut geometry, &mut warnings)?;
     let lights = placed::lights(root, &nodes, &mut warnings)?;
     let cameras = placed::cameras(root, &nodes, &mut warnings)?;
     let needs_default = materials.is_empty() || geometry.uses_default_material();
@@ -95,14 +101,14 @@ fn parse(bytes: &[u8], path: &Path) -> Outcome<Scene> {
 }
 
 fn place_meshes(
-    root: &Root,
+    buffers: &Buffers,
     nodes: &[PlacedNode],
     geometry: &mut Geometry,
     warnings: &mut Warnings,
 ) -> Outcome<Vec<Instance>> {
     let mut instances = Vec::new();
     for placed in nodes {
-        let node = &root.nodes[placed.node];
+        let node = &buffers.root.nodes[placed.node];
         let Some(index) = node.mesh else { continue };
         let meshes =
             geometry.primitives_of(index.value(), warnings).within(|| label("node", placed.node, &node.name))?;
@@ -110,6 +116,7 @@ fn place_meshes(
             return Err(Fault::Invalid(format!("it places more than {MAX_INSTANCES} primitives")));
         }
         let world_from_local = placed.world_from_local_f32();
+        buffers.budget().reserve((meshes.len() * INSTANCE_BYTES) as u64)?.keep();
         instances.extend(meshes.map(|mesh| Instance { mesh, world_from_local }));
     }
     Ok(instances)

@@ -11,6 +11,9 @@ use crate::scene::{Material, Mesh, TextureRef};
 /// Triangles at one position. The work of MikkTSpace grows with the square, its recursion with the number.
 const MAX_AT_POSITION: u32 = 1024;
 
+/// What making tangents takes at most, with all corners split from one another.
+pub const BYTES_PER_TRIANGLE: usize = 1100;
+
 /// The map that a mesh's tangents are for: the base's, which a coat's map shares them with.
 pub fn wanted_by(material: &Material) -> Option<TextureRef> {
     material.normal_map.or(material.clearcoat.normal_map).map(|map| map.texture)

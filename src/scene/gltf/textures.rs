@@ -1,7 +1,7 @@
 //! The textures and images that materials refer to, each read once.
 
 use std::collections::HashMap;
-use std::path::Path;
+use std::sync::Arc;
 
 use ::gltf::json::extensions::texture::TextureTransform;
 use ::gltf::json::texture::{Info, MagFilter, Sampler, Texture as JsonTexture, WrappingMode};
@@ -11,38 +11,39 @@ use glam::{Affine2, Mat2, Vec2};
 use super::buffers::Buffers;
 use super::fault::{Fault, Outcome, Warnings, Within, label, lookup};
 use super::images;
-use super::uri;
+use super::uri::Target;
 use crate::image::Image;
+use crate::scene::folder::shorten;
 use crate::scene::{TexelImage, Texture, TextureRef, Wrap};
 
-/// All images of a file decode to at most this, bytes.
-const MAX_TEXELS: usize = 1 << 33;
-
-pub struct TextureTable<'a> {
-    buffers: &'a Buffers<'a>,
-    base: &'a Path,
+pub struct TextureTable<'a, 'b> {
+    buffers: &'a Buffers<'b>,
     pub textures: Vec<Texture>,
-    pub images: Vec<TexelImage>,
-    /// From the file's numbers to those in `textures` and `images`.
+    pub images: Vec<Arc<TexelImage>>,
+    /// From the file's numbers to those in `textures`.
     texture_of: HashMap<usize, usize>,
-    image_of: HashMap<usize, usize>,
+    /// From where they are encoded to those in `images`.
+    image_of: HashMap<Encoded<'b>, usize>,
     /// Images made by [`roughness_of`](Self::roughness_of), by their source and the factor's bits.
     roughness_of: HashMap<(usize, u32), usize>,
-    texels_left: usize,
 }
 
-impl<'a> TextureTable<'a> {
-    /// Relative URIs of images start from `base`.
-    pub fn new(buffers: &'a Buffers<'a>, base: &'a Path) -> Self {
+/// Where an image is encoded. Images of one file may be encoded in one place.
+#[derive(PartialEq, Eq, Hash)]
+enum Encoded<'a> {
+    Target(Target<'a>),
+    View(usize),
+}
+
+impl<'a, 'b> TextureTable<'a, 'b> {
+    pub fn new(buffers: &'a Buffers<'b>) -> Self {
         Self {
             buffers,
-            base,
             textures: Vec::new(),
             images: Vec::new(),
             texture_of: HashMap::new(),
             image_of: HashMap::new(),
             roughness_of: HashMap::new(),
-            texels_left: MAX_TEXELS,
         }
     }
 
@@ -65,12 +66,13 @@ impl<'a> TextureTable<'a> {
         let image = match self.roughness_of.get(&(source, glossiness.to_bits())) {
             Some(&known) => known,
             None => {
-                let Image { extent, pixels } = &self.images[source];
+                let Image { extent, pixels } = &*self.images[source];
+                self.buffers.budget().reserve(size_of_val(&**pixels) as u64)?.keep();
                 let rough = |p: &[u8; 4]| (255.0 - glossiness * f32::from(p[3])).round() as u8;
                 let pixels = pixels.iter().map(|p| [0, rough(p), 0, 255]).collect();
-                let image = self.keep(Image { extent: *extent, pixels })?;
-                self.roughness_of.insert((source, glossiness.to_bits()), image);
-                image
+                self.images.push(Arc::new(Image { extent: *extent, pixels }));
+                self.roughness_of.insert((source, glossiness.to_bits()), self.images.len() - 1);
+                self.images.len() - 1
             }
         };
         self.textures.push(Texture { image, ..self.textures[glossy.texture] });
@@ -100,37 +102,30 @@ impl<'a> TextureTable<'a> {
     }
 
     fn image(&mut self, index: usize) -> Outcome<usize> {
-        if let Some(&known) = self.image_of.get(&index) {
+        let image = lookup(&self.buffers.root.images, "image", index)?;
+        let place = || match &image.uri {
+            Some(uri) if image.name.is_none() => format!("image {index} '{}'", shorten(uri)),
+            _ => label("image", index, &image.name),
+        };
+        let encoded = match (&image.uri, image.buffer_view) {
+            (Some(uri), _) => Encoded::Target(Target::of(uri, self.buffers.folder).within(place)?),
+            (None, Some(view)) => Encoded::View(view.value()),
+            (None, None) => return Err(Fault::Invalid("it has neither a URI nor a buffer view".into())).within(place),
+        };
+        if let Some(&known) = self.image_of.get(&encoded) {
             return Ok(known);
         }
-        let decoded = self.decode(index)?;
-        let image = self.keep(decoded)?;
-        self.image_of.insert(index, image);
-        Ok(image)
-    }
-
-    fn keep(&mut self, image: TexelImage) -> Outcome<usize> {
-        let size = image.pixels.len() * size_of::<[u8; 4]>();
-        self.texels_left = self
-            .texels_left
-            .checked_sub(size)
-            .ok_or_else(|| Fault::Invalid(format!("the file's images decode to more than {MAX_TEXELS} bytes")))?;
-        self.images.push(image);
+        self.images.push(Arc::new(self.decode(&encoded).within(place)?));
+        self.image_of.insert(encoded, self.images.len() - 1);
         Ok(self.images.len() - 1)
     }
 
-    fn decode(&self, index: usize) -> Outcome<TexelImage> {
-        let image = lookup(&self.buffers.root.images, "image", index)?;
-        let place = || match &image.uri {
-            Some(uri) if image.name.is_none() => format!("image {index} '{}'", uri::shorten(uri)),
-            _ => label("image", index, &image.name),
-        };
-        let attempt = || match (&image.uri, image.buffer_view) {
-            (Some(uri), _) => images::decode(&uri::fetch(self.base, uri)?),
-            (None, Some(view)) => images::decode(self.buffers.view(view.value())?.bytes),
-            (None, None) => Err(Fault::Invalid("it has neither a URI nor a buffer view".into())),
-        };
-        attempt().within(place)
+    fn decode(&self, encoded: &Encoded) -> Outcome<TexelImage> {
+        let budget = self.buffers.budget();
+        match encoded {
+            Encoded::Target(target) => images::decode(&target.read(budget)?, budget),
+            Encoded::View(view) => images::decode(self.buffers.view(*view)?.bytes, budget),
+        }
     }
 }
 

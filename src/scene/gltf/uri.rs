@@ -1,8 +1,8 @@
-//! Fetches the bytes behind a URI of a glTF file: a `data:` URI or a file beside it.
+//! What a URI of a glTF file stands for: the bytes in a `data:` URI, or a file beside it.
 
+use std::borrow::Cow;
 use std::fs;
-use std::io;
-use std::path::Path;
+use std::path::PathBuf;
 
 use base64::Engine;
 use base64::alphabet::STANDARD;
@@ -11,41 +11,46 @@ use base64::engine::{DecodePaddingMode, GeneralPurposeConfig};
 use percent_encoding::percent_decode_str;
 
 use super::fault::{Fault, Outcome};
+use crate::scene::budget::{Budget, Held};
+use crate::scene::folder::{self, Folder, shorten};
 
-/// Reads a whole regular file; pipes and devices, which may never end, are refused.
-pub fn read_file(path: &Path) -> Outcome<Vec<u8>> {
-    let attempt = || {
-        if !fs::metadata(path)?.is_file() {
-            return Err(io::Error::new(io::ErrorKind::InvalidInput, "it is not a regular file"));
+/// Where the bytes behind a URI are.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum Target<'a> {
+    /// What follows `data:`.
+    Data(&'a str),
+    /// The same path for the same file, however it is named.
+    File(PathBuf),
+}
+
+impl<'a> Target<'a> {
+    pub fn of(uri: &'a str, folder: &Folder) -> Outcome<Self> {
+        if let Some(rest) = strip_scheme(uri, "data:") {
+            return Ok(Self::Data(rest));
         }
-        fs::read(path)
-    };
-    attempt().map_err(|source| Fault::Read { path: path.display().to_string(), source })
+        if has_scheme(uri) {
+            return Err(Fault::Invalid(format!("'{}' is not a file beside it: download it first", shorten(uri))));
+        }
+        let name = percent_decode_str(uri)
+            .decode_utf8()
+            .map_err(|_| Fault::Invalid(format!("the URI '{}' is not UTF-8", shorten(uri))))?;
+        let path = folder.find(&name)?;
+        Ok(Self::File(fs::canonicalize(&path).unwrap_or(path)))
+    }
+
+    pub fn read<'b>(&self, budget: &'b Budget) -> Outcome<Held<'b>> {
+        match self {
+            Self::Data(rest) => decode_data(rest, budget),
+            Self::File(path) => Ok(folder::read(path, budget)?),
+        }
+    }
 }
 
-pub fn fetch(base: &Path, uri: &str) -> Outcome<Vec<u8>> {
-    if let Some(rest) = strip_scheme(uri, "data:") {
-        return decode_data(rest);
-    }
-    if uri.contains("://") {
-        return Err(Fault::Invalid(format!("'{}' is not a file beside it: download it first", shorten(uri))));
-    }
-    let name = percent_decode_str(uri)
-        .decode_utf8()
-        .map_err(|_| Fault::Invalid(format!("the URI '{}' is not UTF-8", shorten(uri))))?;
-    if name.contains('\0') {
-        return Err(Fault::Invalid(format!("the URI '{}' names no file", shorten(uri))));
-    }
-    read_file(&base.join(name.as_ref()))
-}
-
-/// The URI as it can be shown: whole, or its beginning.
-pub fn shorten(uri: &str) -> String {
-    const SHOWN: usize = 80;
-    match uri.char_indices().nth(SHOWN) {
-        Some((end, _)) => format!("{}...", &uri[..end]),
-        None => uri.to_owned(),
-    }
+/// Whether a URI is more than a path (RFC 3986, 3.1); what looks like one letter's scheme is a drive.
+fn has_scheme(uri: &str) -> bool {
+    let Some((head, _)) = uri.split_once(':') else { return false };
+    let within = |c: char| c.is_ascii_alphanumeric() || matches!(c, '+' | '-' | '.');
+    head.len() > 1 && head.starts_with(|c: char| c.is_ascii_alphabetic()) && head.chars().all(within)
 }
 
 fn strip_scheme<'a>(uri: &'a str, scheme: &str) -> Option<&'a str> {
@@ -53,16 +58,21 @@ fn strip_scheme<'a>(uri: &'a str, scheme: &str) -> Option<&'a str> {
     head.eq_ignore_ascii_case(scheme).then(|| &uri[scheme.len()..])
 }
 
-fn decode_data(rest: &str) -> Outcome<Vec<u8>> {
+fn decode_data<'b>(rest: &str, budget: &'b Budget) -> Outcome<Held<'b>> {
     let Some((head, body)) = rest.split_once(',') else {
         return Err(Fault::Invalid("its data: URI has no comma before the data".into()));
     };
+    // Base64 is decoded from the text without percent signs, which grows as it is made.
+    let mut reserved = budget.reserve(2 * body.len() as u64)?;
     let raw = percent_decode_str(body);
-    if !head.to_ascii_lowercase().ends_with(";base64") {
-        return Ok(raw.collect());
-    }
-    let lenient = GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent);
-    GeneralPurpose::new(&STANDARD, lenient)
-        .decode(raw.collect::<Vec<u8>>())
-        .map_err(|e| Fault::Invalid(format!("its data: URI is not base64: {e}")))
+    let bytes = if head.to_ascii_lowercase().ends_with(";base64") {
+        let lenient = GeneralPurposeConfig::new().with_decode_padding_mode(DecodePaddingMode::Indifferent);
+        GeneralPurpose::new(&STANDARD, lenient)
+            .decode(Cow::from(raw))
+            .map_err(|e| Fault::Invalid(format!("its data: URI is not base64: {e}")))?
+    } else {
+        Cow::from(raw).into_owned()
+    };
+    reserved.shrink_to(bytes.capacity() as u64);
+    Ok(Held { bytes, reserved })
 }

@@ -7,7 +7,7 @@ use crate::stages::alias;
 use crate::stages::layout::EnvCell;
 
 /// Finer images share cells: 2^23 of 12 bytes are 96 MiB.
-const MOST_CELLS: usize = 1 << 23;
+pub(super) const MOST_CELLS: usize = 1 << 23;
 
 pub(super) struct EnvGrid {
     pub width: u32,

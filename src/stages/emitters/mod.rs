@@ -5,6 +5,7 @@ mod env_grid;
 mod light_tree;
 mod sphere_tree;
 
+use std::collections::HashMap;
 use std::f64::consts::FRAC_PI_2;
 
 use glam::{DVec3, Vec3};
@@ -30,6 +31,23 @@ pub struct Emitters {
     light_tree: u32,
 }
 
+/// At most what making them takes for each light, while lists grow and the tree is built, and for each cell of the
+/// environment's grid, bytes.
+const LIGHT_BYTES: u64 = 1500;
+const CELL_BYTES: u64 = 64;
+
+/// At most what making the emitters takes, bytes.
+pub(super) fn making_bytes(scene: &Scene, accel: &Accel) -> u64 {
+    let shines: Vec<bool> = scene.materials.iter().map(|m| m.emissive != Vec3::ZERO).collect();
+    let shines = |t: &&Triangle| shines.get(t.material as usize) == Some(&true);
+    let lights = scene.lights.len() + accel.triangles.iter().filter(shines).count();
+    let cells = match &scene.environment {
+        scene::Environment::Map { image, .. } => image.pixels.len().min(env_grid::MOST_CELLS),
+        _ => 0,
+    };
+    lights as u64 * LIGHT_BYTES + cells as u64 * CELL_BYTES
+}
+
 /// Rec. 709 luminance.
 fn luminance(c: Vec3) -> f64 {
     f64::from(c.x) * 0.2126 + f64::from(c.y) * 0.7152 + f64::from(c.z) * 0.0722
@@ -42,13 +60,14 @@ const COAT_REFLECTANCE: f64 = 0.04 + 0.96 / 21.0;
 /// vertices may still leave some.
 const LEAST_COVERAGE: f64 = 1e-3;
 
-/// Mean radiance that a material emits, as luminance; above 0 unless it emits nothing at all.
-fn emitted(scene: &Scene, material: &Material) -> f64 {
-    if material.unlit {
+/// Mean radiance that a material emits, as luminance; above 0 unless it emits nothing at all. `means` holds the mean
+/// colours of images that are known.
+fn emitted(scene: &Scene, material: &Material, means: &mut HashMap<usize, Vec3>) -> f64 {
+    if material.unlit || material.emissive == Vec3::ZERO {
         return 0.0;
     }
-    let tint =
-        material.emissive_texture.map_or(Vec3::ONE, |t| mean_color(&scene.images[scene.textures[t.texture].image]));
+    let mut mean = |image: usize| *means.entry(image).or_insert_with(|| mean_color(&scene.images[image]));
+    let tint = material.emissive_texture.map_or(Vec3::ONE, |t| mean(scene.textures[t.texture].image));
     let passes = 1.0 - COAT_REFLECTANCE * f64::from(material.clearcoat.factor);
     luminance(material.emissive * tint) * passes * mean_coverage(scene, material).max(LEAST_COVERAGE)
 }
@@ -96,7 +115,8 @@ impl Emitters {
         }
         let balls: Vec<_> = spheres.iter().map(|(l, _)| (l.position, l.radius)).collect();
         spheres.extend(local);
-        let per_area: Vec<f64> = scene.materials.iter().map(|m| emitted(scene, m)).collect();
+        let mut means = HashMap::new();
+        let per_area: Vec<f64> = scene.materials.iter().map(|m| emitted(scene, m, &mut means)).collect();
         for (prim, t) in accel.triangles.iter_mut().enumerate() {
             // A scene without surfaces still has a triangle, without area and perhaps without material.
             let emitted = per_area.get(t.material as usize).copied().unwrap_or_default();

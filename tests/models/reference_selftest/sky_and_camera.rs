@@ -16,7 +16,7 @@ fn the_environment_runs_right_towards_positive_x_from_negative_z() {
     for (i, texel) in image.pixels.iter_mut().enumerate() {
         *texel = [i as f32 % 4.0, (i / 4) as f32, 1.0];
     }
-    let sky = |rotation_deg| Environment::Map { image: image.clone(), rotation_deg };
+    let sky = |rotation_deg| Environment::Map { image: image.clone().into(), rotation_deg };
     let at = |rotation: f32, azimuth_deg: f64, y: f64| {
         let a = azimuth_deg.to_radians();
         let d = DVec3::new(a.sin(), y, -a.cos()).normalize();
@@ -40,7 +40,7 @@ fn the_environment_runs_right_towards_positive_x_from_negative_z() {
 fn a_half_sky_lights_a_floor_wholly_and_a_wall_by_half() {
     let mut image = Image::filled(Extent::new(4, 512), [0.0f32; 3]);
     image.pixels[..4 * 256].fill([2.0; 3]);
-    let environment = Environment::Map { image, rotation_deg: 0.0 };
+    let environment = Environment::Map { image: image.into(), rotation_deg: 0.0 };
     let mut scene = white_floor("half sky");
     scene.environment = environment.clone();
     assert_near(&look_at_floor(&scene, 0.0, 0.0, 100_000, 0), 2.0, 0.001);

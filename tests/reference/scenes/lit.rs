@@ -145,7 +145,7 @@ fn sun(angle_deg: f32) -> Light {
 fn add_sunny_sky(scene: &mut Scene) {
     let mut image = sky(Extent::new(32, 16));
     image.pixels[3 * 32 + 19] = [300.0, 280.0, 240.0];
-    scene.environment = Environment::Map { image, rotation_deg: -40.0 };
+    scene.environment = Environment::Map { image: image.into(), rotation_deg: -40.0 };
 }
 
 fn add_many(scene: &mut Scene) {

@@ -123,7 +123,7 @@ pub fn environment_only() -> (Scene, Pinhole) {
     instance(&mut scene, ball, scaled_at(0.7, vec3(-0.6, 0.7, 0.0)));
     let cube = add_mesh(&mut scene, block(rose));
     instance(&mut scene, cube, scaled_at(0.8, vec3(0.8, 0.4, 0.3)));
-    scene.environment = Environment::Map { image: sky(Extent::new(64, 32)), rotation_deg: 70.0 };
+    scene.environment = Environment::Map { image: sky(Extent::new(64, 32)).into(), rotation_deg: 70.0 };
     let camera = Pinhole::looking_at(vec3(0.0, 1.4, 4.0), vec3(0.0, 0.7, 0.0), Vec3::Y, 50.0);
     (scene, camera)
 }

@@ -41,7 +41,7 @@ pub fn add_matte(scene: &mut Scene, albedo: Vec3) -> usize {
 }
 
 pub fn add_image(scene: &mut Scene, image: TexelImage) -> usize {
-    scene.images.push(image);
+    scene.images.push(image.into());
     scene.images.len() - 1
 }
 

@@ -345,7 +345,7 @@ fn surroundings() -> Vec<Row> {
     let hot = |at: usize, value| {
         let mut image = Image::filled(Extent::new(32, 16), [0.5f32; 3]);
         image.pixels[at] = [value; 3];
-        Environment::Map { image, rotation_deg: 77.0 }
+        Environment::Map { image: image.into(), rotation_deg: 77.0 }
     };
     let ball_in = |environment| ball("ball", matte(), environment);
     let mut shut = empty("shut box");

@@ -1,13 +1,15 @@
 //! Containers, URIs, versions and extensions.
 
 use std::fs;
+use std::path::{Path, PathBuf};
 
 use base64::Engine;
 use serde_json::json;
 
-use super::{CORNERS, Draft, assert_mentions, read};
-use crate::scene::SceneError;
-use crate::scene::gltf::load;
+use super::{CORNERS, Draft, assert_mentions, load, read};
+use crate::scene::budget::{Budget, ByteSize};
+use crate::scene::folder::Access;
+use crate::scene::{Scene, SceneError};
 
 #[test]
 fn a_glb_gives_its_triangle() {
@@ -140,4 +142,46 @@ fn scenes_without_nodes_and_animations_of_pointers_are_read() {
     assert_mentions(&scene.warnings[0], &["animations"]);
     draft.json["scene"] = json!(1);
     assert_eq!(draft.scene().triangle_count(), 0);
+}
+
+/// A triangle whose buffer is a file of `length` bytes, named by `count` buffers.
+fn of_one_file(folder: &Path, length: usize, count: usize) -> (PathBuf, Draft) {
+    let mut draft = Draft::triangle();
+    let mut bytes = draft.bin.clone();
+    bytes.resize(length, 0);
+    fs::write(folder.join("a.bin"), bytes).unwrap();
+    draft.json["buffers"] = vec![json!({"byteLength": length, "uri": "a.bin"}); count].into();
+    (folder.join("scene.gltf"), draft)
+}
+
+fn load_within(path: &Path, draft: &Draft, bytes: u64) -> Result<Scene, SceneError> {
+    fs::write(path, draft.json.to_string()).unwrap();
+    let budget = Budget::new(ByteSize(bytes));
+    crate::scene::gltf::load(path, Access { budget: &budget, allow_outside: false })
+}
+
+#[test]
+fn a_file_is_read_once_however_many_buffers_name_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, mut draft) = of_one_file(folder.path(), 8 << 20, 1000);
+    draft.json["buffers"][1]["uri"] = json!("./a.bin");
+    draft.json["bufferViews"][1]["buffer"] = json!(1);
+    assert_eq!(load_within(&path, &draft, 12 << 20).unwrap().triangle_count(), 1);
+    let error = load_within(&path, &draft, 8 << 20).unwrap_err();
+    assert!(matches!(error, SceneError::Refused { .. }));
+    assert_mentions(&error.to_string(), &["scene.gltf", "buffer 0", "8.0 MiB", "--max-scene-memory"]);
+}
+
+#[test]
+fn buffers_that_nothing_in_use_needs_are_not_read() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, mut draft) = of_one_file(folder.path(), 1024, 3);
+    draft.json["buffers"][1]["uri"] = json!("lost.bin");
+    draft.json["buffers"][2]["uri"] = json!("../outside.bin");
+    assert_eq!(load_within(&path, &draft, 1 << 20).unwrap().triangle_count(), 1);
+    draft.json["bufferViews"][1]["buffer"] = json!(1);
+    assert_mentions(&load_within(&path, &draft, 1 << 20).unwrap_err().to_string(), &["lost.bin"]);
+    draft.json["bufferViews"][1]["buffer"] = json!(2);
+    let error = load_within(&path, &draft, 1 << 20).unwrap_err().to_string();
+    assert_mentions(&error, &["scene.gltf", "buffer 2", "'../outside.bin'", "--allow-outside"]);
 }

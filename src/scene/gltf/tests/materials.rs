@@ -8,8 +8,7 @@ use glam::{Affine2, Vec2, Vec3, Vec4};
 use image::{DynamicImage, ImageFormat, Rgba, RgbaImage};
 use serde_json::{Value, json};
 
-use super::{Draft, assert_mentions};
-use crate::scene::gltf::load;
+use super::{Draft, assert_mentions, load};
 use crate::scene::{AlphaMode, Material, NormalMap, TextureRef, Wrap};
 
 /// Two texels in a row.

@@ -15,6 +15,8 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
+use crate::scene::budget::Budget;
+use crate::scene::folder::Access;
 use crate::scene::{Scene, SceneError};
 
 const F32: u32 = 5126;
@@ -135,7 +137,16 @@ impl Draft {
 
 fn read(bytes: &[u8]) -> Result<Scene, SceneError> {
     let path = Path::new("draft.glb");
-    super::parse(bytes, path).map_err(|fault| fault.in_file(path))
+    super::parse(bytes, path, any(&Budget::unlimited())).map_err(|fault| fault.in_file(path))
+}
+
+/// What a file may do whose memory is not in question.
+fn any(budget: &Budget) -> Access<'_> {
+    Access { budget, allow_outside: false }
+}
+
+fn load(path: &Path) -> Result<Scene, SceneError> {
+    super::load(path, any(&Budget::unlimited()))
 }
 
 #[track_caller]

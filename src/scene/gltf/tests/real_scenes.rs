@@ -3,7 +3,7 @@
 use std::env;
 use std::path::PathBuf;
 
-use crate::scene::gltf::load;
+use super::load;
 
 /// `DIPTYCH_SCENES`, else the folder beside the crate.
 fn folder() -> PathBuf {

@@ -1,0 +1,205 @@
+//! The memory that a scene may take while it is read and laid out. It is asked for before it is allocated, and given
+//! back when what was needed on the way alone is dropped.
+
+use std::cell::Cell;
+use std::fmt;
+use std::mem;
+use std::ops::Deref;
+use std::str::FromStr;
+
+use sysinfo::{MemoryRefreshKind, RefreshKind, System};
+
+/// A number of bytes as options and messages say it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct ByteSize(pub u64);
+
+impl fmt::Display for ByteSize {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let units = ["KiB", "MiB", "GiB", "TiB", "PiB", "EiB"];
+        let power = self.0.max(1).ilog2() as usize / 10;
+        match power.checked_sub(1) {
+            None => write!(f, "{} bytes", self.0),
+            Some(unit) => write!(f, "{:.1} {}", self.0 as f64 / 1024f64.powi(power as i32), units[unit]),
+        }
+    }
+}
+
+impl FromStr for ByteSize {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let digits = text.find(|c: char| !(c.is_ascii_digit() || c == '.')).unwrap_or(text.len());
+        let (number, unit) = text.split_at(digits);
+        let scale = match unit.trim().to_ascii_lowercase().as_str() {
+            "" | "b" => Some(1),
+            "kb" => Some(1000),
+            "mb" => Some(1000u64.pow(2)),
+            "gb" => Some(1000u64.pow(3)),
+            "tb" => Some(1000u64.pow(4)),
+            "kib" => Some(1 << 10),
+            "mib" => Some(1 << 20),
+            "gib" => Some(1 << 30),
+            "tib" => Some(1 << 40),
+            _ => None,
+        };
+        let bytes = scale.and_then(|scale| Some(number.parse::<f64>().ok()? * scale as f64));
+        bytes.filter(|bytes| (1.0..u64::MAX as f64).contains(bytes)).map(|bytes| Self(bytes as u64)).ok_or_else(|| {
+            format!(
+                "'{text}' is not a size: give a number above 0 with B, kB, MB, GB, TB, KiB, MiB, GiB or TiB, as 4GiB"
+            )
+        })
+    }
+}
+
+/// What does not fit any more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "it takes {needed} of memory, and {left} are left of the {limit} that a scene may take: give --max-scene-memory more if you trust it"
+)]
+pub struct Exceeded {
+    pub needed: ByteSize,
+    pub left: ByteSize,
+    pub limit: ByteSize,
+}
+
+/// What is there of memory, bytes.
+fn host_memory() -> u64 {
+    /// Where no system says how much there is.
+    const UNKNOWN: u64 = 8 << 30;
+    let ram = RefreshKind::nothing().with_memory(MemoryRefreshKind::nothing().with_ram());
+    let system = System::new_with_specifics(ram);
+    let container = system.cgroup_limits().map_or(u64::MAX, |limits| limits.total_memory);
+    match system.total_memory().min(container) {
+        0 => UNKNOWN,
+        bytes => bytes,
+    }
+}
+
+/// What is left of the memory that one scene may take on the host.
+#[derive(Debug)]
+pub struct Budget {
+    limit: ByteSize,
+    left: Cell<u64>,
+}
+
+impl Budget {
+    pub fn new(limit: ByteSize) -> Self {
+        Self { limit, left: Cell::new(limit.0) }
+    }
+
+    /// Half of the memory that this machine, or the container that the program is in, has.
+    pub fn of_host() -> Self {
+        Self::new(ByteSize(host_memory() / 2))
+    }
+
+    pub fn unlimited() -> Self {
+        Self::new(ByteSize(u64::MAX))
+    }
+
+    /// Bytes.
+    pub fn left(&self) -> u64 {
+        self.left.get()
+    }
+
+    /// # Errors
+    /// [`Exceeded`] if less than `bytes` are left; then none are taken.
+    pub fn reserve(&self, bytes: u64) -> Result<Reserved<'_>, Exceeded> {
+        let left = self.left();
+        let rest = left.checked_sub(bytes).ok_or(Exceeded {
+            needed: ByteSize(bytes),
+            left: ByteSize(left),
+            limit: self.limit,
+        })?;
+        self.left.set(rest);
+        Ok(Reserved { budget: self, bytes })
+    }
+}
+
+/// A part of a budget, which goes back to it on drop.
+#[derive(Debug)]
+#[must_use]
+pub struct Reserved<'a> {
+    budget: &'a Budget,
+    bytes: u64,
+}
+
+impl Reserved<'_> {
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// Gives back all but `bytes`, if it is more.
+    pub fn shrink_to(&mut self, bytes: u64) {
+        let freed = self.bytes.saturating_sub(bytes);
+        self.bytes -= freed;
+        self.budget.left.set(self.budget.left() + freed);
+    }
+
+    /// Takes it for what becomes part of the scene.
+    pub fn keep(self) {
+        mem::forget(self);
+    }
+}
+
+impl Drop for Reserved<'_> {
+    fn drop(&mut self) {
+        self.shrink_to(0);
+    }
+}
+
+/// Bytes with the part of the budget that they take.
+#[derive(Debug)]
+pub struct Held<'a> {
+    pub bytes: Vec<u8>,
+    pub reserved: Reserved<'a>,
+}
+
+impl Deref for Held<'_> {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        &self.bytes
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn sizes_are_read_and_said() {
+        for (text, bytes) in [("4GiB", 4 << 30), ("800MB", 800_000_000), ("1.5 kib", 1536), ("7", 7), ("12B", 12)] {
+            assert_eq!(text.parse(), Ok(ByteSize(bytes)), "{text}");
+        }
+        for text in ["", "GiB", "0", "0.1", "-1", "1e3", "4G", "4 GiB x", "1.2.3MB", "999999999TiB", "nan", "inf"] {
+            let error = text.parse::<ByteSize>().unwrap_err();
+            assert!(error.contains(&format!("'{text}'")) && error.contains("GiB"), "{error}");
+        }
+        for (bytes, text) in [(0, "0 bytes"), (1023, "1023 bytes"), (1024, "1.0 KiB"), (3 << 29, "1.5 GiB")] {
+            assert_eq!(ByteSize(bytes).to_string(), text);
+        }
+        assert_eq!(ByteSize(u64::MAX).to_string(), "16.0 EiB");
+    }
+
+    #[test]
+    fn what_is_reserved_goes_back_unless_it_is_kept() {
+        let budget = Budget::new(ByteSize(100));
+        let first = budget.reserve(60).unwrap();
+        let exceeded = budget.reserve(41).unwrap_err();
+        assert_eq!(exceeded, Exceeded { needed: ByteSize(41), left: ByteSize(40), limit: ByteSize(100) });
+        let mut second = budget.reserve(40).unwrap();
+        second.shrink_to(10);
+        second.shrink_to(20);
+        assert_eq!(budget.left(), 30);
+        drop(first);
+        assert_eq!(budget.left(), 90);
+        second.keep();
+        assert_eq!(budget.left(), 90);
+    }
+
+    #[test]
+    fn the_host_gives_half_of_its_memory() {
+        let share = Budget::of_host().left();
+        assert!((1 << 26..1 << 50).contains(&share), "{share}");
+    }
+}

@@ -1,0 +1,210 @@
+//! The files that a shot or a glTF file names. They are somebody else's choice: unless the user allows more, they lie
+//! below the folder of the file that names them, and none is read that the scene's memory has no room for.
+
+use std::fs::{self, File};
+use std::io::{self, Read};
+use std::path::{Component, Path, PathBuf};
+
+use super::SceneError;
+use super::budget::{Budget, Exceeded, Held};
+
+/// What a scene's files may do.
+#[derive(Clone, Copy, Debug)]
+pub struct Access<'a> {
+    pub budget: &'a Budget,
+    /// Files may name others that are not below their own folder.
+    pub allow_outside: bool,
+}
+
+/// Why a file is not read; what [`SceneError`] says once it is known which file asked for it.
+#[derive(Debug)]
+pub enum AccessError {
+    Read { path: PathBuf, source: io::Error },
+    Refused(String),
+}
+
+impl AccessError {
+    /// `path`: of the file that is read, or that names the one to be read.
+    pub fn in_file(self, path: &str) -> SceneError {
+        match self {
+            Self::Read { path, source } => SceneError::Read { path: path.display().to_string(), source },
+            Self::Refused(what) => SceneError::Refused { path: path.to_owned(), what },
+        }
+    }
+}
+
+impl From<Exceeded> for AccessError {
+    fn from(error: Exceeded) -> Self {
+        Self::Refused(error.to_string())
+    }
+}
+
+/// The folder that a file lies in, where the names in it start.
+#[derive(Clone, Debug)]
+pub struct Folder<'a> {
+    path: PathBuf,
+    pub access: Access<'a>,
+}
+
+impl<'a> Folder<'a> {
+    /// Of the file at `path`.
+    pub fn of(path: &Path, access: Access<'a>) -> Self {
+        Self { path: path.parent().unwrap_or(Path::new("")).to_owned(), access }
+    }
+
+    /// The path of the file of this name, whose steps are parted by `/`.
+    ///
+    /// # Errors
+    /// [`AccessError`] if it may not be read, or if there is no such file.
+    pub fn find(&self, name: &str) -> Result<PathBuf, AccessError> {
+        let outside = || {
+            AccessError::Refused(format!(
+                "it names '{}', which is not below its own folder: give --allow-outside if you trust it",
+                shorten(name)
+            ))
+        };
+        let path = self.path.join(name);
+        if self.access.allow_outside {
+            return Ok(path);
+        }
+        // Before the file system is asked: whether a file exists elsewhere is nobody's business, and on Windows asking for a
+        // share tells its owner who asks.
+        if !leads_down(name) {
+            return Err(outside());
+        }
+        let real = |at: &Path| {
+            let at = if at.as_os_str().is_empty() { Path::new(".") } else { at };
+            fs::canonicalize(at).map_err(|source| AccessError::Read { path: path.clone(), source })
+        };
+        let is_below = real(&path)?.starts_with(real(&self.path)?);
+        if is_below { Ok(path) } else { Err(outside()) }
+    }
+}
+
+/// Whether a name says that it leads to somewhere below where it starts. What leads elsewhere on any system is refused
+/// on all: drives, shares and the other separator.
+fn leads_down(name: &str) -> bool {
+    let is_drive = name.as_bytes().get(1) == Some(&b':');
+    let mut depth = 0usize;
+    let steps_down = |step: Component| match step {
+        Component::Normal(_) => {
+            depth += 1;
+            true
+        }
+        Component::CurDir => true,
+        Component::ParentDir => match depth.checked_sub(1) {
+            Some(above) => {
+                depth = above;
+                true
+            }
+            None => false,
+        },
+        Component::RootDir | Component::Prefix(_) => false,
+    };
+    !is_drive && !name.contains(['\\', '\0']) && Path::new(name).components().all(steps_down)
+}
+
+/// Reads a whole regular file; pipes and devices, which may never end, are refused.
+///
+/// # Errors
+/// [`AccessError`] if it cannot be read or is larger than what is left of the budget.
+pub fn read<'a>(path: &Path, budget: &'a Budget) -> Result<Held<'a>, AccessError> {
+    let failed = |source| AccessError::Read { path: path.to_owned(), source };
+    let metadata = fs::metadata(path).map_err(failed)?;
+    if !metadata.is_file() {
+        return Err(failed(io::Error::new(io::ErrorKind::InvalidInput, "it is not a regular file")));
+    }
+    let reserved = budget.reserve(metadata.len())?;
+    let mut bytes = Vec::with_capacity(metadata.len() as usize);
+    File::open(path).and_then(|file| file.take(metadata.len()).read_to_end(&mut bytes)).map_err(failed)?;
+    Ok(Held { bytes, reserved })
+}
+
+/// A name as it can be shown: whole, or its beginning.
+pub fn shorten(name: &str) -> String {
+    const SHOWN: usize = 80;
+    match name.char_indices().nth(SHOWN) {
+        Some((end, _)) => format!("{}...", &name[..end]),
+        None => name.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::budget::ByteSize;
+
+    /// `outer/secret.bin` beside `outer/inner/`, which holds `own.bin` and `below/own.bin`.
+    fn tree() -> tempfile::TempDir {
+        let outer = tempfile::tempdir().unwrap();
+        fs::create_dir_all(outer.path().join("inner/below")).unwrap();
+        for name in ["secret.bin", "inner/own.bin", "inner/below/own.bin"] {
+            fs::write(outer.path().join(name), name).unwrap();
+        }
+        outer
+    }
+
+    fn folder(outer: &tempfile::TempDir, budget: &Budget, allow_outside: bool, name: &str) -> Result<PathBuf, String> {
+        let folder = Folder::of(&outer.path().join("inner/scene.gltf"), Access { budget, allow_outside });
+        folder.find(name).map_err(|error| error.in_file("scene.gltf").to_string())
+    }
+
+    #[test]
+    fn names_that_lead_down_are_found() {
+        let (outer, budget) = (tree(), Budget::unlimited());
+        for name in ["own.bin", "./own.bin", "below/own.bin", "below/../own.bin", "below//.././own.bin"] {
+            for allow_outside in [false, true] {
+                let found = folder(&outer, &budget, allow_outside, name);
+                assert_eq!(found, Ok(outer.path().join("inner").join(name)), "{name}");
+            }
+        }
+        assert!(folder(&outer, &budget, false, "lost.bin").unwrap_err().contains("lost.bin"));
+    }
+
+    #[test]
+    fn names_that_lead_out_are_refused_unless_allowed() {
+        let (outer, budget) = (tree(), Budget::unlimited());
+        let secret = outer.path().join("secret.bin");
+        for name in ["../secret.bin", "below/../../secret.bin", secret.to_str().unwrap()] {
+            let error = folder(&outer, &budget, false, name).unwrap_err();
+            assert!(error.contains("secret.bin") && error.contains("--allow-outside"), "{error}");
+            assert!(folder(&outer, &budget, true, name).is_ok_and(|found| found.exists()), "{name}");
+        }
+        let elsewhere = ["/", "..", "../inner/own.bin", "//host/share/a.bin", "C:/a.bin", "C:a.bin", "a\0b"];
+        for name in elsewhere.into_iter().chain(["\\\\host\\share\\a.bin", "..\\secret.bin", "below\\own.bin"]) {
+            let error = folder(&outer, &budget, false, name).unwrap_err();
+            assert!(error.contains("--allow-outside"), "{name}: {error}");
+        }
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn links_are_followed_before_they_are_judged() {
+        let (outer, budget) = (tree(), Budget::unlimited());
+        let inner = outer.path().join("inner");
+        let link = |to: &str, name: &str| std::os::unix::fs::symlink(to, inner.join(name)).unwrap();
+        link("../secret.bin", "file.bin");
+        link("..", "up");
+        link("below", "down");
+        for name in ["file.bin", "up/secret.bin", "up/inner/../secret.bin"] {
+            assert!(folder(&outer, &budget, false, name).unwrap_err().contains("--allow-outside"), "{name}");
+            assert!(folder(&outer, &budget, true, name).is_ok(), "{name}");
+        }
+        assert!(folder(&outer, &budget, false, "down/own.bin").is_ok());
+        assert!(folder(&outer, &budget, false, "up/inner/own.bin").is_ok());
+    }
+
+    #[test]
+    fn files_that_the_budget_has_no_room_for_are_not_read() {
+        let outer = tree();
+        let path = outer.path().join("secret.bin");
+        let budget = Budget::new(ByteSize(15));
+        let held = read(&path, &budget).unwrap();
+        assert_eq!((&*held, budget.left()), (&b"secret.bin"[..], 5));
+        let error = read(&path, &budget).unwrap_err().in_file("a").to_string();
+        assert!(["10 bytes", "5 bytes", "15 bytes", "--max-scene-memory"].iter().all(|p| error.contains(p)), "{error}");
+        drop(held);
+        assert_eq!(budget.left(), 15);
+        assert!(matches!(read(outer.path(), &budget), Err(AccessError::Read { .. })));
+    }
+}
