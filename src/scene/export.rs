@@ -250,9 +250,9 @@ mod tests {
                 .collect(),
             materials,
             textures: (0..10).map(textures).collect(),
-            images: (0..10).map(texel).collect(),
+            images: (0..10).map(|i| texel(i).into()).collect(),
             lights: kinds.map(|kind| Light { kind, strength: Vec3::new(0.3, 1e6, 0.0) }).to_vec(),
-            environment: Environment::Map { image: sky, rotation_deg: 30.0 },
+            environment: Environment::Map { image: sky.into(), rotation_deg: 30.0 },
             cameras: Vec::new(),
             warnings: Vec::new(),
         };
