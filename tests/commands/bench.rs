@@ -104,7 +104,7 @@ fn a_grid_is_judged_at_the_exposure_of_its_shot() {
     let (shot, out) = (folder.path().join("shot.toml"), folder.path().join("out"));
     let setting = ["--size", "32x18", "--spp", "1", "--bounces", "2", "--denoiser", "none", "--repeats", "1"];
     let at = |ev: &str| {
-        let text = include_str!("../scenes/cornell.toml").to_owned() + &format!("\n[exposure]\nev = {ev}\n");
+        let text = include_str!("../../scenes/cornell.toml").to_owned() + &format!("\n[exposure]\nev = {ev}\n");
         std::fs::write(&shot, text).unwrap();
         let args = ["bench", shot.to_str().unwrap(), "--json", "--reference-spp", "16", "--out", out.to_str().unwrap()];
         let output = diptych(&[&args[..], &setting].concat());
