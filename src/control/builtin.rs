@@ -39,8 +39,8 @@ pub fn candidates(denoiser: &str, foveated: bool) -> Vec<Knobs> {
     all
 }
 
-/// The exposure that [`guessed_error`] is of, which is that of the scenes it was measured on; not that of the shot that is
-/// played.
+/// At which pictures were shown for the measurements that [`guessed_error`] follows, whatever the exposure of the shot that
+/// is played.
 pub const ESTIMATES_EV: f64 = 0.0;
 
 /// Share of the pixels that are sampled.
@@ -53,8 +53,8 @@ fn sampled_share(knobs: &Knobs) -> f64 {
 
 /// FLIP that a setting is expected to have at so many rows, where `missing_light`, the share of the light that more
 /// bounces bring, is left out: noise, which samples average down, blur, and what is too dark. For `svgf` after some frames
-/// it follows what was measured of three scenes (hotel-room, garage, ww2-cityscene), at 64 and 180 rows, shown at
-/// [`ESTIMATES_EV`]; without history, samples and iterations are taken to count for more.
+/// it follows what was measured of three scenes, at 64 and 180 rows, shown at [`ESTIMATES_EV`]; without history,
+/// samples and iterations are taken to count for more.
 pub fn guessed_error(knobs: &Knobs, missing_light: f64, rows: u32) -> f64 {
     let samples = f64::from(knobs.spp) * sampled_share(knobs);
     let unfiltered = 0.5f64.powi(knobs.iterations as i32 - 1);

@@ -94,7 +94,8 @@ fn only_the_halo_leaves_no_seam() {
     let out = folder.path().to_str().unwrap();
     let fixed = ["bench", "builtin:checker", "--size", "64x40", "--out", out, "--reference-spp", "32"];
     let study = ["--seams", "--counts", "1,2", "--repeats", "2", "--warm-up", "1", "--json", "--report"];
-    let output = diptych(&[&fixed[..], &study].concat());
+    let settings = ["--bounces", "2", "--iterations", "3"];
+    let output = diptych(&[&fixed[..], &study, &settings].concat());
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();
     let result: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
@@ -115,6 +116,10 @@ fn only_the_halo_leaves_no_seam() {
     assert_eq!(csv.lines().count(), 1 + rows.len(), "{csv}");
     let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
     assert!(["builtin:checker", "same bytes", "20.30 (-0.53)"].iter().all(|part| page.contains(part)));
+    for (setting, value) in [("bounces", 2), ("iterations", 3)] {
+        let row = format!("<td>{setting}</td><td>{value}</td>");
+        assert!(page.contains(&row), "no {row}");
+    }
 
     refused(&[&fixed[..], &["--seams", "--denoiser", "none"]].concat(), &["no seam"]);
     refused(&[&fixed[..], &["--seams", "--counts", "1"]].concat(), &["--counts"]);
@@ -146,6 +151,7 @@ fn the_thesis_stands_beside_what_was_measured() {
     assert!(["27.619", "12.81", "builtin:cornell"].iter().all(|part| page.contains(part)));
 
     refused(&[&fixed[..], &["--seams"]].concat(), &["--preset", "--seams"]);
+    refused(&[&fixed[..], &["--bounces", "2"]].concat(), &["--preset", "--bounces"]);
     refused(&[&fixed[..], &["--shots", "a,b,c,d"]].concat(), &["--shots"]);
     refused(&[&fixed[..], &["--scale", "0"]].concat(), &["--scale"]);
 }
