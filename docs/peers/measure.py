@@ -4,7 +4,7 @@
 
 A shot is what `diptych render` takes. Both sides render the same scene, as `diptych export` writes it, from the same eyes
 at the same instant, with as many bounces, on the same cores, in turns. Both are judged by NVIDIA's FLIP against the same
-reference, Mitsuba's, after the same tonemapping at an exposure of 0 EV; errors are means over both eyes. Times are of a
+reference, Mitsuba's, after the same tonemapping at the shot's exposure; errors are means over both eyes. Times are of a
 stereo frame: diptych's are medians over the frames on the way to that instant, Mitsuba's of as many calls as there are
 rounds. Nobody's include loading, compiling or files. Writes NAME.md, a table, and NAME.toml for `diptych bench --peers`.
 """
@@ -100,11 +100,11 @@ def diptych(*args):
     return done.stdout
 
 
-def flip(reference, images):
-    """The mean over both eyes of FLIP, of what is shown of linear radiance at 0 EV."""
+def flip(reference, images, exposure_ev):
+    """The mean over both eyes of FLIP, of what is shown of linear radiance at that exposure."""
 
     def shown(image):
-        c = np.maximum(np.nan_to_num(image, posinf=1e30), 0)
+        c = np.maximum(np.nan_to_num(image, posinf=1e30), 0) * 2.0**exposure_ev
         c = c / (1 + c)
         return np.where(c <= 0.0031308, 12.92 * c, 1.055 * np.maximum(c, 1e-9) ** (1 / 2.4) - 0.055).astype(np.float32)
 
@@ -168,7 +168,7 @@ class Diptych:
     """The program on a shot's files."""
 
     def __init__(self, shot, folder):
-        self.shot, self.folder, self.driver = shot, folder, ""
+        self.shot, self.folder, self.driver, self.exposure_ev = shot, folder, "", 0.0
 
     def frame(self, settings, seed, path):
         """Both eyes of the last frame of `path`, and the milliseconds of each of its frames."""
@@ -177,6 +177,7 @@ class Diptych:
         report = json.loads((self.folder / "run.json").read_text())
         device = report["devices"][0]
         self.driver = f"{device['name']}, {device['driver']}"
+        self.exposure_ev = report["settings"]["exposure_ev"]
         files = [max(self.folder.glob(f"{eye}*.exr")) for eye in ("left", "right")]
         eyes = [np.array(mi.Bitmap(str(file)))[..., :3] for file in files]
         for file in self.folder.glob("*.exr"):
@@ -187,12 +188,12 @@ class Diptych:
 class Figures:
     """Milliseconds and FLIP of what has been measured, by renderer and setting."""
 
-    def __init__(self, reference):
-        self.reference, self.times, self.errors = reference, {}, {}
+    def __init__(self, reference, exposure_ev):
+        self.reference, self.exposure_ev, self.times, self.errors = reference, exposure_ev, {}, {}
 
     def add(self, name, note, eyes, times_ms):
         self.times.setdefault((name, note), []).extend(times_ms)
-        self.errors.setdefault((name, note), []).append(flip(self.reference, eyes))
+        self.errors.setdefault((name, note), []).append(flip(self.reference, eyes, self.exposure_ev))
 
     def rows(self):
         """(name, note, median, least and most milliseconds, FLIP) of each, in the order of measuring."""
@@ -249,7 +250,7 @@ def conditions(shot, ours):
     lines = [
         f"{processor()}; diptych on {ours.driver}; Mitsuba {mi.__version__} with {llvm}; {LOAD:.1f} processes ran before.",
         f"{options.size} per eye, {options.bounces} bounces, {options.rounds} rounds in turns. Times are of a stereo frame.",
-        f"FLIP is the mean of both eyes at 0 EV against Mitsuba's {options.reference_spp} samples per pixel.",
+        f"FLIP is the mean of both eyes at {ours.exposure_ev:g} EV against Mitsuba's {options.reference_spp} samples per pixel.",
         f"diptych's frames are the last of {FRAMES} along the camera's path, with their history; Mitsuba's and diptych's "
         "first frame know nothing of those before.",
     ]
@@ -291,7 +292,7 @@ def markdown(shot, figures, lines):
 
 def peers_file(figures, lines):
     """For `diptych bench --peers`."""
-    text = "".join(f"# {line}\n" for line in lines)
+    text = "".join(f"# {line}\n" for line in lines) + f"\nexposure_ev = {figures.exposure_ev}\n"
     for name, note, ms, _, _, error in figures.rows():
         if name != "diptych":
             text += f'\n[[peer]]\nname = "{name}"\ntime_ms = {ms:.1f}\nflip = {error:.4f}\nnote = "{note}"\n'
@@ -305,11 +306,13 @@ def compare(argument, device):
         folder = options.out / exported.stem
         folder.mkdir(parents=True, exist_ok=True)
         mitsuba = Mitsuba(shot)
-        figures = Figures(reference_of(mitsuba, sorted(exported.parent.iterdir()), folder))
         filters = {COLOR: Oidn(device, guided=False), GUIDED: Oidn(device, guided=True)}
         ours = Diptych(exported, Path(scratch) / "out")
+        reference = reference_of(mitsuba, sorted(exported.parent.iterdir()), folder)
         say(f"{shot.name}: warming up")
-        measure_peer(mitsuba, filters, Figures(figures.reference), seed=options.rounds)
+        ours.frame((), options.rounds, ())
+        measure_peer(mitsuba, filters, Figures(reference, ours.exposure_ev), seed=options.rounds)
+        figures = Figures(reference, ours.exposure_ev)
         for number in range(options.rounds):
             say(f"{shot.name}: round {number + 1} of {options.rounds}")
             measure_peer(mitsuba, filters, figures, seed=number)

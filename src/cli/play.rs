@@ -74,7 +74,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let last = if args.report { Last::of(&mut run)? } else { None };
     let Run { session: Session { renderer, ladder, tracing, progress, warm_up_s, .. }, rows, tasks, .. } = run;
     progress.finish();
-    let settings = setup::run_settings(options, renderer.policy_name());
+    let settings = setup::run_settings(options, loaded.exposure_ev(), renderer.policy_name());
     let devices = renderer.devices();
     let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, rows);
     report.warm_up_s = warm_up_s;

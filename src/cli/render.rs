@@ -102,7 +102,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     run.progress.finish();
     let Run { renderer, rows, .. } = run;
-    let mut settings = setup::run_settings(options, renderer.policy_name());
+    let mut settings = setup::run_settings(options, loaded.exposure_ev(), renderer.policy_name());
     settings.reference = args.reference;
     let devices = renderer.devices();
     let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, rows.frames);

@@ -220,14 +220,14 @@ impl Found {
             sections.push(self.simulation(options)?);
         }
         sections.push(self.seen.swimlanes(&self.rows)?);
-        sections.extend(self.settings(args));
+        sections.extend(self.settings(args, loaded.exposure_ev()));
         sections.push(page::scene(options, loaded));
         page::write(&options.out, &title, &sections)
     }
 
-    fn settings(&self, args: &Args) -> [Section; 2] {
+    fn settings(&self, args: &Args, exposure_ev: f64) -> [Section; 2] {
         let options = &args.options;
-        let mut table = Table::of_fields(&setup::run_settings(options, self.policy));
+        let mut table = Table::of_fields(&setup::run_settings(options, exposure_ev, self.policy));
         table.rows.extend(Table::of_fields(&setup::frame_settings(options)).rows);
         let frames = self.rows.first().map_or(0, |r| r.frames);
         let numbers = [("warm_up_frames", args.warm_up.to_string()), ("timed_frames", frames.to_string())];

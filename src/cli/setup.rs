@@ -166,7 +166,8 @@ pub fn frame_settings(options: &RenderOptions) -> Quality {
     Quality { spp: options.spp, bounces: options.bounces, iterations, scale: options.scale, fovea }
 }
 
-pub fn run_settings(options: &RenderOptions, policy: &'static str) -> RunSettings {
+/// `exposure_ev`: of the shot.
+pub fn run_settings(options: &RenderOptions, exposure_ev: f64, policy: &'static str) -> RunSettings {
     RunSettings {
         shot: options.shot.clone(),
         size: options.size.to_string(),
@@ -182,6 +183,7 @@ pub fn run_settings(options: &RenderOptions, policy: &'static str) -> RunSetting
         reference: false,
         time_s: options.time,
         fps: options.fps,
+        exposure_ev,
         frames_in_flight: options.frames_in_flight,
         indirect_clamp: options.clamp,
         shader_checks: name(&options.shader_checks),

@@ -44,6 +44,8 @@ pub struct RunSettings {
     pub reference: bool,
     pub time_s: f64,
     pub fps: f64,
+    /// Of the shot, stops.
+    pub exposure_ev: f64,
     pub frames_in_flight: u8,
     pub indirect_clamp: Option<f32>,
     pub shader_checks: String,

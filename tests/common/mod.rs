@@ -93,17 +93,18 @@ impl Subject {
     }
 }
 
-/// Tests of one binary take turns on the devices: drivers have crashed on devices and pipelines made side by side,
-/// and a software adapter's threads are counted per process.
-static TURN: Mutex<()> = Mutex::new(());
+/// Held while devices and pipelines are made: drivers have crashed on those made side by side.
+pub fn turn_to_open() -> MutexGuard<'static, ()> {
+    static TURN: Mutex<()> = Mutex::new(());
+    TURN.lock().unwrap_or_else(PoisonError::into_inner)
+}
 
-/// A renderer, and the turn on the devices that goes with it.
+/// A renderer and what it renders.
 pub struct Stage<'a> {
     subject: &'a Subject,
     renderer: Renderer,
     devices: usize,
     frames_in_flight: usize,
-    _turn: MutexGuard<'static, ()>,
 }
 
 impl<'a> Stage<'a> {
@@ -130,7 +131,7 @@ impl<'a> Stage<'a> {
         threads: Option<usize>,
         policy: Box<dyn Policy>,
     ) -> Self {
-        let turn = TURN.lock().unwrap_or_else(PoisonError::into_inner);
+        let _turn = turn_to_open();
         // The first adapter that can do it: the same one for every count of devices.
         let adapter = device::adapters().into_iter().find(|a| a.missing.is_empty());
         let adapter = adapter.expect("these tests need an adapter: on Linux, install mesa-vulkan-drivers");
@@ -143,7 +144,7 @@ impl<'a> Stage<'a> {
         let tables = Arc::clone(&subject.tables);
         let renderer = Renderer::new(gpus, tables, settings.clone(), policy, Instant::now())
             .unwrap_or_else(|e| panic!("{}: {e}", subject.name));
-        Self { subject, renderer, devices, frames_in_flight: settings.stages.frames_in_flight, _turn: turn }
+        Self { subject, renderer, devices, frames_in_flight: settings.stages.frames_in_flight }
     }
 
     /// Renders a frame without a sample that is not finite.

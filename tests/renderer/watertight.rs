@@ -3,6 +3,7 @@
 
 use std::collections::HashMap;
 
+use crate::common::turn_to_open;
 use crate::reference::sampling::Rng;
 use crate::reference::scenes::{add_matte, empty, icosphere, place};
 use diptych::accel::Accel;
@@ -55,6 +56,7 @@ fn buffer_entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLay
 
 impl Tracer {
     fn new() -> Self {
+        let _turn = turn_to_open();
         let adapter = device::adapters().into_iter().find(|a| a.missing.is_empty());
         let adapter = adapter.expect("these tests need an adapter: on Linux, install mesa-vulkan-drivers");
         let selection = Selection { adapters: Some(vec![adapter.index]), virtual_devices: 1, threads_per_device: None };

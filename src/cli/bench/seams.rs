@@ -193,7 +193,7 @@ impl Found<'_> {
         let Self { study: Study { options, reference, .. }, rows, devices, balance } = self;
         output::write_text(&options.out, "seams.csv", &seam_csv(rows))?;
         let title = format!("Seams of {} at {}", options.shot, options.size);
-        let mut settings = Table::of_fields(&setup::run_settings(options, balance));
+        let mut settings = Table::of_fields(&setup::run_settings(options, self.study.loaded.exposure_ev(), balance));
         settings.rows.retain(|row| row.first().is_none_or(|name| name != "seam"));
         settings.rows.extend(Table::of_fields(&setup::frame_settings(options)).rows);
         let frames = [("warm_up_frames", args.warm_up), ("timed_frames", args.repeats)];
