@@ -241,10 +241,10 @@ fn psnr(a: &RgbImage, b: &RgbImage) -> f64 {
 
 #[test]
 fn pictures_are_those_of_flattened_scenes() {
-    // The last stands where positions are counted from another place than (0, 0, 0). Glowing triangles are numbered in
-    // tree order, so with lamps the same random numbers choose others: what differs then is noise.
+    // The second stands where positions are counted from another place than (0, 0, 0). Glowing triangles are numbered in
+    // tree order, so with lamps, the last, the same random numbers choose others: what differs then is noise.
     let far = Vec3::new(65536.0, 0.0, -32768.0);
-    let all = [(Vec3::ZERO, true, 50.0), (far, false, 60.0), (Vec3::ZERO, false, 60.0)];
+    let all = [(Vec3::ZERO, false, 60.0), (far, false, 60.0), (Vec3::ZERO, true, 50.0)];
     let (count, extent, spp) = if is_thorough() { (3, EXTENT, 64) } else { (2, Extent::new(48, 32), 16) };
     for (by, has_lamps, bound_db) in all.into_iter().take(count) {
         let mut scene = moved(crowd(), by);

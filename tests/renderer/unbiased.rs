@@ -59,7 +59,7 @@ const ROW: Effort = Effort {
 
 /// A coat takes a few percent of what an emitter sends.
 const CARD: Effort =
-    Effort { reference_spp: 2048, renders: [(Sampler::Sobol, 256), (Sampler::Pcg, 320)], resolution: 0.025, ..ROW };
+    Effort { reference_spp: 2048, renders: [(Sampler::Sobol, 256), (Sampler::Pcg, 320)], resolution: 0.03, ..ROW };
 
 const THOROUGH_ROW: Effort = Effort { resolution: 0.01, ..THOROUGH };
 
