@@ -26,7 +26,7 @@ FRAMES, COLD, FPS = 16, 4, 72
 INSTANT = (FRAMES - 1) / FPS
 
 PEER_SAMPLES = (1, 4, 16, 64)
-PEER, COLOR, GUIDED = "Mitsuba", "Mitsuba + OIDN", "Mitsuba + OIDN with albedo and normals"
+PEER, FAST, GUIDED = "Mitsuba", "Mitsuba + OIDN, fast", "Mitsuba + OIDN, high, albedo and normals"
 
 # What diptych is measured with. A frame without history is the first of its path, so that it knows as much as a peer's.
 OURS = (
@@ -34,6 +34,8 @@ OURS = (
     ("1 spp", ("--spp", "1")),
     ("2 spp", ("--spp", "2")),
     ("4 spp", ("--spp", "4")),
+    ("8 spp", ("--spp", "8")),
+    ("16 spp", ("--spp", "16")),
     ("4 spp, not denoised", ("--spp", "4", "--denoiser", "none", "--reproject", "off")),
 )
 FIRST_FRAME_OF = "4 spp"
@@ -140,7 +142,7 @@ class Mitsuba:
 
 
 class Oidn:
-    """OIDN's filter for frames of one size, made once; `guided` by albedo and normals or by colour alone."""
+    """OIDN's filter, made once: at its highest quality and `guided` by albedo and normals, or fast and by colour alone."""
 
     def __init__(self, device, guided):
         names = (oidn.OIDN_IMAGE_COLOR, oidn.OIDN_IMAGE_ALBEDO, oidn.OIDN_IMAGE_NORMAL)[: 3 if guided else 1]
@@ -151,6 +153,7 @@ class Oidn:
             self.filter.set_image(name, image, oidn.OIDN_FORMAT_FLOAT3)
         self.filter.set_image(oidn.OIDN_IMAGE_OUTPUT, self.output, oidn.OIDN_FORMAT_FLOAT3)
         self.filter.set_bool("hdr", True)
+        self.filter.set_int("quality", oidn.OIDN_QUALITY_HIGH if guided else oidn.OIDN_QUALITY_FAST)
         self.filter.commit()
 
     def frame(self, eyes):
@@ -206,8 +209,8 @@ def measure_peer(mitsuba, filters, figures, seed):
         note = f"{spp} spp"
         eyes, took = mitsuba.frame(spp, seed)
         figures.add(PEER, note, eyes, [1e3 * took])
-        filtered, filtering = filters[COLOR].frame(eyes)
-        figures.add(COLOR, note, filtered, [1e3 * (took + filtering)])
+        filtered, filtering = filters[FAST].frame(eyes)
+        figures.add(FAST, note, filtered, [1e3 * (took + filtering)])
         eyes, took = mitsuba.frame(spp, seed, guided=True)
         filtered, filtering = filters[GUIDED].frame(eyes)
         figures.add(GUIDED, note, filtered, [1e3 * (took + filtering)])
@@ -242,13 +245,14 @@ def processor():
     except OSError:
         names = []
     name = names[0] if names else platform.processor() or platform.machine()
-    return f"{os.cpu_count() if not options.cores else options.cores} cores of {name}"
+    cores = options.cores or os.cpu_count()
+    return f"{cores} {'core' if cores == 1 else 'cores'} of {name}"
 
 
 def conditions(shot, ours):
     llvm = Path(os.environ.get("DRJIT_LIBLLVM_PATH", "its own")).resolve().name
     lines = [
-        f"{processor()}; diptych on {ours.driver}; Mitsuba {mi.__version__} with {llvm}; {LOAD:.1f} processes ran before.",
+        f"{processor()}; diptych on {ours.driver}; Mitsuba {mi.__version__} with {llvm}; load {LOAD:.1f} before it.",
         f"{options.size} per eye, {options.bounces} bounces, {options.rounds} rounds in turns. Times are of a stereo frame.",
         f"FLIP is the mean of both eyes at {ours.exposure_ev:g} EV against Mitsuba's {options.reference_spp} samples per pixel.",
         f"diptych's frames are the last of {FRAMES} along the camera's path, with their history; Mitsuba's and diptych's "
@@ -273,7 +277,7 @@ def markdown(shot, figures, lines):
     ours = [row for row in rows if row[0] == "diptych"]
     beside = []
     for name, note, ms, _, _, error in rows:
-        if name in (COLOR, GUIDED):
+        if name in (FAST, GUIDED):
             reaching = min((row for row in ours if row[5] <= error), key=lambda row: row[2], default=None)
             cells = ["none", "-"]
             if reaching:
@@ -306,7 +310,7 @@ def compare(argument, device):
         folder = options.out / exported.stem
         folder.mkdir(parents=True, exist_ok=True)
         mitsuba = Mitsuba(shot)
-        filters = {COLOR: Oidn(device, guided=False), GUIDED: Oidn(device, guided=True)}
+        filters = {FAST: Oidn(device, guided=False), GUIDED: Oidn(device, guided=True)}
         ours = Diptych(exported, Path(scratch) / "out")
         reference = reference_of(mitsuba, sorted(exported.parent.iterdir()), folder)
         say(f"{shot.name}: warming up")
@@ -327,7 +331,8 @@ def compare(argument, device):
 
 def main():
     if options.cores:
-        drjit.set_thread_count(options.cores)
+        # With one thread, Mitsuba waits for ever where it reads EXRs.
+        drjit.set_thread_count(max(2, options.cores))
     with oidn.Device() as device:
         device.commit()
         for shot in options.shots or ["builtin:cornell", "builtin:atrium"]:
