@@ -1,6 +1,6 @@
 //! A white furnace neither makes nor loses light.
 
-use crate::common::{Stage, Subject, still_rig};
+use crate::common::{Stage, Subject, is_thorough, still_rig};
 use crate::reference::scenes::{add_material, add_mesh, empty, icosphere, instance, matte, place, quad, scaled_at};
 use crate::reference::ztest::{assert_agrees, mean_and_variance};
 use crate::reference::{Pinhole, Reference};
@@ -173,7 +173,8 @@ fn hold_in_the_furnace((scene, camera): (Scene, Pinhole), bounces: u32) {
     let mut stage = Stage::alone(&subject, &settings);
     let renders: Vec<_> = (0..4).map(|i| stage.frame(i).linear).flat_map(|eyes| [eyes.left, eyes.right]).collect();
     let found = mean_and_variance(&renders);
-    let expected = Reference::new(&subject.scene).render(&camera, extent, 1024, bounces - 1, 5);
+    let expected =
+        Reference::new(&subject.scene).render(&camera, extent, if is_thorough() { 1024 } else { 512 }, bounces - 1, 5);
     let report = assert_agrees(&subject.name, &expected, &found, 0.02);
     println!("{}\n{report}", subject.name);
     let sky = mean_and_variance(&[Image::filled(extent, [1.0; 3]), Image::filled(extent, [1.0; 3])]);

@@ -15,7 +15,7 @@ use glam::{DVec3, Vec3};
 #[test]
 fn a_reprojected_eye_looks_like_a_traced_one() {
     let subject = Subject::load("builtin:cornell");
-    let mut settings = RenderSettings { bounces: 2, ..subject.settings(96, 54) };
+    let mut settings = RenderSettings { bounces: 2, ..subject.settings(64, 36) };
     settings.stages.spp = 512;
     let traced = Stage::alone(&subject, &settings).frame(0);
     settings.stages.reproject = true;

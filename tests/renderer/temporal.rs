@@ -1,7 +1,6 @@
 //! Frames that know the ones before them: they come closer to what is right, keep their energy, and drag nothing along.
 
-use crate::common::still_rig;
-use crate::common::{Stage, Subject};
+use crate::common::{Stage, Subject, is_thorough, still_rig};
 use crate::reference::scenes::{add_matte, empty, place, quad};
 use diptych::exec::{RenderSettings, Stereo};
 use diptych::image::{Image, RgbImage};
@@ -18,10 +17,10 @@ const HEIGHT: u32 = 64;
 const FPS: f64 = 72.0;
 
 /// Many samples all over each pixel, with random numbers of their own.
-fn reference(subject: &Subject, time_s: f64) -> Stereo<RgbImage> {
+fn reference(subject: &Subject, time_s: f64, spp: u32) -> Stereo<RgbImage> {
     let mut settings = subject.settings(WIDTH, HEIGHT);
     settings.seed = 99;
-    settings.stages.spp = 256;
+    settings.stages.spp = spp;
     Stage::alone(subject, &settings).frame_at(time_s, 0).linear
 }
 
@@ -40,7 +39,7 @@ fn arrived(subject: &Subject, settings: &RenderSettings, time_s: f64, frames: u3
 #[test]
 fn still_frames_converge_and_keep_their_energy() {
     let subject = Subject::load("builtin:checker");
-    let right = reference(&subject, 0.0);
+    let right = reference(&subject, 0.0, 256);
     let mut stage = Stage::alone(&subject, &subject.accumulated(WIDTH, HEIGHT));
     let frames: Vec<_> = (0..48).map(|i| stage.frame(i).linear).collect();
     let [first, later, last] = [0, 11, 47].map(|i: usize| errors(&right, &frames[i]));
@@ -57,7 +56,7 @@ fn frames_on_their_way_are_better_than_frames_alone() {
     for shot in ["builtin:atrium", "builtin:checker"] {
         let subject = Subject::load(shot);
         let time_s = 0.5;
-        let right = reference(&subject, time_s);
+        let right = reference(&subject, time_s, if is_thorough() { 256 } else { 64 });
         let with_history = errors(&right, &arrived(&subject, &subject.accumulated(WIDTH, HEIGHT), time_s, 16));
         let alone = subject.denoised(WIDTH, HEIGHT);
         let alone = errors(&right, &arrived(&subject, &alone, time_s, 1));

@@ -28,15 +28,15 @@ struct Effort {
 
 const QUICK: Effort = Effort {
     extent: Extent::new(WIDTH, HEIGHT),
-    reference_spp: 512,
-    renders: [(Sampler::Sobol, 64), (Sampler::Pcg, 96)],
+    reference_spp: 256,
+    renders: [(Sampler::Sobol, 32), (Sampler::Pcg, 48)],
     takes_turns: true,
     bounces: &[4],
-    resolution: 0.015,
+    resolution: 0.022,
 };
 
 /// In the classic box, light on the ceiling beside the lamp makes most of the renderer's noise.
-const BOX: Effort = Effort { resolution: 0.08, bounces: &[1, 4], takes_turns: false, ..QUICK };
+const BOX: Effort = Effort { resolution: 0.12, ..QUICK };
 
 /// Enough to see what a sun's disc of 3° loses if it is normalised by its solid angle, 0.07 % of its light.
 const THOROUGH: Effort = Effort {
@@ -51,9 +51,9 @@ const THOROUGH: Effort = Effort {
 /// For the tables of many scenes.
 const ROW: Effort = Effort {
     extent: Extent::new(24, 16),
-    reference_spp: 384,
-    renders: [(Sampler::Sobol, 32), (Sampler::Pcg, 48)],
-    resolution: 0.04,
+    reference_spp: 192,
+    renders: [(Sampler::Sobol, 16), (Sampler::Pcg, 24)],
+    resolution: 0.06,
     ..QUICK
 };
 
