@@ -1,9 +1,9 @@
-//! `--report` writes one page that needs nothing else and whose script runs. Where there is a `chromium`, it says so.
+//! `--report` writes one page that needs nothing else. Whether its script runs, `make test-long` asks Chromium.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-use crate::common::diptych;
+use crate::common::{diptych, is_thorough};
 use serde_json::Value;
 
 /// Runs a command on a small picture; returns the page it wrote.
@@ -51,11 +51,9 @@ fn lanes_are_sound(lanes: &Value, frames: usize) {
     }
 }
 
-/// Opens a page of `out`, if there is a browser; returns the document that its script made. A screenshot is left there.
+/// In a long run, opens the page of `out` in Chromium; returns the document that its script made.
 fn browse(out: &Path) -> Option<String> {
-    let found = std::env::var_os("PATH").map(|all| std::env::split_paths(&all).collect::<Vec<_>>());
-    if !found.unwrap_or_default().iter().any(|folder| folder.join("chromium").is_file()) {
-        eprintln!("\nSKIPPED: there is no chromium: whether the script of {} runs is not known\n", out.display());
+    if !is_thorough() {
         return None;
     }
     let page = format!("file://{}", out.join("report.html").display());
@@ -63,7 +61,7 @@ fn browse(out: &Path) -> Option<String> {
     let fixed = ["--headless=new", "--no-sandbox", "--disable-gpu", "--enable-logging=stderr", "--v=0"];
     let mut command = Command::new("chromium");
     command.args(fixed).args([&profile, "--virtual-time-budget=2000", "--window-size=1200,900", "--dump-dom", &page]);
-    let output = command.output().unwrap();
+    let output = command.output().expect("the long tests open pages in chromium, which is to be on the PATH");
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(!said.contains("CONSOLE") && !said.contains("Uncaught"), "{said}");
     let document = String::from_utf8(output.stdout).unwrap();

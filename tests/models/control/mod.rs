@@ -7,6 +7,7 @@ mod ladder;
 mod plant;
 
 use std::fmt::Debug;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 use diptych::control::{Budget, CLIMB_BACK_AFTER, CLIMB_EVERY, Controller};
 use plant::{HI_MS, LO_MS, Plant, Run, times};
@@ -109,30 +110,33 @@ fn a_ramp_is_followed_with_a_tenth_over_the_band_at_most() {
     });
 }
 
-/// Shares of frames that are late, and changes, under noise.
-fn noise_holds(noise: f64, late_max: f64) {
+/// Shares of frames that are late, and changes in 1,000 frames, under noise: of 10,000 cases the most were 3 and 49 changes.
+fn noise_holds(noise: f64, late_max: f64, changes_max: usize) {
+    let most = AtomicUsize::new(0);
     hold((ladders(), any::<u64>(), factors(2.0), delays()), |(times_ms, seed, bias, delay)| {
         let predicted_ms = |_, rung: usize| bias * times_ms[rung];
         let run = Plant { noise, seed, delay, predicted_ms: Some(&predicted_ms), ..Plant::new(&times_ms, &|_| 1.0) }
             .run(1200);
         let changes = run.changes_from(200);
-        assert!(changes <= 1000 / 8, "{changes} changes in 1000 frames");
+        most.fetch_max(changes, Ordering::Relaxed);
+        assert!(changes <= changes_max, "{changes} changes in 1000 frames");
         let late = run.share_from(200, |s| s.ms > HI_MS);
         assert!(late <= late_max, "{late} of the frames were late");
         let off = run.share_from(200, |s| !(LO_MS..=HI_MS).contains(&s.mean_ms));
         // The most among 40,000 cases was 0.058.
         assert!(off <= 0.08, "{off} of the frames were planned outside the band");
     });
+    println!("noise of {noise}: at most {} changes in 1000 frames", most.into_inner());
 }
 
 #[test]
 fn noise_of_5_percent_moves_little() {
-    noise_holds(0.05, 0.1);
+    noise_holds(0.05, 0.1, 8);
 }
 
 #[test]
 fn noise_of_15_percent_moves_little() {
-    noise_holds(0.15, 0.12);
+    noise_holds(0.15, 0.12, 62);
 }
 
 #[test]
