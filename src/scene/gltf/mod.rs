@@ -1,4 +1,4 @@
-//! Reads glTF 2.0 (`.gltf` with its files, or `.glb`) into a [`Scene`], and [writes](write) one.
+//! Reads glTF 2.0 (`.gltf` with its files, or `.glb`) into a [`Scene`], and [writes](write()) one.
 //!
 //! A file is somebody else's data: every index, offset, count and size in it is checked where it is used, before
 //! memory is asked for. What cannot be read ends in one [`SceneError`] that names the place; what can be read
