@@ -168,11 +168,13 @@ fn a_creeping_camera_drags_nothing_behind() {
         stage.frame_at(1.0, FRAMES - 1).linear.left
     };
     let still = picture(0.0);
-    let lags = [0.002, 0.009, 0.03].map(|speed_px| {
+    let speeds_px = if is_thorough() { &[0.002, 0.009, 0.03][..] } else { &[0.002] };
+    let lags = speeds_px.iter().map(|&speed_px| {
         let lag = lag_px(&still, &picture(speed_px));
         println!("{speed_px} px a frame: {lag:.3} px behind");
         lag
     });
+    let lags: Vec<f64> = lags.collect();
     // The points in their pixels that ten frames were seen through are off their middle by almost 0.1.
     assert!(lags.iter().all(|lag| lag.abs() < 0.15), "{lags:?} px behind");
 }

@@ -27,16 +27,16 @@ struct Effort {
 }
 
 const QUICK: Effort = Effort {
-    extent: Extent::new(WIDTH, HEIGHT),
+    extent: Extent::new(32, 24),
     reference_spp: 256,
     renders: [(Sampler::Sobol, 32), (Sampler::Pcg, 48)],
     takes_turns: true,
     bounces: &[4],
-    resolution: 0.022,
+    resolution: 0.035,
 };
 
 /// In the classic box, light on the ceiling beside the lamp makes most of the renderer's noise.
-const BOX: Effort = Effort { resolution: 0.12, ..QUICK };
+const BOX: Effort = Effort { resolution: 0.16, ..QUICK };
 
 /// Enough to see what a sun's disc of 3° loses if it is normalised by its solid angle, 0.07 % of its light.
 const THOROUGH: Effort = Effort {
@@ -59,7 +59,7 @@ const ROW: Effort = Effort {
 
 /// A coat takes a few percent of what an emitter sends.
 const CARD: Effort =
-    Effort { reference_spp: 2048, renders: [(Sampler::Sobol, 256), (Sampler::Pcg, 320)], resolution: 0.03, ..ROW };
+    Effort { reference_spp: 1024, renders: [(Sampler::Sobol, 128), (Sampler::Pcg, 160)], resolution: 0.045, ..ROW };
 
 const THOROUGH_ROW: Effort = Effort { resolution: 0.01, ..THOROUGH };
 
