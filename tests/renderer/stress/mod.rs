@@ -88,7 +88,7 @@ fn every_sample_of_every_row_is_finite() {
 /// What is accumulated, filtered and antialiased over frames, from few samples, is a radiance everywhere.
 #[test]
 fn every_row_is_finite_through_history_and_filters() {
-    for row in rows::all().into_iter().step_by(if is_thorough() { 1 } else { 3 }) {
+    for row in rows::all().into_iter().step_by(if is_thorough() { 1 } else { 5 }) {
         let subject = subject(row.name, row.scene, row.camera);
         let [width, height] = row.effort.size;
         let mut settings = subject.accumulated(width, height);
