@@ -38,6 +38,15 @@ const QUICK: Effort = Effort {
 /// In the classic box, light on the ceiling beside the lamp makes most of the renderer's noise.
 const BOX: Effort = Effort { resolution: 0.16, ..QUICK };
 
+const THOROUGH_BOX: Effort = Effort {
+    extent: Extent::new(WIDTH, HEIGHT),
+    reference_spp: 512,
+    renders: [(Sampler::Sobol, 64), (Sampler::Pcg, 96)],
+    resolution: 0.08,
+    bounces: &[1, 4],
+    takes_turns: false,
+};
+
 /// Enough to see what a sun's disc of 3° loses if it is normalised by its solid angle, 0.07 % of its light.
 const THOROUGH: Effort = Effort {
     extent: Extent::new(WIDTH, HEIGHT),
@@ -160,8 +169,8 @@ fn every_material_is_unbiased() {
 #[test]
 #[ignore = "takes many minutes: run it after changes to the material model"]
 fn no_material_and_no_light_has_a_small_bias() {
-    let lit = lit::ALL.map(|(name, light)| lit::things(name, light));
-    let scenes = lit.into_iter().chain(materials::ALL.map(|(_, scene)| scene()));
+    let lit = lit::ALL.into_iter().chain(lit::CARDS).map(|(name, light)| lit::things(name, light));
+    let scenes = lit.chain(materials::ALL.map(|(_, scene)| scene()));
     hold_against_the_reference(scenes.map(subject), &THOROUGH_ROW);
 }
 
@@ -175,7 +184,7 @@ fn no_scene_has_a_small_bias() {
 fn the_classic_box_is_unbiased() {
     let mut subject = Subject::load("builtin:cornell");
     subject.rig.baseline_m = 0.0;
-    hold_against_the_reference([subject], &BOX);
+    hold_against_the_reference([subject], if is_thorough() { &THOROUGH_BOX } else { &BOX });
 }
 
 #[test]
