@@ -70,7 +70,8 @@ fn errors_fall_as_the_square_root_of_samples() {
 fn a_grid_has_its_rows_its_plot_and_its_reference() {
     let folder = tempfile::tempdir().unwrap();
     let (out, size) = (folder.path().join("out"), ["--size", "32x18", "--quick", "--repeats", "1"]);
-    let events = bench(&out, &[&size[..], &["--reference-spp", "64", "--virtual", "2"]].concat());
+    let few = ["--bounces", "6", "--iterations", "3", "--reference-spp", "64", "--virtual", "2"];
+    let events = bench(&out, &[&size[..], &few].concat());
     let rows = event(&events, "result")["rows"].as_array().unwrap().clone();
     assert!(rows.len() >= 4);
     assert!(rows.iter().all(|r| r["time_ms"].as_f64().unwrap() > 0.0 && r["errors"]["right"]["rmse"].is_f64()));
@@ -88,10 +89,12 @@ fn a_grid_has_its_rows_its_plot_and_its_reference() {
     // The kept reference is an image like any other's.
     let kept = std::fs::read_dir(out.join("reference")).unwrap().next().unwrap().unwrap().path();
     let again = folder.path().join("again");
-    let given = [&size[..], &["--denoiser", "none", "--reference", kept.to_str().unwrap()]].concat();
+    let given =
+        [&size[..], &["--denoiser", "none", "--bounces", "6", "--spp", "4", "--reference", kept.to_str().unwrap()]]
+            .concat();
     let events = bench(&again, &given);
     assert!(event(&events, "reference")["noise"].is_null());
-    let same = &event(&events, "result")["rows"][1]["errors"]["left"]["rmse"];
+    let same = &event(&events, "result")["rows"][0]["errors"]["left"]["rmse"];
     let first = rows.iter().find(|r| r["denoiser"] == "none" && r["spp"] == 4).unwrap();
     assert_eq!(same, &first["errors"]["left"]["rmse"]);
 }
@@ -183,7 +186,7 @@ fn a_run_that_was_killed_goes_on_and_one_that_is_done_gives_the_same_files() {
 #[test]
 fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
     let folder = tempfile::tempdir().unwrap();
-    let options = ["--size", "48x27", "--quick", "--spp", "1,8", "--iterations", "2,5", "--reference-spp", "64"];
+    let options = ["--size", "48x27", "--quick", "--spp", "1,8", "--iterations", "3", "--reference-spp", "64"];
     let events = bench(folder.path(), &options);
     let rows = event(&events, "result")["rows"].as_array().unwrap();
     let ladder = Ladder::read(&folder.path().join("ladder.toml")).unwrap();

@@ -289,7 +289,7 @@ fn block_error(image: &RgbImage, reference: &RgbImage, size: u32) -> f64 {
 fn errors_of_a_frame_s_neighbouring_pixels_cancel() {
     let case = Case::new();
     let common = ["--size", "96x54", "--bounces", "2"];
-    case.render("converged", &[&common[..], &["--spp", "512"]].concat());
+    case.render("converged", &[&common[..], &["--spp", "256"]].concat());
     let converged = case.image("converged", "left");
     let [mut shared, mut own] = [[0.0; 2]; 2];
     for seed in ["1", "2", "3", "4"] {

@@ -1,6 +1,6 @@
 //! What is shown is what was computed.
 
-use crate::common::{Stage, Subject};
+use crate::common::{Stage, Subject, is_thorough};
 use diptych::exec::{RenderSettings, Stereo};
 use diptych::image::RgbImage;
 use diptych::image::display::tonemap;
@@ -46,7 +46,7 @@ fn exposed(exposure_ev: f32, gloss: bool) -> Vec<Stereo<RgbImage>> {
     let white = (-exposure_ev).exp2();
     // 100,000 lux at −17 EV.
     let subject = under_a_sun(white, 1e5 * (white / 17f32.exp2()));
-    let mut settings = RenderSettings { exposure_ev, ..subject.accumulated(96, 54) };
+    let mut settings = RenderSettings { exposure_ev, ..subject.accumulated(64, 36) };
     settings.stages.needs.gloss = gloss;
     let mut stage = Stage::alone(&subject, &settings);
     let frame = |i: u32| stage.frame_at(0.02 * f64::from(i), i).linear;
@@ -60,9 +60,10 @@ fn exposed(exposure_ev: f32, gloss: bool) -> Vec<Stereo<RgbImage>> {
 /// of them are rounded.
 #[test]
 fn light_and_exposure_may_be_in_any_unit() {
+    let exposures_ev: &[f32] = if is_thorough() { &[-24.0, -20.0, -17.0, 20.0, 24.0] } else { &[-24.0, -17.0, 24.0] };
     for gloss in [true, false] {
         let expected = exposed(0.0, gloss);
-        for exposure_ev in [-24.0, -20.0, -17.0, 20.0, 24.0] {
+        for &exposure_ev in exposures_ev {
             let mut worst = 0.0f32;
             for (e, f) in expected.iter().zip(&exposed(exposure_ev, gloss)) {
                 for (e, f) in [(&e.left, &f.left), (&e.right, &f.right)] {
