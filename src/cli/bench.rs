@@ -154,12 +154,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let peers = peers.map_or(Ok(Vec::new()), |peers| peers.at(exposure_ev)).map_err(|e| Failure::Input(e.into()))?;
     let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
     let devices: Vec<DeviceInfo> = gpus.iter().map(|gpu| gpu.info.clone()).collect();
-    drop(gpus);
     let journal = Journal::open(&options.out, subject(args, &loaded, &devices)?, args.fresh)?;
     let reference = reference::find(args, &loaded, &tracing, &journal)?;
     interrupt::check()?;
     say_reference(options, exposure_ev, &reference);
-    let grid = Grid::new(args, &loaded, &reference, &tracing);
+    let grid = Grid::new(args, &loaded, &reference, &tracing, gpus);
     let mut rows = grid.measure(journal, &judged)?;
     let regrets = regrets(&judged, &rows);
     mark_front(&mut rows);

@@ -1,7 +1,7 @@
 //! Which adapters there are, and opening devices on them.
 
+use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::Duration;
 
 use super::{DeviceError, DeviceFailure, FailureKind, GpuDevice};
 
@@ -17,9 +17,6 @@ const IMMEDIATE_BYTES: u32 = 32;
 
 /// The oldest release of Mesa whose software driver is known to be faster than 22.3's, by 1.3 to 2.5 times for a frame.
 const FAST_MESA: u32 = 25;
-
-/// How long a device may take for what is asked of it before the first frame: drivers compile every shader.
-const START_PATIENCE: Duration = Duration::from_secs(300);
 
 /// An opened device, in words.
 #[derive(Clone, Debug, serde::Serialize)]
@@ -245,7 +242,7 @@ pub(super) fn watched(
         lost(DeviceFailure { kind: FailureKind::Loss, what });
     });
     device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| failed(error.into())));
-    GpuDevice { info, device, queue, patience: START_PATIENCE, failure, instance }
+    GpuDevice { info, device, queue, patience: GpuDevice::START_PATIENCE, pipelines: HashMap::new(), failure, instance }
 }
 
 #[cfg(test)]

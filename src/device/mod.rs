@@ -6,6 +6,7 @@
 mod adapters;
 mod clock;
 mod failure;
+mod pipelines;
 #[cfg(feature = "view")]
 mod screen;
 mod shader;
@@ -13,12 +14,14 @@ mod shader;
 pub use adapters::{AdapterReport, DeviceInfo, Selection, adapters, open};
 pub use clock::GpuClock;
 pub use failure::{DeviceFailure, FailureKind};
+pub use pipelines::{Pipeline, PipelineKey};
 #[cfg(feature = "view")]
 pub use screen::ScreenDevice;
 #[cfg(test)]
 pub(crate) use shader::expand;
 pub use shader::{ShaderChecks, all_wgsl, override_names, wgsl};
 
+use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -52,6 +55,8 @@ pub struct GpuDevice {
     pub queue: wgpu::Queue,
     /// How long [`Self::wait`] waits.
     pub patience: Duration,
+    /// What was compiled on it, for all who use it one after another.
+    pub pipelines: HashMap<PipelineKey, Pipeline>,
     failure: Arc<Mutex<Option<DeviceFailure>>>,
     /// Lives as long as the device.
     #[cfg_attr(not(feature = "view"), expect(dead_code))]
@@ -62,6 +67,9 @@ pub struct GpuDevice {
 pub const WAIT_SLICES: u32 = 8;
 
 impl GpuDevice {
+    /// How long a device may take for what is asked of it before the first frame: drivers compile every shader.
+    pub const START_PATIENCE: Duration = Duration::from_secs(300);
+
     /// What went wrong on the device since it was opened, if anything did.
     pub fn failure(&self) -> Option<DeviceFailure> {
         self.failure.lock().unwrap_or_else(PoisonError::into_inner).clone()

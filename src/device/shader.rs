@@ -4,7 +4,7 @@
 //! stage's first lines say all that it is made of.
 
 /// How much wgpu guards shaders at run time.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ShaderChecks {
     /// Everything: bounds, loops, integer division.

@@ -10,7 +10,7 @@ use super::ExecError;
 use super::messages::{Answer, Command, Order, Parcel, Reply, Stop};
 use super::watchdog::{Pulse, Vigil};
 use super::worker::Worker;
-use crate::device::{DeviceFailure, FailureKind};
+use crate::device::{DeviceFailure, FailureKind, GpuDevice};
 
 /// How long a worker's end is waited for, when all has been said.
 const END_LIMIT: Duration = Duration::from_secs(5);
@@ -29,8 +29,8 @@ pub struct Crew {
 struct Member {
     /// None: it was taken out.
     commands: Option<Sender<Command>>,
-    thread: JoinHandle<()>,
-    /// Disconnected once the worker has let go of its device.
+    thread: JoinHandle<Option<GpuDevice>>,
+    /// Disconnected once the worker has done its last.
     ended: Receiver<()>,
     pulse: Arc<Pulse>,
     is_hung: bool,
@@ -44,7 +44,7 @@ impl Member {
         let name = format!("device {}", worker.info().index);
         let thread = std::thread::Builder::new().name(name).spawn(move || {
             let _here: Sender<()> = here;
-            worker.run(orders);
+            worker.run(orders)
         })?;
         Ok(Self { commands: Some(commands), thread, ended, pulse, is_hung: false })
     }
@@ -139,6 +139,14 @@ impl Crew {
         }
     }
 
+    /// Ends all workers; returns the devices that have not failed.
+    pub fn end(&mut self) -> Vec<GpuDevice> {
+        self.members.iter_mut().for_each(|m| m.commands = None);
+        let has_ended = |m: &Member| m.ended.recv_timeout(END_LIMIT) == Err(RecvTimeoutError::Disconnected);
+        let ended = self.members.drain(..).filter(|m| !m.is_hung && has_ended(m));
+        ended.filter_map(|m| m.thread.join().ok().flatten()).collect()
+    }
+
     /// Devices that were answered for may answer after all, too late.
     fn take_in(&mut self, Reply { ticket, device, answer }: Reply) {
         let is_awaited = |a: &&mut Asked| a.ticket == ticket && a.awaited.contains(&device);
@@ -166,11 +174,6 @@ fn gone() -> DeviceFailure {
 
 impl Drop for Crew {
     fn drop(&mut self) {
-        self.members.iter_mut().for_each(|m| m.commands = None);
-        for member in self.members.drain(..).filter(|m| !m.is_hung) {
-            if member.ended.recv_timeout(END_LIMIT) == Err(RecvTimeoutError::Disconnected) {
-                let _ = member.thread.join();
-            }
-        }
+        self.end();
     }
 }

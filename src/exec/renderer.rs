@@ -163,6 +163,12 @@ impl Renderer {
         })
     }
 
+    /// The devices that have not failed, for another renderer, which need not compile again what it has in common with this
+    /// one.
+    pub fn into_devices(mut self) -> Vec<GpuDevice> {
+        self.crew.end()
+    }
+
     /// Takes a device out that gives no sign of life for this long, instead of a limit that follows from what frames
     /// took.
     pub fn set_watchdog(&mut self, limit: Duration) {

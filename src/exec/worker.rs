@@ -56,11 +56,12 @@ impl Worker {
         replies: Sender<Reply>,
         origin: Instant,
     ) -> Result<Self, ExecError> {
+        gpu.patience = GpuDevice::START_PATIENCE;
         let device = gpu.info.index;
         let failed = |failure: DeviceFailure| ExecError::Device { device, what: failure.what };
         let clock = GpuClock::calibrate(&gpu, origin).map_err(failed)?;
         gpu.info.clock_residual_us = clock.residual_us;
-        let mut stages = DeviceStages::new(&gpu, settings.clone(), tables, stages)?;
+        let mut stages = DeviceStages::new(&mut gpu, settings.clone(), tables, stages)?;
         let mut stamps = Stamps::new(&gpu.device);
         stages.warm_up(&gpu, &mut stamps);
         gpu.wait(None).map_err(failed)?;
@@ -98,9 +99,9 @@ impl Worker {
         Arc::clone(&self.pulse)
     }
 
-    /// Carries out commands until nobody can give any more. A new frame goes before what is left of older ones: the
-    /// device has something to do while the host waits for their rows.
-    pub fn run(mut self, commands: Receiver<Command>) {
+    /// Carries out commands until nobody can give any more; returns the device, if it has not failed. A new frame goes
+    /// before what is left of older ones: the device has something to do while the host waits for their rows.
+    pub fn run(mut self, commands: Receiver<Command>) -> Option<GpuDevice> {
         loop {
             let oldest = self.open.front().map(|p| p.ticket);
             let command = match oldest {
@@ -117,6 +118,7 @@ impl Worker {
                 (None, None) => break,
             }
         }
+        (self.failure.is_none() && self.gpu.failure().is_none()).then_some(self.gpu)
     }
 
     /// Does something for the attempt with this ticket, and answers that it came to nothing if it does.

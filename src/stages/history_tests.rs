@@ -50,7 +50,7 @@ impl Bench {
     fn new(gloss: bool) -> Self {
         let scene = (builtin::find("checker").unwrap().build)();
         let selection = Selection { adapters: None, virtual_devices: 1, threads_per_device: None };
-        let gpu = device::open(&selection).expect("this test needs an adapter").swap_remove(0);
+        let mut gpu = device::open(&selection).expect("this test needs an adapter").swap_remove(0);
         let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
         let settings = StageSettings {
             extent: EXTENT,
@@ -68,7 +68,7 @@ impl Bench {
             checks: ShaderChecks::Fast,
         };
         let needed: Vec<Stage> = passes(&spec(Some(0))).iter().map(|p| p.stage).collect();
-        let stages = DeviceStages::new(&gpu, settings, &tables, &needed).unwrap();
+        let stages = DeviceStages::new(&mut gpu, settings, &tables, &needed).unwrap();
         let stamps = Stamps::new(&gpu.device);
         Self { gpu, stages, stamps, tables, frames: 0, before: None }
     }

@@ -117,14 +117,13 @@ impl StageSettings {
         self.filter == Filter::Svgf && self.iterations > 0
     }
 
-    fn constants(&self, jitter: bool) -> Vec<(&'static str, f64)> {
-        let flag = |b: bool| if b { 1.0 } else { 0.0 };
-        let mut constants: Vec<_> = self.needs.constants().map(|(n, b)| (n, flag(b))).into();
-        constants.push(("SOBOL", flag(self.sampler == Sampler::Sobol)));
-        constants.push(("HAS_GLOSS", flag(self.needs.gloss && self.keeps_history())));
-        constants.push(("JITTER", flag(jitter)));
-        constants.push(("FOVEATED", flag(self.foveation.is_some())));
-        constants.push(("SPARSE", flag(self.leaves_pixels())));
+    fn constants(&self, jitter: bool) -> Vec<(&'static str, bool)> {
+        let mut constants = Vec::from(self.needs.constants());
+        constants.push(("SOBOL", self.sampler == Sampler::Sobol));
+        constants.push(("HAS_GLOSS", self.needs.gloss && self.keeps_history()));
+        constants.push(("JITTER", jitter));
+        constants.push(("FOVEATED", self.foveation.is_some()));
+        constants.push(("SPARSE", self.leaves_pixels()));
         constants
     }
 }

@@ -7,7 +7,7 @@ use super::images::{Images, Place};
 use super::layout::{Frame, Pass, View};
 use super::scene_tables::{SceneBuffers, SceneTables, TableError, layout_entries};
 use super::{Dispatch, Of, ROOMS, Room, Slot, StageSettings, Work};
-use crate::device::{GpuDevice, override_names, wgsl};
+use crate::device::{GpuDevice, Pipeline, PipelineKey, override_names, wgsl};
 use crate::graph::{PhysicalImage, Resource, Stage};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
@@ -66,8 +66,7 @@ struct Built {
     room: &'static Room,
     /// Whether it is for frames whose samples are spread over pixels; none: for any.
     jitter: Option<bool>,
-    pipeline: wgpu::ComputePipeline,
-    layout: wgpu::BindGroupLayout,
+    pipeline: Pipeline,
 }
 
 #[derive(PartialEq, Eq, Hash)]
@@ -100,7 +99,7 @@ pub struct DeviceStages {
 impl Built {
     /// The same pipeline for another room.
     fn with(&self, room: &'static Room) -> Self {
-        Self { room, jitter: self.jitter, pipeline: self.pipeline.clone(), layout: self.layout.clone() }
+        Self { room, jitter: self.jitter, pipeline: self.pipeline.clone() }
     }
 }
 
@@ -127,9 +126,9 @@ fn uniform(gpu: &GpuDevice, label: &str, size: usize) -> wgpu::Buffer {
 }
 
 impl DeviceStages {
-    /// Makes images, scene tables and the pipelines of `stages`.
+    /// Makes images, scene tables and those pipelines of `stages` that the device does not have.
     pub fn new(
-        gpu: &GpuDevice,
+        gpu: &mut GpuDevice,
         mut settings: StageSettings,
         tables: &SceneTables,
         stages: &[Stage],
@@ -263,7 +262,7 @@ impl DeviceStages {
             label: Some(task.stage.name()),
             timestamp_writes: times,
         });
-        pass.set_pipeline(&built.pipeline);
+        pass.set_pipeline(&built.pipeline.compute);
         pass.set_bind_group(0, if built.room.reads_scene { &self.with_scene } else { &self.frame_only }, &[]);
         pass.set_bind_group(1, &*group, &[]);
         let work = Work {
@@ -335,20 +334,44 @@ pub struct StageTask {
 
 /// A room's pipelines for all frames that there may be.
 fn build(
-    gpu: &GpuDevice,
+    gpu: &mut GpuDevice,
     room: &'static Room,
     group0: &wgpu::BindGroupLayout,
     settings: &StageSettings,
 ) -> Result<Vec<Built>, StageError> {
     let source = wgsl(room.shader);
     let declared = override_names(&source);
-    let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::Validation);
-    let descriptor = wgpu::ShaderModuleDescriptor {
-        label: Some(room.shader),
-        source: wgpu::ShaderSource::Wgsl(source.as_str().into()),
+    let mut one = |kind: Option<bool>, jitter| {
+        let constants = settings.constants(jitter).into_iter().filter(|(n, _)| declared.contains(n)).collect();
+        let key = PipelineKey { shader: room.shader, checks: settings.checks, constants };
+        let pipeline = match gpu.pipelines.get(&key) {
+            Some(kept) => kept.clone(),
+            None => {
+                let new = compile(gpu, room, group0, &key, &source)?;
+                gpu.pipelines.entry(key).or_insert(new).clone()
+            }
+        };
+        Ok(Built { room, jitter: kind, pipeline })
     };
+    match settings.jitters() {
+        &[jitter] => Ok(vec![one(None, jitter)?]),
+        _ if !declared.contains(&"JITTER") => Ok(vec![one(None, false)?]),
+        kinds => kinds.iter().map(|&jitter| one(Some(jitter), jitter)).collect(),
+    }
+}
+
+fn compile(
+    gpu: &GpuDevice,
+    room: &Room,
+    group0: &wgpu::BindGroupLayout,
+    key: &PipelineKey,
+    source: &str,
+) -> Result<Pipeline, StageError> {
+    let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::Validation);
+    let descriptor =
+        wgpu::ShaderModuleDescriptor { label: Some(room.shader), source: wgpu::ShaderSource::Wgsl(source.into()) };
     // SAFETY: the shader is part of this crate. Its loops end, its integer divisors are not zero; bounds stay checked.
-    let module = unsafe { gpu.device.create_shader_module_trusted(descriptor, settings.checks.runtime_checks()) };
+    let module = unsafe { gpu.device.create_shader_module_trusted(descriptor, key.checks.runtime_checks()) };
     let entries: Vec<_> = room.slots.iter().enumerate().map(|(i, s)| slot_layout(i as u32, *s)).collect();
     let layout = gpu
         .device
@@ -358,31 +381,23 @@ fn build(
         bind_group_layouts: &[Some(group0), Some(&layout)],
         immediate_size: PASS_BYTES,
     });
-    let pipeline = |jitter: bool| {
-        let constants: Vec<_> = settings.constants(jitter).into_iter().filter(|(n, _)| declared.contains(n)).collect();
-        gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-            label: Some(room.shader),
-            layout: Some(&pipeline_layout),
-            module: &module,
-            entry_point: Some("main"),
-            compilation_options: wgpu::PipelineCompilationOptions {
-                constants: &constants,
-                zero_initialize_workgroup_memory: false,
-            },
-            cache: None,
-        })
-    };
-    let one = |jitter, pipeline| Built { room, jitter, pipeline, layout: layout.clone() };
-    let built = match settings.jitters() {
-        &[jitter] => vec![one(None, pipeline(jitter))],
-        _ if !declared.contains(&"JITTER") => vec![one(None, pipeline(false))],
-        kinds => kinds.iter().map(|&jitter| one(Some(jitter), pipeline(jitter))).collect(),
-    };
+    let constants: Vec<_> = key.constants.iter().map(|&(name, on)| (name, f64::from(u8::from(on)))).collect();
+    let compute = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+        label: Some(room.shader),
+        layout: Some(&pipeline_layout),
+        module: &module,
+        entry_point: Some("main"),
+        compilation_options: wgpu::PipelineCompilationOptions {
+            constants: &constants,
+            zero_initialize_workgroup_memory: false,
+        },
+        cache: None,
+    });
     if let Some(error) = pollster::block_on(scope.pop()) {
         let (device, stage, what) = (gpu.info.index, room.stage.name(), error.to_string());
         return Err(StageError::Pipeline { device, stage, what });
     }
-    Ok(built)
+    Ok(Pipeline { compute, layout })
 }
 
 fn slot_layout(binding: u32, slot: Slot) -> wgpu::BindGroupLayoutEntry {
@@ -419,7 +434,7 @@ fn bind_slots(
         .collect();
     gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
         label: Some(built.room.shader),
-        layout: &built.layout,
+        layout: &built.pipeline.layout,
         entries: &entries,
     })
 }

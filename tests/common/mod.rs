@@ -9,7 +9,7 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use diptych::accel::{Accel, Layout};
-use diptych::device::{self, Selection, ShaderChecks};
+use diptych::device::{self, GpuDevice, Selection, ShaderChecks};
 use diptych::exec::{FrameReport, RenderSettings, Renderer, Stereo};
 use diptych::graph::{Filter, HaloPlan, PhysicalImage, Seam};
 use diptych::image::{Extent, Image, RgbImage};
@@ -93,16 +93,41 @@ impl Subject {
     }
 }
 
-/// Held while devices are opened: drivers have crashed on those opened side by side. Not on pipelines made so.
-pub fn turn_to_open() -> MutexGuard<'static, ()> {
-    static TURN: Mutex<()> = Mutex::new(());
-    TURN.lock().unwrap_or_else(PoisonError::into_inner)
+/// Devices that no test has at the moment. They keep what was compiled on them.
+fn idle() -> MutexGuard<'static, Vec<GpuDevice>> {
+    static IDLE: Mutex<Vec<GpuDevice>> = Mutex::new(Vec::new());
+    IDLE.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+pub fn all_cores() -> usize {
+    std::thread::available_parallelism().map_or(1, usize::from)
+}
+
+/// `count` devices of the first adapter that can do it, the same one for every count, each of `threads` threads.
+pub fn devices(count: usize, threads: usize) -> Vec<GpuDevice> {
+    let mut idle = idle();
+    let mut devices: Vec<GpuDevice> =
+        idle.extract_if(.., |gpu| gpu.info.threads.is_none_or(|n| n == threads)).collect();
+    idle.extend(devices.drain(count.min(devices.len())..));
+    // Opened in turns: drivers have crashed on devices opened side by side. Not on pipelines made so.
+    if devices.len() < count {
+        let adapter = device::adapters().into_iter().find(|a| a.missing.is_empty());
+        let adapter = adapter.expect("these tests need an adapter: on Linux, install mesa-vulkan-drivers");
+        let selection = Selection {
+            adapters: Some(vec![adapter.index]),
+            virtual_devices: count - devices.len(),
+            threads_per_device: Some(vec![threads]),
+        };
+        devices.extend(device::open(&selection).unwrap_or_else(|e| panic!("these tests need a device: {e}")));
+    }
+    devices.iter_mut().enumerate().for_each(|(i, gpu)| gpu.info.index = i);
+    devices
 }
 
 /// A renderer and what it renders.
 pub struct Stage<'a> {
     subject: &'a Subject,
-    renderer: Renderer,
+    renderer: Option<Renderer>,
     devices: usize,
     frames_in_flight: usize,
 }
@@ -110,12 +135,12 @@ pub struct Stage<'a> {
 impl<'a> Stage<'a> {
     /// On one device that takes every core.
     pub fn alone(subject: &'a Subject, settings: &RenderSettings) -> Self {
-        Self::open(subject, settings, 1, None, Box::new(Even::new(settings.stages.extent.height, 1)))
+        Self::open(subject, settings, 1, all_cores(), Box::new(Even::new(settings.stages.extent.height, 1)))
     }
 
     /// On `devices` devices of one thread each.
     pub fn with(subject: &'a Subject, settings: &RenderSettings, devices: usize, policy: Box<dyn Policy>) -> Self {
-        Self::open(subject, settings, devices, Some(1), policy)
+        Self::open(subject, settings, devices, 1, policy)
     }
 
     /// On `devices` devices with stripes of equal height.
@@ -128,24 +153,13 @@ impl<'a> Stage<'a> {
         subject: &'a Subject,
         settings: &RenderSettings,
         devices: usize,
-        threads: Option<usize>,
+        threads: usize,
         policy: Box<dyn Policy>,
     ) -> Self {
-        let turn = turn_to_open();
-        // The first adapter that can do it: the same one for every count of devices.
-        let adapter = device::adapters().into_iter().find(|a| a.missing.is_empty());
-        let adapter = adapter.expect("these tests need an adapter: on Linux, install mesa-vulkan-drivers");
-        let selection = Selection {
-            adapters: Some(vec![adapter.index]),
-            virtual_devices: devices,
-            threads_per_device: threads.map(|t| vec![t]),
-        };
-        let gpus = device::open(&selection).unwrap_or_else(|e| panic!("these tests need a device: {e}"));
-        drop(turn);
         let tables = Arc::clone(&subject.tables);
-        let renderer = Renderer::new(gpus, tables, settings.clone(), policy, Instant::now())
+        let renderer = Renderer::new(self::devices(devices, threads), tables, settings.clone(), policy, Instant::now())
             .unwrap_or_else(|e| panic!("{}: {e}", subject.name));
-        Self { subject, renderer, devices, frames_in_flight: settings.stages.frames_in_flight }
+        Self { subject, renderer: Some(renderer), devices, frames_in_flight: settings.stages.frames_in_flight }
     }
 
     /// Renders a frame without a sample that is not finite.
@@ -159,8 +173,9 @@ impl<'a> Stage<'a> {
     }
 
     fn render(&mut self, time_s: f64, index: u32) -> Frame {
-        let report = self.renderer.render(&self.subject.rig, time_s, index).unwrap_or_else(|e| panic!("{self}: {e}"));
-        let linear = self.renderer.read_linear().unwrap_or_else(|e| panic!("{self}: {e}"));
+        let rig = &self.subject.rig;
+        let report = self.renderer().render(rig, time_s, index).unwrap_or_else(|e| panic!("{self}: {e}"));
+        let linear = self.renderer().read_linear().unwrap_or_else(|e| panic!("{self}: {e}"));
         Frame { linear, report }
     }
 
@@ -169,14 +184,15 @@ impl<'a> Stage<'a> {
         let mut times = (0..).zip(times_s);
         let mut frames = Vec::new();
         loop {
-            while self.renderer.in_flight() < self.frames_in_flight
+            while self.renderer().in_flight() < self.frames_in_flight
                 && let Some((index, &time_s)) = times.next()
             {
                 let linear = [PhysicalImage::Linear];
-                self.renderer.begin(&self.subject.rig, time_s, index, &linear).unwrap_or_else(|e| panic!("{e}"));
+                let rig = &self.subject.rig;
+                self.renderer().begin(rig, time_s, index, &linear).unwrap_or_else(|e| panic!("{e}"));
             }
-            let Some(report) = self.renderer.finish().unwrap_or_else(|e| panic!("{e}")) else { return frames };
-            let linear = self.renderer.read_linear().unwrap_or_else(|e| panic!("{self}: {e}"));
+            let Some(report) = self.renderer().finish().unwrap_or_else(|e| panic!("{e}")) else { return frames };
+            let linear = self.renderer().read_linear().unwrap_or_else(|e| panic!("{self}: {e}"));
             frames.push(Frame { linear, report });
         }
     }
@@ -192,17 +208,25 @@ impl<'a> Stage<'a> {
     }
 
     pub fn renderer(&mut self) -> &mut Renderer {
-        &mut self.renderer
+        self.renderer.as_mut().expect("it is taken only when the stage ends")
     }
 
     /// The last frame as the devices encoded it for display.
     pub fn display(&mut self) -> Stereo<Image<[u8; 4]>> {
-        self.renderer.read_display().unwrap_or_else(|e| panic!("{}: {e}", self.subject.name))
+        self.renderer().read_display().unwrap_or_else(|e| panic!("{}: {e}", self.subject.name))
     }
 
     /// The i-th auxiliary image that the settings ask for.
     pub fn aov(&mut self, i: usize) -> Stereo<Vec<Vec<f32>>> {
-        self.renderer.read_aov(i).unwrap_or_else(|e| panic!("{}: {e}", self.subject.name))
+        self.renderer().read_aov(i).unwrap_or_else(|e| panic!("{}: {e}", self.subject.name))
+    }
+}
+
+impl Drop for Stage<'_> {
+    fn drop(&mut self) {
+        if let Some(renderer) = self.renderer.take() {
+            idle().extend(renderer.into_devices());
+        }
     }
 }
 

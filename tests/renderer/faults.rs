@@ -1,7 +1,7 @@
 //! Devices that fail, hang or lag change no byte as long as one is left; the command says so and leaves all its files.
 
 use std::path::Path;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::common::{Stage, Subject, diptych};
 use diptych::device::FailureKind;
@@ -111,7 +111,11 @@ fn two_devices_may_fail_in_one_frame() {
     let mut three = Stage::even(&subject, &settings, 3);
     let fates = ["loss:dev0@frame0", "oom:dev0@frame0", "loss:dev1@frame0"];
     three.renderer().set_trouble(trouble(&fates, &[]));
+    let limit = Duration::from_secs(20);
+    three.renderer().set_watchdog(limit);
+    let begin = Instant::now();
     assert!(three.frame(0).linear == one);
+    assert!(begin.elapsed() < limit / 2, "devices waited for rows that nobody was to send");
     let mut failed: Vec<_> = three.renderer().faults().iter().map(|f| f.device).collect();
     failed.sort_unstable();
     assert_eq!(failed, [0, 1]);

@@ -3,11 +3,11 @@
 
 use std::collections::HashMap;
 
-use crate::common::turn_to_open;
+use crate::common::{all_cores, devices};
 use crate::reference::sampling::Rng;
 use crate::reference::scenes::{add_matte, empty, icosphere, place};
 use diptych::accel::Accel;
-use diptych::device::{self, GpuDevice, Selection};
+use diptych::device::{self, GpuDevice};
 use diptych::scene::Mesh;
 use diptych::stages::layout::Frame;
 use diptych::stages::{SceneBuffers, SceneTables, scene_layout_entries};
@@ -56,11 +56,7 @@ fn buffer_entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLay
 
 impl Tracer {
     fn new() -> Self {
-        let _turn = turn_to_open();
-        let adapter = device::adapters().into_iter().find(|a| a.missing.is_empty());
-        let adapter = adapter.expect("these tests need an adapter: on Linux, install mesa-vulkan-drivers");
-        let selection = Selection { adapters: Some(vec![adapter.index]), virtual_devices: 1, threads_per_device: None };
-        let gpu = device::open(&selection).unwrap().remove(0);
+        let gpu = devices(1, all_cores()).remove(0);
         let text = device::wgsl("gbuffer") + AIM;
         let descriptor = wgpu::ShaderModuleDescriptor { label: None, source: wgpu::ShaderSource::Wgsl(text.into()) };
         let checks = device::ShaderChecks::Fast.runtime_checks();

@@ -1,11 +1,13 @@
 //! The grid: each setting rendered, timed and compared, but those that the journal has.
 
+use std::cell::Cell;
 use std::time::Instant;
 
 use anyhow::Context;
 use clap::ValueEnum;
 
 use diptych::control::Knobs;
+use diptych::device::GpuDevice;
 use diptych::exec::{FrameReport, Renderer, Stereo};
 use diptych::image::RgbImage;
 use diptych::metrics::Pair;
@@ -156,11 +158,19 @@ pub struct Grid<'a> {
     loaded: &'a Loaded,
     reference: &'a Reference,
     tracing: &'a Tracing,
+    /// Those of all settings, but while one is measured.
+    gpus: Cell<Vec<GpuDevice>>,
 }
 
 impl<'a> Grid<'a> {
-    pub fn new(args: &'a Args, loaded: &'a Loaded, reference: &'a Reference, tracing: &'a Tracing) -> Self {
-        Self { args, loaded, reference, tracing }
+    pub fn new(
+        args: &'a Args,
+        loaded: &'a Loaded,
+        reference: &'a Reference,
+        tracing: &'a Tracing,
+        gpus: Vec<GpuDevice>,
+    ) -> Self {
+        Self { args, loaded, reference, tracing, gpus: Cell::new(gpus) }
     }
 
     /// A row per setting of the grid, and of these others. What is measured is in the journal before the next setting is
@@ -184,7 +194,7 @@ impl<'a> Grid<'a> {
 
     /// Times and errors of a setting, the `number`th.
     fn measure_one(&self, number: u32, setting: &Setting, ahead: &mut Ahead) -> Result<Measured, Failure> {
-        let Self { args, loaded, reference, tracing } = self;
+        let Self { args, loaded, reference, tracing, .. } = self;
         let (mut renderer, options) = self.renderer(setting)?;
         record_devices(&tracing.recorder, renderer.devices());
         let Shot { gaze, rig, exposure_ev, .. } = &loaded.shot;
@@ -206,6 +216,7 @@ impl<'a> Grid<'a> {
                 repeats.push(Repeat::new(&frame, Stereo { left, right }));
             }
         }
+        self.gpus.set(renderer.into_devices());
         Ok(Measured::of(&repeats))
     }
 
@@ -214,8 +225,7 @@ impl<'a> Grid<'a> {
         let Setting { denoiser, bounces, scale, spp, .. } = *setting;
         let foveated = setting.foveated();
         let options = RenderOptions { spp, bounces, scale, foveated, ..single(args.options.clone(), denoiser) };
-        let gpus = setup::open_devices(&options, usize::from(args.virtual_devices))?;
-        Ok((setup::renderer(&options, loaded, gpus, tracing.recorder.origin())?, options))
+        Ok((setup::renderer(&options, loaded, self.gpus.take(), tracing.recorder.origin())?, options))
     }
 
     /// The `i`th frame of a setting, its warm-up counted.
@@ -238,7 +248,9 @@ impl<'a> Grid<'a> {
             self.frame(&mut renderer, setting, i)?;
         }
         let frame = self.frame(&mut renderer, setting, last)?;
-        Ok((frame, renderer.read_linear()?))
+        let image = renderer.read_linear()?;
+        self.gpus.set(renderer.into_devices());
+        Ok((frame, image))
     }
 }
 
