@@ -1,11 +1,9 @@
 //! Files appear under their name whole or not at all: they are written aside and renamed.
 
 use std::ffi::OsString;
-use std::fs::{self, File, OpenOptions};
+use std::fs::{self, File};
 use std::io::{self, BufWriter, Write};
-use std::path::{Path, PathBuf};
-use std::process;
-use std::sync::atomic::{AtomicU32, Ordering};
+use std::path::Path;
 
 use super::ImageError;
 
@@ -26,51 +24,19 @@ fn write_and_rename(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io:
     if fs::metadata(path).is_ok_and(|there| !there.is_file()) {
         return Err(io::Error::new(io::ErrorKind::InvalidInput, "there is something else than a file by that name"));
     }
-    let (file, mut aside) = Aside::create(path)?;
+    let no_name = || io::Error::new(io::ErrorKind::InvalidInput, "the path does not end in a file name");
+    let name = path.file_name().ok_or_else(no_name)?;
+    let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let mut prefix = OsString::from(".");
+    prefix.push(name);
+    let aside =
+        tempfile::Builder::new().prefix(&prefix).suffix(".part").make_in(folder, |path| File::create_new(path))?;
+    let (file, aside) = aside.into_parts();
     let mut buffered = BufWriter::new(file);
     write(&mut buffered)?;
     buffered.flush()?;
     drop(buffered);
-    fs::rename(&aside.path, path)?;
-    aside.renamed = true;
-    Ok(())
-}
-
-/// The temporary file; removed on drop unless it was renamed.
-struct Aside {
-    path: PathBuf,
-    renamed: bool,
-}
-
-impl Aside {
-    fn create(target: &Path) -> io::Result<(File, Self)> {
-        static NEXT: AtomicU32 = AtomicU32::new(0);
-        let name = target
-            .file_name()
-            .ok_or_else(|| io::Error::new(io::ErrorKind::InvalidInput, "the path does not end in a file name"))?;
-        loop {
-            let mut aside = OsString::from(".");
-            aside.push(name);
-            aside.push(format!(".{}-{}.part", process::id(), NEXT.fetch_add(1, Ordering::Relaxed)));
-            let path = target.with_file_name(aside);
-            match OpenOptions::new().write(true).create_new(true).open(&path) {
-                Ok(file) => {
-                    return Ok((file, Self { path, renamed: false }));
-                }
-                Err(e) if e.kind() == io::ErrorKind::AlreadyExists => continue,
-                Err(e) => return Err(e),
-            }
-        }
-    }
-}
-
-impl Drop for Aside {
-    fn drop(&mut self) {
-        if !self.renamed {
-            // The error that brought us here is the one to report.
-            let _ = fs::remove_file(&self.path);
-        }
-    }
+    aside.persist(path).map_err(|e| e.error)
 }
 
 #[cfg(test)]
