@@ -2,7 +2,8 @@
 
 use std::time::Instant;
 
-use diptych::exec::{FrameReport, Renderer};
+use diptych::exec::{FrameReport, Renderer, Stereo};
+use diptych::image::RgbImage;
 use diptych::report::run::{FrameRow, Quality, ReferenceRow, RunReport};
 use diptych::stages::Aov;
 use diptych::trace::frames::record_devices;
@@ -134,6 +135,9 @@ impl Run<'_> {
         self.begin_frames()?;
         while let Some(frame) = self.renderer.finish()? {
             let mut images = FrameImages::read(&mut self.renderer, &options.aovs())?;
+            if self.rows.frames.is_empty() {
+                self.warn_of_nothing_seen(&images.linear);
+            }
             // A frame that is alone on the devices is timed without the host at its files.
             if options.frames_in_flight > 1 {
                 self.begin_frames()?;
@@ -154,6 +158,18 @@ impl Run<'_> {
             self.begin_frames()?;
         }
         Ok(())
+    }
+
+    /// A picture of one colour is a mistake more often than it is meant.
+    fn warn_of_nothing_seen(&self, images: &Stereo<RgbImage>) {
+        for (eye, image) in [("left", &images.left), ("right", &images.right)] {
+            let first = image.pixels[0];
+            if image.pixels.iter().all(|pixel| *pixel == first) {
+                let what = if first == [0.0; 3] { "black" } else { "of a single colour" };
+                let hint = "the camera may look away from the scene or stand within a thing, or there is no light";
+                self.progress.warn(&format!("the {eye} eye's picture is {what}: {hint}"));
+            }
+        }
     }
 
     /// Gives the devices as many frames as they may have at a time.

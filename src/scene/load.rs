@@ -9,12 +9,10 @@ use glam::Vec3;
 use super::budget::Budget;
 use super::environment::read_latlong;
 use super::folder::{self, Access, Folder};
-use super::rig::Rig;
+use super::rig::{Rig, RigKey};
 use super::shot::{Gaze, SceneSource, Shot, ShotEnvironment, Sky};
-use super::{Environment, Scene, SceneError, builtin, gltf};
-
-/// Vertical field of view for a scene that brings no camera.
-const FRAMING_YFOV_DEG: f64 = 70.0;
+use super::viewpoint::Viewpoint;
+use super::{Environment, Scene, SceneError, builtin, gltf, viewpoint};
 
 /// [`load_shot_within`] half of the host's memory and the folders of the files.
 ///
@@ -26,8 +24,8 @@ pub fn load_shot(arg: &str) -> Result<(Shot, Scene), SceneError> {
 
 /// Loads `builtin:NAME`, a `.toml` shot, or a `.gltf`/`.glb`.
 ///
-/// A glTF file is seen by its first camera, or from where all of it is in view, by its own lights; if it has
-/// none, in a white environment of radiance 1.
+/// A glTF file is seen by its first camera, or from where [`viewpoint::find`] puts one, by its own lights; if it has
+/// none but surfaces that emit, in a white environment of radiance 1.
 ///
 /// # Errors
 /// [`SceneError`], naming the file.
@@ -74,20 +72,20 @@ fn load_scene_of(shot: Shot, origin: &str, folder: &Folder) -> Result<(Shot, Sce
 
 fn load_bare_gltf(path: &Path, folder: &Folder) -> Result<(Shot, Scene), SceneError> {
     let mut scene = gltf::load(path, folder.access)?;
-    let shot = shot_for(&scene, path);
+    let shot = shot_for(&mut scene, path, folder.access.budget);
     apply(&shot, &path.display().to_string(), folder, &mut scene)?;
     Ok((shot, scene))
 }
 
 /// The shot of a scene that came without one.
-fn shot_for(scene: &Scene, path: &Path) -> Shot {
+fn shot_for(scene: &mut Scene, path: &Path, budget: &Budget) -> Shot {
     let white = ShotEnvironment { sky: Sky::Constant(Vec3::ONE), scale: 1.0, rotation_deg: 0.0 };
     Shot {
         name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
         scene: SceneSource::File(path.display().to_string()),
         rig: match scene.cameras.first() {
             Some(&camera) => Rig::from_camera(camera),
-            None => Rig::framing(scene.bounds(), FRAMING_YFOV_DEG.to_radians()),
+            None => found_rig(scene, budget),
         },
         environment: (!has_light(scene)).then_some(white),
         lights: Vec::new(),
@@ -96,12 +94,20 @@ fn shot_for(scene: &Scene, path: &Path) -> Shot {
     }
 }
 
+/// A rig for a scene without a camera, of which the scene's warnings tell.
+fn found_rig(scene: &mut Scene, budget: &Budget) -> Rig {
+    let Viewpoint { rig, is_inside } = viewpoint::find(scene, budget);
+    let RigKey { position, target, .. } = rig.keys[0];
+    let place = if is_inside { "within it" } else { "before it" };
+    scene.warnings.push(format!(
+        "the file has no camera: one was put {place}, at {position:.3}, looking at {target:.3}; a shot says another place"
+    ));
+    rig
+}
+
+/// Surfaces that emit do not count: they are displays and small lamps more often than what a scene is lit by.
 fn has_light(scene: &Scene) -> bool {
-    let emits = |mesh: usize| {
-        let material = &scene.materials[scene.meshes[mesh].material];
-        material.emissive.max_element() > 0.0
-    };
-    !scene.lights.is_empty() || scene.environment != Environment::Black || scene.instances.iter().any(|i| emits(i.mesh))
+    !scene.lights.is_empty() || scene.environment != Environment::Black
 }
 
 fn apply(shot: &Shot, origin: &str, folder: &Folder, scene: &mut Scene) -> Result<(), SceneError> {
@@ -174,13 +180,14 @@ mod tests {
     }
 
     #[test]
-    fn a_bare_scene_is_framed_and_lit_white() {
+    fn a_bare_scene_is_looked_at_and_lit_white() {
         let mut scene = triangle();
-        let shot = shot_for(&scene, Path::new("models/chair.glb"));
+        let shot = shot_for(&mut scene, Path::new("models/chair.glb"), &Budget::unlimited());
         apply_in(Path::new(""), &shot, &mut scene).unwrap();
         assert_eq!(shot.name, "chair");
         assert_eq!(scene.environment, Environment::Constant(Vec3::ONE));
-        assert_eq!(shot.rig, Rig::framing(scene.bounds(), FRAMING_YFOV_DEG.to_radians()));
+        assert_eq!(shot.rig, viewpoint::find(&scene, &Budget::unlimited()).rig);
+        assert!(matches!(&scene.warnings[..], [said] if said.contains("no camera")), "{:?}", scene.warnings);
     }
 
     #[test]
@@ -189,14 +196,13 @@ mod tests {
         let camera = Camera { world_from_view: Affine3A::IDENTITY, yfov_rad: 0.5 };
         scene.cameras.push(camera);
         scene.lights.push(light());
-        let shot = shot_for(&scene, Path::new("a.gltf"));
+        let shot = shot_for(&mut scene, Path::new("a.gltf"), &Budget::unlimited());
         assert_eq!((&shot.rig, &shot.environment), (&Rig::from_camera(camera), &None));
+        assert!(scene.warnings.is_empty());
 
         let mut emissive = triangle();
         emissive.materials[0].emissive = Vec3::X;
-        assert_eq!(shot_for(&emissive, Path::new("a.gltf")).environment, None);
-        emissive.instances.clear();
-        assert!(shot_for(&emissive, Path::new("a.gltf")).environment.is_some());
+        assert!(shot_for(&mut emissive, Path::new("a.gltf"), &Budget::unlimited()).environment.is_some());
     }
 
     #[test]
@@ -234,7 +240,8 @@ mod tests {
         for builtin in builtin::BUILTINS {
             let (shot, scene) = load_shot(&format!("builtin:{}", builtin.name)).unwrap();
             assert_eq!(shot.scene, SceneSource::Builtin(builtin.name.to_owned()));
-            assert!(scene.triangle_count() > 0 && has_light(&scene), "{}", builtin.name);
+            let emits = scene.materials.iter().any(|m| m.emissive.max_element() > 0.0);
+            assert!(scene.triangle_count() > 0 && (emits || has_light(&scene)), "{}", builtin.name);
         }
     }
 

@@ -13,6 +13,7 @@ pub mod environment;
 pub mod load;
 pub mod export;
 pub mod needs;
+pub mod viewpoint;
 
 use std::sync::Arc;
 

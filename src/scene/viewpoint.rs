@@ -1,0 +1,362 @@
+//! A viewpoint for a file that brings no camera: before an object, or within a room, as rays find it.
+//!
+//! Rays tell a room from an object by how many different triangles they meet whose front they see: of a room, more from
+//! within than from all around it.
+
+use std::collections::HashSet;
+
+use glam::{DVec3, Mat3, Vec3, Vec3A, vec3a};
+use obvhs::BvhBuildParams;
+use obvhs::cwbvh::CwBvh;
+use obvhs::cwbvh::builder::build_cwbvh_from_tris;
+use obvhs::ray::{Ray, RayHit};
+use obvhs::triangle::Triangle;
+
+use super::Scene;
+use super::budget::Budget;
+use super::rig::{DEFAULT_BASELINE_M, Rig, RigKey};
+
+/// Vertical field of view from within a room; and of an object, which a wider one would distort.
+const INSIDE_YFOV_DEG: f64 = 70.0;
+const OUTSIDE_YFOV_DEG: f64 = 40.0;
+
+/// How much larger than the object the picture of it is.
+const MARGIN: f32 = 1.06;
+
+/// What a triangle takes while it is looked at, bytes.
+const TRIANGLE_BYTES: usize = 256;
+
+/// Height of eyes above a floor, metres, and that of rooms in which people stand.
+const EYE_HEIGHT_M: f32 = 1.6;
+const ROOM_HEIGHTS_M: std::ops::Range<f32> = 2.0..12.0;
+
+/// Where the eyes were put.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Viewpoint {
+    pub rig: Rig,
+    pub is_inside: bool,
+}
+
+/// Finds a viewpoint; that of [`Rig::framing`] without triangles, or with more than the budget has room for.
+pub fn find(scene: &Scene, budget: &Budget) -> Viewpoint {
+    let making = (scene.triangle_count() * TRIANGLE_BYTES) as u64;
+    let surfaces = budget.reserve(making).ok().and_then(|_reserved| Surfaces::of(scene));
+    let Some(surfaces) = surfaces else {
+        let rig = Rig::framing(scene.bounds(), OUTSIDE_YFOV_DEG.to_radians());
+        return Viewpoint { rig, is_inside: false };
+    };
+    let around = surfaces.best_side();
+    match surfaces.best_stand().filter(|stand| stand.seen > around.seen) {
+        Some(stand) => Viewpoint { rig: surfaces.rig_within(&stand), is_inside: true },
+        None => Viewpoint { rig: surfaces.rig_before(around.from), is_inside: false },
+    }
+}
+
+/// The scene's triangles in a space of their own, [-1, 1]³ around them, and the tree over them.
+struct Surfaces {
+    triangles: Vec<Triangle>,
+    /// Whether the back is seen as the front is.
+    double_sided: Vec<bool>,
+    tree: CwBvh,
+    centre: DVec3,
+    /// World units per unit.
+    radius: f64,
+    min: Vec3A,
+    max: Vec3A,
+}
+
+/// A view from outside, and how many triangles all such views meet.
+struct Side {
+    /// Unit length, from the object to the eyes.
+    from: Vec3A,
+    seen: usize,
+}
+
+/// A place within, and how many triangles are seen from there.
+#[derive(Clone, Copy)]
+struct Stand {
+    eye: Vec3A,
+    ahead: Vec3A,
+    seen: usize,
+}
+
+/// What a ray meets first.
+struct Met {
+    t: f32,
+    triangle: u32,
+    is_front: bool,
+}
+
+impl Surfaces {
+    fn of(scene: &Scene) -> Option<Self> {
+        let bounds = scene.bounds();
+        let (min, max) = (bounds.min.as_dvec3(), bounds.max.as_dvec3());
+        let (centre, radius) = ((min + max) / 2.0, (max - min).max_element() / 2.0);
+        if !(radius.is_finite() && radius > 0.0) {
+            return None;
+        }
+        let (mut triangles, mut double_sided) = (Vec::new(), Vec::new());
+        for instance in &scene.instances {
+            let mesh = &scene.meshes[instance.mesh];
+            let world = |i: u32| {
+                let p = instance.world_from_local.transform_point3(mesh.positions[i as usize]);
+                ((p.as_dvec3() - centre) / radius).as_vec3a()
+            };
+            let is_mirrored = instance.world_from_local.matrix3.determinant() < 0.0;
+            for corners in &mesh.triangles {
+                let [v0, mut v1, mut v2] = corners.map(world);
+                if is_mirrored {
+                    std::mem::swap(&mut v1, &mut v2);
+                }
+                if (v1 - v0).cross(v2 - v0).length_squared() > 0.0 {
+                    triangles.push(Triangle { v0, v1, v2 });
+                    double_sided.push(scene.materials[mesh.material].double_sided);
+                }
+            }
+        }
+        if triangles.is_empty() {
+            return None;
+        }
+        let tree = build_cwbvh_from_tris(&triangles, BvhBuildParams::fast_build(), &mut Default::default());
+        let half = ((max - min) / 2.0 / radius).as_vec3a();
+        Some(Self { triangles, double_sided, tree, centre, radius, min: -half, max: half })
+    }
+
+    fn meet(&self, origin: Vec3A, direction: Vec3A) -> Option<Met> {
+        let mut hit = RayHit::none();
+        let at = |slot: usize| self.tree.primitive_indices[slot] as usize;
+        let ray = Ray::new_inf(origin, direction);
+        self.tree.ray_traverse(ray, &mut hit, |ray, slot| self.triangles[at(slot)].intersect(ray));
+        hit.t.is_finite().then(|| {
+            let triangle = at(hit.primitive_id as usize);
+            let Triangle { v0, v1, v2 } = self.triangles[triangle];
+            let is_front = self.double_sided[triangle] || (v1 - v0).cross(v2 - v0).dot(direction) < 0.0;
+            Met { t: hit.t, triangle: triangle as u32, is_front }
+        })
+    }
+
+    /// The side from which most rays meet a front; from a little right of and above the front, unless another is much
+    /// better.
+    fn best_side(&self) -> Side {
+        const RAYS: usize = 18;
+        let mut seen = HashSet::new();
+        let mut best: Option<(f32, Vec3A)> = None;
+        for (yaw_deg, pitch_deg) in
+            [(30.0f32, 18.0f32), (-30.0, 18.0), (150.0, 18.0), (-150.0, 18.0), (0.0, 80.0), (0.0, -60.0)]
+        {
+            let from = direction(yaw_deg, pitch_deg);
+            let ([right, up, _], reach) = (axes(-from), 3.0f32.sqrt());
+            let mut share = 0.0;
+            for i in 0..RAYS * RAYS {
+                let at = |i: usize| 2.0 * (i as f32 + 0.5) / RAYS as f32 - 1.0;
+                let origin = (right * at(i % RAYS) + up * at(i / RAYS)) * reach + from * 2.0 * reach;
+                if let Some(met) = self.meet(origin, -from) {
+                    share += if met.is_front { 1.0 } else { -1.0 };
+                    seen.extend(met.is_front.then_some(met.triangle));
+                }
+            }
+            if best.is_none_or(|(most, _)| share > 1.5 * most.max(0.0)) {
+                best = Some((share, from));
+            }
+        }
+        Side { from: best.map_or(Vec3A::Z, |(_, from)| from), seen: seen.len() }
+    }
+
+    /// The place on a floor, with surfaces all around, from where most is seen.
+    fn best_stand(&self) -> Option<Stand> {
+        const COLUMNS: usize = 9;
+        const AROUND: usize = 1024;
+        let mut stands = Vec::new();
+        for i in 0..COLUMNS * COLUMNS {
+            let share = |i: usize| (i as f32 + 0.5) / COLUMNS as f32;
+            let x = self.min.x + (self.max.x - self.min.x) * share(i % COLUMNS);
+            let z = self.min.z + (self.max.z - self.min.z) * share(i / COLUMNS);
+            for eye in self.eyes_above_floors(x, z) {
+                let met: Vec<Met> = sphere(AROUND).filter_map(|d| self.meet(eye, d)).collect();
+                let fronts = met.iter().filter(|m| m.is_front).count();
+                if 10 * met.len() < 7 * AROUND || 10 * fronts < 9 * met.len() {
+                    continue;
+                }
+                let seen = met.iter().filter(|m| m.is_front).map(|m| m.triangle).collect::<HashSet<_>>().len();
+                stands.push(Stand { eye, ahead: Vec3A::NEG_Z, seen });
+            }
+        }
+        let most = stands.iter().map(|s| s.seen).max()?;
+        let views = stands.into_iter().filter(|s| 2 * s.seen >= most).flat_map(|stand| {
+            let turns = (0..16).map(|i| direction(22.5 * i as f32, -5.0));
+            turns.map(move |ahead| Stand { ahead, ..stand })
+        });
+        let views = views.map(|stand| (self.worth(&stand), stand));
+        views.max_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, stand)| stand)
+    }
+
+    /// Places at the height of eyes above the floors that a vertical line meets.
+    fn eyes_above_floors(&self, x: f32, z: f32) -> Vec<Vec3A> {
+        const MOST_FLOORS: usize = 8;
+        let mut eyes = Vec::new();
+        let mut top = vec3a(x, self.max.y + 0.1, z);
+        for _ in 0..MOST_FLOORS {
+            let Some(met) = self.meet(top, Vec3A::NEG_Y) else { break };
+            let floor = top - Vec3A::Y * met.t;
+            let ceiling = self.meet(floor + Vec3A::Y * 1e-3, Vec3A::Y).map_or(self.max.y, |m| floor.y + 1e-3 + m.t);
+            let free = ceiling - floor.y;
+            let metres = free * self.radius as f32;
+            let height = if ROOM_HEIGHTS_M.contains(&metres) { EYE_HEIGHT_M / self.radius as f32 } else { 0.55 * free };
+            if met.is_front && free > 0.05 {
+                eyes.push(floor + Vec3A::Y * height);
+            }
+            top = floor - Vec3A::Y * 1e-3;
+        }
+        eyes
+    }
+
+    /// Deep views of many things, of which none is too near, are worth most.
+    fn worth(&self, stand: &Stand) -> f32 {
+        const RAYS: [usize; 2] = [20, 12];
+        let [right, up, ahead] = axes(stand.ahead);
+        let tan = (INSIDE_YFOV_DEG as f32 / 2.0).to_radians().tan();
+        let (mut seen, mut depth) = (HashSet::new(), 0.0);
+        for i in 0..RAYS[0] * RAYS[1] {
+            let at = |i: usize, n: usize| 2.0 * (i as f32 + 0.5) / n as f32 - 1.0;
+            let [x, y] = [at(i % RAYS[0], RAYS[0]) * 16.0 / 9.0, at(i / RAYS[0], RAYS[1])];
+            let Some(met) = self.meet(stand.eye, (ahead + (right * x + up * y) * tan).normalize()) else { continue };
+            depth += if met.is_front && met.t > 0.05 { met.t.min(1.0) } else { -1.0 };
+            seen.extend(met.is_front.then_some(met.triangle));
+        }
+        depth.max(0.0) * (seen.len() as f32).sqrt()
+    }
+
+    fn rig_within(&self, stand: &Stand) -> Rig {
+        self.rig(stand.eye, stand.eye + stand.ahead * 0.5, INSIDE_YFOV_DEG)
+    }
+
+    /// All of it, as large as a square picture holds it.
+    fn rig_before(&self, from: Vec3A) -> Rig {
+        let [right, up, _] = axes(-from);
+        let tan = (OUTSIDE_YFOV_DEG as f32 / 2.0).to_radians().tan() / MARGIN;
+        // An eye at x = c sees a point if |x − c| ≤ (distance − depth) tan: of all points, the two extremes of depth ± x / tan
+        // say how far it must be, and where it is nearest.
+        let mut most = [f32::NEG_INFINITY; 4];
+        for p in self.triangles.iter().flat_map(|t| [t.v0, t.v1, t.v2]) {
+            let (depth, x, y) = (p.dot(from), p.dot(right) / tan, p.dot(up) / tan);
+            for (most, v) in most.iter_mut().zip([depth + x, depth - x, depth + y, depth - y]) {
+                *most = most.max(v);
+            }
+        }
+        let [x_right, x_left, y_up, y_down] = most;
+        let distance = ((x_right + x_left) / 2.0).max((y_up + y_down) / 2.0);
+        let target = right * (x_right - x_left) / 2.0 * tan + up * (y_up - y_down) / 2.0 * tan;
+        self.rig(target + from * distance, target, OUTSIDE_YFOV_DEG)
+    }
+
+    fn rig(&self, eye: Vec3A, target: Vec3A, yfov_deg: f64) -> Rig {
+        let world = |p: Vec3A| self.centre + Vec3::from(p).as_dvec3() * self.radius;
+        let (position, target) = (world(eye), world(target));
+        let key = RigKey { time_s: 0.0, position, target, up: DVec3::Y };
+        let baseline_m = DEFAULT_BASELINE_M.min((position - target).length() / 30.0);
+        Rig { yfov_rad: yfov_deg.to_radians(), baseline_m, metres_per_unit: 1.0, keys: vec![key] }
+    }
+}
+
+/// Right, up and ahead of eyes that look along `ahead`, which is not vertical.
+fn axes(ahead: Vec3A) -> [Vec3A; 3] {
+    let right = ahead.cross(Vec3A::Y).normalize();
+    [right, right.cross(ahead), ahead]
+}
+
+/// +z turned to the right and up.
+fn direction(yaw_deg: f32, pitch_deg: f32) -> Vec3A {
+    let turned = Mat3::from_rotation_y(yaw_deg.to_radians()) * Mat3::from_rotation_x(-pitch_deg.to_radians());
+    Vec3A::from(turned * Vec3::Z)
+}
+
+/// Directions all around (Fibonacci's lattice).
+fn sphere(count: usize) -> impl Iterator<Item = Vec3A> {
+    const GOLDEN_ANGLE: f32 = 2.399_963_2;
+    (0..count).map(move |i| {
+        let y = 1.0 - 2.0 * (i as f32 + 0.5) / count as f32;
+        let (sin, cos) = (GOLDEN_ANGLE * i as f32).sin_cos();
+        let r = (1.0 - y * y).sqrt();
+        vec3a(r * cos, y, r * sin)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::rig::Eye;
+    use crate::scene::{Environment, Instance, Material, Mesh};
+    use glam::{Affine3A, vec3};
+
+    /// A closed box; seen from without, or from within.
+    fn block(centre: Vec3, half: Vec3, is_seen_within: bool) -> Mesh {
+        let corner =
+            |i: u32| centre + half * Vec3::new((i & 1) as f32, (i >> 1 & 1) as f32, (i >> 2) as f32) * 2.0 - half;
+        let quads = [[0u32, 4, 6, 2], [1, 3, 7, 5], [0, 1, 5, 4], [2, 6, 7, 3], [0, 2, 3, 1], [4, 5, 7, 6]];
+        let halves = quads.iter().flat_map(|&[a, b, c, d]| [[a, b, c], [a, c, d]]);
+        let triangles = halves.map(|[a, b, c]| if is_seen_within { [a, c, b] } else { [a, b, c] }).collect();
+        Mesh { positions: (0..8).map(corner).collect(), triangles, ..Mesh::default() }
+    }
+
+    fn scene(meshes: Vec<Mesh>, place: Affine3A) -> Scene {
+        let instances = (0..meshes.len()).map(|mesh| Instance { mesh, world_from_local: place }).collect();
+        Scene {
+            name: "test".into(),
+            meshes,
+            instances,
+            materials: vec![Material::default()],
+            textures: vec![],
+            images: vec![],
+            lights: vec![],
+            environment: Environment::Black,
+            cameras: vec![],
+            warnings: vec![],
+        }
+    }
+
+    /// Where in the left eye's image a point is: -1 to 1 over its height.
+    fn seen_at(rig: &Rig, point: Vec3) -> [f32; 2] {
+        let view = rig.view(0.0, Eye::Left);
+        let d = point - view.origin;
+        let depth = d.dot(view.forward);
+        assert!(depth > 0.0, "{point} is behind");
+        [view.right, view.up].map(|axis| d.dot(axis) / depth / view.tan_half_yfov)
+    }
+
+    #[test]
+    fn an_object_fills_the_picture_whatever_its_scale_and_place() {
+        for (scale, offset) in [(1.0, Vec3::ZERO), (1e-3, Vec3::ONE), (1e5, vec3(0.0, 1e6, 0.0))] {
+            let place = Affine3A::from_scale_rotation_translation(Vec3::splat(scale), glam::Quat::IDENTITY, offset);
+            let mesh = block(vec3(1.0, 2.0, 3.0), vec3(0.2, 1.0, 0.3), false);
+            let corners: Vec<Vec3> = mesh.positions.iter().map(|p| place.transform_point3(*p)).collect();
+            let found = find(&scene(vec![mesh], place), &Budget::unlimited());
+            assert!(!found.is_inside);
+            let seen: Vec<[f32; 2]> = corners.iter().map(|p| seen_at(&found.rig, *p)).collect();
+            let most = seen.as_flattened().iter().fold(0.0f32, |a, b| a.max(b.abs()));
+            assert!((0.85..1.0).contains(&most), "x {scale}: {seen:?}");
+        }
+    }
+
+    #[test]
+    fn a_room_is_seen_from_within() {
+        let half = vec3(3.0, 1.3, 4.0);
+        let things = [vec3(-1.5, -1.0, -2.0), vec3(1.0, -0.9, 1.0), vec3(2.0, -1.1, -3.0)];
+        let mut meshes = vec![block(Vec3::ZERO, half, true), block(Vec3::ZERO, half + 0.2, false)];
+        meshes.extend(things.map(|at| block(at, Vec3::splat(0.3), false)));
+        let found = find(&scene(meshes, Affine3A::IDENTITY), &Budget::unlimited());
+        assert!(found.is_inside);
+        let eye = found.rig.keys[0].position.as_vec3();
+        assert!(eye.abs().cmplt(half).all(), "{eye}");
+        assert!(things.iter().all(|at| (eye - at).abs().max_element() > 0.3), "{eye} is in a thing");
+    }
+
+    #[test]
+    fn nothing_a_point_or_a_line_are_seen_from_somewhere() {
+        let line = Mesh { positions: vec![Vec3::ZERO, Vec3::X], triangles: vec![[0, 1, 0]], ..Mesh::default() };
+        let point = Mesh { positions: vec![Vec3::ONE], triangles: vec![[0, 0, 0]], ..Mesh::default() };
+        for meshes in [vec![], vec![line], vec![point]] {
+            let view = find(&scene(meshes, Affine3A::IDENTITY), &Budget::unlimited()).rig.view(0.0, Eye::Left);
+            assert!(view.origin.is_finite() && view.forward.is_finite() && view.right.is_finite());
+        }
+    }
+}
