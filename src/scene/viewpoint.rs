@@ -24,7 +24,7 @@ const OUTSIDE_YFOV_DEG: f64 = 40.0;
 const MARGIN: f32 = 1.06;
 
 /// What a triangle takes while it is looked at, bytes.
-const TRIANGLE_BYTES: usize = 256;
+const TRIANGLE_BYTES: usize = 640;
 
 /// Height of eyes above a floor, metres, and that of rooms in which people stand.
 const EYE_HEIGHT_M: f32 = 1.6;
