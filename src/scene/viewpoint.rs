@@ -23,6 +23,9 @@ const OUTSIDE_YFOV_DEG: f64 = 40.0;
 /// How much larger than the object the picture of it is.
 const MARGIN: f32 = 1.06;
 
+/// Most triangles that are looked at, after instancing: they are flattened, and a tree is built for this alone.
+const MOST_TRIANGLES: usize = 1 << 20;
+
 /// What a triangle takes while it is looked at, bytes.
 const TRIANGLE_BYTES: usize = 640;
 
@@ -37,11 +40,12 @@ pub struct Viewpoint {
     pub is_inside: bool,
 }
 
-/// Finds a viewpoint; that of [`Rig::framing`] without triangles, or with more than the budget has room for.
+/// Finds a viewpoint; that of [`Rig::framing`] without triangles, with very many, or with more than the budget has room
+/// for.
 pub fn find(scene: &Scene, budget: &Budget) -> Viewpoint {
-    let making = (scene.triangle_count() * TRIANGLE_BYTES) as u64;
-    let surfaces = budget.reserve(making).ok().and_then(|_reserved| Surfaces::of(scene));
-    let Some(surfaces) = surfaces else {
+    let count = scene.triangle_count();
+    let reserved = (count <= MOST_TRIANGLES).then(|| budget.reserve((count * TRIANGLE_BYTES) as u64).ok()).flatten();
+    let Some(surfaces) = reserved.as_ref().and_then(|_| Surfaces::of(scene)) else {
         let rig = Rig::framing(scene.bounds(), OUTSIDE_YFOV_DEG.to_radians());
         return Viewpoint { rig, is_inside: false };
     };
@@ -165,29 +169,28 @@ impl Surfaces {
     /// The place on a floor, with surfaces all around, from where most is seen.
     fn best_stand(&self) -> Option<Stand> {
         const COLUMNS: usize = 9;
-        const AROUND: usize = 1024;
-        let mut stands = Vec::new();
-        for i in 0..COLUMNS * COLUMNS {
-            let share = |i: usize| (i as f32 + 0.5) / COLUMNS as f32;
-            let x = self.min.x + (self.max.x - self.min.x) * share(i % COLUMNS);
-            let z = self.min.z + (self.max.z - self.min.z) * share(i / COLUMNS);
-            for eye in self.eyes_above_floors(x, z) {
-                let met: Vec<Met> = sphere(AROUND).filter_map(|d| self.meet(eye, d)).collect();
-                let fronts = met.iter().filter(|m| m.is_front).count();
-                if 10 * met.len() < 7 * AROUND || 10 * fronts < 9 * met.len() {
-                    continue;
-                }
-                let seen = met.iter().filter(|m| m.is_front).map(|m| m.triangle).collect::<HashSet<_>>().len();
-                stands.push(Stand { eye, ahead: Vec3A::NEG_Z, seen });
-            }
-        }
-        let most = stands.iter().map(|s| s.seen).max()?;
-        let views = stands.into_iter().filter(|s| 2 * s.seen >= most).flat_map(|stand| {
+        /// Places at which more than a glance is taken, of those from where most was seen.
+        const LOOKED_FROM: usize = 16;
+        let share = |i: usize| (i as f32 + 0.5) / COLUMNS as f32;
+        let at = |i: usize| self.min + (self.max - self.min) * vec3a(share(i % COLUMNS), 0.0, share(i / COLUMNS));
+        let eyes = (0..COLUMNS * COLUMNS).flat_map(|i| self.eyes_above_floors(at(i).x, at(i).z));
+        let mut stands: Vec<_> = eyes.filter_map(|eye| Some((self.seen_around(eye, 128)?, eye))).collect();
+        stands.sort_by_key(|(seen, _)| std::cmp::Reverse(*seen));
+        stands.truncate(LOOKED_FROM);
+        let stands = stands.into_iter().filter_map(|(_, eye)| Some((self.seen_around(eye, 1024)?, eye)));
+        let views = stands.flat_map(|(seen, eye)| {
             let turns = (0..16).map(|i| direction(22.5 * i as f32, -5.0));
-            turns.map(move |ahead| Stand { ahead, ..stand })
+            turns.map(move |ahead| Stand { eye, ahead, seen })
         });
-        let views = views.map(|stand| (self.worth(&stand), stand));
-        views.max_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, stand)| stand)
+        views.map(|stand| (self.worth(&stand), stand)).max_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, stand)| stand)
+    }
+
+    /// How many triangles so many rays meet from there, if surfaces that show their front are all around.
+    fn seen_around(&self, eye: Vec3A, rays: usize) -> Option<usize> {
+        let met: Vec<Met> = sphere(rays).filter_map(|d| self.meet(eye, d)).collect();
+        let fronts: Vec<u32> = met.iter().filter(|m| m.is_front).map(|m| m.triangle).collect();
+        let is_within = 10 * met.len() >= 7 * rays && 10 * fronts.len() >= 9 * met.len();
+        is_within.then(|| fronts.into_iter().collect::<HashSet<_>>().len())
     }
 
     /// Places at the height of eyes above the floors that a vertical line meets.
