@@ -156,7 +156,7 @@ mod tests {
     use glam::{Affine2, Affine3A, Quat, Vec4};
 
     use super::*;
-    use crate::scene::{Environment, NormalMap, TextureRef};
+    use crate::scene::{NormalMap, TextureRef};
 
     fn flatten(scene: &Scene) -> Flat {
         super::flatten(scene, scene.instances.iter(), DVec3::ZERO, &Present::of(scene))
@@ -180,16 +180,10 @@ mod tests {
         };
         let instance = |mesh| Instance { mesh, world_from_local };
         Scene {
-            name: String::new(),
             meshes: vec![framed, Mesh { material: 1, ..bare }],
             instances: vec![instance(0), instance(1)],
             materials: vec![mapped, Material::default()],
-            textures: vec![],
-            images: vec![],
-            lights: vec![],
-            environment: Environment::Black,
-            cameras: vec![],
-            warnings: vec![],
+            ..Scene::empty("two triangles")
         }
     }
 

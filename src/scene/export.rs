@@ -241,7 +241,6 @@ mod tests {
         let texel = |i: usize| Image { extent: Extent::new(2, 1), pixels: vec![[i as u8, 1, 2, 0], [3, 4, 5, 255]] };
         let sky = Image { extent: Extent::new(2, 1), pixels: vec![[0.5, 1.0, 2.0], [3.0, 0.0, 1e-3]] };
         let scene = Scene {
-            name: "everything".into(),
             meshes: (0..4).map(mesh).collect(),
             instances: places
                 .into_iter()
@@ -253,8 +252,7 @@ mod tests {
             images: (0..10).map(|i| texel(i).into()).collect(),
             lights: kinds.map(|kind| Light { kind, strength: Vec3::new(0.3, 1e6, 0.0) }).to_vec(),
             environment: Environment::Map { image: sky.into(), rotation_deg: 30.0 },
-            cameras: Vec::new(),
-            warnings: Vec::new(),
+            ..Scene::empty("everything")
         };
         let text = "scene = 'a.glb'\nrig.metres_per_unit = 0.01\nrig.yfov_deg = 51.7\n[[rig.key]]\nposition = [0, 0, 1]\n\
             target = [0, 0, 0]\nup = [0, 1, 0.5]\n[[rig.key]]\ntime_s = 2\nposition = [0, 0, 2]\ntarget = [0, 0.1, 0]\n\

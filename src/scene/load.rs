@@ -148,18 +148,8 @@ mod tests {
         let mesh =
             Mesh { positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y], triangles: vec![[0, 1, 2]], ..Mesh::default() };
         let instance = Instance { mesh: 0, world_from_local: Affine3A::IDENTITY };
-        Scene {
-            name: "triangle".into(),
-            meshes: vec![mesh],
-            instances: vec![instance],
-            materials: vec![Material::default()],
-            textures: vec![],
-            images: vec![],
-            lights: vec![],
-            environment: Environment::Black,
-            cameras: vec![],
-            warnings: vec![],
-        }
+        let (meshes, instances, materials) = (vec![mesh], vec![instance], vec![Material::default()]);
+        Scene { meshes, instances, materials, ..Scene::empty("triangle") }
     }
 
     fn light() -> Light {

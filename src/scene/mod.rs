@@ -280,6 +280,22 @@ pub struct Bounds {
 }
 
 impl Scene {
+    /// Nothing yet, by that name.
+    pub fn empty(name: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            meshes: Vec::new(),
+            instances: Vec::new(),
+            materials: Vec::new(),
+            textures: Vec::new(),
+            images: Vec::new(),
+            lights: Vec::new(),
+            environment: Environment::Black,
+            cameras: Vec::new(),
+            warnings: Vec::new(),
+        }
+    }
+
     /// Triangles after instancing.
     pub fn triangle_count(&self) -> usize {
         self.instances.iter().map(|i| self.meshes[i.mesh].triangles.len()).sum()

@@ -288,7 +288,7 @@ fn sphere(count: usize) -> impl Iterator<Item = Vec3A> {
 mod tests {
     use super::*;
     use crate::scene::rig::Eye;
-    use crate::scene::{Environment, Instance, Material, Mesh};
+    use crate::scene::{Instance, Material, Mesh};
     use glam::{Affine3A, vec3};
 
     /// A closed box; seen from without, or from within.
@@ -303,18 +303,7 @@ mod tests {
 
     fn scene(meshes: Vec<Mesh>, place: Affine3A) -> Scene {
         let instances = (0..meshes.len()).map(|mesh| Instance { mesh, world_from_local: place }).collect();
-        Scene {
-            name: "test".into(),
-            meshes,
-            instances,
-            materials: vec![Material::default()],
-            textures: vec![],
-            images: vec![],
-            lights: vec![],
-            environment: Environment::Black,
-            cameras: vec![],
-            warnings: vec![],
-        }
+        Scene { meshes, instances, materials: vec![Material::default()], ..Scene::empty("test") }
     }
 
     /// Where in the left eye's image a point is: -1 to 1 over its height.

@@ -196,18 +196,8 @@ fn hold(what: &str, scene: &Scene, p: Vec3, n: Vec3) {
 }
 
 fn empty() -> Scene {
-    Scene {
-        name: String::new(),
-        meshes: Vec::new(),
-        instances: Vec::new(),
-        materials: vec![Material { emissive: Vec3::new(2.0, 1.0, 0.5), ..Material::default() }],
-        textures: Vec::new(),
-        images: Vec::new(),
-        lights: Vec::new(),
-        environment: Environment::Black,
-        cameras: Vec::new(),
-        warnings: Vec::new(),
-    }
+    let materials = vec![Material { emissive: Vec3::new(2.0, 1.0, 0.5), ..Material::default() }];
+    Scene { materials, ..Scene::empty("lights") }
 }
 
 /// A triangle of edge about 1 at `centre` whose normal is `normal`.

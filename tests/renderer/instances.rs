@@ -64,16 +64,9 @@ fn texels(of: impl Fn(usize, usize) -> [u8; 4]) -> Arc<Image<[u8; 4]>> {
 
 fn empty_scene(name: &str) -> Scene {
     Scene {
-        name: name.to_owned(),
-        meshes: vec![],
-        instances: vec![],
         materials: vec![Material::default()],
-        textures: vec![],
-        images: vec![],
-        lights: vec![],
         environment: Environment::Constant(Vec3::new(0.4, 0.5, 0.6)),
-        cameras: vec![],
-        warnings: vec![],
+        ..Scene::empty(name)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::super::{AlphaMode, Environment, Instance, Material, Mesh, Scene, TexelImage, Texture, TextureRef, Wrap};
+use super::super::{AlphaMode, Instance, Material, Mesh, Scene, TexelImage, Texture, TextureRef, Wrap};
 use super::geometry::Surface;
 use glam::{Affine3A, Vec3};
 
@@ -13,20 +13,7 @@ pub struct Assembly {
 
 impl Assembly {
     pub fn new(name: &str) -> Self {
-        Self {
-            scene: Scene {
-                name: name.into(),
-                meshes: Vec::new(),
-                instances: Vec::new(),
-                materials: Vec::new(),
-                textures: Vec::new(),
-                images: Vec::new(),
-                lights: Vec::new(),
-                environment: Environment::Black,
-                cameras: Vec::new(),
-                warnings: Vec::new(),
-            },
-        }
+        Self { scene: Scene::empty(name) }
     }
 
     pub fn material(&mut self, material: Material) -> usize {

@@ -6,25 +6,14 @@ pub mod matte;
 mod pictures;
 pub mod studio;
 
-use diptych::scene::{Environment, Instance, Material, Mesh, Scene, TexelImage};
+use diptych::scene::{Instance, Material, Mesh, Scene, TexelImage};
 use glam::{Affine3A, Quat, Vec3, vec3};
 
 use super::Pinhole;
 pub use pictures::{checker, sky};
 
 pub fn empty(name: &str) -> Scene {
-    Scene {
-        name: name.to_owned(),
-        meshes: Vec::new(),
-        instances: Vec::new(),
-        materials: Vec::new(),
-        textures: Vec::new(),
-        images: Vec::new(),
-        lights: Vec::new(),
-        environment: Environment::Black,
-        cameras: Vec::new(),
-        warnings: Vec::new(),
-    }
+    Scene::empty(name)
 }
 
 pub fn matte() -> Material {
