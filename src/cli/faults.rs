@@ -10,6 +10,7 @@ use super::progress::Progress;
 use super::setup::Tracing;
 
 #[derive(clap::Args, Clone, Debug)]
+#[command(next_help_heading = super::options::TESTS)]
 pub struct FaultOptions {
     /// Make a device fail in the middle of a frame: loss, hang, oom, or slow, as loss:dev1@frame3; for tests
     #[arg(long = "inject", value_name = "KIND:devI@frameF")]

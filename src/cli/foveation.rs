@@ -16,6 +16,7 @@ pub enum FoveationMode {
 }
 
 #[derive(Args, Clone, Debug)]
+#[command(next_help_heading = super::options::QUALITY)]
 pub struct FoveationOptions {
     /// What follows the gaze
     #[arg(long, default_value = "none")]

@@ -25,9 +25,11 @@ mod progress;
 mod reference;
 mod render;
 mod scale;
+mod scene_options;
 mod scenes;
 mod sequence;
 mod setup;
+mod shot;
 mod simulate;
 mod trace;
 #[cfg_attr(not(feature = "view"), path = "no_view.rs")]
@@ -65,6 +67,8 @@ enum Command {
     Devices(devices::Args),
     /// List the built-in scenes
     Scenes,
+    /// Write a shot file, complete and with comments, for a scene: to edit
+    Shot(shot::Args),
     /// Write a shot as plain glTF that other programs read, with the shot beside it
     Export(export::Args),
 }
@@ -91,6 +95,7 @@ pub fn run() -> ExitCode {
         Command::Trace(args) => trace::run(&args),
         Command::Devices(args) => devices::run(&args),
         Command::Scenes => scenes::run(),
+        Command::Shot(args) => shot::run(&args),
         Command::Export(args) => export::run(&args),
     };
     match result {

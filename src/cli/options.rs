@@ -10,12 +10,19 @@ use diptych::device::ShaderChecks;
 use diptych::graph::{Filter, HaloPlan, Seam};
 use diptych::image::Extent;
 use diptych::report::once;
-use diptych::scene::budget::ByteSize;
 use diptych::schedule::RatioRule;
 use diptych::stages::{Aov, Sampler};
 
 use super::faults::FaultOptions;
 use super::foveation::FoveationOptions;
+use super::scene_options::SceneOptions;
+
+/// Sections of a command's help, in their order.
+pub const SCENE: &str = "What to render";
+pub const QUALITY: &str = "Quality";
+pub const DEVICES: &str = "Devices";
+pub const OUTPUT: &str = "Output";
+pub const TESTS: &str = "For tests";
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
@@ -72,66 +79,68 @@ pub struct RunOptions {
     /// A shot (.toml), a .gltf/.glb, or builtin:NAME
     #[arg(default_value = "builtin:atrium")]
     pub shot: String,
-    /// Where results go; made if it is not there
-    #[arg(long, value_name = "DIR")]
-    pub out: PathBuf,
+    #[command(flatten)]
+    pub scene: SceneOptions,
     /// Size of each eye, WIDTHxHEIGHT
-    #[arg(long, default_value = "640x360")]
+    #[arg(long, default_value = "640x360", help_heading = SCENE)]
     pub size: Extent,
+    /// Seconds along the camera path
+    #[arg(long, default_value_t = 0.0, value_name = "T", allow_negative_numbers = true, help_heading = SCENE)]
+    pub time: f64,
+    #[arg(long, default_value_t = 0, help_heading = QUALITY)]
+    pub seed: u32,
+    #[arg(long, default_value = "sobol", help_heading = QUALITY)]
+    pub sampler: Sampler,
+    /// off: both eyes are fully traced
+    #[arg(long, default_value = "on", help_heading = QUALITY)]
+    pub reproject: Switch,
+    /// Upper bound of indirect radiance; biased
+    #[arg(long, value_name = "V", help_heading = QUALITY)]
+    pub clamp: Option<f32>,
     /// Adapters by their number in `diptych devices` [default: all hardware GPUs, else the software one]
-    #[arg(long, value_delimiter = ',', value_name = "N,N,…")]
+    #[arg(long, value_delimiter = ',', value_name = "N,N,…", help_heading = DEVICES)]
     pub devices: Option<Vec<usize>>,
     /// Worker threads of software devices, one number for all or one per device [default: cores / devices]
-    #[arg(long, value_delimiter = ',', value_name = "T,T,…", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    #[arg(
+        long,
+        value_delimiter = ',',
+        value_name = "T,T,…",
+        value_parser = clap::value_parser!(u16).range(1..=1024),
+        help_heading = DEVICES
+    )]
     pub threads_per_device: Option<Vec<u16>>,
     /// How stripes are cut [default: measured; static with --ratios]
-    #[arg(long)]
+    #[arg(long, help_heading = DEVICES)]
     pub balance: Option<Balance>,
     /// Share of rows per device, as 5,1,2; of a stage as atrous=1,1,2; of a stage and view as path_trace.left=5,1,2
-    #[arg(long, value_name = "A,B,…")]
+    #[arg(long, value_name = "A,B,…", help_heading = DEVICES)]
     pub ratios: Vec<RatioRule>,
-    #[arg(long, default_value_t = 0)]
-    pub seed: u32,
-    #[arg(long, default_value = "sobol")]
-    pub sampler: Sampler,
     /// What happens where stripes meet
-    #[arg(long, default_value = "halo")]
+    #[arg(long, default_value = "halo", help_heading = DEVICES)]
     pub seam: SeamOption,
     /// How halo rows come about
-    #[arg(long, default_value = "cost")]
+    #[arg(long, default_value = "cost", help_heading = DEVICES)]
     pub halo: HaloOption,
-    /// off: both eyes are fully traced
-    #[arg(long, default_value = "on")]
-    pub reproject: Switch,
-    /// Seconds along the camera path
-    #[arg(long, default_value_t = 0.0, value_name = "T", allow_negative_numbers = true)]
-    pub time: f64,
-    /// Upper bound of indirect radiance; biased
-    #[arg(long, value_name = "V")]
-    pub clamp: Option<f32>,
+    /// Where results go; made if it is not there
+    #[arg(long, value_name = "DIR", help_heading = OUTPUT)]
+    pub out: PathBuf,
     /// Write a trace-file (Chrome trace events; opens in Perfetto)
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = OUTPUT)]
     pub trace: Option<PathBuf>,
-    /// Keep the code that the scene does not need
-    #[arg(long)]
-    pub no_skip: bool,
-    /// Run-time checks in shaders
-    #[arg(long, default_value = "fast")]
-    pub shader_checks: ShaderChecks,
-    /// Memory that the scene may take on the host, as 4GiB or 800MB [default: half of what is there]
-    #[arg(long, value_name = "SIZE")]
-    pub max_scene_memory: Option<ByteSize>,
-    /// Shots and scenes may name files outside their own folders
-    #[arg(long)]
-    pub allow_outside: bool,
-    #[command(flatten)]
-    pub faults: FaultOptions,
     /// No progress
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     pub quiet: bool,
     /// Progress and result as JSON lines
-    #[arg(long)]
+    #[arg(long, help_heading = OUTPUT)]
     pub json: bool,
+    /// Keep the code that the scene does not need
+    #[arg(long, help_heading = TESTS)]
+    pub no_skip: bool,
+    /// Run-time checks in shaders
+    #[arg(long, default_value = "fast", help_heading = TESTS)]
+    pub shader_checks: ShaderChecks,
+    #[command(flatten)]
+    pub faults: FaultOptions,
 }
 
 impl RunOptions {
@@ -177,29 +186,29 @@ pub struct RenderOptions {
     #[command(flatten)]
     pub run: RunOptions,
     /// Samples per pixel
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), help_heading = QUALITY)]
     pub spp: u32,
     /// Reflections that light takes to the eye; direct light is always there, so 0 and 1 are alike
-    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(0..=1024))]
+    #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(0..=1024), help_heading = QUALITY)]
     pub bounces: u32,
     /// Render scale, of the image's edges: paths are traced for its square's share of the pixels, and the denoiser brings
     /// light to the others
-    #[arg(long, default_value_t = 1.0, value_name = "F", value_parser = scale)]
+    #[arg(long, default_value_t = 1.0, value_name = "F", value_parser = scale, help_heading = QUALITY)]
     pub scale: f64,
-    #[arg(long, default_value = "svgf")]
+    #[arg(long, default_value = "svgf", help_heading = QUALITY)]
     pub denoiser: Denoiser,
     #[command(flatten)]
     pub foveated: FoveationOptions,
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000), help_heading = SCENE)]
     pub frames: u32,
     /// Frames per second of the camera path
-    #[arg(long, default_value_t = 72.0)]
+    #[arg(long, default_value_t = 72.0, help_heading = SCENE)]
     pub fps: f64,
     /// Frames on the devices at a time: more keep them busy, and each takes longer
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=3))]
+    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=3), help_heading = DEVICES)]
     pub frames_in_flight: u8,
     /// Auxiliary images to write
-    #[arg(long, value_delimiter = ',', value_name = "LIST")]
+    #[arg(long, value_delimiter = ',', value_name = "LIST", help_heading = OUTPUT)]
     pub aov: Vec<Aov>,
 }
 

@@ -22,6 +22,7 @@ use super::setup::{Loaded, Tracing};
 pub const PASS_SPP: u32 = 8;
 
 #[derive(clap::Args, Clone, Debug)]
+#[command(next_help_heading = super::options::QUALITY)]
 pub struct PassOptions {
     /// Seconds of accumulating per frame: no pass is begun that would probably end later; at least one is made
     #[arg(long, value_name = "S", requires = "reference", value_parser = seconds)]

@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use diptych::exec::{FrameReport, Renderer, Stereo};
+use diptych::graph::Filter;
 use diptych::image::RgbImage;
 use diptych::report::run::{FrameRow, Quality, ReferenceRow, RunReport};
 use diptych::stages::Aov;
@@ -12,7 +13,7 @@ use super::failure::Failure;
 use super::faults::FaultLog;
 use super::foveation::Preset;
 use super::interrupt;
-use super::options::RenderOptions;
+use super::options::{self, RenderOptions};
 use super::output::{self, FrameImages};
 use super::progress::Progress;
 use super::reference::{self, PassOptions, Plan};
@@ -23,28 +24,43 @@ pub struct Args {
     #[command(flatten)]
     options: RenderOptions,
     /// Virtual devices on each chosen adapter
-    #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64))]
+    #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     virtual_devices: u16,
     /// Unbiased: no denoiser, no reprojection; samples are accumulated in passes, any number of them
-    #[arg(long)]
+    #[arg(long, help_heading = options::QUALITY)]
     reference: bool,
     #[command(flatten)]
     passes: PassOptions,
     /// Each task in run.json as well, beside the sums per stage, view and device
-    #[arg(long)]
+    #[arg(long, help_heading = options::OUTPUT)]
     details: bool,
     /// Also write both eyes as a red-cyan anaglyph
-    #[arg(long)]
+    #[arg(long, help_heading = options::OUTPUT)]
     anaglyph: bool,
     /// A configuration of Peres: samples, foveation and denoiser together
-    #[arg(long, conflicts_with_all = ["spp", "scale", "foveation", "iterations", "denoiser", "reference"])]
+    #[arg(long, conflicts_with_all = ["spp", "scale", "foveation", "iterations", "denoiser", "reference"], help_heading = options::QUALITY)]
     preset: Option<Preset>,
+    /// Frames before the first one kept, at its instant, for their history [default: of a single frame with svgf, as many
+    /// as give each pixel 16 samples; else 0]
+    #[arg(long, value_name = "N", conflicts_with = "reference", value_parser = clap::value_parser!(u32).range(0..=1000), help_heading = options::SCENE)]
+    warm_up: Option<u32>,
     /// Draw the stripes and the layers around the gaze on stereo.png
-    #[arg(long)]
+    #[arg(long, help_heading = options::OUTPUT)]
     overlay: bool,
 }
 
+/// Samples that each pixel of a still has had, where its history counts.
+const STILL_SPP: u32 = 16;
+
 impl Args {
+    /// Frames before the first one kept.
+    fn warm_up_frames(&self) -> u32 {
+        let options = &self.options;
+        let is_still = options.frames == 1 && options.filter() == Filter::Svgf && options.iterations() > 0;
+        let default = if is_still && !self.reference { STILL_SPP.div_ceil(options.spp) - 1 } else { 0 };
+        self.warm_up.unwrap_or(default)
+    }
+
     /// With the options that the preset stands for.
     fn preset(&self) -> Self {
         let mut args = self.clone();
@@ -93,9 +109,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
     progress.phase("warming up");
     let warm_up = Instant::now();
-    let renderer = setup::renderer(options, &loaded, gpus, tracing.recorder.origin())?;
-    let warm_up_s = warm_up.elapsed().as_secs_f64();
+    let mut renderer = setup::renderer(options, &loaded, gpus, tracing.recorder.origin())?;
     record_devices(&tracing.recorder, renderer.devices());
+    let warm_up_frames = args.warm_up_frames();
+    for before in (1..=warm_up_frames).rev() {
+        interrupt::check()?;
+        renderer.render(&loaded.shot.rig, time_s(options, 0), 0u32.wrapping_sub(before))?;
+    }
+    let warm_up_s = warm_up.elapsed().as_secs_f64();
     let mut run = Run { args, loaded: &loaded, renderer, tracing: &tracing, progress, begun: 0, rows: Rows::default() };
     match &plan {
         None => run.frames()?,
@@ -108,6 +129,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let devices = renderer.devices();
     let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, rows.frames);
     report.warm_up_s = warm_up_s;
+    report.warm_up_frames = warm_up_frames;
     report.references = rows.references;
     report.faults = renderer.faults().to_vec();
     report.write(&options.out.join("run.json"))?;
@@ -248,7 +270,7 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
     if options.json {
         let out = options.out.display().to_string();
         let mut result = serde_json::json!({
-            "event": "result", "out": out, "warm_up_s": report.warm_up_s, "median_makespan_ms": median,
+            "event": "result", "out": out, "warm_up_s": report.warm_up_s, "warm_up_frames": report.warm_up_frames, "median_makespan_ms": median,
         });
         if !report.references.is_empty() {
             result["references"] = serde_json::json!(report.references);
@@ -266,8 +288,12 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
                 Some(interval_ms) => format!(", a frame every {interval_ms:.1} ms"),
                 None => String::new(),
             };
+            let history = match report.warm_up_frames {
+                0 => String::new(),
+                n => format!(" with {n} frame(s) of history"),
+            };
             say!(
-                "warm-up {:.1} s; {} frame(s) of {} on {} device(s): median makespan {median:.1} ms{pace}, {:.2} Mrays/s, \
+                "warm-up {:.1} s{history}; {} frame(s) of {} on {} device(s): median makespan {median:.1} ms{pace}, {:.2} Mrays/s, \
                  holes {:.1} %",
                 report.warm_up_s,
                 report.frames.len(),

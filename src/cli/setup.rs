@@ -8,9 +8,6 @@ use diptych::device::{self, GpuDevice, Selection};
 use diptych::exec::{FrameReport, RenderSettings, Renderer};
 use diptych::report::run::{Quality, RunSettings};
 use diptych::scene::Scene;
-use diptych::scene::budget::Budget;
-use diptych::scene::folder::Access;
-use diptych::scene::load::load_shot_within;
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::shot::Shot;
 use diptych::schedule::{Even, Heft, Measured, Policy, Static};
@@ -39,9 +36,8 @@ impl Loaded {
 
 pub fn load(options: &RunOptions) -> Result<Loaded, Failure> {
     let _span = tracing::info_span!("load scene").entered();
-    let budget = options.max_scene_memory.map_or_else(Budget::of_host, Budget::new);
-    let access = Access { budget: &budget, allow_outside: options.allow_outside };
-    let (shot, scene) = load_shot_within(&options.shot, access)?;
+    let budget = options.scene.budget();
+    let (shot, scene) = options.scene.load(&options.shot, &budget)?;
     let accel = {
         let _span = tracing::info_span!("build tree").entered();
         Accel::build_within(&scene, Layout::Auto, &budget)?

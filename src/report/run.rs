@@ -277,6 +277,8 @@ pub struct RunReport {
     pub peak_resident_mib: Option<f64>,
     /// From when devices were open until the first frame could begin: shaders are compiled, and `play` times settings.
     pub warm_up_s: f64,
+    /// Frames before the first one kept.
+    pub warm_up_frames: u32,
     pub frames: Vec<FrameRow>,
     /// Devices that were taken out.
     pub faults: Vec<Fault>,
@@ -305,6 +307,7 @@ impl RunReport {
             scene: SceneSummary::of(scene, needs, skips),
             peak_resident_mib: peak_resident_mib(),
             warm_up_s: 0.0,
+            warm_up_frames: 0,
             frames,
             faults: Vec::new(),
             references: Vec::new(),

@@ -3,9 +3,7 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use serde_json::{Value, json};
-
-use super::shot::Shot;
+use super::shot::{SceneSource, Shot, ShotEnvironment, ShotLight, ShotLightKind, Sky};
 use super::{Environment, Light, LightKind, Scene, SceneError, gltf};
 use crate::image::exr;
 use crate::image::file::atomic_write;
@@ -19,24 +17,23 @@ pub fn export(shot: &Shot, scene: &Scene, folder: &Path) -> Result<PathBuf, Scen
     let name = file_name(&shot.name);
     let scene_file = format!("{name}.glb");
     gltf::write(&folder.join(&scene_file), scene)?;
-    let mut json = json!({
-        "name": shot.name, "scene": scene_file, "rig": rig(shot), "gaze": { "path": shot.gaze.path },
-        "exposure": { "ev": shot.exposure_ev },
-        "light": scene.lights.iter().map(|l| light(l, shot.rig.metres_per_unit)).collect::<Vec<_>>(),
-    });
-    match &scene.environment {
-        Environment::Black => {}
-        Environment::Constant(radiance) => json["environment"] = json!({ "radiance": radiance.to_array() }),
+    let (sky, rotation_deg) = match &scene.environment {
+        Environment::Black => (None, 0.0),
+        Environment::Constant(radiance) => (Some(Sky::Constant(*radiance)), 0.0),
         Environment::Map { image, rotation_deg } => {
             let image_file = format!("{name}.exr");
             exr::write_rgb(&folder.join(&image_file), image)?;
-            json["environment"] = json!({ "image": image_file, "rotation_deg": rotation_deg });
+            (Some(Sky::Image(image_file)), *rotation_deg)
         }
-    }
+    };
+    let exported = Shot {
+        scene: SceneSource::File(scene_file),
+        environment: sky.map(|sky| ShotEnvironment { sky, scale: 1.0, rotation_deg }),
+        lights: scene.lights.iter().map(|light| shot_light(light, shot.rig.metres_per_unit)).collect(),
+        ..shot.clone()
+    };
     let path = folder.join(format!("{name}.toml"));
-    let invalid = |e: toml::ser::Error| SceneError::Invalid { path: path.display().to_string(), what: e.to_string() };
-    let text = toml::to_string(&json).map_err(invalid)?;
-    atomic_write(&path, |file| file.write_all(text.as_bytes()))?;
+    atomic_write(&path, |file| file.write_all(exported.text().as_bytes()))?;
     Ok(path)
 }
 
@@ -46,37 +43,23 @@ fn file_name(shot: &str) -> String {
     if name.is_empty() { "shot".into() } else { name }
 }
 
-fn rig(shot: &Shot) -> Value {
-    let rig = &shot.rig;
-    let keys = rig.keys.iter().map(|k| {
-        json!({
-            "time_s": k.time_s, "position": k.position.to_array(), "target": k.target.to_array(), "up": k.up.to_array(),
-        })
-    });
-    json!({
-        "yfov_deg": rig.yfov_rad.to_degrees(), "baseline_m": rig.baseline_m, "metres_per_unit": rig.metres_per_unit,
-        "key": keys.collect::<Vec<_>>(),
-    })
-}
-
-fn light(light: &Light, metres_per_unit: f64) -> Value {
+fn shot_light(light: &Light, metres_per_unit: f64) -> ShotLight {
     let metres = |units: f32| f64::from(units) * metres_per_unit;
     let degrees = |cos: f32| f64::from(cos).acos().to_degrees();
-    let mut json = match light.kind {
-        LightKind::Point { position, radius } => {
-            json!({ "kind": "point", "position": position.to_array(), "radius_m": metres(radius) })
+    let kind = match light.kind {
+        LightKind::Point { position, radius } => ShotLightKind::Point { position, radius_m: metres(radius) },
+        LightKind::Directional { direction, angle_rad } => {
+            ShotLightKind::Directional { direction, angle_deg: f64::from(angle_rad).to_degrees() }
         }
-        LightKind::Directional { direction, angle_rad } => json!({
-            "kind": "directional", "direction": direction.to_array(), "angle_deg": f64::from(angle_rad).to_degrees(),
-        }),
-        LightKind::Spot { position, radius, direction, cos_inner, cos_outer } => json!({
-            "kind": "spot", "position": position.to_array(), "radius_m": metres(radius),
-            "direction": direction.to_array(),
-            "inner_cone_deg": degrees(cos_inner), "outer_cone_deg": degrees(cos_outer),
-        }),
+        LightKind::Spot { position, radius, direction, cos_inner, cos_outer } => ShotLightKind::Spot {
+            position,
+            radius_m: metres(radius),
+            direction,
+            inner_cone_deg: degrees(cos_inner),
+            outer_cone_deg: degrees(cos_outer),
+        },
     };
-    json["color"] = json!(light.strength.to_array());
-    json
+    ShotLight { kind, strength: light.strength }
 }
 
 #[cfg(test)]
@@ -85,8 +68,11 @@ mod tests {
 
     use super::*;
     use crate::image::{Extent, Image};
+    use crate::scene::budget::Budget;
     use crate::scene::builtin::BUILTINS;
+    use crate::scene::complete::{Overrides, complete};
     use crate::scene::load::load_shot;
+    use crate::scene::shot::Draft;
     use crate::scene::{AlphaMode, Clearcoat, Instance, Material, Mesh, NormalMap, Texture, TextureRef, Volume, Wrap};
 
     fn round_trip(shot: &Shot, scene: &Scene) -> (Shot, Scene) {
@@ -257,7 +243,9 @@ mod tests {
         let text = "scene = 'a.glb'\nrig.metres_per_unit = 0.01\nrig.yfov_deg = 51.7\n[[rig.key]]\nposition = [0, 0, 1]\n\
             target = [0, 0, 0]\nup = [0, 1, 0.5]\n[[rig.key]]\ntime_s = 2\nposition = [0, 0, 2]\ntarget = [0, 0.1, 0]\n\
             [gaze]\npath = [[0, 0.25, 0.75], [1, 0.5, 0.5]]\n[exposure]\nev = -1.5";
-        (Shot::parse(text, "everything.toml").unwrap(), scene)
+        let mut seen = scene.clone();
+        let draft = Draft::parse(text, "everything.toml").unwrap();
+        (complete(draft, &Overrides::default(), &mut seen, &Budget::unlimited()).unwrap(), scene)
     }
 
     #[test]

@@ -7,46 +7,70 @@ use std::sync::Arc;
 use glam::Vec3;
 
 use super::budget::Budget;
+use super::complete::{Overrides, complete};
 use super::environment::read_latlong;
 use super::folder::{self, Access, Folder};
-use super::rig::{Rig, RigKey};
-use super::shot::{Gaze, SceneSource, Shot, ShotEnvironment, Sky};
-use super::viewpoint::Viewpoint;
-use super::{Environment, Scene, SceneError, builtin, gltf, viewpoint};
+use super::shot::{Draft, SceneSource, Shot, ShotEnvironment, Sky};
+use super::{Environment, Scene, SceneError, builtin, gltf};
 
-/// [`load_shot_within`] half of the host's memory and the folders of the files.
+/// [`load_shot_within`] half of the host's memory and the folders of the files, with nothing asked for besides.
 ///
 /// # Errors
 /// [`SceneError`], naming the file.
 pub fn load_shot(arg: &str) -> Result<(Shot, Scene), SceneError> {
-    load_shot_within(arg, Access { budget: &Budget::of_host(), allow_outside: false })
+    let access = Access { budget: &Budget::of_host(), allow_outside: false };
+    load_shot_within(arg, &Overrides::default(), access)
 }
 
-/// Loads `builtin:NAME`, a `.toml` shot, or a `.gltf`/`.glb`.
-///
-/// A glTF file is seen by its first camera, or from where [`viewpoint::find`] puts one, by its own lights; if it has
-/// none but surfaces that emit, in a white environment of radiance 1.
+/// Loads `builtin:NAME`, a `.toml` shot, or a `.gltf`/`.glb`. [`complete`] says what becomes of what a shot leaves open,
+/// and a glTF file is a shot that leaves all open.
 ///
 /// # Errors
-/// [`SceneError`], naming the file.
-pub fn load_shot_within(arg: &str, access: Access) -> Result<(Shot, Scene), SceneError> {
-    let path = Path::new(arg);
-    let folder = Folder::of(path, access);
-    if let Some(name) = arg.strip_prefix("builtin:") {
-        let shot = Shot::parse(builtin::find(name)?.shot, arg)?;
-        return load_scene_of(shot, arg, &folder);
+/// [`SceneError`], naming the file or the option.
+pub fn load_shot_within(arg: &str, overrides: &Overrides, access: Access) -> Result<(Shot, Scene), SceneError> {
+    let folder = Folder::of(Path::new(arg), access);
+    let (draft, mut scene) = open(arg, &folder)?;
+    let shot = complete(draft, overrides, &mut scene, access.budget)?;
+    scene.lights.extend(shot.lights());
+    if let Some(environment) = &shot.environment {
+        let (origin, folder) = match overrides.environment {
+            // What the user names may be anywhere.
+            Some(_) => ("--environment", Folder::of(Path::new(""), Access { allow_outside: true, ..access })),
+            None => (arg, folder),
+        };
+        put_around(&mut scene, environment, origin, &folder)?;
     }
+    Ok((shot, scene))
+}
+
+/// What a file says, and the scene it names.
+fn open(arg: &str, folder: &Folder) -> Result<(Draft, Scene), SceneError> {
+    let path = Path::new(arg);
     let extension = path.extension().map(|e| e.to_ascii_lowercase().to_string_lossy().into_owned());
-    match extension.as_deref() {
-        Some("toml") => {
-            let shot = Shot::parse(&read_text(path, access)?, arg)?;
-            load_scene_of(shot, arg, &folder)
+    let draft = match (arg.strip_prefix("builtin:"), extension.as_deref()) {
+        (Some(name), _) => Draft::parse(builtin::find(name)?.shot, arg)?,
+        (None, Some("toml")) => Draft::parse(&read_text(path, folder.access)?, arg)?,
+        (None, Some("gltf" | "glb")) => {
+            let [name, stem] = [path.file_name(), path.file_stem()].map(|p| p.unwrap_or_default().to_string_lossy());
+            let draft = Draft::of(SceneSource::File(name.into_owned()), stem.into_owned());
+            return Ok((draft, gltf::load(path, folder.access)?));
         }
-        Some("gltf" | "glb") => load_bare_gltf(path, &folder),
-        _ => Err(SceneError::Invalid {
-            path: arg.to_owned(),
-            what: "give a shot (.toml), a scene (.gltf, .glb) or builtin:NAME".to_owned(),
-        }),
+        _ => {
+            let what = "give a shot (.toml), a scene (.gltf, .glb) or builtin:NAME".to_owned();
+            return Err(SceneError::Invalid { path: arg.to_owned(), what });
+        }
+    };
+    match draft.scene.clone() {
+        SceneSource::Builtin(name) => {
+            let builtin = builtin::find(&name)?;
+            let is_seen = !draft.rig.keys.is_empty();
+            let draft = if is_seen { draft } else { draft.or(Draft::parse(builtin.shot, &name)?) };
+            Ok((draft, (builtin.build)()))
+        }
+        SceneSource::File(name) => {
+            let path = folder.find(&name).map_err(|error| error.in_file(arg))?;
+            Ok((draft, gltf::load(&path, folder.access)?))
+        }
     }
 }
 
@@ -57,64 +81,13 @@ fn read_text(path: &Path, access: Access) -> Result<String, SceneError> {
     String::from_utf8(held.bytes).map_err(no_text)
 }
 
-/// `origin` is the shot's file; names in it start from `folder`.
-fn load_scene_of(shot: Shot, origin: &str, folder: &Folder) -> Result<(Shot, Scene), SceneError> {
-    let mut scene = match &shot.scene {
-        SceneSource::Builtin(name) => (builtin::find(name)?.build)(),
-        SceneSource::File(name) => {
-            let path = folder.find(name).map_err(|error| error.in_file(origin))?;
-            gltf::load(&path, folder.access)?
-        }
-    };
-    apply(&shot, origin, folder, &mut scene)?;
-    Ok((shot, scene))
-}
-
-fn load_bare_gltf(path: &Path, folder: &Folder) -> Result<(Shot, Scene), SceneError> {
-    let mut scene = gltf::load(path, folder.access)?;
-    let shot = shot_for(&mut scene, path, folder.access.budget);
-    apply(&shot, &path.display().to_string(), folder, &mut scene)?;
-    Ok((shot, scene))
-}
-
-/// The shot of a scene that came without one.
-fn shot_for(scene: &mut Scene, path: &Path, budget: &Budget) -> Shot {
-    let white = ShotEnvironment { sky: Sky::Constant(Vec3::ONE), scale: 1.0, rotation_deg: 0.0 };
-    Shot {
-        name: path.file_stem().unwrap_or_default().to_string_lossy().into_owned(),
-        scene: SceneSource::File(path.display().to_string()),
-        rig: match scene.cameras.first() {
-            Some(&camera) => Rig::from_camera(camera),
-            None => found_rig(scene, budget),
-        },
-        environment: (!has_light(scene)).then_some(white),
-        lights: Vec::new(),
-        gaze: Gaze::default(),
-        exposure_ev: 0.0,
-    }
-}
-
-/// A rig for a scene without a camera, of which the scene's warnings tell.
-fn found_rig(scene: &mut Scene, budget: &Budget) -> Rig {
-    let Viewpoint { rig, is_inside } = viewpoint::find(scene, budget);
-    let RigKey { position, target, .. } = rig.keys[0];
-    let place = if is_inside { "within it" } else { "before it" };
-    scene.warnings.push(format!(
-        "the file has no camera: one was put {place}, at {position:.3}, looking at {target:.3}; a shot says another place"
-    ));
-    rig
-}
-
-/// Surfaces that emit do not count: they are displays and small lamps more often than what a scene is lit by.
-fn has_light(scene: &Scene) -> bool {
-    !scene.lights.is_empty() || scene.environment != Environment::Black
-}
-
-fn apply(shot: &Shot, origin: &str, folder: &Folder, scene: &mut Scene) -> Result<(), SceneError> {
-    scene.lights.extend(shot.lights());
-    let Some(environment) = &shot.environment else {
-        return Ok(());
-    };
+/// `origin` is what names the environment; an image in it starts from `folder`.
+fn put_around(
+    scene: &mut Scene,
+    environment: &ShotEnvironment,
+    origin: &str,
+    folder: &Folder,
+) -> Result<(), SceneError> {
     scene.environment = match &environment.sky {
         Sky::Constant(radiance) => constant(*radiance * environment.scale),
         Sky::Image(name) => {
@@ -139,75 +112,52 @@ fn constant(radiance: Vec3) -> Environment {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Camera, Instance, Light, LightKind, Material, Mesh};
-    use super::*;
-    use crate::image::{Extent, Image, exr};
     use glam::Affine3A;
 
-    fn triangle() -> Scene {
+    use super::super::{Instance, Material, Mesh};
+    use super::*;
+    use crate::image::{Extent, Image, exr};
+
+    /// A triangle of a glTF file in a folder, with a shot of these tables beside it.
+    fn load_in(folder: &Path, tables: &str, overrides: &Overrides) -> Result<(Shot, Scene), SceneError> {
         let mesh =
             Mesh { positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y], triangles: vec![[0, 1, 2]], ..Mesh::default() };
-        let instance = Instance { mesh: 0, world_from_local: Affine3A::IDENTITY };
-        let (meshes, instances, materials) = (vec![mesh], vec![instance], vec![Material::default()]);
-        Scene { meshes, instances, materials, ..Scene::empty("triangle") }
-    }
-
-    fn light() -> Light {
-        let kind = LightKind::Point { position: Vec3::ONE, radius: 0.0 };
-        Light { kind, strength: Vec3::ONE }
-    }
-
-    fn shot(environment: &str) -> Shot {
-        let text = format!("scene = 'builtin:x'\n[[rig.key]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\n{environment}");
-        let text = text.replacen("[[rig.key]]", "[rig]\n[[rig.key]]", 1);
-        Shot::parse(&text, "x.toml").unwrap()
-    }
-
-    /// As of a shot in that folder.
-    fn apply_in(folder: &Path, shot: &Shot, scene: &mut Scene) -> Result<(), SceneError> {
+        let instances = vec![Instance { mesh: 0, world_from_local: Affine3A::IDENTITY }];
+        let materials = vec![Material::default()];
+        let scene = Scene { meshes: vec![mesh], instances, materials, ..Scene::empty("triangle") };
+        gltf::write(&folder.join("triangle.glb"), &scene)?;
+        let shot = folder.join("shot.toml");
+        let key = "[[rig.key]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\n";
+        std::fs::write(&shot, format!("scene = 'triangle.glb'\n{key}{tables}")).unwrap();
         let access = Access { budget: &Budget::unlimited(), allow_outside: false };
-        apply(shot, "x.toml", &Folder::of(&folder.join("x.toml"), access), scene)
+        load_shot_within(shot.to_str().unwrap(), overrides, access)
     }
 
     #[test]
-    fn a_bare_scene_is_looked_at_and_lit_white() {
-        let mut scene = triangle();
-        let shot = shot_for(&mut scene, Path::new("models/chair.glb"), &Budget::unlimited());
-        apply_in(Path::new(""), &shot, &mut scene).unwrap();
-        assert_eq!(shot.name, "chair");
-        assert_eq!(scene.environment, Environment::Constant(Vec3::ONE));
-        assert_eq!(shot.rig, viewpoint::find(&scene, &Budget::unlimited()).rig);
-        assert!(matches!(&scene.warnings[..], [said] if said.contains("no camera")), "{:?}", scene.warnings);
-    }
-
-    #[test]
-    fn a_scene_with_light_or_camera_keeps_them() {
-        let mut scene = triangle();
-        let camera = Camera { world_from_view: Affine3A::IDENTITY, yfov_rad: 0.5 };
-        scene.cameras.push(camera);
-        scene.lights.push(light());
-        let shot = shot_for(&mut scene, Path::new("a.gltf"), &Budget::unlimited());
-        assert_eq!((&shot.rig, &shot.environment), (&Rig::from_camera(camera), &None));
-        assert!(scene.warnings.is_empty());
-
-        let mut emissive = triangle();
-        emissive.materials[0].emissive = Vec3::X;
-        assert!(shot_for(&mut emissive, Path::new("a.gltf"), &Budget::unlimited()).environment.is_some());
-    }
-
-    #[test]
-    fn lights_are_added_and_the_environment_replaced() {
-        let mut scene = triangle();
-        scene.lights.push(light());
-        scene.environment = Environment::Constant(Vec3::ONE);
+    fn a_shot_brings_light_and_environment() {
+        let folder = tempfile::tempdir().unwrap();
         let lit = "[environment]\nradiance = [1, 2, 3]\nscale = 2\n[[light]]\nkind = 'point'\nposition = [0, 1, 0]";
-        apply_in(Path::new(""), &shot(lit), &mut scene).unwrap();
-        assert_eq!(scene.lights.len(), 2);
-        assert_eq!(scene.environment, Environment::Constant(Vec3::new(2.0, 4.0, 6.0)));
-        apply_in(Path::new(""), &shot(""), &mut scene).unwrap();
-        assert_eq!(scene.environment, Environment::Constant(Vec3::new(2.0, 4.0, 6.0)));
-        apply_in(Path::new(""), &shot("[environment]\nscale = 0"), &mut scene).unwrap();
-        assert_eq!(scene.environment, Environment::Black);
+        let load = |tables| load_in(folder.path(), tables, &Overrides::default()).unwrap().1;
+        let scene = load(lit);
+        assert_eq!((scene.lights.len(), scene.environment), (1, Environment::Constant(Vec3::new(2.0, 4.0, 6.0))));
+        assert_eq!(load("").environment, Environment::Black);
+        assert_eq!(load("[environment]\nscale = 0").environment, Environment::Black);
+    }
+
+    #[test]
+    fn a_file_is_a_shot_that_leaves_all_open() {
+        let folder = tempfile::tempdir().unwrap();
+        load_in(folder.path(), "", &Overrides::default()).unwrap();
+        let (shot, scene) = load_shot(folder.path().join("triangle.glb").to_str().unwrap()).unwrap();
+        assert_eq!((shot.name.as_str(), &shot.scene), ("triangle", &SceneSource::File("triangle.glb".into())));
+        assert_eq!(scene.environment, Environment::Constant(Vec3::ONE));
+        assert!(scene.warnings[0].contains("no camera in the file"), "{:?}", scene.warnings);
+
+        let alone = folder.path().join("atrium.toml");
+        std::fs::write(&alone, "scene = 'builtin:atrium'\n[exposure]\nev = 3").unwrap();
+        let (shot, _) = load_shot(alone.to_str().unwrap()).unwrap();
+        let (builtin, _) = load_shot("builtin:atrium").unwrap();
+        assert_eq!(shot, Shot { exposure_ev: 3.0, ..builtin });
     }
 
     #[test]
@@ -215,14 +165,25 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let sky = Image { extent: Extent::new(2, 1), pixels: vec![[1.0, 2.0, 3.0], [-1.0, 0.0, 0.0]] };
         exr::write_rgb(&folder.path().join("sky.exr"), &sky).unwrap();
-        let mut scene = triangle();
-        let lit = shot("[environment]\nimage = 'sky.exr'\nscale = 2\nrotation_deg = 30");
-        apply_in(folder.path(), &lit, &mut scene).unwrap();
+        let lit = "[environment]\nimage = 'sky.exr'\nscale = 2\nrotation_deg = 30";
+        let (_, scene) = load_in(folder.path(), lit, &Overrides::default()).unwrap();
         let Environment::Map { image, rotation_deg } = &scene.environment else { panic!("{:?}", scene.environment) };
         assert_eq!((image.pixels[0], *rotation_deg), ([2.0, 4.0, 6.0], 30.0));
         assert_eq!(scene.warnings.len(), 1);
-        let error = apply_in(Path::new("nowhere"), &lit, &mut scene).unwrap_err();
+
+        // What the user asks for may be anywhere.
+        let elsewhere = tempfile::tempdir().unwrap();
+        let name = folder.path().join("sky.exr").display().to_string();
+        let sky = ShotEnvironment { sky: Sky::Image(name), scale: 1.0, rotation_deg: 0.0 };
+        let wanted = Overrides { environment: Some(sky), ..Overrides::default() };
+        let (_, scene) = load_in(elsewhere.path(), "[environment]", &wanted).unwrap();
+        assert!(matches!(&scene.environment, Environment::Map { image, .. } if image.pixels[0] == [1.0, 2.0, 3.0]));
+        let error = load_in(elsewhere.path(), lit, &Overrides::default()).unwrap_err();
         assert!(error.to_string().contains("sky.exr"), "{error}");
+    }
+
+    fn is_lit(scene: &Scene) -> bool {
+        !scene.lights.is_empty() || scene.environment != Environment::Black
     }
 
     #[test]
@@ -231,7 +192,7 @@ mod tests {
             let (shot, scene) = load_shot(&format!("builtin:{}", builtin.name)).unwrap();
             assert_eq!(shot.scene, SceneSource::Builtin(builtin.name.to_owned()));
             let emits = scene.materials.iter().any(|m| m.emissive.max_element() > 0.0);
-            assert!(scene.triangle_count() > 0 && (emits || has_light(&scene)), "{}", builtin.name);
+            assert!(scene.triangle_count() > 0 && (emits || is_lit(&scene)), "{}", builtin.name);
         }
     }
 
@@ -247,7 +208,7 @@ mod tests {
         for name in ["garage.toml", "garage/garage.gltf"] {
             let (shot, scene) = load_shot(&path(name)).unwrap();
             assert_eq!(shot.name, "garage");
-            assert!(scene.triangle_count() > 0 && has_light(&scene), "{name}");
+            assert!(scene.triangle_count() > 0 && is_lit(&scene), "{name}");
         }
     }
 

@@ -4,6 +4,7 @@
 //! what a [shot](shot::Shot) adds. It knows nothing of devices.
 
 pub mod budget;
+pub mod complete;
 pub mod folder;
 pub mod rig;
 pub mod shot;

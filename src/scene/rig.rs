@@ -14,6 +14,9 @@ use crate::image::Extent;
 /// Distance between human eyes that a rig has when nothing else is said.
 pub const DEFAULT_BASELINE_M: f64 = 0.064;
 
+/// Vertical field of view of a rig that is given keys and nothing else.
+pub const DEFAULT_YFOV_DEG: f64 = 70.0;
+
 /// Smallest sine of the angle between the view vector and up that still gives an orientation.
 const MIN_SIN_VIEW_UP: f64 = 1e-6;
 
@@ -60,6 +63,12 @@ impl RigKey {
     fn sin_view_up(&self) -> f64 {
         let view = self.target - self.position;
         view.try_normalize().zip(self.up.try_normalize()).map_or(0.0, |(view, up)| view.cross(up).length())
+    }
+
+    /// Whether it gives no orientation: eyes and target are one point, or up is along the view.
+    pub fn is_degenerate(&self) -> bool {
+        let sin = self.sin_view_up();
+        sin.is_nan() || sin < MIN_SIN_VIEW_UP
     }
 
     fn lerp(&self, to: &RigKey, s: f64) -> RigKey {
@@ -129,24 +138,6 @@ impl Rig {
         }
     }
 
-    /// First time at which the view vector has no length or is parallel to up, if there is one. Keys can be
-    /// fine and the path between them not, e.g. when the position moves through the target.
-    pub fn degenerate_time(&self) -> Option<f64> {
-        let bad = |key: &RigKey| {
-            let sin = key.sin_view_up();
-            sin.is_nan() || sin < MIN_SIN_VIEW_UP
-        };
-        if let Some(key) = self.keys.iter().find(|key| bad(key)) {
-            return Some(key.time_s);
-        }
-        self.keys.windows(2).find_map(|pair| {
-            let mut shares = degenerate_candidates(&pair[0], &pair[1]);
-            shares.sort_by(f64::total_cmp);
-            let keys = shares.into_iter().map(|s| pair[0].lerp(&pair[1], s));
-            keys.into_iter().find(bad).map(|key| key.time_s)
-        })
-    }
-
     /// A rig that sees all of `bounds` from +z, at metre scale. The baseline is at most a thirtieth of the
     /// distance, so that scenes smaller than a metre can still be fused by a viewer.
     pub fn framing(bounds: Bounds, yfov_rad: f64) -> Rig {
@@ -181,7 +172,7 @@ impl Rig {
         // Far enough off to be another point, wherever the camera is.
         let ahead = forward * (position.abs().max_element() * 0.5f64.powi(20)).max(1.0);
         let mut key = RigKey { time_s: 0.0, position, target: position + ahead, up };
-        if key.sin_view_up() < MIN_SIN_VIEW_UP {
+        if key.is_degenerate() {
             key.up = forward.any_orthonormal_vector();
         }
         Rig {
@@ -191,6 +182,20 @@ impl Rig {
             keys: vec![key],
         }
     }
+}
+
+/// First time at which the view vector has no length or is parallel to up, if there is one. Keys can be
+/// fine and the path between them not, e.g. when the position moves through the target.
+pub fn degenerate_time(keys: &[RigKey]) -> Option<f64> {
+    if let Some(key) = keys.iter().find(|key| key.is_degenerate()) {
+        return Some(key.time_s);
+    }
+    keys.windows(2).find_map(|pair| {
+        let mut shares = degenerate_candidates(&pair[0], &pair[1]);
+        shares.sort_by(f64::total_cmp);
+        let keys = shares.into_iter().map(|s| pair[0].lerp(&pair[1], s));
+        keys.into_iter().find(RigKey::is_degenerate).map(|key| key.time_s)
+    })
 }
 
 /// Shares of the way from `a` to `b` where cross(view vector, up) can vanish. Each of its components is a
@@ -296,15 +301,15 @@ mod tests {
 
     #[test]
     fn paths_through_the_target_or_through_up_are_found() {
-        assert_eq!(path().degenerate_time(), None);
+        assert_eq!(degenerate_time(&path().keys), None);
         let through = rig(vec![key(0.0, [0.0, 0.0, 2.0], [0.0; 3]), key(4.0, [0.0, 0.0, -2.0], [0.0; 3])]);
-        assert!((through.degenerate_time().unwrap() - 2.0).abs() < 1e-9);
+        assert!((degenerate_time(&through.keys).unwrap() - 2.0).abs() < 1e-9);
         let over = rig(vec![key(1.0, [0.0, 0.0, 0.0], [-1.0, 5.0, 0.0]), key(3.0, [0.0; 3], [3.0, 5.0, 0.0])]);
-        assert!((over.degenerate_time().unwrap() - 1.5).abs() < 1e-9);
+        assert!((degenerate_time(&over.keys).unwrap() - 1.5).abs() < 1e-9);
         let mut turned = path();
         turned.keys[1].up = -DVec3::Y;
-        assert!((turned.degenerate_time().unwrap() - 1.0).abs() < 1e-9);
-        assert_eq!(rig(vec![key(7.0, [1.0; 3], [1.0; 3])]).degenerate_time(), Some(7.0));
+        assert!((degenerate_time(&turned.keys).unwrap() - 1.0).abs() < 1e-9);
+        assert_eq!(degenerate_time(&[key(7.0, [1.0; 3], [1.0; 3])]), Some(7.0));
     }
 
     #[test]

@@ -1,16 +1,19 @@
 //! A shot: what is seen, from where, lit how, as a TOML file says it.
 //!
-//! [`Shot::parse`] accepts nothing half-right: every value of a [`Shot`] is finite and within its range.
-//! `file` holds the layout of the TOML, `check` turns it into a shot or an error with line and key.
+//! [`Draft::parse`] accepts nothing half-right: every value of a [`Draft`] is finite and within its range. `file` holds
+//! the layout of the TOML, `check` turns it into a draft or an error with line and key, and once the scene is known
+//! [`complete`](super::complete) makes a [`Shot`] of it, which `write` turns into a file again.
 
+pub mod allowed;
 mod check;
 mod file;
+mod write;
 
 use std::ops::RangeInclusive;
 
 use glam::Vec3;
 
-use super::rig::Rig;
+use super::rig::{DEFAULT_BASELINE_M, Rig, RigKey};
 use super::{Light, LightKind, SceneError};
 
 #[derive(Clone, Debug, PartialEq)]
@@ -83,6 +86,87 @@ impl Gaze {
 /// Light on its way to the picture is kept in half floats scaled by 2 to this power, and its squares in f32.
 pub const EXPOSURE_EV: RangeInclusive<f64> = -24.0..=24.0;
 
+/// What a shot file says of its rig.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct PartialRig {
+    pub yfov_rad: Option<f64>,
+    pub baseline_m: Option<f64>,
+    pub metres_per_unit: Option<f64>,
+    /// As those of a [`Rig`], but there may be none.
+    pub keys: Vec<RigKey>,
+}
+
+impl PartialRig {
+    /// Whether an f32 can hold the baseline in scene units.
+    pub fn has_usable_units(&self) -> bool {
+        allowed::fits_f32(self.baseline_m.unwrap_or(DEFAULT_BASELINE_M) / self.metres_per_unit.unwrap_or(1.0))
+    }
+}
+
+/// What a shot file says. `None` is left to the scene, or to a default.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Draft {
+    pub name: String,
+    pub scene: SceneSource,
+    pub rig: PartialRig,
+    pub environment: Option<ShotEnvironment>,
+    /// Beside the scene's own.
+    pub lights: Vec<ShotLight>,
+    pub gaze: Option<Gaze>,
+    /// Stops, within [`EXPOSURE_EV`].
+    pub exposure_ev: Option<f32>,
+}
+
+impl Draft {
+    /// Reads the TOML `text`; `origin` is the file's name for messages, and its stem the name of a shot that
+    /// gives none.
+    ///
+    /// # Errors
+    /// [`SceneError::Invalid`] with the line, the key and what is allowed there.
+    pub fn parse(text: &str, origin: &str) -> Result<Draft, SceneError> {
+        check::draft(text, origin)
+    }
+
+    /// Of a scene that comes without a shot.
+    pub fn of(scene: SceneSource, name: String) -> Draft {
+        Draft {
+            name,
+            scene,
+            rig: PartialRig::default(),
+            environment: None,
+            lights: Vec::new(),
+            gaze: None,
+            exposure_ev: None,
+        }
+    }
+
+    /// With all of `other` that this one leaves open. Light is taken as a whole.
+    pub fn or(self, other: Draft) -> Draft {
+        let is_lit = self.environment.is_some() || !self.lights.is_empty();
+        let (environment, lights) =
+            if is_lit { (self.environment, self.lights) } else { (other.environment, other.lights) };
+        Draft {
+            rig: PartialRig {
+                yfov_rad: self.rig.yfov_rad.or(other.rig.yfov_rad),
+                baseline_m: self.rig.baseline_m.or(other.rig.baseline_m),
+                metres_per_unit: self.rig.metres_per_unit.or(other.rig.metres_per_unit),
+                keys: if self.rig.keys.is_empty() { other.rig.keys } else { self.rig.keys },
+            },
+            environment,
+            lights,
+            gaze: self.gaze.or(other.gaze),
+            exposure_ev: self.exposure_ev.or(other.exposure_ev),
+            ..self
+        }
+    }
+
+    /// Whether it says neither from where its scene is seen nor what lights it.
+    pub fn is_bare(&self) -> bool {
+        self.rig.keys.is_empty() && self.environment.is_none() && self.lights.is_empty()
+    }
+}
+
+/// A shot with all that is needed to render it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Shot {
     pub name: String,
@@ -98,13 +182,9 @@ pub struct Shot {
 }
 
 impl Shot {
-    /// Reads the TOML `text`; `origin` is the file's name for messages, and its stem the name of a shot that
-    /// gives none.
-    ///
-    /// # Errors
-    /// [`SceneError::Invalid`] with the line, the key and what is allowed there.
-    pub fn parse(text: &str, origin: &str) -> Result<Shot, SceneError> {
-        check::shot(text, origin)
+    /// As a file that [`Draft::parse`] reads, each key with what it means.
+    pub fn text(&self) -> String {
+        write::text(self)
     }
 
     /// The shot's lights in scene units.

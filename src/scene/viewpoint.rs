@@ -40,20 +40,26 @@ pub struct Viewpoint {
     pub is_inside: bool,
 }
 
-/// Finds a viewpoint; that of [`Rig::framing`] without triangles, with very many, or with more than the budget has room
-/// for.
-pub fn find(scene: &Scene, budget: &Budget) -> Viewpoint {
+/// Finds a viewpoint, for eyes of this vertical field of view if one is given; that of [`Rig::framing`] without triangles,
+/// with very many, or with more than the budget has room for.
+pub fn find(scene: &Scene, metres_per_unit: f64, yfov_rad: Option<f64>, budget: &Budget) -> Viewpoint {
+    let yfov_rad = |default_deg: f64| yfov_rad.unwrap_or(default_deg.to_radians());
     let count = scene.triangle_count();
     let reserved = (count <= MOST_TRIANGLES).then(|| budget.reserve((count * TRIANGLE_BYTES) as u64).ok()).flatten();
-    let Some(surfaces) = reserved.as_ref().and_then(|_| Surfaces::of(scene)) else {
-        let rig = Rig::framing(scene.bounds(), OUTSIDE_YFOV_DEG.to_radians());
-        return Viewpoint { rig, is_inside: false };
+    let (is_inside, rig) = match reserved.as_ref().and_then(|_| Surfaces::of(scene, metres_per_unit)) {
+        None => (false, Rig::framing(scene.bounds(), yfov_rad(OUTSIDE_YFOV_DEG))),
+        Some(surfaces) => {
+            let around = surfaces.best_side();
+            match surfaces.best_stand().filter(|stand| stand.seen > around.seen) {
+                Some(stand) => (true, surfaces.rig_within(&stand, yfov_rad(INSIDE_YFOV_DEG))),
+                None => (false, surfaces.rig_before(around.from, yfov_rad(OUTSIDE_YFOV_DEG))),
+            }
+        }
     };
-    let around = surfaces.best_side();
-    match surfaces.best_stand().filter(|stand| stand.seen > around.seen) {
-        Some(stand) => Viewpoint { rig: surfaces.rig_within(&stand), is_inside: true },
-        None => Viewpoint { rig: surfaces.rig_before(around.from), is_inside: false },
-    }
+    // What is smaller than a head is to be fused by a viewer, too.
+    let distance_m = (rig.keys[0].position - rig.keys[0].target).length() * metres_per_unit;
+    let rig = Rig { baseline_m: DEFAULT_BASELINE_M.min(distance_m / 30.0), metres_per_unit, ..rig };
+    Viewpoint { rig, is_inside }
 }
 
 /// The scene's triangles in a space of their own, [-1, 1]³ around them, and the tree over them.
@@ -65,6 +71,7 @@ struct Surfaces {
     centre: DVec3,
     /// World units per unit.
     radius: f64,
+    metres_per_unit: f64,
     min: Vec3A,
     max: Vec3A,
 }
@@ -92,7 +99,7 @@ struct Met {
 }
 
 impl Surfaces {
-    fn of(scene: &Scene) -> Option<Self> {
+    fn of(scene: &Scene, metres_per_world_unit: f64) -> Option<Self> {
         let bounds = scene.bounds();
         let (min, max) = (bounds.min.as_dvec3(), bounds.max.as_dvec3());
         let (centre, radius) = ((min + max) / 2.0, (max - min).max_element() / 2.0);
@@ -123,7 +130,8 @@ impl Surfaces {
         }
         let tree = build_cwbvh_from_tris(&triangles, BvhBuildParams::fast_build(), &mut Default::default());
         let half = ((max - min) / 2.0 / radius).as_vec3a();
-        Some(Self { triangles, double_sided, tree, centre, radius, min: -half, max: half })
+        let metres_per_unit = radius * metres_per_world_unit;
+        Some(Self { triangles, double_sided, tree, centre, radius, metres_per_unit, min: -half, max: half })
     }
 
     fn meet(&self, origin: Vec3A, direction: Vec3A) -> Option<Met> {
@@ -203,8 +211,9 @@ impl Surfaces {
             let floor = top - Vec3A::Y * met.t;
             let ceiling = self.meet(floor + Vec3A::Y * 1e-3, Vec3A::Y).map_or(self.max.y, |m| floor.y + 1e-3 + m.t);
             let free = ceiling - floor.y;
-            let metres = free * self.radius as f32;
-            let height = if ROOM_HEIGHTS_M.contains(&metres) { EYE_HEIGHT_M / self.radius as f32 } else { 0.55 * free };
+            let metres_per_unit = self.metres_per_unit as f32;
+            let is_room = ROOM_HEIGHTS_M.contains(&(free * metres_per_unit));
+            let height = if is_room { EYE_HEIGHT_M / metres_per_unit } else { 0.55 * free };
             if met.is_front && free > 0.05 {
                 eyes.push(floor + Vec3A::Y * height);
             }
@@ -229,14 +238,14 @@ impl Surfaces {
         depth.max(0.0) * (seen.len() as f32).sqrt()
     }
 
-    fn rig_within(&self, stand: &Stand) -> Rig {
-        self.rig(stand.eye, stand.eye + stand.ahead * 0.5, INSIDE_YFOV_DEG)
+    fn rig_within(&self, stand: &Stand, yfov_rad: f64) -> Rig {
+        self.rig(stand.eye, stand.eye + stand.ahead * 0.5, yfov_rad)
     }
 
     /// All of it, as large as a square picture holds it.
-    fn rig_before(&self, from: Vec3A) -> Rig {
+    fn rig_before(&self, from: Vec3A, yfov_rad: f64) -> Rig {
         let [right, up, _] = axes(-from);
-        let tan = (OUTSIDE_YFOV_DEG as f32 / 2.0).to_radians().tan() / MARGIN;
+        let tan = (yfov_rad / 2.0).tan() as f32 / MARGIN;
         // An eye at x = c sees a point if |x − c| ≤ (distance − depth) tan: of all points, the two extremes of depth ± x / tan
         // say how far it must be, and where it is nearest.
         let mut most = [f32::NEG_INFINITY; 4];
@@ -249,15 +258,14 @@ impl Surfaces {
         let [x_right, x_left, y_up, y_down] = most;
         let distance = ((x_right + x_left) / 2.0).max((y_up + y_down) / 2.0);
         let target = right * (x_right - x_left) / 2.0 * tan + up * (y_up - y_down) / 2.0 * tan;
-        self.rig(target + from * distance, target, OUTSIDE_YFOV_DEG)
+        self.rig(target + from * distance, target, yfov_rad)
     }
 
-    fn rig(&self, eye: Vec3A, target: Vec3A, yfov_deg: f64) -> Rig {
-        let world = |p: Vec3A| self.centre + Vec3::from(p).as_dvec3() * self.radius;
-        let (position, target) = (world(eye), world(target));
-        let key = RigKey { time_s: 0.0, position, target, up: DVec3::Y };
-        let baseline_m = DEFAULT_BASELINE_M.min((position - target).length() / 30.0);
-        Rig { yfov_rad: yfov_deg.to_radians(), baseline_m, metres_per_unit: 1.0, keys: vec![key] }
+    fn rig(&self, eye: Vec3A, target: Vec3A, yfov_rad: f64) -> Rig {
+        let most = DVec3::splat(f64::from(f32::MAX));
+        let world = |p: Vec3A| (self.centre + Vec3::from(p).as_dvec3() * self.radius).clamp(-most, most);
+        let key = RigKey { time_s: 0.0, position: world(eye), target: world(target), up: DVec3::Y };
+        Rig { yfov_rad, baseline_m: DEFAULT_BASELINE_M, metres_per_unit: 1.0, keys: vec![key] }
     }
 }
 
@@ -306,6 +314,10 @@ mod tests {
         Scene { meshes, instances, materials: vec![Material::default()], ..Scene::empty("test") }
     }
 
+    fn found(scene: &Scene) -> Viewpoint {
+        find(scene, 1.0, None, &Budget::unlimited())
+    }
+
     /// Where in the left eye's image a point is: -1 to 1 over its height.
     fn seen_at(rig: &Rig, point: Vec3) -> [f32; 2] {
         let view = rig.view(0.0, Eye::Left);
@@ -321,7 +333,7 @@ mod tests {
             let place = Affine3A::from_scale_rotation_translation(Vec3::splat(scale), glam::Quat::IDENTITY, offset);
             let mesh = block(vec3(1.0, 2.0, 3.0), vec3(0.2, 1.0, 0.3), false);
             let corners: Vec<Vec3> = mesh.positions.iter().map(|p| place.transform_point3(*p)).collect();
-            let found = find(&scene(vec![mesh], place), &Budget::unlimited());
+            let found = found(&scene(vec![mesh], place));
             assert!(!found.is_inside);
             let seen: Vec<[f32; 2]> = corners.iter().map(|p| seen_at(&found.rig, *p)).collect();
             let most = seen.as_flattened().iter().fold(0.0f32, |a, b| a.max(b.abs()));
@@ -335,7 +347,7 @@ mod tests {
         let things = [vec3(-1.5, -1.0, -2.0), vec3(1.0, -0.9, 1.0), vec3(2.0, -1.1, -3.0)];
         let mut meshes = vec![block(Vec3::ZERO, half, true), block(Vec3::ZERO, half + 0.2, false)];
         meshes.extend(things.map(|at| block(at, Vec3::splat(0.3), false)));
-        let found = find(&scene(meshes, Affine3A::IDENTITY), &Budget::unlimited());
+        let found = found(&scene(meshes, Affine3A::IDENTITY));
         assert!(found.is_inside);
         let eye = found.rig.keys[0].position.as_vec3();
         assert!(eye.abs().cmplt(half).all(), "{eye}");
@@ -347,7 +359,7 @@ mod tests {
         let line = Mesh { positions: vec![Vec3::ZERO, Vec3::X], triangles: vec![[0, 1, 0]], ..Mesh::default() };
         let point = Mesh { positions: vec![Vec3::ONE], triangles: vec![[0, 0, 0]], ..Mesh::default() };
         for meshes in [vec![], vec![line], vec![point]] {
-            let view = find(&scene(meshes, Affine3A::IDENTITY), &Budget::unlimited()).rig.view(0.0, Eye::Left);
+            let view = found(&scene(meshes, Affine3A::IDENTITY)).rig.view(0.0, Eye::Left);
             assert!(view.origin.is_finite() && view.forward.is_finite() && view.right.is_finite());
         }
     }

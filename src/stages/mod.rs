@@ -98,12 +98,12 @@ impl StageSettings {
 
     /// Where in a pixel rays of a frame of `spp` go that stand for all of it: another point in each frame where frames
     /// are averaged and one alone has no samples all over the pixel (Roberts, "The Unreasonable Effectiveness of
-    /// Quasirandom Sequences", 2018: the R2 sequence).
+    /// Quasirandom Sequences", 2018: the R2 sequence). Frames before the first count back from 2^32.
     pub fn centre(&self, frame: u32, spp: u32) -> Vec2 {
         if self.jitter(spp) || !self.keeps_history() {
             return Vec2::splat(0.5);
         }
-        let at = |step: f64| ((0.5 + f64::from(frame) * step).fract()) as f32;
+        let at = |step: f64| (0.5 + f64::from(frame.cast_signed()) * step).rem_euclid(1.0) as f32;
         Vec2::new(at(0.754_877_666_246_692_8), at(0.569_840_290_998_053_3))
     }
 

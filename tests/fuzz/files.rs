@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use ::exr::prelude::{Blocks, Compression};
 use diptych::scene::budget::{Budget, ByteSize};
+use diptych::scene::complete::Overrides;
 use diptych::scene::folder::Access;
 use diptych::scene::load::load_shot_within;
 use diptych::scene::{Environment, Scene};
@@ -330,7 +331,11 @@ fn files_outside_are_read_where_that_is_allowed() {
     let path = inner.join("scene.gltf");
     std::fs::write(&path, gltf(&case).to_string()).unwrap();
     let load = |allow_outside| {
-        load_shot_within(path.to_str().unwrap(), Access { budget: &Budget::new(BUDGET), allow_outside })
+        load_shot_within(
+            path.to_str().unwrap(),
+            &Overrides::default(),
+            Access { budget: &Budget::new(BUDGET), allow_outside },
+        )
     };
     assert!(is_from_outside(&load(true).unwrap().1));
     let error = load(false).unwrap_err().to_string();

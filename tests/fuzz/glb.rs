@@ -5,6 +5,7 @@ use std::path::Path;
 use diptych::accel::{Accel, Layout};
 use diptych::scene::Scene;
 use diptych::scene::budget::Budget;
+use diptych::scene::complete::Overrides;
 use diptych::scene::folder::Access;
 use diptych::scene::load::{load_shot, load_shot_within};
 use diptych::scene::rig::Eye;
@@ -25,7 +26,11 @@ pub fn load(path: &Path, bytes: &[u8]) -> bool {
 /// The scene, if the file that is there could be read and laid out.
 pub fn load_as_is(path: &Path, budget: &Budget) -> Option<Scene> {
     let folder = path.parent().unwrap().to_str().unwrap();
-    let (shot, scene) = match load_shot_within(path.to_str().unwrap(), Access { budget, allow_outside: false }) {
+    let (shot, scene) = match load_shot_within(
+        path.to_str().unwrap(),
+        &Overrides::default(),
+        Access { budget, allow_outside: false },
+    ) {
         Ok(read) => read,
         Err(error) => {
             assert!(error.to_string().contains(folder), "the error does not name a file: {error}");

@@ -1,7 +1,10 @@
 //! Shot files, damaged by line, by value and by byte.
 
+use diptych::scene::Scene;
+use diptych::scene::budget::Budget;
+use diptych::scene::complete::{Overrides, complete};
 use diptych::scene::rig::Eye;
-use diptych::scene::shot::Shot;
+use diptych::scene::shot::Draft;
 use proptest::prelude::*;
 use proptest::sample::{Index, select};
 
@@ -161,9 +164,11 @@ fn apply(edits: &[Edit]) -> String {
 }
 
 fn check(text: &str) {
-    let Ok(shot) = Shot::parse(text, "fuzz.toml").map_err(|error| assert!(!error.to_string().is_empty())) else {
+    let Ok(draft) = Draft::parse(text, "fuzz.toml").map_err(|error| assert!(!error.to_string().is_empty())) else {
         return;
     };
+    let mut scene = Scene::empty("fuzz");
+    let shot = complete(draft, &Overrides::default(), &mut scene, &Budget::unlimited()).unwrap();
     for time_s in [-1.0, 0.0, 0.7, 1e9] {
         for eye in Eye::ALL {
             let view = shot.rig.view(time_s, eye);
@@ -177,6 +182,6 @@ fn check(text: &str) {
 
 #[test]
 fn shots_are_read_or_refused() {
-    assert!(Shot::parse(SEED, "seed.toml").is_ok(), "{:?}", Shot::parse(SEED, "seed.toml"));
+    assert!(Draft::parse(SEED, "seed.toml").is_ok(), "{:?}", Draft::parse(SEED, "seed.toml"));
     hold(2000, 64 << 20, prop::collection::vec(edit(), 1..5), |edits| check(&apply(&edits)));
 }

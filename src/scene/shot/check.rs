@@ -1,4 +1,4 @@
-//! What a shot file's values may be: turns the file's tables into a [`Shot`] or an error with line and key.
+//! What a shot file's values may be: turns the file's tables into a [`Draft`] or an error with line and key.
 
 use std::ops::Range;
 use std::path::Path;
@@ -6,44 +6,30 @@ use std::path::Path;
 use glam::{DVec3, Vec3};
 use toml::Spanned;
 
-use super::file::{EnvironmentTable, GazeTable, KeyTable, Kind, LightTable, Number, RigTable, ShotFile, Triple};
-use super::{EXPOSURE_EV, Gaze, SceneSource, Shot, ShotEnvironment, ShotLight, ShotLightKind, Sky};
+use super::allowed::{ANY, Allowed, CONE, DISC, FRACTION, NOT_NEGATIVE, POSITIVE, STOPS, YFOV, fits_f32};
+use super::file::{EnvironmentTable, KeyTable, Kind, LightTable, Number, RigTable, ShotFile, Triple};
+use super::{Draft, Gaze, PartialRig, SceneSource, ShotEnvironment, ShotLight, ShotLightKind, Sky};
 use crate::scene::SceneError;
-use crate::scene::rig::{DEFAULT_BASELINE_M, Rig, RigKey};
+use crate::scene::rig::{self, RigKey};
 
-const DEFAULT_YFOV_DEG: f64 = 70.0;
 const DEFAULT_INNER_CONE_DEG: f64 = 20.0;
 const DEFAULT_OUTER_CONE_DEG: f64 = 30.0;
 
-/// What a number may be, and how a message says so.
-struct Allowed {
-    test: fn(f64) -> bool,
-    what: &'static str,
-}
-
-const ANY: Allowed = Allowed { test: |_| true, what: "a finite number" };
-const POSITIVE: Allowed = Allowed { test: |v| v > 0.0, what: "a number above 0" };
-const NOT_NEGATIVE: Allowed = Allowed { test: |v| v >= 0.0, what: "0 or a number above" };
-const YFOV: Allowed = Allowed { test: |v| (1e-6..180.0).contains(&v), what: "degrees from 1e-6 to below 180" };
-const DISC: Allowed = Allowed { test: |v| (0.0..90.0).contains(&v), what: "degrees from 0 to below 90" };
-const CONE: Allowed = Allowed { test: |v| (0.0..=90.0).contains(&v), what: "degrees from 0 to 90" };
-const STOPS: Allowed = Allowed { test: |v| EXPOSURE_EV.contains(&v), what: "stops from -24 to 24" };
-const FRACTION: Allowed = Allowed { test: |v| (0.0..=1.0).contains(&v), what: "a number from 0 to 1" };
-
 type Result<T> = std::result::Result<T, SceneError>;
 
-pub fn shot(text: &str, origin: &str) -> Result<Shot> {
+pub fn draft(text: &str, origin: &str) -> Result<Draft> {
     let check = Check { text, origin };
     let file: ShotFile = toml::from_str(text).map_err(|error| check.syntax(error))?;
-    let rig = check.rig(&file.rig)?;
+    let rig = file.rig.as_ref().map_or(Ok(PartialRig::default()), |table| check.rig(table))?;
     let lights = file.light.iter().enumerate();
-    Ok(Shot {
+    let ev = file.exposure.and_then(|e| e.ev);
+    Ok(Draft {
         name: file.name.unwrap_or_else(|| stem(origin)),
         scene: check.scene(&file.scene)?,
         environment: file.environment.map(|table| check.environment(&table)).transpose()?,
         lights: lights.map(|(i, table)| check.light(i, table, &rig)).collect::<Result<_>>()?,
-        gaze: file.gaze.map(|table| check.gaze(&table)).transpose()?.unwrap_or_default(),
-        exposure_ev: check.number_or("exposure.ev", file.exposure.and_then(|e| e.ev).as_ref(), 0.0, &STOPS)? as f32,
+        gaze: file.gaze.and_then(|table| table.path).map(|path| check.gaze(&path)).transpose()?,
+        exposure_ev: check.optional("exposure.ev", ev.as_ref(), &STOPS)?.map(|ev| ev as f32),
         rig,
     })
 }
@@ -51,11 +37,6 @@ pub fn shot(text: &str, origin: &str) -> Result<Shot> {
 fn stem(origin: &str) -> String {
     let origin = origin.strip_prefix("builtin:").unwrap_or(origin);
     Path::new(origin).file_stem().map_or_else(|| origin.to_owned(), |stem| stem.to_string_lossy().into_owned())
-}
-
-/// An f64 that an f32 can hold.
-fn fits_f32(value: f64) -> bool {
-    (value as f32).is_finite()
 }
 
 struct Check<'a> {
@@ -82,19 +63,23 @@ impl Check<'_> {
 
     fn number(&self, key: &str, value: &Number, allowed: &Allowed) -> Result<f64> {
         let v = *value.get_ref();
-        match fits_f32(v) && (allowed.test)(v) {
+        match allowed.allows(v) {
             true => Ok(v),
             false => Err(self.at(value.span(), format!("{key} is {v}: give {}", allowed.what))),
         }
     }
 
+    fn optional(&self, key: &str, value: Option<&Number>, allowed: &Allowed) -> Result<Option<f64>> {
+        value.map(|value| self.number(key, value, allowed)).transpose()
+    }
+
     fn number_or(&self, key: &str, value: Option<&Number>, default: f64, allowed: &Allowed) -> Result<f64> {
-        value.map_or(Ok(default), |value| self.number(key, value, allowed))
+        Ok(self.optional(key, value, allowed)?.unwrap_or(default))
     }
 
     fn triple(&self, key: &str, value: &Triple, allowed: &Allowed) -> Result<DVec3> {
         let v = *value.get_ref();
-        match v.iter().all(|&c| fits_f32(c) && (allowed.test)(c)) {
+        match v.iter().all(|&c| allowed.allows(c)) {
             true => Ok(v.into()),
             false => Err(self.at(value.span(), format!("{key} is {v:?}: give each {}", allowed.what))),
         }
@@ -115,22 +100,19 @@ impl Check<'_> {
         }
     }
 
-    fn rig(&self, table: &Spanned<RigTable>) -> Result<Rig> {
+    fn rig(&self, table: &Spanned<RigTable>) -> Result<PartialRig> {
         let t = table.get_ref();
-        if t.key.is_empty() {
-            return Err(self.at(table.span(), "rig.key is missing: give at least one [[rig.key]]".into()));
-        }
-        let rig = Rig {
-            yfov_rad: self.number_or("rig.yfov_deg", t.yfov_deg.as_ref(), DEFAULT_YFOV_DEG, &YFOV)?.to_radians(),
-            baseline_m: self.number_or("rig.baseline_m", t.baseline_m.as_ref(), DEFAULT_BASELINE_M, &NOT_NEGATIVE)?,
-            metres_per_unit: self.number_or("rig.metres_per_unit", t.metres_per_unit.as_ref(), 1.0, &POSITIVE)?,
+        let rig = PartialRig {
+            yfov_rad: self.optional("rig.yfov_deg", t.yfov_deg.as_ref(), &YFOV)?.map(f64::to_radians),
+            baseline_m: self.optional("rig.baseline_m", t.baseline_m.as_ref(), &NOT_NEGATIVE)?,
+            metres_per_unit: self.optional("rig.metres_per_unit", t.metres_per_unit.as_ref(), &POSITIVE)?,
             keys: self.keys(&t.key)?,
         };
-        if !fits_f32(rig.baseline_m / rig.metres_per_unit) {
+        if !rig.has_usable_units() {
             let what = "rig.baseline_m / rig.metres_per_unit is too large a number: give other units";
             return Err(self.at(table.span(), what.into()));
         }
-        match rig.degenerate_time() {
+        match rig::degenerate_time(&rig.keys) {
             None => Ok(rig),
             Some(time_s) => {
                 // The key it happens at or before; the first key is never later than the time found.
@@ -191,7 +173,7 @@ impl Check<'_> {
     }
 
     /// Keys that the light's kind has no use for are checked like the others, then left alone.
-    fn light(&self, index: usize, table: &Spanned<LightTable>, rig: &Rig) -> Result<ShotLight> {
+    fn light(&self, index: usize, table: &Spanned<LightTable>, rig: &PartialRig) -> Result<ShotLight> {
         let (t, name) = (table.get_ref(), |field: &str| format!("light[{index}].{field}"));
         let missing = |field: &str, kind: &str| {
             self.at(table.span(), format!("{} is missing: a {kind} light needs it", name(field)))
@@ -201,7 +183,7 @@ impl Check<'_> {
         let direction = t.direction.as_ref().map(|v| self.unit(&name("direction"), v)).transpose()?;
         let direction = direction.map(|v| v.as_vec3());
         let radius_m = self.number_or(&name("radius_m"), t.radius_m.as_ref(), 0.0, &NOT_NEGATIVE)?;
-        if !fits_f32(radius_m / rig.metres_per_unit) {
+        if !fits_f32(radius_m / rig.metres_per_unit.unwrap_or(1.0)) {
             let what = format!("{} / rig.metres_per_unit is too large a number: give less", name("radius_m"));
             return Err(self.at(table.span(), what));
         }
@@ -254,12 +236,12 @@ impl Check<'_> {
         }
     }
 
-    fn gaze(&self, t: &GazeTable) -> Result<Gaze> {
+    fn gaze(&self, points: &Spanned<Vec<Triple>>) -> Result<Gaze> {
         let mut path: Vec<[f64; 3]> = Vec::new();
-        for (i, point) in t.path.get_ref().iter().enumerate() {
+        for (i, point) in points.get_ref().iter().enumerate() {
             let name = format!("gaze.path[{i}]");
             let [time_s, x, y] = self.triple(&name, point, &ANY)?.to_array();
-            if !(FRACTION.test)(x) || !(FRACTION.test)(y) {
+            if !FRACTION.allows(x) || !FRACTION.allows(y) {
                 let what = format!("{name} looks at ({x}, {y}): give x and y each {}", FRACTION.what);
                 return Err(self.at(point.span(), what));
             }
@@ -269,7 +251,7 @@ impl Check<'_> {
             path.push([time_s, x, y]);
         }
         match path.is_empty() {
-            true => Err(self.at(t.path.span(), "gaze.path is empty: give at least one [time_s, x, y]".into())),
+            true => Err(self.at(points.span(), "gaze.path is empty: give at least one [time_s, x, y]".into())),
             false => Ok(Gaze { path }),
         }
     }

@@ -11,7 +11,7 @@ pub type Triple = Spanned<[f64; 3]>;
 pub struct ShotFile {
     pub name: Option<String>,
     pub scene: Spanned<String>,
-    pub rig: Spanned<RigTable>,
+    pub rig: Option<Spanned<RigTable>>,
     pub environment: Option<EnvironmentTable>,
     #[serde(default)]
     pub light: Vec<Spanned<LightTable>>,
@@ -72,7 +72,7 @@ pub struct LightTable {
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct GazeTable {
-    pub path: Spanned<Vec<Triple>>,
+    pub path: Option<Spanned<Vec<Triple>>>,
 }
 
 #[derive(Deserialize)]

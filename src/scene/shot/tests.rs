@@ -1,6 +1,10 @@
 use super::*;
 use std::path::{Path, PathBuf};
 
+use crate::scene::Scene;
+use crate::scene::budget::Budget;
+use crate::scene::complete::{Overrides, complete};
+
 /// Every key there is.
 const FULL: &str = r#"
 name = "garage"
@@ -59,6 +63,11 @@ ev = -1.5
 
 const MINIMAL: &str = "scene = 'builtin:box'\n[rig]\n[[rig.key]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\n";
 
+/// A shot of an empty scene.
+fn parse(text: &str, origin: &str) -> Result<Shot, SceneError> {
+    complete(Draft::parse(text, origin)?, &Overrides::default(), &mut Scene::empty("empty"), &Budget::unlimited())
+}
+
 fn line_of(text: &str, needle: &str) -> usize {
     1 + text.lines().position(|line| line.contains(needle)).unwrap()
 }
@@ -68,7 +77,7 @@ fn line_of(text: &str, needle: &str) -> usize {
 fn fails(old: &str, new: &str, says: &[&str]) {
     assert!(FULL.contains(old), "the test's own text lacks {old}");
     let text = FULL.replacen(old, new, 1);
-    let error = Shot::parse(&text, "shots/a.toml").unwrap_err().to_string();
+    let error = parse(&text, "shots/a.toml").unwrap_err().to_string();
     let first = old.trim_start().lines().next().unwrap();
     let line = format!("line {}: ", line_of(FULL, first));
     for part in ["'shots/a.toml'", line.as_str()].iter().chain(says) {
@@ -78,7 +87,7 @@ fn fails(old: &str, new: &str, says: &[&str]) {
 
 #[test]
 fn every_key_is_read() {
-    let shot = Shot::parse(FULL, "x.toml").unwrap();
+    let shot = parse(FULL, "x.toml").unwrap();
     assert_eq!(shot.name, "garage");
     assert_eq!(shot.scene, SceneSource::File("garage/garage.gltf".into()));
     assert_eq!(shot.rig.keys.len(), 2);
@@ -94,7 +103,7 @@ fn every_key_is_read() {
 
 #[test]
 fn lights_come_out_in_scene_units() {
-    let lights = Shot::parse(FULL, "x.toml").unwrap().lights();
+    let lights = parse(FULL, "x.toml").unwrap().lights();
     assert_eq!(lights[0].kind, LightKind::Point { position: Vec3::new(0.0, 2.3, 0.0), radius: 10.0 });
     assert_eq!(lights[0].strength, Vec3::new(4.0, 2.0, 1.0));
     let angle_rad = 9f64.to_radians() as f32;
@@ -109,7 +118,7 @@ fn lights_come_out_in_scene_units() {
 
 #[test]
 fn what_is_left_out_has_its_default() {
-    let shot = Shot::parse(MINIMAL, "some/where/box view.toml").unwrap();
+    let shot = parse(MINIMAL, "some/where/box view.toml").unwrap();
     assert_eq!(shot.name, "box view");
     assert_eq!(shot.scene, SceneSource::Builtin("box".into()));
     assert_eq!((shot.rig.baseline_m, shot.rig.metres_per_unit), (0.064, 1.0));
@@ -117,7 +126,7 @@ fn what_is_left_out_has_its_default() {
     assert_eq!(shot.rig.keys[0].up, glam::DVec3::Y);
     assert_eq!((shot.environment, shot.lights.len(), shot.exposure_ev), (None, 0, 0.0));
     assert_eq!(shot.gaze.at(3.0), [0.5, 0.5]);
-    assert_eq!(Shot::parse(MINIMAL, "builtin:box").unwrap().name, "box");
+    assert_eq!(parse(MINIMAL, "builtin:box").unwrap().name, "box");
 }
 
 #[test]
@@ -169,16 +178,13 @@ fn degenerate_views_name_the_key() {
         &["rig.key[0]", "parallel"],
     );
     let across = FULL.replace("position = [0, 1.6, 1.5]", "position = [0, 0.8, -8.5]");
-    let error = Shot::parse(&across, "a.toml").unwrap_err().to_string();
+    let error = parse(&across, "a.toml").unwrap_err().to_string();
     assert!(error.contains("rig.key[0]: at 1 s"), "{error}");
 }
 
 #[test]
 fn missing_parts_are_named() {
-    let without_keys = "scene = 'builtin:box'\n\n[rig]\nyfov_deg = 60\n";
-    let error = Shot::parse(without_keys, "a.toml").unwrap_err().to_string();
-    assert!(error.contains("line 3") && error.contains("[[rig.key]]"), "{error}");
-    let error = Shot::parse("", "a.toml").unwrap_err().to_string();
+    let error = parse("", "a.toml").unwrap_err().to_string();
     assert!(error.contains("missing field `scene`"), "{error}");
     fails(
         "[[light]]\nkind = \"point\"\nposition = [0.0, 2.3, 0.0]\n",
@@ -186,7 +192,7 @@ fn missing_parts_are_named() {
         &["light[0].position", "point light"],
     );
     let undirected = FULL.replace("direction = [0.0, -2.0, 0.0]\n", "");
-    let error = Shot::parse(&undirected, "a.toml").unwrap_err().to_string();
+    let error = parse(&undirected, "a.toml").unwrap_err().to_string();
     assert!(error.contains("light[1].direction is missing"), "{error}");
     fails("scene = \"garage/garage.gltf\"", "scene = \"garage/garage.obj\"", &["garage.obj", ".glb"]);
     fails("scene = \"garage/garage.gltf\"", "scene = \"builtin:\"", &["builtin:NAME"]);
@@ -207,7 +213,7 @@ fn light_and_environment_values_are_checked() {
     fails("scale = 1.0", "scale = -1.0", &["environment.scale"]);
     fails("rotation_deg = 0.0", "rotation_deg = inf", &["environment.rotation_deg", "finite"]);
     let both = FULL.replace("scale = 1.0", "image = 'sky.hdr'");
-    let error = Shot::parse(&both, "a.toml").unwrap_err().to_string();
+    let error = parse(&both, "a.toml").unwrap_err().to_string();
     assert!(error.contains("both radiance and image"), "{error}");
 }
 
@@ -225,7 +231,7 @@ fn gaze_and_exposure_are_checked() {
 #[test]
 fn an_outer_cone_alone_may_be_narrow() {
     let narrow = FULL.replace("outer_cone_deg = 60", "outer_cone_deg = 5");
-    let shot = Shot::parse(&narrow, "a.toml").unwrap();
+    let shot = parse(&narrow, "a.toml").unwrap();
     let ShotLightKind::Spot { inner_cone_deg, outer_cone_deg, .. } = shot.lights[2].kind else { panic!() };
     assert_eq!((inner_cone_deg, outer_cone_deg), (5.0, 5.0));
 }
@@ -267,7 +273,7 @@ fn mutated_shots_never_panic_and_what_is_accepted_is_finite() {
     let mut accepted = 0;
     for seed in 0..6000 {
         let text = mutate(FULL, seed);
-        match Shot::parse(&text, "fuzz.toml") {
+        match parse(&text, "fuzz.toml") {
             Ok(shot) => {
                 accepted += 1;
                 for time_s in [-1.0, 0.0, 0.3, 1.0, 1.7, 5.0] {
@@ -284,6 +290,77 @@ fn mutated_shots_never_panic_and_what_is_accepted_is_finite() {
 }
 
 #[test]
+fn what_is_written_is_read_back() {
+    for (text, origin) in [(FULL, "x.toml"), (MINIMAL, "box.toml"), ("scene = 'a \\\"b\".glb'", "\"\n.toml")] {
+        let shot = parse(text, origin).unwrap();
+        assert_eq!(parse(&shot.text(), "other.toml").unwrap(), shot, "{}", shot.text());
+    }
+}
+
+/// The tables of the documentation, by their names: of each key its default.
+fn documented() -> Vec<(String, Vec<(String, String)>)> {
+    let text = include_str!("../../../docs/shot.md");
+    let mut tables: Vec<(String, Vec<(String, String)>)> = Vec::new();
+    for line in text.lines() {
+        if let Some(heading) = line.strip_prefix("## ") {
+            let name = heading.split('`').nth(1).unwrap_or_default();
+            tables.push((name.trim_matches(['[', ']']).to_owned(), Vec::new()));
+        } else if let Some(row) = line.strip_prefix("| `") {
+            let mut cells = row.split('|').map(|cell| cell.trim().trim_matches('`').to_owned());
+            let (key, default) = (cells.next().unwrap(), cells.nth(2).unwrap());
+            tables.last_mut().unwrap().1.push((key, default));
+        }
+    }
+    tables.retain(|(_, keys)| !keys.is_empty());
+    tables
+}
+
+/// A shot with `line` in the table of that name.
+fn with_line(table: &str, line: &str) -> String {
+    let heading = match table {
+        "" => return format!("{line}\n{MINIMAL}"),
+        "rig.key" => return MINIMAL.replace("[[rig.key]]\n", &format!("[[rig.key]]\n{line}\n")),
+        "rig" => return MINIMAL.replace("[rig]\n", &format!("[rig]\n{line}\n")),
+        "light" => "[[light]]\nkind = 'spot'\nposition = [0, 0, 0]\ndirection = [0, -1, 0]".to_owned(),
+        other => format!("[{other}]"),
+    };
+    format!("{MINIMAL}{heading}\n{line}\n")
+}
+
+#[test]
+fn the_documentation_has_every_key_and_its_default() {
+    let tables = documented();
+    let names: Vec<&str> = tables.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(names, ["", "rig", "rig.key", "environment", "light", "gaze", "exposure"]);
+    for (table, keys) in &tables {
+        let error = Draft::parse(&with_line(table, "no_such_key = 0"), "x.toml").unwrap_err().to_string();
+        let known = error.split_once("expected").expect("it names what is known").1;
+        let known: Vec<&str> = known.split('`').skip(1).step_by(2).collect();
+        let tables_in = |key: &&str| *table == *"" && ["rig", "environment", "light", "gaze", "exposure"].contains(key);
+        let known: Vec<&str> = known.into_iter().filter(|key| !tables_in(key) && *key != "key").collect();
+        let written: Vec<&str> = keys.iter().map(|(key, _)| key.as_str()).collect();
+        assert_eq!(written, known, "[{table}]");
+        let bare = parse(&with_line(table, ""), "x.toml").unwrap();
+        for (key, default) in
+            keys.iter().filter(|(_, default)| default.starts_with(|c: char| "[0123456789".contains(c)))
+        {
+            let said = parse(&with_line(table, &format!("{key} = {default}")), "x.toml");
+            assert_eq!(said.unwrap(), bare, "{table}.{key} = {default}");
+        }
+    }
+}
+
+#[test]
+fn the_examples_of_the_documentation_are_accepted() {
+    let text = include_str!("../../../docs/shot.md");
+    let examples: Vec<&str> = text.split("```toml\n").skip(1).map(|rest| rest.split("```").next().unwrap()).collect();
+    assert!(examples.len() >= 2);
+    for example in examples {
+        Draft::parse(example, "docs/shot.md").unwrap();
+    }
+}
+
+#[test]
 fn shots_on_disk_are_accepted() {
     let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/scenes");
     let folder = std::env::var_os("DIPTYCH_SCENES").map_or(here, PathBuf::from);
@@ -293,7 +370,7 @@ fn shots_on_disk_are_accepted() {
     };
     for path in entries.map(|entry| entry.unwrap().path()).filter(|p| p.extension().is_some_and(|e| e == "toml")) {
         let text = std::fs::read_to_string(&path).unwrap();
-        let shot = Shot::parse(&text, &path.display().to_string()).unwrap();
+        let shot = parse(&text, &path.display().to_string()).unwrap();
         assert!(!shot.rig.keys.is_empty(), "{}", path.display());
     }
 }

@@ -1,0 +1,111 @@
+//! Options that go before what a shot says, and those of the files that it may name.
+
+use clap::Args;
+use glam::DVec3;
+
+use diptych::scene::budget::{Budget, ByteSize};
+use diptych::scene::complete::Overrides;
+use diptych::scene::folder::Access;
+use diptych::scene::load::load_shot_within;
+use diptych::scene::shot::allowed::{ANY, Allowed, NOT_NEGATIVE, STOPS, YFOV};
+use diptych::scene::shot::{Shot, ShotEnvironment, Sky};
+use diptych::scene::{Scene, SceneError};
+
+#[derive(Args, Clone, Debug)]
+#[command(next_help_heading = super::options::SCENE)]
+pub struct SceneOptions {
+    /// Where the eyes stay, in scene units [default: as the shot or the file's camera says; without either, where there
+    /// is something to see]
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    pub position: Option<DVec3>,
+    /// What the eyes look at, in scene units
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    pub target: Option<DVec3>,
+    /// The camera of this number in the scene's file, from 0 [default: the shot's, else the first]
+    #[arg(long, value_name = "N")]
+    pub camera: Option<usize>,
+    /// Vertical field of view of each eye, degrees [default: the shot's or the camera's]
+    #[arg(long, value_name = "DEG", value_parser = |text: &str| number(text, &YFOV))]
+    pub yfov: Option<f64>,
+    /// Distance between the eyes, metres; 0 gives both the same view [default: the shot's, else 0.064]
+    #[arg(long, value_name = "M", value_parser = |text: &str| number(text, &NOT_NEGATIVE))]
+    pub baseline: Option<f64>,
+    /// Stops by which pictures are exposed; EXR files are not [default: the shot's, else 0]
+    #[arg(long, value_name = "EV", value_parser = |text: &str| number(text, &STOPS), allow_hyphen_values = true)]
+    pub exposure: Option<f64>,
+    /// What is all around: an .hdr or .exr in latitude and longitude, or a radiance [default: the shot's]
+    #[arg(long, value_name = "FILE|R,G,B", value_parser = environment)]
+    pub environment: Option<ShotEnvironment>,
+    /// Memory that the scene may take on the host, as 4GiB or 800MB [default: half of what is there]
+    #[arg(long, value_name = "SIZE")]
+    pub max_scene_memory: Option<ByteSize>,
+    /// Shots and scenes may name files outside their own folders
+    #[arg(long)]
+    pub allow_outside: bool,
+}
+
+impl SceneOptions {
+    pub fn budget(&self) -> Budget {
+        self.max_scene_memory.map_or_else(Budget::of_host, Budget::new)
+    }
+
+    pub fn load(&self, shot: &str, budget: &Budget) -> Result<(Shot, Scene), SceneError> {
+        let overrides = Overrides {
+            yfov_rad: self.yfov.map(f64::to_radians),
+            baseline_m: self.baseline,
+            exposure_ev: self.exposure.map(|ev| ev as f32),
+            camera: self.camera,
+            position: self.position,
+            target: self.target,
+            environment: self.environment.clone(),
+        };
+        load_shot_within(shot, &overrides, Access { budget, allow_outside: self.allow_outside })
+    }
+}
+
+fn number(text: &str, allowed: &Allowed) -> Result<f64, String> {
+    let number = text.trim().parse().ok().filter(|number| allowed.allows(*number));
+    number.ok_or_else(|| format!("give {}", allowed.what))
+}
+
+fn triple(text: &str, allowed: &Allowed) -> Option<DVec3> {
+    let numbers: Option<Vec<f64>> = text.split(',').map(|part| number(part, allowed).ok()).collect();
+    <[f64; 3]>::try_from(numbers?).ok().map(DVec3::from)
+}
+
+fn point(text: &str) -> Result<DVec3, String> {
+    triple(text, &ANY).ok_or_else(|| "give three numbers, as 0,1.6,-2.5".to_owned())
+}
+
+fn environment(text: &str) -> Result<ShotEnvironment, String> {
+    let lower = text.to_ascii_lowercase();
+    let sky = match triple(text, &NOT_NEGATIVE) {
+        Some(radiance) => Sky::Constant(radiance.as_vec3()),
+        None if lower.ends_with(".hdr") || lower.ends_with(".exr") => Sky::Image(text.to_owned()),
+        None => return Err("give an .hdr or .exr file, or a radiance of three numbers from 0 on, as 1,1,1".to_owned()),
+    };
+    Ok(ShotEnvironment { sky, scale: 1.0, rotation_deg: 0.0 })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn environments_are_files_or_radiances() {
+        let sky = |text| environment(text).map(|e| e.sky);
+        assert_eq!(sky("1, 0,2.5"), Ok(Sky::Constant(glam::vec3(1.0, 0.0, 2.5))));
+        assert_eq!(sky("skies/Dusk.HDR"), Ok(Sky::Image("skies/Dusk.HDR".into())));
+        for wrong in ["", "1", "1,2", "1,2,-3", "1,2,nan", "1,2,1e39", "sky.png"] {
+            assert!(sky(wrong).is_err(), "{wrong}");
+        }
+    }
+
+    #[test]
+    fn points_are_three_finite_numbers() {
+        assert_eq!(point("-1,0.5,2"), Ok(DVec3::new(-1.0, 0.5, 2.0)));
+        for wrong in ["", "1,2", "1,2,3,4", "1,2,inf", "a,b,c"] {
+            assert!(point(wrong).is_err(), "{wrong}");
+        }
+    }
+}

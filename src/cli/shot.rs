@@ -1,0 +1,75 @@
+//! `diptych shot`.
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use anyhow::{Context, anyhow};
+use pathdiff::diff_paths;
+
+use diptych::image::file::atomic_write;
+use diptych::scene::shot::{SceneSource, Sky};
+
+use super::failure::Failure;
+use super::scene_options::SceneOptions;
+
+#[derive(clap::Args)]
+pub struct Args {
+    /// A .gltf/.glb, builtin:NAME, or a shot (.toml)
+    #[arg(value_name = "SCENE")]
+    scene_file: String,
+    /// The shot to write; one that is there already is left alone
+    #[arg(long, value_name = "FILE.toml")]
+    out: PathBuf,
+    #[command(flatten)]
+    scene: SceneOptions,
+}
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let out = &args.out;
+    if out.extension().is_none_or(|e| !e.eq_ignore_ascii_case("toml")) {
+        return Err(Failure::Input(anyhow!("--out {}: a shot's name ends in .toml", out.display())));
+    }
+    if out.exists() {
+        let what = anyhow!("--out {}: it is there already, and may have been edited: give another name", out.display());
+        return Err(Failure::Input(what));
+    }
+    let (mut shot, scene) = args.scene.load(&args.scene_file, &args.scene.budget())?;
+    for warning in &scene.warnings {
+        eprintln!("warning: {warning}");
+    }
+    let here = folder_of(out);
+    std::fs::create_dir_all(here)
+        .with_context(|| format!("cannot write into '{}': choose another --out", here.display()))?;
+    let origin = folder_of(Path::new(&args.scene_file));
+    let mut is_outside = false;
+    let mut moved = |name: &mut String, from: &Path| -> Result<(), Failure> {
+        *name = relative(&from.join(&*name), here).with_context(|| format!("cannot find '{name}'"))?;
+        is_outside |= name.starts_with("..") || Path::new(name).is_absolute();
+        Ok(())
+    };
+    if let SceneSource::File(name) = &mut shot.scene {
+        moved(name, origin)?;
+    }
+    if let Some(Sky::Image(name)) = shot.environment.as_mut().map(|e| &mut e.sky) {
+        moved(name, if args.scene.environment.is_some() { Path::new("") } else { origin })?;
+    }
+    atomic_write(out, |file| file.write_all(shot.text().as_bytes()))?;
+    say!("{}", out.display());
+    if is_outside {
+        say!("it names files that are not below its own folder: render it with --allow-outside, or move it there");
+    }
+    Ok(())
+}
+
+/// The folder that a file is in.
+fn folder_of(file: &Path) -> &Path {
+    file.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."))
+}
+
+/// How a file is named from a folder; both are there.
+fn relative(file: &Path, folder: &Path) -> std::io::Result<String> {
+    let [file, folder] = [file.canonicalize()?, folder.canonicalize()?];
+    let path = diff_paths(&file, folder).unwrap_or(file);
+    let steps: Vec<_> = path.iter().map(|step| step.to_string_lossy()).collect();
+    Ok(if path.is_absolute() { path.display().to_string() } else { steps.join("/") })
+}

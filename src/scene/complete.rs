@@ -1,0 +1,288 @@
+//! From what a shot file says, what is asked for besides, and what the scene has, to a [`Shot`].
+//!
+//! A shot that says nothing of from where its scene is seen gets the scene's camera, or one is put where there is
+//! something to see; one that says nothing of light either gets a white environment if its scene has no light.
+
+use glam::{DVec3, Vec3};
+
+use super::budget::Budget;
+use super::rig::{DEFAULT_BASELINE_M, DEFAULT_YFOV_DEG, Rig, RigKey, degenerate_time};
+use super::shot::allowed::fits_f32;
+use super::shot::{Draft, PartialRig, Shot, ShotEnvironment, Sky};
+use super::viewpoint::{self, Viewpoint};
+use super::{Environment, Scene, SceneError};
+
+/// What goes before what a shot says.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Overrides {
+    pub yfov_rad: Option<f64>,
+    pub baseline_m: Option<f64>,
+    /// Stops, within [`EXPOSURE_EV`](super::shot::EXPOSURE_EV).
+    pub exposure_ev: Option<f32>,
+    /// Of the scene file, by number.
+    pub camera: Option<usize>,
+    /// Where the eyes stay, scene units.
+    pub position: Option<DVec3>,
+    /// Where the eyes look, scene units.
+    pub target: Option<DVec3>,
+    /// Its image starts from the working folder.
+    pub environment: Option<ShotEnvironment>,
+}
+
+/// The scene is told of what was decided for it, by its warnings.
+///
+/// # Errors
+/// [`SceneError::Invalid`], if the overrides give no view.
+pub fn complete(draft: Draft, overrides: &Overrides, scene: &mut Scene, budget: &Budget) -> Result<Shot, SceneError> {
+    let is_unlit = draft.is_bare() && !has_light(scene);
+    let white = ShotEnvironment { sky: Sky::Constant(Vec3::ONE), scale: 1.0, rotation_deg: 0.0 };
+    let rig = rig(&draft.rig, overrides, scene, budget)?;
+    Ok(Shot {
+        name: draft.name,
+        scene: draft.scene,
+        rig,
+        environment: overrides.environment.clone().or(draft.environment).or(is_unlit.then_some(white)),
+        lights: draft.lights,
+        gaze: draft.gaze.unwrap_or_default(),
+        exposure_ev: overrides.exposure_ev.or(draft.exposure_ev).unwrap_or(0.0),
+    })
+}
+
+/// Surfaces that emit do not count: they are displays and small lamps more often than what a scene is lit by.
+fn has_light(scene: &Scene) -> bool {
+    !scene.lights.is_empty() || scene.environment != Environment::Black
+}
+
+fn rig(draft: &PartialRig, overrides: &Overrides, scene: &mut Scene, budget: &Budget) -> Result<Rig, SceneError> {
+    let metres_per_unit = draft.metres_per_unit.unwrap_or(1.0);
+    let yfov_rad = overrides.yfov_rad.or(draft.yfov_rad);
+    let of_keys =
+        |keys| Rig { yfov_rad: DEFAULT_YFOV_DEG.to_radians(), baseline_m: DEFAULT_BASELINE_M, metres_per_unit, keys };
+    let camera = overrides.camera.or((draft.keys.is_empty() && !scene.cameras.is_empty()).then_some(0));
+    let mut rig = match (camera, overrides.position.zip(overrides.target)) {
+        (Some(number), _) => camera_rig(scene, number, overrides)?,
+        (None, _) if !draft.keys.is_empty() => of_keys(draft.keys.clone()),
+        (None, Some((position, target))) => of_keys(vec![RigKey { time_s: 0.0, position, target, up: DVec3::Y }]),
+        (None, None) => found_rig(scene, metres_per_unit, yfov_rad, budget),
+    };
+    rig.metres_per_unit = metres_per_unit;
+    rig.yfov_rad = yfov_rad.unwrap_or(rig.yfov_rad);
+    rig.baseline_m = overrides.baseline_m.or(draft.baseline_m).unwrap_or(rig.baseline_m);
+    if !fits_f32(rig.baseline_m / metres_per_unit) {
+        return Err(invalid("--baseline", "it is too large a number in the scene's units".to_owned()));
+    }
+    move_to(&mut rig.keys, overrides)?;
+    Ok(rig)
+}
+
+fn invalid(option: &str, what: String) -> SceneError {
+    SceneError::Invalid { path: option.to_owned(), what }
+}
+
+/// Of the scene file's camera of that number.
+fn camera_rig(scene: &mut Scene, number: usize, overrides: &Overrides) -> Result<Rig, SceneError> {
+    let count = scene.cameras.len();
+    let Some(&camera) = scene.cameras.get(number) else {
+        let what = match count {
+            0 => "the scene's file has no camera".to_owned(),
+            _ => format!("the scene's file has cameras 0 to {}", count - 1),
+        };
+        return Err(invalid(&format!("--camera {number}"), what));
+    };
+    if count > 1 && overrides.camera.is_none() {
+        let last = count - 1;
+        scene.warnings.push(format!("{count} cameras in the file: taking the first; --camera 0 to {last} chooses"));
+    }
+    Ok(Rig::from_camera(camera))
+}
+
+/// Where there is something to see.
+fn found_rig(scene: &mut Scene, metres_per_unit: f64, yfov_rad: Option<f64>, budget: &Budget) -> Rig {
+    let Viewpoint { rig, is_inside } = viewpoint::find(scene, metres_per_unit, yfov_rad, budget);
+    let RigKey { position, target, .. } = rig.keys[0];
+    let place = if is_inside { "within the scene" } else { "before the scene" };
+    scene.warnings.push(format!(
+        "no camera in the file: placed {place} at {position:.3}, looking at {target:.3}; --position, --target or a \
+         shot change it"
+    ));
+    rig
+}
+
+/// Eyes that are moved above or below their target see −z upwards.
+fn move_to(keys: &mut [RigKey], overrides: &Overrides) -> Result<(), SceneError> {
+    if overrides.position.is_none() && overrides.target.is_none() {
+        return Ok(());
+    }
+    for key in &mut *keys {
+        key.position = overrides.position.unwrap_or(key.position);
+        key.target = overrides.target.unwrap_or(key.target);
+        if key.is_degenerate() {
+            key.up = DVec3::NEG_Z;
+        }
+    }
+    match degenerate_time(keys) {
+        None => Ok(()),
+        Some(time_s) => Err(invalid(
+            "--position, --target",
+            format!("at {time_s} s they are the same point, or the eyes look along their up vector: give others"),
+        )),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::Affine3A;
+
+    use super::super::shot::SceneSource;
+    use super::super::{Camera, Instance, Light, LightKind, Material, Mesh};
+    use super::*;
+
+    fn triangle() -> Scene {
+        let mesh =
+            Mesh { positions: vec![Vec3::ZERO, Vec3::X, Vec3::Y], triangles: vec![[0, 1, 2]], ..Mesh::default() };
+        let instance = Instance { mesh: 0, world_from_local: Affine3A::IDENTITY };
+        let (meshes, instances, materials) = (vec![mesh], vec![instance], vec![Material::default()]);
+        Scene { meshes, instances, materials, ..Scene::empty("triangle") }
+    }
+
+    fn light() -> Light {
+        Light { kind: LightKind::Point { position: Vec3::ONE, radius: 0.0 }, strength: Vec3::ONE }
+    }
+
+    fn camera(x: f32) -> Camera {
+        Camera { world_from_view: Affine3A::from_translation(Vec3::new(x, 0.0, 3.0)), yfov_rad: 0.5 }
+    }
+
+    fn bare() -> Draft {
+        Draft::of(SceneSource::File("chair.glb".into()), "chair".into())
+    }
+
+    fn completed(draft: Draft, overrides: &Overrides, scene: &mut Scene) -> Result<Shot, SceneError> {
+        complete(draft, overrides, scene, &Budget::unlimited())
+    }
+
+    fn plain(draft: Draft, scene: &mut Scene) -> Shot {
+        completed(draft, &Overrides::default(), scene).unwrap()
+    }
+
+    const KEY: &str = "[[rig.key]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\n";
+
+    fn draft(tables: &str) -> Draft {
+        Draft::parse(&format!("scene = 'chair.glb'\n{tables}"), "chair.toml").unwrap()
+    }
+
+    #[test]
+    fn a_bare_scene_is_looked_at_and_lit_white() {
+        let mut scene = triangle();
+        let shot = plain(bare(), &mut scene);
+        assert!(matches!(&shot.environment, Some(e) if e.sky == Sky::Constant(Vec3::ONE)), "{shot:?}");
+        assert_eq!(shot.rig, viewpoint::find(&scene, 1.0, None, &Budget::unlimited()).rig);
+        assert!(matches!(&scene.warnings[..], [said] if said.contains("no camera")), "{:?}", scene.warnings);
+    }
+
+    #[test]
+    fn a_scene_with_light_or_camera_keeps_them() {
+        let mut scene = triangle();
+        scene.cameras.push(camera(0.0));
+        scene.lights.push(light());
+        let shot = plain(bare(), &mut scene);
+        assert_eq!((&shot.rig, &shot.environment), (&Rig::from_camera(camera(0.0)), &None));
+        assert!(scene.warnings.is_empty());
+
+        let mut emissive = triangle();
+        emissive.materials[0].emissive = Vec3::X;
+        assert!(plain(bare(), &mut emissive).environment.is_some());
+    }
+
+    #[test]
+    fn a_shot_of_a_scene_alone_is_the_scene_without_a_shot() {
+        let changes: [fn(&mut Scene); 3] = [|_| (), |s| s.lights.push(light()), |s| s.cameras.push(camera(1.0))];
+        for change in changes {
+            let [mut a, mut b] = [triangle(), triangle()];
+            change(&mut a);
+            change(&mut b);
+            assert_eq!(plain(bare(), &mut a), plain(draft(""), &mut b));
+        }
+    }
+
+    #[test]
+    fn what_a_shot_says_of_its_rig_goes_before_what_is_found() {
+        let rig = "[rig]\nyfov_deg = 90\nbaseline_m = 0.5\nmetres_per_unit = 0.01";
+        let shot = plain(draft(rig), &mut triangle());
+        let found = viewpoint::find(&triangle(), 0.01, Some(90f64.to_radians()), &Budget::unlimited()).rig;
+        assert_eq!(shot.rig, Rig { baseline_m: 0.5, ..found });
+
+        let mut scene = triangle();
+        scene.cameras.push(camera(0.0));
+        let rig = plain(draft(rig), &mut scene).rig;
+        assert_eq!((rig.yfov_rad, rig.baseline_m, rig.metres_per_unit), (90f64.to_radians(), 0.5, 0.01));
+        assert_eq!(rig.keys, Rig::from_camera(camera(0.0)).keys);
+    }
+
+    /// Many a shot has emitters for its only light.
+    #[test]
+    fn a_shot_with_a_camera_or_light_of_its_own_is_lit_by_what_it_names() {
+        for tables in [KEY, "[[light]]\nkind = 'point'\nposition = [0, 1, 0]"] {
+            assert_eq!(plain(draft(tables), &mut triangle()).environment, None, "{tables}");
+        }
+    }
+
+    #[test]
+    fn what_is_asked_for_goes_before_what_the_shot_says() {
+        let wanted = Overrides {
+            yfov_rad: Some(1.0),
+            baseline_m: Some(0.1),
+            exposure_ev: Some(2.0),
+            environment: Some(ShotEnvironment { sky: Sky::Constant(Vec3::X), scale: 1.0, rotation_deg: 0.0 }),
+            ..Overrides::default()
+        };
+        let said = format!("[rig]\nyfov_deg = 20\nbaseline_m = 1\n{KEY}[exposure]\nev = -1\n[environment]");
+        let shot = completed(draft(&said), &wanted, &mut triangle()).unwrap();
+        assert_eq!((shot.rig.yfov_rad, shot.rig.baseline_m, shot.exposure_ev), (1.0, 0.1, 2.0));
+        assert_eq!(shot.environment, wanted.environment);
+    }
+
+    #[test]
+    fn eyes_are_moved_and_turned() {
+        let to = |position, target| Overrides { position, target, ..Overrides::default() };
+        let path = format!("{KEY}[[rig.key]]\ntime_s = 1\nposition = [1, 0, 1]\ntarget = [1, 0, 0]");
+        let at = |overrides: &Overrides, draft: Draft| completed(draft, overrides, &mut triangle()).map(|s| s.rig.keys);
+        let up_there = DVec3::new(0.0, 5.0, 0.0);
+
+        let moved = at(&to(Some(up_there), None), draft(&path)).unwrap();
+        assert!(moved.iter().all(|key| key.position == up_there));
+        assert_eq!(moved[1].target, DVec3::X);
+        let turned = at(&to(None, Some(up_there)), draft(&path)).unwrap();
+        assert!(turned.iter().all(|key| key.target == up_there) && turned[1].position == DVec3::new(1.0, 0.0, 1.0));
+
+        let mut scene = triangle();
+        let down = completed(bare(), &to(Some(up_there), Some(DVec3::ZERO)), &mut scene).unwrap().rig;
+        assert_eq!((down.keys[0].up, down.yfov_rad), (DVec3::NEG_Z, DEFAULT_YFOV_DEG.to_radians()));
+        assert!(scene.warnings.is_empty(), "nothing was looked for: {:?}", scene.warnings);
+
+        let error = at(&to(Some(DVec3::ONE), Some(DVec3::ONE)), draft(&path)).unwrap_err().to_string();
+        assert!(error.contains("--position") && error.contains("same point"), "{error}");
+    }
+
+    #[test]
+    fn a_camera_is_chosen_by_its_number() {
+        let camera_of = |number, scene: &mut Scene| {
+            completed(draft(KEY), &Overrides { camera: Some(number), ..Overrides::default() }, scene)
+        };
+        let mut scene = triangle();
+        assert!(camera_of(0, &mut scene).unwrap_err().to_string().contains("no camera"));
+        scene.cameras.extend([camera(0.0), camera(1.0)]);
+        assert_eq!(camera_of(1, &mut scene).unwrap().rig, Rig::from_camera(camera(1.0)));
+        assert!(camera_of(2, &mut scene).unwrap_err().to_string().contains("cameras 0 to 1"));
+        assert!(scene.warnings.is_empty());
+        assert_eq!(plain(bare(), &mut scene).rig, Rig::from_camera(camera(0.0)));
+        assert!(scene.warnings[0].contains("--camera"), "{:?}", scene.warnings);
+    }
+
+    #[test]
+    fn a_baseline_that_no_number_holds_is_refused() {
+        let wide = Overrides { baseline_m: Some(1e38), ..Overrides::default() };
+        let error = completed(draft("[rig]\nmetres_per_unit = 1e-6"), &wide, &mut triangle()).unwrap_err();
+        assert!(error.to_string().contains("--baseline"), "{error}");
+    }
+}

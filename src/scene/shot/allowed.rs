@@ -1,0 +1,30 @@
+//! What the numbers of a shot may be, in its file and in the options that go before it.
+
+use super::EXPOSURE_EV;
+
+/// What a number may be, and how a message says so.
+pub struct Allowed {
+    test: fn(f64) -> bool,
+    pub what: &'static str,
+}
+
+pub const ANY: Allowed = Allowed { test: |_| true, what: "a finite number" };
+pub const POSITIVE: Allowed = Allowed { test: |v| v > 0.0, what: "a number above 0" };
+pub const NOT_NEGATIVE: Allowed = Allowed { test: |v| v >= 0.0, what: "0 or a number above" };
+pub const YFOV: Allowed = Allowed { test: |v| (1e-6..180.0).contains(&v), what: "degrees from 1e-6 to below 180" };
+pub const DISC: Allowed = Allowed { test: |v| (0.0..90.0).contains(&v), what: "degrees from 0 to below 90" };
+pub const CONE: Allowed = Allowed { test: |v| (0.0..=90.0).contains(&v), what: "degrees from 0 to 90" };
+pub const STOPS: Allowed = Allowed { test: |v| EXPOSURE_EV.contains(&v), what: "stops from -24 to 24" };
+pub const FRACTION: Allowed = Allowed { test: |v| (0.0..=1.0).contains(&v), what: "a number from 0 to 1" };
+
+impl Allowed {
+    /// Whether it is that, and an f32 can hold it.
+    pub fn allows(&self, value: f64) -> bool {
+        fits_f32(value) && (self.test)(value)
+    }
+}
+
+/// An f64 that an f32 can hold.
+pub fn fits_f32(value: f64) -> bool {
+    (value as f32).is_finite()
+}

@@ -1,0 +1,108 @@
+//! A shot as a file to read and to edit.
+
+use std::fmt::Write;
+
+use toml::Value;
+
+use super::{SceneSource, Shot, ShotEnvironment, ShotLight, ShotLightKind, Sky};
+
+/// The whole of it.
+pub fn text(shot: &Shot) -> String {
+    let source = match &shot.scene {
+        SceneSource::File(name) => name.clone(),
+        SceneSource::Builtin(name) => format!("builtin:{name}"),
+    };
+    let mut text = format!(
+        "name = {}\n# Relative to this file; or \"builtin:NAME\".\nscene = {}\n",
+        string(&shot.name),
+        string(&source)
+    );
+    rig(&mut text, shot);
+    environment(&mut text, shot.environment.as_ref());
+    text += "\n# Lights beside the scene file's own. point and spot have a position, and are spheres with a radius_m;\n\
+        # directional and spot have the direction in which light travels. intensity times color is W/sr, of directional\n\
+        # W/m2.\n";
+    for each in &shot.lights {
+        light(&mut text, each);
+    }
+    if shot.lights.is_empty() {
+        text += "# [[light]]\n# kind = \"point\"\n# position = [0.0, 2.0, 0.0]\n# intensity = 5.0\n# radius_m = 0.05\n";
+    }
+    let path: Vec<String> = shot.gaze.path.iter().map(|point| numbers(point)).collect();
+    let ev = shot.exposure_ev;
+    let _ = write!(
+        text,
+        "\n# Where the eyes look in their images, from the top left: [time_s, x, y], x and y from 0 to 1.\n[gaze]\n\
+         path = [{}]\n\n# Stops by which pictures are exposed; EXR files are not.\n[exposure]\nev = {ev:?}\n",
+        path.join(", ")
+    );
+    text
+}
+
+fn rig(text: &mut String, shot: &Shot) {
+    let rig = &shot.rig;
+    // 70 degrees come back from radians as 70.
+    let yfov_deg = (rig.yfov_rad.to_degrees() * 1e12).round() / 1e12;
+    let _ = write!(
+        text,
+        "\n[rig]\n# Vertical field of view of each eye.\nyfov_deg = {yfov_deg:?}\n# Distance between the eyes; 0 gives \
+         both the same view.\nbaseline_m = {:?}\n# Of the scene's units.\nmetres_per_unit = {:?}\n\n# The point between \
+         the eyes, in scene units. Several keys make a path, linear between them.\n",
+        rig.baseline_m, rig.metres_per_unit
+    );
+    for key in &rig.keys {
+        let [position, target, up] = [key.position, key.target, key.up].map(|v| numbers(&v.to_array()));
+        let time_s = key.time_s;
+        let _ = write!(text, "[[rig.key]]\ntime_s = {time_s:?}\nposition = {position}\ntarget = {target}\nup = {up}\n");
+    }
+}
+
+fn environment(text: &mut String, environment: Option<&ShotEnvironment>) {
+    *text += "\n# Light from all around: radiance, or image = \"sky.hdr\" or \".exr\" in latitude and longitude.\n";
+    let Some(ShotEnvironment { sky, scale, rotation_deg }) = environment else {
+        *text += "# [environment]\n# radiance = [1.0, 1.0, 1.0]\n";
+        return;
+    };
+    let sky = match sky {
+        Sky::Constant(radiance) => format!("radiance = {}", numbers(&radiance.to_array())),
+        Sky::Image(name) => format!("image = {}", string(name)),
+    };
+    let _ = writeln!(text, "[environment]\n{sky}\nscale = {scale:?}\nrotation_deg = {rotation_deg:?}");
+}
+
+fn light(text: &mut String, light: &ShotLight) {
+    let mut lines = Vec::new();
+    let mut line = |key: &str, value: String| lines.push(format!("{key} = {value}\n"));
+    match light.kind {
+        ShotLightKind::Point { position, radius_m } => {
+            line("kind", string("point"));
+            line("position", numbers(&position.to_array()));
+            line("radius_m", format!("{radius_m:?}"));
+        }
+        ShotLightKind::Directional { direction, angle_deg } => {
+            line("kind", string("directional"));
+            line("direction", numbers(&direction.to_array()));
+            line("angle_deg", format!("{angle_deg:?}"));
+        }
+        ShotLightKind::Spot { position, radius_m, direction, inner_cone_deg, outer_cone_deg } => {
+            line("kind", string("spot"));
+            line("position", numbers(&position.to_array()));
+            line("radius_m", format!("{radius_m:?}"));
+            line("direction", numbers(&direction.to_array()));
+            line("inner_cone_deg", format!("{inner_cone_deg:?}"));
+            line("outer_cone_deg", format!("{outer_cone_deg:?}"));
+        }
+    }
+    line("color", numbers(&light.strength.to_array()));
+    line("intensity", "1.0".to_owned());
+    *text += "[[light]]\n";
+    text.extend(lines);
+}
+
+fn string(text: &str) -> String {
+    Value::String(text.to_owned()).to_string()
+}
+
+fn numbers<T: std::fmt::Debug>(values: &[T]) -> String {
+    format!("{values:?}")
+}
