@@ -30,7 +30,7 @@ PEER, FAST, GUIDED = "Mitsuba", "Mitsuba + OIDN, fast", "Mitsuba + OIDN, high, a
 
 # What diptych is measured with. A frame without history is the first of its path, so that it knows as much as a peer's.
 OURS = (
-    ("1 spp, render scale 0.5", ("--spp", "1", "--scale", "0.5")),
+    ("1 spp, render scale 0.5", ("--spp", "1", "--render-scale", "0.5")),
     ("1 spp", ("--spp", "1")),
     ("2 spp", ("--spp", "2")),
     ("4 spp", ("--spp", "4")),

@@ -14,7 +14,7 @@ use std::time::Duration;
 use anyhow::Context;
 
 use diptych::accumulation::hash_of;
-use diptych::control::{Knobs, Ladder, Origin, SCALES};
+use diptych::control::{Knobs, Ladder, Origin};
 use diptych::device::{DeviceInfo, all_wgsl};
 use diptych::report::Table;
 use diptych::report::bench::{
@@ -25,7 +25,7 @@ use diptych::report::peers::Peers;
 use super::failure::Failure;
 use super::foveation::FoveationMode;
 use super::interrupt;
-use super::options::{Denoiser, RunOptions, Switch};
+use super::options::{Denoiser, RunOptions, Switch, render_scale};
 use super::output;
 use super::page::and_page;
 use super::reference::{PASS_SPP, seconds};
@@ -57,9 +57,14 @@ pub struct Args {
     /// What follows the gaze, to measure [default: none]
     #[arg(long, value_delimiter = ',', value_name = "LIST", conflicts_with_all = ["seams", "preset"])]
     foveation: Vec<FoveationMode>,
-    /// Render scales to measure; those below 1 with the fewest samples [default: 1,0.7,0.5]. With --preset: one factor on
-    /// the study's widths and heights [default: 0.25]
-    #[arg(long, value_delimiter = ',', value_name = "F,F,…", value_parser = factor, conflicts_with = "seams")]
+    /// Render scales to measure; those below 1 with the fewest samples [default: 1,0.7,0.5]
+    #[arg(
+        long = "render-scale",
+        value_delimiter = ',',
+        value_name = "F,F,…",
+        value_parser = render_scale,
+        conflicts_with_all = ["seams", "preset"]
+    )]
     scale: Vec<f64>,
     /// Also measure the rungs of this ladder, and say how far each is from the best setting that takes no longer, within
     /// 3 %
@@ -78,7 +83,11 @@ pub struct Args {
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=1000))]
     warm_up: u32,
     /// A folder whose left.exr and right.exr are right, from whatever renderer [default: render them]
-    #[arg(long, value_name = "DIR", conflicts_with_all = ["reference_spp", "reference_time_limit", "reference_dir"])]
+    #[arg(
+        long = "reference-images",
+        value_name = "DIR",
+        conflicts_with_all = ["reference_spp", "reference_time_limit", "reference_dir"]
+    )]
     reference: Option<PathBuf>,
     /// Samples per pixel of the reference [default: 1024, with --quick 256]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2 * i64::from(PASS_SPP)..))]
@@ -87,7 +96,7 @@ pub struct Args {
     #[arg(long, default_value = "600", value_name = "S", value_parser = seconds)]
     reference_time_limit: Duration,
     /// Where references are kept for later runs [default: reference in --out]
-    #[arg(long, value_name = "DIR")]
+    #[arg(long = "reference-cache", value_name = "DIR")]
     reference_dir: Option<PathBuf>,
     /// Also write report.html, a page with all of it and pictures
     #[arg(long)]
@@ -99,11 +108,6 @@ pub struct Args {
     seams: seams::SeamOptions,
     #[command(flatten)]
     preset: peres::PresetOptions,
-}
-
-fn factor(text: &str) -> Result<f64, String> {
-    let parsed = text.parse().ok().filter(|factor: &f64| (0.01..=4.0).contains(factor));
-    parsed.ok_or_else(|| "give a number from 0.01 to 4".to_owned())
 }
 
 impl Args {
@@ -119,17 +123,6 @@ impl Args {
         }
         Ok(knobs)
     }
-
-    /// What clap cannot see, of the grid.
-    fn check(&self) -> Result<(), anyhow::Error> {
-        match self.scale.iter().find(|scale| !SCALES.contains(scale)) {
-            None => Ok(()),
-            Some(wrong) => {
-                let (least, most) = (SCALES.start(), SCALES.end());
-                Err(anyhow::anyhow!("--scale {wrong}: render scales are from {least} to {most}"))
-            }
-        }
-    }
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
@@ -141,7 +134,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let options = &args.options;
     let judged = args.judged()?;
-    args.check().and_then(|()| options.check()).map_err(Failure::Input)?;
+    options.check().map_err(Failure::Input)?;
     let peers = args.peers.as_deref().map(Peers::read).transpose().map_err(|e| Failure::Input(e.into()))?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;

@@ -17,12 +17,14 @@ mod failure;
 mod faults;
 mod foveation;
 mod interrupt;
+mod manual;
 mod options;
 mod output;
 mod page;
 mod play;
 mod progress;
 mod reference;
+mod renamed;
 mod render;
 mod scale;
 mod scene_options;
@@ -37,7 +39,7 @@ mod view;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// Real-time stereoscopic path tracing for virtual reality, image-parallel over several GPUs.
 #[derive(Parser)]
@@ -66,11 +68,15 @@ enum Command {
     /// List adapters and drivers, their limits, and what each lacks
     Devices(devices::Args),
     /// List the built-in scenes
-    Scenes,
+    Scenes(scenes::Args),
     /// Write a shot file, complete and with comments, for a scene: to edit
     Shot(shot::Args),
     /// Write a shot as plain glTF that other programs read, with the shot beside it
     Export(export::Args),
+    /// Print completions for a shell
+    Completions(manual::CompletionArgs),
+    /// Write manual pages
+    Man(manual::ManArgs),
 }
 
 /// Mesa's layer that chooses among GPUs asks the Wayland server, and complains on every start where none can be found, as
@@ -83,9 +89,19 @@ fn quiet_mesa() {
     }
 }
 
+/// The command line's definition.
+fn command() -> clap::Command {
+    Cli::command()
+}
+
 pub fn run() -> ExitCode {
     quiet_mesa();
-    let result = match Cli::parse().command {
+    let (args, notes) = renamed::translate(std::env::args_os().collect());
+    for note in notes {
+        eprintln!("note: {note}");
+    }
+    let cli = Cli::from_arg_matches(&command().get_matches_from(args)).unwrap_or_else(|error| error.exit());
+    let result = match cli.command {
         Command::Render(args) => render::run(&args),
         Command::Play(args) => play::run(&args),
         Command::View(args) => view::run(&args),
@@ -94,9 +110,11 @@ pub fn run() -> ExitCode {
         Command::Compare(args) => compare::run(&args),
         Command::Trace(args) => trace::run(&args),
         Command::Devices(args) => devices::run(&args),
-        Command::Scenes => scenes::run(),
+        Command::Scenes(args) => scenes::run(&args),
         Command::Shot(args) => shot::run(&args),
         Command::Export(args) => export::run(&args),
+        Command::Completions(args) => manual::completions(&args),
+        Command::Man(args) => manual::man(&args),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

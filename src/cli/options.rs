@@ -193,7 +193,7 @@ pub struct RenderOptions {
     pub bounces: u32,
     /// Render scale, of the image's edges: paths are traced for its square's share of the pixels, and the denoiser brings
     /// light to the others
-    #[arg(long, default_value_t = 1.0, value_name = "F", value_parser = scale, help_heading = QUALITY)]
+    #[arg(long = "render-scale", default_value_t = 1.0, value_name = "F", value_parser = render_scale, help_heading = QUALITY)]
     pub scale: f64,
     #[arg(long, default_value = "svgf", help_heading = QUALITY)]
     pub denoiser: Denoiser,
@@ -220,7 +220,7 @@ impl Deref for RenderOptions {
     }
 }
 
-fn scale(text: &str) -> Result<f64, String> {
+pub fn render_scale(text: &str) -> Result<f64, String> {
     let scale = text.parse().ok().filter(|scale| SCALES.contains(scale));
     scale.ok_or_else(|| format!("give a number from {} to {}", SCALES.start(), SCALES.end()))
 }
@@ -273,7 +273,7 @@ impl RenderOptions {
         }
         anyhow::ensure!(
             self.scale == 1.0 || self.iterations() > 0,
-            "--scale below 1 needs a denoiser, that brings light to the pixels left out"
+            "--render-scale below 1 needs a denoiser, that brings light to the pixels left out"
         );
         self.foveated.check()?;
         self.run.check()

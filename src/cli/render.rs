@@ -38,7 +38,7 @@ pub struct Args {
     #[arg(long, help_heading = options::OUTPUT)]
     anaglyph: bool,
     /// A configuration of Peres: samples, foveation and denoiser together
-    #[arg(long, conflicts_with_all = ["spp", "scale", "foveation", "iterations", "denoiser", "reference"], help_heading = options::QUALITY)]
+    #[arg(long = "peres", conflicts_with_all = ["spp", "scale", "foveation", "iterations", "denoiser", "reference"], help_heading = options::QUALITY)]
     preset: Option<Preset>,
     /// Frames before the first one kept, at its instant, for their history [default: of a single frame with svgf, as many
     /// as give each pixel 16 samples; else 0]
@@ -89,7 +89,9 @@ struct Rows {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let args = &args.preset();
     if args.reference && args.options.scale < 1.0 {
-        return Err(Failure::Input(anyhow::anyhow!("--scale leaves pixels out, --reference does not: leave one out")));
+        return Err(Failure::Input(anyhow::anyhow!(
+            "--render-scale leaves pixels out, --reference does not: leave one out"
+        )));
     }
     let plan = args.reference.then(|| Plan::new(&args.options, args.passes.clone())).transpose()?;
     let options = plan.as_ref().map_or(&args.options, |p| &p.options);
@@ -97,7 +99,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
     let tracing = Tracing::start(options)?;
-    let progress = Progress::new(u64::from(options.frames), options.quiet, options.json);
+    let warm_up_frames = args.warm_up_frames();
+    let progress = Progress::new(u64::from(warm_up_frames + options.frames), options.quiet, options.json);
     progress.phase("loading");
     let loaded = setup::load(options)?;
     for warning in &loaded.scene.warnings {
@@ -111,10 +114,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let warm_up = Instant::now();
     let mut renderer = setup::renderer(options, &loaded, gpus, tracing.recorder.origin())?;
     record_devices(&tracing.recorder, renderer.devices());
-    let warm_up_frames = args.warm_up_frames();
     for before in (1..=warm_up_frames).rev() {
         interrupt::check()?;
-        renderer.render(&loaded.shot.rig, time_s(options, 0), 0u32.wrapping_sub(before))?;
+        let frame = renderer.render(&loaded.shot.rig, time_s(options, 0), 0u32.wrapping_sub(before))?;
+        let event = serde_json::json!({ "event": "warm_up_frame", "makespan_ms": frame.makespan_ms });
+        progress.step(format!("history {:.1} ms", frame.makespan_ms), &event);
     }
     let warm_up_s = warm_up.elapsed().as_secs_f64();
     let mut run = Run { args, loaded: &loaded, renderer, tracing: &tracing, progress, begun: 0, rows: Rows::default() };

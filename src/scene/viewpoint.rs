@@ -58,7 +58,8 @@ pub fn find(scene: &Scene, metres_per_unit: f64, yfov_rad: Option<f64>, budget: 
     };
     // What is smaller than a head is to be fused by a viewer, too.
     let distance_m = (rig.keys[0].position - rig.keys[0].target).length() * metres_per_unit;
-    let rig = Rig { baseline_m: DEFAULT_BASELINE_M.min(distance_m / 30.0), metres_per_unit, ..rig };
+    let widest_m = distance_m / if is_inside { 15.0 } else { 30.0 };
+    let rig = Rig { baseline_m: DEFAULT_BASELINE_M.min(widest_m), metres_per_unit, ..rig };
     Viewpoint { rig, is_inside }
 }
 

@@ -367,7 +367,7 @@ fn gazes_that_are_nowhere_are_refused() {
         assert_option_refused(&["--foveation", "layers", &format!("--gaze={gaze}")], &["--gaze"]);
     }
     assert_option_refused(&["--gaze", "0.5,0.5"], &["--gaze", "--foveation layers"]);
-    assert_option_refused(&["--preset", "nh3ld", "--spp", "2"], &["--preset", "--spp"]);
+    assert_option_refused(&["--peres", "nh3ld", "--spp", "2"], &["--peres", "--spp"]);
 }
 
 #[test]

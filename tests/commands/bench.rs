@@ -89,9 +89,11 @@ fn a_grid_has_its_rows_its_plot_and_its_reference() {
     // The kept reference is an image like any other's.
     let kept = std::fs::read_dir(out.join("reference")).unwrap().next().unwrap().unwrap().path();
     let again = folder.path().join("again");
-    let given =
-        [&size[..], &["--denoiser", "none", "--bounces", "6", "--spp", "4", "--reference", kept.to_str().unwrap()]]
-            .concat();
+    let given = [
+        &size[..],
+        &["--denoiser", "none", "--bounces", "6", "--spp", "4", "--reference-images", kept.to_str().unwrap()],
+    ]
+    .concat();
     let events = bench(&again, &given);
     assert!(event(&events, "reference")["noise"].is_null());
     let same = &event(&events, "result")["rows"][0]["errors"]["left"]["rmse"];
@@ -235,7 +237,8 @@ fn references_that_do_not_fit_are_refused() {
     let render = ["render", "builtin:cornell", "--size", "16x8", "--out", out, "--quiet"];
     assert!(diptych(&render).status.success());
     for (reference, part) in [(out, "16x8"), ("/nowhere", "left.exr")] {
-        let output = diptych(&["bench", "builtin:cornell", "--size", "32x18", "--out", out, "--reference", reference]);
+        let output =
+            diptych(&["bench", "builtin:cornell", "--size", "32x18", "--out", out, "--reference-images", reference]);
         let text = String::from_utf8_lossy(&output.stderr);
         assert!(output.status.code() == Some(2) && text.contains(part), "{text}");
     }

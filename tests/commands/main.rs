@@ -11,6 +11,7 @@ mod play;
 mod reference_mode;
 mod report;
 mod scale;
+mod shots;
 mod studies;
 mod tools;
 mod trace_files;

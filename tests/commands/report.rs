@@ -161,7 +161,7 @@ fn options_that_are_wrong_are_refused_with_a_reason() {
         (&["bench", "--report", "--peers", bad], "time_ms -1"),
         (&["bench", "--report", "--peers", "/nowhere/peers.toml"], "cannot read the peers"),
         (&["bench", "--peers", bad], "--report"),
-        (&["bench", "--report", "--seams", "--peers", bad], "--seams"),
+        (&["bench", "--report", "--seam-study", "--peers", bad], "--seam-study"),
         (&["play", "--report-spp", "8"], "--report"),
     ];
     for (args, reason) in cases {

@@ -93,7 +93,7 @@ fn only_the_halo_leaves_no_seam() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let fixed = ["bench", "builtin:checker", "--size", "64x40", "--out", out, "--reference-spp", "32"];
-    let study = ["--seams", "--counts", "1,2", "--repeats", "2", "--warm-up", "1", "--json", "--report"];
+    let study = ["--seam-study", "--counts", "1,2", "--repeats", "2", "--warm-up", "1", "--json", "--report"];
     let settings = ["--bounces", "2", "--iterations", "3"];
     let output = diptych(&[&fixed[..], &study, &settings].concat());
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
@@ -121,8 +121,8 @@ fn only_the_halo_leaves_no_seam() {
         assert!(page.contains(&row), "no {row}");
     }
 
-    refused(&[&fixed[..], &["--seams", "--denoiser", "none"]].concat(), &["no seam"]);
-    refused(&[&fixed[..], &["--seams", "--counts", "1"]].concat(), &["--counts"]);
+    refused(&[&fixed[..], &["--seam-study", "--denoiser", "none"]].concat(), &["no seam"]);
+    refused(&[&fixed[..], &["--seam-study", "--counts", "1"]].concat(), &["--counts"]);
 }
 
 #[test]
@@ -130,7 +130,8 @@ fn the_thesis_stands_beside_what_was_measured() {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().to_str().unwrap();
     let fixed = ["bench", "--out", out, "--preset", "peres"];
-    let study = ["--shots", "builtin:cornell", "--scale", "0.04", "--reference-spp", "16", "--repeats", "1", "--json"];
+    let study =
+        ["--shots", "builtin:cornell", "--size-factor", "0.04", "--reference-spp", "16", "--repeats", "1", "--json"];
     let output = diptych(&[&fixed[..], &study, &["--report"]].concat());
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();
@@ -150,8 +151,8 @@ fn the_thesis_stands_beside_what_was_measured() {
     let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
     assert!(["27.619", "12.81", "builtin:cornell"].iter().all(|part| page.contains(part)));
 
-    refused(&[&fixed[..], &["--seams"]].concat(), &["--preset", "--seams"]);
+    refused(&[&fixed[..], &["--seam-study"]].concat(), &["--preset", "--seam-study"]);
     refused(&[&fixed[..], &["--bounces", "2"]].concat(), &["--preset", "--bounces"]);
     refused(&[&fixed[..], &["--shots", "a,b,c,d"]].concat(), &["--shots"]);
-    refused(&[&fixed[..], &["--scale", "0"]].concat(), &["--scale"]);
+    refused(&[&fixed[..], &["--size-factor", "0"]].concat(), &["--size-factor"]);
 }

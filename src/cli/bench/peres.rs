@@ -44,17 +44,20 @@ pub struct PresetOptions {
         default_value = "builtin:checker,builtin:atrium,builtin:forest"
     )]
     shots: Vec<String>,
+    /// With --preset: factor on the study's widths and heights
+    #[arg(long, value_name = "F", requires = "preset", default_value_t = 0.25, value_parser = size_factor)]
+    size_factor: f64,
+}
+
+fn size_factor(text: &str) -> Result<f64, String> {
+    let factor = text.parse().ok().filter(|factor: &f64| (0.01..=4.0).contains(factor));
+    factor.ok_or_else(|| "give a number from 0.01 to 4".to_owned())
 }
 
 impl PresetOptions {
     pub fn is_wanted(&self) -> bool {
         self.preset.is_some()
     }
-}
-
-/// Factor on the study's widths and heights.
-fn study_scale(args: &Args) -> f64 {
-    args.scale.first().copied().unwrap_or(0.25)
 }
 
 /// A configuration of the thesis: all take 4 samples where they sample all pixels.
@@ -87,9 +90,6 @@ impl Configuration {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    if args.scale.len() > 1 {
-        return Err(Failure::Input(anyhow::anyhow!("--preset takes one --scale")));
-    }
     let options = &args.options;
     options.check().map_err(Failure::Input)?;
     if args.preset.shots.len() > SCENES.len() {
@@ -133,7 +133,7 @@ impl Study<'_> {
     /// All configurations of one of [`RESOLUTIONS`] and of the shots.
     fn scene(&mut self, resolution: usize, scene: usize) -> Result<(), Failure> {
         let (_, width, height) = RESOLUTIONS[resolution];
-        let shrunk = |length: u32| ((f64::from(length) * study_scale(self.args)).round() as u32).max(1);
+        let shrunk = |length: u32| ((f64::from(length) * self.args.preset.size_factor).round() as u32).max(1);
         let size = Extent::new(shrunk(width), shrunk(height));
         let shot = self.args.preset.shots[scene].clone();
         let run = RunOptions { shot: shot.clone(), size, ..self.args.options.clone() };
@@ -161,7 +161,7 @@ impl Study<'_> {
         let Self { args, rows, notes, .. } = self;
         let options = &args.options;
         output::write_text(&options.out, "peres.csv", &peres_csv(rows))?;
-        let title = format!("Foveated layers after Peres, scale {}", study_scale(args));
+        let title = format!("Foveated layers after Peres, scale {}", args.preset.size_factor);
         let section = |heading, notes, table| Section { heading, notes, table: Some(table), figure: None };
         let quality_notes = [QUALITY_NOTE.to_owned()].into_iter().chain(notes.iter().cloned()).collect();
         let sections = [

@@ -71,7 +71,7 @@ pub fn own(args: &Args, loaded: &Loaded, tracing: &Tracing, journal: Option<&Jou
     let mut plan = plan(args)?;
     let kept = args.reference_dir.clone().unwrap_or_else(|| options.out.join("reference"));
     let folder = plan.keep_below(&kept, loaded);
-    plan.prepare(loaded, "--reference-dir")?;
+    plan.prepare(loaded, "--reference-cache")?;
     let begun = plan.begun(loaded, 0)?;
     let key = |samples: u32| format!("{samples} spp");
     let (accumulation, how) =

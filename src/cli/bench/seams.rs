@@ -1,4 +1,4 @@
-//! `diptych bench --seams`: what becomes of the picture where stripes meet, by seam policy and number of devices.
+//! `diptych bench --seam-study`: what becomes of the picture where stripes meet, by seam policy and number of devices.
 
 use anyhow::anyhow;
 use clap::ValueEnum;
@@ -31,9 +31,9 @@ use crate::cli::setup::{self, Loaded, Tracing};
 pub struct SeamOptions {
     /// Measure seams instead of the grid: every seam policy at every count, by the first of --spp, --bounces,
     /// --denoiser and --iterations
-    #[arg(long, conflicts_with_all = ["virtual_devices", "seam"])]
+    #[arg(long = "seam-study", conflicts_with_all = ["virtual_devices", "seam"])]
     seams: bool,
-    /// With --seams: virtual devices on each chosen adapter; one device is always measured
+    /// With --seam-study: virtual devices on each chosen adapter; one device is always measured
     #[arg(long, value_delimiter = ',', default_value = "2,3,4", value_name = "N,N,…", requires = "seams", value_parser = clap::value_parser!(u16).range(1..=64))]
     counts: Vec<u16>,
 }
@@ -85,7 +85,7 @@ fn settings(args: &Args) -> Result<RenderOptions, Failure> {
     let options = RenderOptions { spp, bounces, foveated, ..single(run, denoiser) };
     options.check().map_err(Failure::Input)?;
     if options.iterations() == 0 {
-        return Err(Failure::Input(anyhow!("--seams: without a denoiser stripes leave no seam")));
+        return Err(Failure::Input(anyhow!("--seam-study: without a denoiser stripes leave no seam")));
     }
     if args.seams.counts().is_empty() {
         return Err(Failure::Input(anyhow!("--counts: stripes take two devices to meet, e.g. 2,3,4")));

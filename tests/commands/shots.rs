@@ -1,0 +1,148 @@
+//! One's own scene: files without a shot, shots that say little, options that go before them, shots to edit; and stills.
+
+use std::path::{Path, PathBuf};
+
+use diptych::image::RgbImage;
+use diptych::image::exr::read_rgb;
+use diptych::metrics::compare;
+
+use crate::common::diptych;
+
+/// The classic box as a glTF file, which has neither camera nor light but the emitter in it, and a folder around it.
+struct Case {
+    folder: tempfile::TempDir,
+}
+
+impl Case {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let case = Self { folder };
+        case.run(&["export", "builtin:cornell", "--out", &case.path("box")]);
+        case
+    }
+
+    fn path(&self, name: &str) -> String {
+        self.folder.path().join(name).to_str().unwrap().to_owned()
+    }
+
+    /// What it says, results first.
+    #[track_caller]
+    fn run(&self, args: &[&str]) -> String {
+        let output = diptych(args);
+        let [said, errors] = [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap());
+        assert!(output.status.success(), "{args:?}: {errors}");
+        said + &errors
+    }
+
+    /// A small picture's folder, and what was said.
+    #[track_caller]
+    fn render(&self, shot: &str, out: &str, options: &[&str]) -> (PathBuf, String) {
+        let out = self.path(out);
+        let said = self.run(&[&["render", shot, "--size", "32x18", "--out", &out], options].concat());
+        (out.into(), said)
+    }
+}
+
+fn bytes(folder: &Path) -> [Vec<u8>; 3] {
+    ["left.exr", "right.exr", "stereo.png"].map(|name| std::fs::read(folder.join(name)).unwrap())
+}
+
+/// Eyes before the box, and light around it.
+const OPTIONS: [&str; 12] = [
+    "--position",
+    "0,1,4",
+    "--target=-0.1,1,0",
+    "--yfov=40",
+    "--baseline",
+    "0.1",
+    "--exposure",
+    "-1",
+    "--environment",
+    "0.5,0.25,0.125",
+    "--warm-up",
+    "0",
+];
+
+/// The same as a file says it.
+const SAME: &str = "scene = 'cornell.glb'\n[rig]\nyfov_deg = 40\nbaseline_m = 0.1\n[[rig.key]]\nposition = [0, 1, 4]\n\
+                    target = [-0.1, 1, 0]\n[environment]\nradiance = [0.5, 0.25, 0.125]\n[exposure]\nev = -1\n";
+
+#[test]
+fn options_say_what_a_shot_would() {
+    let case = Case::new();
+    let file = case.path("box/cornell.glb");
+    let (by_options, said) = case.render(&file, "by-options", &OPTIONS);
+    assert!(!said.contains("warning"), "{said}");
+    std::fs::write(case.path("box/same.toml"), SAME).unwrap();
+    let (by_shot, _) = case.render(&case.path("box/same.toml"), "by-shot", &["--warm-up", "0"]);
+    assert!(bytes(&by_options) == bytes(&by_shot));
+
+    // A shot to edit, in another folder than its scene.
+    let written = case.path("shots/box.toml");
+    let said = case.run(&[&["shot", &file, "--out", &written], &OPTIONS[..10]].concat());
+    assert!(said.contains("--allow-outside"), "{said}");
+    let (by_written, _) = case.render(&written, "by-written", &["--warm-up", "0", "--allow-outside"]);
+    assert!(bytes(&by_options) == bytes(&by_written));
+    let output = diptych(&["shot", &file, "--out", &written]);
+    let errors = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.code() == Some(2) && errors.contains("there already"), "{errors}");
+}
+
+#[test]
+fn a_scene_alone_is_seen_and_what_shows_nothing_is_told() {
+    let case = Case::new();
+    let file = case.path("box/cornell.glb");
+    let (alone, said) = case.render(&file, "alone", &["--warm-up", "0"]);
+    assert!(said.contains("no camera in the file: placed"), "{said}");
+    assert!(!said.contains("picture is"), "{said}");
+    std::fs::write(case.path("box/alone.toml"), "scene = 'cornell.glb'").unwrap();
+    let (by_shot, _) = case.render(&case.path("box/alone.toml"), "by-shot", &["--warm-up", "0"]);
+    assert!(bytes(&alone) == bytes(&by_shot));
+
+    let away = ["--position", "0,1,40", "--target", "0,1,80", "--warm-up", "0"];
+    let (_, said) = case.render(&file, "away", &away);
+    assert!(said.contains("left eye's picture is of a single colour"), "{said}");
+    let (_, said) = case.render(&file, "dark", &[&away[..], &["--environment", "0,0,0"]].concat());
+    assert!(said.contains("right eye's picture is black"), "{said}");
+}
+
+#[test]
+fn a_still_has_the_history_of_frames_before_it() {
+    let case = Case::new();
+    let shot = "builtin:cornell";
+    let left = |folder: &Path| -> RgbImage { read_rgb(&folder.join("left.exr")).unwrap() };
+    let (still, said) = case.render(shot, "still", &[]);
+    assert!(said.contains("with 15 frame(s) of history"), "{said}");
+    let (raw, said) = case.render(shot, "raw", &["--warm-up", "0"]);
+    assert!(!said.contains("of history"), "{said}");
+    let (reference, _) = case.render(shot, "reference", &["--reference", "--spp", "512"]);
+    let error = |folder: &Path| compare(&left(&reference), &left(folder)).unwrap().rmse;
+    assert!(error(&still) < 0.7 * error(&raw), "{} {}", error(&still), error(&raw));
+
+    // The first of several frames is the raw one, unless more is asked for.
+    let (frames, _) = case.render(shot, "frames", &["--frames", "2"]);
+    assert!(std::fs::read(frames.join("left.0000.exr")).unwrap() == bytes(&raw)[0]);
+    let (warm, _) = case.render(shot, "warm", &["--frames", "2", "--warm-up", "15"]);
+    assert!(std::fs::read(warm.join("left.0000.exr")).unwrap() == bytes(&still)[0]);
+}
+
+#[test]
+fn options_that_give_no_view_are_refused() {
+    let case = Case::new();
+    let shot = case.path("box/cornell.toml");
+    for (options, part) in [
+        (&["--position", "1,2"][..], "three numbers"),
+        (&["--yfov", "180"], "below 180"),
+        (&["--exposure", "25"], "-24 to 24"),
+        (&["--baseline=-1"], "0 or a number above"),
+        (&["--environment", "sky.png"], ".hdr"),
+        (&["--environment", "no-such-sky.hdr"], "no-such-sky.hdr"),
+        (&["--camera", "0"], "no camera"),
+        (&["--position", "1,1,1", "--target", "1,1,1"], "same point"),
+    ] {
+        let out = case.path("out");
+        let output = diptych(&[&["render", &shot, "--out", &out], options].concat());
+        let errors = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.code() == Some(2) && errors.contains(part), "{options:?}: {errors}");
+    }
+}
