@@ -186,7 +186,8 @@ impl Run<'_> {
         Ok(())
     }
 
-    /// A picture of one colour is a mistake more often than it is meant.
+    /// A picture of one colour is a mistake more often than it is meant, and so is one that is nearly black or white where
+    /// nobody chose its exposure.
     fn warn_of_nothing_seen(&self, images: &Stereo<RgbImage>) {
         for (eye, image) in [("left", &images.left), ("right", &images.right)] {
             let first = image.pixels[0];
@@ -194,7 +195,13 @@ impl Run<'_> {
                 let what = if first == [0.0; 3] { "black" } else { "of a single colour" };
                 let hint = "the camera may look away from the scene or stand within a thing, or there is no light";
                 self.progress.warn(&format!("the {eye} eye's picture is {what}: {hint}"));
+                return;
             }
+        }
+        let off_ev = mid_grey_ev(&images.left);
+        if self.loaded.shot.exposure_ev == 0.0 && off_ev.abs() >= EVS_OFF {
+            let what = if off_ev > 0.0 { "dark" } else { "bright" };
+            self.progress.warn(&format!("the picture is very {what}: --exposure {off_ev:.0} would show more"));
         }
     }
 
@@ -224,6 +231,18 @@ impl Run<'_> {
         }
         Ok(())
     }
+}
+
+/// Stops by which a picture may be off mid-grey before it is worth a warning.
+const EVS_OFF: f64 = 4.0;
+
+/// By how many stops the picture would have to be exposed for the geometric mean of its radiances to be mid-grey, black
+/// left out.
+fn mid_grey_ev(image: &RgbImage) -> f64 {
+    const MID_GREY: f64 = 0.18;
+    let radiances = image.pixels.iter().map(|p| p.iter().map(|c| f64::from(*c)).sum::<f64>() / 3.0);
+    let logs: Vec<f64> = radiances.filter(|r| *r > 0.0 && r.is_finite()).map(f64::log2).collect();
+    if logs.is_empty() { 0.0 } else { MID_GREY.log2() - logs.iter().sum::<f64>() / logs.len() as f64 }
 }
 
 /// When a frame is seen, in seconds along the camera path.

@@ -133,7 +133,6 @@ impl Renderer {
         let parcels: Vec<(Sender<Parcel>, Receiver<Parcel>)> = gpus.iter().map(|_| unbounded()).collect();
         let outboxes: Vec<_> = parcels.iter().map(|(s, _)| s.clone()).collect();
         let (mut devices, mut workers) = (Vec::new(), Vec::new());
-        // One after another: drivers have crashed on pipelines made concurrently.
         for (gpu, (_, inbox)) in gpus.into_iter().zip(parcels) {
             let post = Post::new(gpu.info.index, inbox, outboxes.clone());
             let worker = Worker::new(gpu, &settings.stages, &tables, &stages, post, reply.clone(), origin)?;

@@ -12,9 +12,9 @@ use obvhs::cwbvh::builder::build_cwbvh_from_tris;
 use obvhs::ray::{Ray, RayHit};
 use obvhs::triangle::Triangle;
 
-use super::Scene;
 use super::budget::Budget;
 use super::rig::{DEFAULT_BASELINE_M, Rig, RigKey};
+use super::{Instance, Scene};
 
 /// Vertical field of view from within a room; and of an object, which a wider one would distort.
 const INSIDE_YFOV_DEG: f64 = 70.0;
@@ -29,9 +29,10 @@ const MOST_TRIANGLES: usize = 1 << 20;
 /// What a triangle takes while it is looked at, bytes.
 const TRIANGLE_BYTES: usize = 640;
 
-/// Height of eyes above a floor, metres, and that of rooms in which people stand.
+/// Height of eyes above a floor, metres, that of rooms in which people stand, and of the lowest that one may look around in.
 const EYE_HEIGHT_M: f32 = 1.6;
 const ROOM_HEIGHTS_M: std::ops::Range<f32> = 2.0..12.0;
+const LEAST_HEIGHT_M: f32 = 1.0;
 
 /// Where the eyes were put.
 #[derive(Clone, Debug, PartialEq)]
@@ -66,13 +67,13 @@ pub fn find(scene: &Scene, metres_per_unit: f64, yfov_rad: Option<f64>, budget: 
 /// The scene's triangles in a space of their own, [-1, 1]³ around them, and the tree over them.
 struct Surfaces {
     triangles: Vec<Triangle>,
-    /// Whether the back is seen as the front is.
-    double_sided: Vec<bool>,
     tree: CwBvh,
     centre: DVec3,
     /// World units per unit.
     radius: f64,
     metres_per_unit: f64,
+    /// Whether there is light within it, whatever closes it.
+    is_lit: bool,
     min: Vec3A,
     max: Vec3A,
 }
@@ -107,7 +108,7 @@ impl Surfaces {
         if !(radius.is_finite() && radius > 0.0) {
             return None;
         }
-        let (mut triangles, mut double_sided) = (Vec::new(), Vec::new());
+        let mut triangles = Vec::new();
         for instance in &scene.instances {
             let mesh = &scene.meshes[instance.mesh];
             let world = |i: u32| {
@@ -122,7 +123,6 @@ impl Surfaces {
                 }
                 if (v1 - v0).cross(v2 - v0).length_squared() > 0.0 {
                     triangles.push(Triangle { v0, v1, v2 });
-                    double_sided.push(scene.materials[mesh.material].double_sided);
                 }
             }
         }
@@ -132,7 +132,10 @@ impl Surfaces {
         let tree = build_cwbvh_from_tris(&triangles, BvhBuildParams::fast_build(), &mut Default::default());
         let half = ((max - min) / 2.0 / radius).as_vec3a();
         let metres_per_unit = radius * metres_per_world_unit;
-        Some(Self { triangles, double_sided, tree, centre, radius, metres_per_unit, min: -half, max: half })
+        let emits =
+            |instance: &Instance| scene.materials[scene.meshes[instance.mesh].material].emissive.max_element() > 0.0;
+        let is_lit = !scene.lights.is_empty() || scene.instances.iter().any(emits);
+        Some(Self { triangles, tree, centre, radius, metres_per_unit, is_lit, min: -half, max: half })
     }
 
     fn meet(&self, origin: Vec3A, direction: Vec3A) -> Option<Met> {
@@ -143,7 +146,7 @@ impl Surfaces {
         hit.t.is_finite().then(|| {
             let triangle = at(hit.primitive_id as usize);
             let Triangle { v0, v1, v2 } = self.triangles[triangle];
-            let is_front = self.double_sided[triangle] || (v1 - v0).cross(v2 - v0).dot(direction) < 0.0;
+            let is_front = (v1 - v0).cross(v2 - v0).dot(direction) < 0.0;
             Met { t: hit.t, triangle: triangle as u32, is_front }
         })
     }
@@ -194,12 +197,13 @@ impl Surfaces {
         views.map(|stand| (self.worth(&stand), stand)).max_by(|(a, _), (b, _)| a.total_cmp(b)).map(|(_, stand)| stand)
     }
 
-    /// How many triangles so many rays meet from there, if surfaces that show their front are all around.
+    /// How many triangles so many rays meet from there, if surfaces that show their front are all around and light is, too.
     fn seen_around(&self, eye: Vec3A, rays: usize) -> Option<usize> {
         let met: Vec<Met> = sphere(rays).filter_map(|d| self.meet(eye, d)).collect();
         let fronts: Vec<u32> = met.iter().filter(|m| m.is_front).map(|m| m.triangle).collect();
         let is_within = 10 * met.len() >= 7 * rays && 10 * fronts.len() >= 9 * met.len();
-        is_within.then(|| fronts.into_iter().collect::<HashSet<_>>().len())
+        let is_bright = self.is_lit || 50 * (rays - met.len()) >= rays;
+        (is_within && is_bright).then(|| fronts.into_iter().collect::<HashSet<_>>().len())
     }
 
     /// Places at the height of eyes above the floors that a vertical line meets.
@@ -213,9 +217,10 @@ impl Surfaces {
             let ceiling = self.meet(floor + Vec3A::Y * 1e-3, Vec3A::Y).map_or(self.max.y, |m| floor.y + 1e-3 + m.t);
             let free = ceiling - floor.y;
             let metres_per_unit = self.metres_per_unit as f32;
-            let is_room = ROOM_HEIGHTS_M.contains(&(free * metres_per_unit));
+            let free_m = free * metres_per_unit;
+            let is_room = ROOM_HEIGHTS_M.contains(&free_m);
             let height = if is_room { EYE_HEIGHT_M / metres_per_unit } else { 0.55 * free };
-            if met.is_front && free > 0.05 {
+            if met.is_front && free > 0.05 && free_m >= LEAST_HEIGHT_M {
                 eyes.push(floor + Vec3A::Y * height);
             }
             top = floor - Vec3A::Y * 1e-3;
@@ -297,7 +302,7 @@ fn sphere(count: usize) -> impl Iterator<Item = Vec3A> {
 mod tests {
     use super::*;
     use crate::scene::rig::Eye;
-    use crate::scene::{Instance, Material, Mesh};
+    use crate::scene::{Light, LightKind, Material, Mesh};
     use glam::{Affine3A, vec3};
 
     /// A closed box; seen from without, or from within.
@@ -348,11 +353,23 @@ mod tests {
         let things = [vec3(-1.5, -1.0, -2.0), vec3(1.0, -0.9, 1.0), vec3(2.0, -1.1, -3.0)];
         let mut meshes = vec![block(Vec3::ZERO, half, true), block(Vec3::ZERO, half + 0.2, false)];
         meshes.extend(things.map(|at| block(at, Vec3::splat(0.3), false)));
-        let found = found(&scene(meshes, Affine3A::IDENTITY));
+        let mut room = scene(meshes, Affine3A::IDENTITY);
+        assert!(!found(&room).is_inside, "it is dark in there");
+        let lamp = LightKind::Point { position: Vec3::ZERO, radius: 0.0 };
+        room.lights.push(Light { kind: lamp, strength: Vec3::ONE });
+        let found = found(&room);
         assert!(found.is_inside);
         let eye = found.rig.keys[0].position.as_vec3();
         assert!(eye.abs().cmplt(half).all(), "{eye}");
         assert!(things.iter().all(|at| (eye - at).abs().max_element() > 0.3), "{eye} is in a thing");
+    }
+
+    /// As many exporters write them, also where nobody is to look from within.
+    #[test]
+    fn a_double_sided_shell_is_seen_from_without() {
+        let mut shell = scene(vec![block(Vec3::ZERO, vec3(3.0, 1.3, 4.0), false)], Affine3A::IDENTITY);
+        shell.materials[0] = Material { double_sided: true, emissive: Vec3::ONE, ..Material::default() };
+        assert!(!found(&shell).is_inside);
     }
 
     #[test]

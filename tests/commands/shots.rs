@@ -102,6 +102,11 @@ fn a_scene_alone_is_seen_and_what_shows_nothing_is_told() {
     let away = ["--position", "0,1,40", "--target", "0,1,80", "--warm-up", "0"];
     let (_, said) = case.render(&file, "away", &away);
     assert!(said.contains("left eye's picture is of a single colour"), "{said}");
+    let bright = ["--environment", "1e4,1e4,1e4", "--warm-up", "0"];
+    let (_, said) = case.render(&file, "bright", &bright);
+    assert!(said.contains("very bright: --exposure -1"), "{said}");
+    let (_, said) = case.render(&file, "exposed", &[&bright[..], &["--exposure", "-14"]].concat());
+    assert!(!said.contains("very bright"), "{said}");
     let (_, said) = case.render(&file, "dark", &[&away[..], &["--environment", "0,0,0"]].concat());
     assert!(said.contains("right eye's picture is black"), "{said}");
 }

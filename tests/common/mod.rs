@@ -109,7 +109,7 @@ pub fn devices(count: usize, threads: usize) -> Vec<GpuDevice> {
     let mut devices: Vec<GpuDevice> =
         idle.extract_if(.., |gpu| gpu.info.threads.is_none_or(|n| n == threads)).collect();
     idle.extend(devices.drain(count.min(devices.len())..));
-    // Opened in turns: drivers have crashed on devices opened side by side. Not on pipelines made so.
+    // Opened in turns: drivers have crashed on devices opened side by side. Mesa 22.3 and 25 have not on pipelines made so.
     if devices.len() < count {
         let adapter = device::adapters().into_iter().find(|a| a.missing.is_empty());
         let adapter = adapter.expect("these tests need an adapter: on Linux, install mesa-vulkan-drivers");
@@ -156,10 +156,20 @@ impl<'a> Stage<'a> {
         threads: usize,
         policy: Box<dyn Policy>,
     ) -> Self {
-        let tables = Arc::clone(&subject.tables);
-        let renderer = Renderer::new(self::devices(devices, threads), tables, settings.clone(), policy, Instant::now())
+        Self::on(self::devices(devices, threads), subject, settings, policy)
+    }
+
+    /// On these devices.
+    pub fn on(gpus: Vec<GpuDevice>, subject: &'a Subject, settings: &RenderSettings, policy: Box<dyn Policy>) -> Self {
+        let devices = gpus.len();
+        let renderer = Renderer::new(gpus, Arc::clone(&subject.tables), settings.clone(), policy, Instant::now())
             .unwrap_or_else(|e| panic!("{}: {e}", subject.name));
         Self { subject, renderer: Some(renderer), devices, frames_in_flight: settings.stages.frames_in_flight }
+    }
+
+    /// Its devices, which go back to no other test.
+    pub fn into_devices(mut self) -> Vec<GpuDevice> {
+        self.renderer.take().map_or_else(Vec::new, Renderer::into_devices)
     }
 
     /// Renders a frame without a sample that is not finite.

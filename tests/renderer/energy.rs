@@ -72,6 +72,43 @@ fn a_white_sphere_vanishes_and_grey_ones_show_their_albedo() {
     }
 }
 
+/// Towards the rim, where it faces the others, the white sphere is darker. A sphere of radius r at a distance d has a share
+/// (r / d)² cos θ of what a point sees around its normal, and keeps 1 − its albedo of the light from there.
+#[test]
+fn the_white_sphere_lacks_what_the_grey_ones_take() {
+    let subject = Subject::load("builtin:furnace");
+    let mut settings = subject.settings(WIDTH, HEIGHT);
+    settings.stages.spp = 64;
+    settings.stages.aovs = vec![Aov::Albedo, Aov::Position];
+    let mut stage = Stage::alone(&subject, &settings);
+    let image = stage.frame(0).linear.left;
+    let [albedo, position] = [0, 1].map(|i| stage.aov(i).left);
+    let grey = [
+        (0.5, vec3(-1.7, 0.75, 0.0)),
+        (0.2, vec3(1.7, 0.75, 0.0)),
+        (0.5, vec3(1.7, -0.75, 0.0)),
+        (0.2, vec3(-1.7, -0.75, 0.0)),
+    ];
+    let expected = |p: Vec3| -> f32 {
+        let taken = grey.map(|(albedo, centre): (f32, Vec3)| {
+            let towards = centre - p;
+            (1.0 - albedo) * 0.16f32.powi(2) / towards.length_squared()
+                * towards.normalize().dot(p.normalize()).max(0.0)
+        });
+        taken.iter().sum()
+    };
+    // At the middle, and at the rim.
+    let mut lacking = [[0.0f64; 2]; 2];
+    for i in inner(&pixels_of(&albedo[0], 1.0), WIDTH as usize) {
+        let p = vec3(position[0][i], position[1][i], position[2][i]);
+        let ring = usize::from(p.z < 0.35);
+        lacking[ring][0] += f64::from(1.0 - image.pixels[i][1]);
+        lacking[ring][1] += f64::from(expected(p));
+    }
+    let [middle, rim] = lacking.map(|[found, expected]| found / expected);
+    assert!((middle - 1.0).abs() < 0.4 && (rim - 1.0).abs() < 0.15, "{middle} {rim} of {lacking:?}");
+}
+
 #[test]
 fn a_white_environment_image_is_as_good_as_a_constant_one() {
     let mut subject = Subject::load("builtin:furnace");

@@ -3,10 +3,10 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use crate::common::{Stage, Subject, diptych};
-use diptych::device::FailureKind;
+use crate::common::{Stage, Subject, devices, diptych};
+use diptych::device::{FailureKind, GpuDevice};
 use diptych::exec::{ExecError, Injection, Trouble};
-use diptych::schedule::Measured;
+use diptych::schedule::{Even, Measured};
 use serde_json::Value;
 
 const WIDTH: u32 = 96;
@@ -53,6 +53,30 @@ fn frames_keep_their_bytes_until_no_device_is_left() {
         Err(ExecError::NoneLeft { device: 3, what }) => assert!(what.contains("lost"), "{what}"),
         other => panic!("{other:?}"),
     }
+}
+
+#[test]
+fn devices_come_back_with_what_was_compiled_on_them_unless_they_failed() {
+    let subject = Subject::load("builtin:checker");
+    let settings = subject.settings(32, 18);
+    let policy = || Box::new(Even::new(18, 2));
+    let mut stage = Stage::on(devices(2, 1), &subject, &settings, policy());
+    stage.frame(0);
+    let gpus = stage.into_devices();
+    let compiled = |gpus: &[GpuDevice]| gpus.iter().map(|gpu| gpu.pipelines.len()).collect::<Vec<_>>();
+    let before = compiled(&gpus);
+    assert!(before.len() == 2 && before.iter().all(|n| *n > 0), "{before:?}");
+
+    let mut again = Stage::on(gpus, &subject, &settings, policy());
+    again.frame(0);
+    let gpus = again.into_devices();
+    assert_eq!(compiled(&gpus), before);
+
+    let mut failing = Stage::on(gpus, &subject, &settings, policy());
+    failing.renderer().set_trouble(trouble(&["loss:dev1@frame0"], &[]));
+    failing.frame(0);
+    let left = failing.into_devices();
+    assert_eq!(left.iter().map(|gpu| gpu.info.index).collect::<Vec<_>>(), [0]);
 }
 
 /// What is in flight behind a frame that a device fails in is begun again as well.
