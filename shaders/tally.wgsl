@@ -3,7 +3,7 @@
 //!include frame pack
 
 @group(1) @binding(0) var<storage, read> tally: array<u32>;
-// Eight numbers a row: rays, dropped non-finite samples, holes by reason 1 to 6.
+// Nine numbers a row: rays, dropped non-finite samples, holes by reason 1 to 6, pixels left to the filter.
 @group(1) @binding(1) var<storage, read_write> rows: array<atomic<u32>>;
 
 const SEGMENT: u32 = 64u;
@@ -15,19 +15,19 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if first >= frame.width || row >= pass_.row_end {
         return;
     }
-    var counts: array<u32, 8>;
+    var counts: array<u32, 9>;
     for (var x = first; x < min(first + SEGMENT, frame.width); x += 1u) {
         let t = tally[row * frame.width + x];
         counts[0] += t & 0xfffffu;
         counts[1] += (t >> 20u) & 0xffu;
         let why = t >> 28u;
-        if why != 0u && why != SKIPPED {
-            counts[min(why, 6u) + 1u] += 1u;
+        if why != 0u {
+            counts[min(why, SKIPPED) + 1u] += 1u;
         }
     }
-    for (var i = 0u; i < 8u; i += 1u) {
+    for (var i = 0u; i < 9u; i += 1u) {
         if counts[i] != 0u {
-            atomicAdd(&rows[row * 8u + i], counts[i]);
+            atomicAdd(&rows[row * 9u + i], counts[i]);
         }
     }
 }

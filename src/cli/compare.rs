@@ -1,35 +1,41 @@
 //! `diptych compare`.
 
+mod said;
+mod text;
+
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use diptych::image::display::write_png;
-use diptych::image::exr::{ColourSource, read_colour};
-use diptych::image::{Extent, RgbImage};
+use diptych::exec::Stereo;
+use diptych::image::display::{DisplayImage, write_png};
+use diptych::image::exr::{ColourFile, ColourSource, Tags, read_colour};
+use diptych::image::{Extent, stereo};
 use diptych::metrics::heatmap::{flip_heatmap, heatmap};
 use diptych::metrics::rings::{Ring, Viewing};
 use diptych::metrics::seams::SeamError;
-use diptych::metrics::{Errors, Pair};
-use diptych::report::text_table;
+use diptych::metrics::{Errors, MEASURES, Pair};
 use serde::Serialize;
 
 use super::failure::Failure;
-use super::sequence;
+use super::sequence::{self, frames_in};
+pub use said::{Said, Source, differences};
+pub use text::source_note;
 
 #[derive(clap::Args)]
+#[command(after_long_help = text::help())]
 pub struct Args {
-    /// What is right: an image, or the folder of a sequence
+    /// What is right: an image, or a folder with left.exr and right.exr, or with a sequence
     reference: PathBuf,
-    /// What is judged: an image, or the folder of a sequence, rendered with --aov motion,position,normal
+    /// What is judged, likewise; of a sequence, rendered with --aov motion,position,normal
     image: PathBuf,
-    /// Stops by which both are brightened to be shown, for PSNR, SSIM, FLIP, flicker, ghosting and the maps: the
-    /// shot's, to judge what render and play show of it
-    #[arg(long, value_name = "EV", default_value = "0", value_parser = exposure, allow_negative_numbers = true)]
-    exposure: f32,
-    /// Writes the error of display values as a colour-coded PNG
+    /// Stops by which both are brightened to be shown, for PSNR, SSIM, FLIP, flicker, ghosting and the maps [default: as
+    /// the reference says, else as the image says, else 0]
+    #[arg(long, value_name = "EV", value_parser = exposure, allow_negative_numbers = true)]
+    exposure: Option<f32>,
+    /// Writes the error of display values as a colour-coded PNG, of two eyes side by side
     #[arg(long, value_name = "FILE")]
     heatmap: Option<PathBuf>,
-    /// Writes the FLIP of each pixel as a PNG in the colours of magma
+    /// Writes the FLIP of each pixel as a PNG in the colours of magma, of two eyes side by side
     #[arg(long, value_name = "FILE")]
     flip_map: Option<PathBuf>,
     /// Also the errors in N rings of equal viewing angle around the gaze, out to the farthest corner
@@ -38,11 +44,12 @@ pub struct Args {
     /// Where the viewer looks, 0 to 1 from the left and from the top
     #[arg(long, value_name = "X,Y", default_value = "0.5,0.5", value_parser = gaze, requires = "rings")]
     gaze: [f64; 2],
-    /// Vertical field of view of the images, degrees, for the rings
-    #[arg(long, value_name = "DEG", default_value = "70", value_parser = yfov, requires = "rings")]
-    yfov: f64,
+    /// Vertical field of view of the images, degrees, for the rings [default: as the reference says, else as the image
+    /// says, else 70]
+    #[arg(long, value_name = "DEG", value_parser = yfov, requires = "rings")]
+    yfov: Option<f64>,
     /// Also the RMSE within 4 rows of where stripes meet over the RMSE elsewhere; R are rows with which stripes begin
-    #[arg(long, value_name = "R,R,…", value_delimiter = ',')]
+    #[arg(long = "seam-rows", value_name = "R,R,…", value_delimiter = ',')]
     seams: Vec<u32>,
     /// As JSON
     #[arg(long)]
@@ -65,14 +72,20 @@ fn exposure(text: &str) -> Result<f32, String> {
     parsed.ok_or_else(|| "give a number of stops, e.g. -0.5".to_owned())
 }
 
-/// What `--json` prints.
+/// What `--json` prints of a pair of images.
 #[derive(Serialize)]
-struct Findings {
+pub struct Findings {
     exposure_ev: f32,
+    exposure_source: Source,
     #[serde(flatten)]
     errors: Errors,
+    /// In what the images are not of the same.
+    warnings: Vec<String>,
     reference_source: ColourSource,
     image_source: ColourSource,
+    /// What the files say of themselves.
+    reference_tags: Tags,
+    image_tags: Tags,
     #[serde(skip_serializing_if = "Option::is_none")]
     rings: Option<Rings>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -83,45 +96,148 @@ struct Findings {
 struct Rings {
     #[serde(flatten)]
     viewing: Viewing,
+    yfov_source: Source,
     rings: Vec<Ring>,
 }
 
+/// What `--json` prints of two eyes.
+#[derive(Serialize)]
+struct BothFindings {
+    #[serde(flatten)]
+    eyes: Stereo<Findings>,
+    /// Of both eyes; what is undefined in one is `null`.
+    mean: serde_json::Map<String, serde_json::Value>,
+}
+
 pub fn run(args: &Args) -> Result<(), Failure> {
-    if args.reference.is_dir() && args.image.is_dir() {
-        refuse_options_of_images(args).map_err(Failure::Input)?;
-        return sequence::run(&args.reference, &args.image, args.exposure, args.json);
+    let (reference, image) = (&args.reference, &args.image);
+    match (reference.is_dir(), image.is_dir()) {
+        (false, false) => one(args),
+        (true, true) if is_sequence(reference, image).map_err(Failure::Input)? => {
+            refuse_options_of_images(args).map_err(Failure::Input)?;
+            sequence::run(reference, image, args.exposure, args.json)
+        }
+        (true, true) => both_eyes(args),
+        (reference_is_dir, _) => {
+            let (folder, other) = if reference_is_dir { (reference, image) } else { (image, reference) };
+            let what = if other.exists() { "is none" } else { "is not there" };
+            let (folder, other) = (folder.display(), other.display());
+            Err(input(format!("{folder} is a folder and {other} {what}: name two images or two folders")))
+        }
     }
-    let (reference, reference_source) = read(&args.reference)?;
-    let (image, image_source) = read(&args.image)?;
-    let pair = Pair::new(&reference, &image, args.exposure)
-        .with_context(|| format!("cannot compare {} with {}", args.image.display(), args.reference.display()))
-        .map_err(Failure::Input)?;
-    check_seams(&args.seams, image.extent).map_err(Failure::Input)?;
-    let viewing = Viewing { gaze: args.gaze, yfov_deg: args.yfov };
-    let findings = Findings {
-        exposure_ev: args.exposure,
-        errors: pair.errors(),
-        reference_source,
-        image_source,
-        rings: args.rings.map(|count| Rings { viewing, rings: pair.rings(&viewing, count.into()) }),
-        seams: (!args.seams.is_empty()).then(|| pair.seam_error(&args.seams)),
-    };
-    if let Some(path) = &args.heatmap {
-        write_png(path, &heatmap(&reference, &image, args.exposure)?)?;
-    }
-    if let Some(path) = &args.flip_map {
-        write_png(path, &flip_heatmap(&pair))?;
-    }
+}
+
+fn input(what: String) -> Failure {
+    Failure::Input(anyhow::anyhow!(what))
+}
+
+/// Whether two folders are compared by their numbered frames: there are at least two in each, or no pair of eyes in both.
+fn is_sequence(reference: &Path, image: &Path) -> Result<bool, anyhow::Error> {
+    let eyes = |folder: &Path| ["left.exr", "right.exr"].iter().any(|name| folder.join(name).is_file());
+    let numbered = [frames_in(reference)?, frames_in(image)?];
+    let is_one_of_eyes = [reference, image].into_iter().any(eyes);
+    Ok(numbered.iter().all(|frames| frames.len() > 1) || !is_one_of_eyes)
+}
+
+fn one(args: &Args) -> Result<(), Failure> {
+    let compared = Compared::read(args, &args.reference, &args.image)?;
+    compared.findings.warn("");
+    compared.findings.rings.iter().for_each(Rings::warn);
+    write_map(&args.heatmap, || compared.heatmap())?;
+    write_map(&args.flip_map, || Ok(flip_heatmap(&compared.pair)))?;
     if args.json {
-        say!("{}", serde_json::to_string(&findings).map_err(anyhow::Error::from)?);
+        say!("{}", serde_json::to_string(&compared.findings).map_err(anyhow::Error::from)?);
     } else {
-        print(&findings);
+        text::print(&[("image", &compared.findings)]);
     }
     Ok(())
 }
 
-fn read(path: &Path) -> Result<(RgbImage, ColourSource), Failure> {
-    read_colour(path).map_err(|e| Failure::Input(e.into()))
+fn both_eyes(args: &Args) -> Result<(), Failure> {
+    let read = |name: &str| Compared::read(args, &args.reference.join(name), &args.image.join(name));
+    let (left, right) = (read("left.exr")?, read("right.exr")?);
+    left.findings.warn("left eye: ");
+    right.findings.warn("right eye: ");
+    left.findings.rings.iter().for_each(Rings::warn);
+    let side_by_side = |left: DisplayImage, right: DisplayImage| Ok(stereo::side_by_side(&left, &right)?);
+    write_map(&args.heatmap, || side_by_side(left.heatmap()?, right.heatmap()?))?;
+    write_map(&args.flip_map, || side_by_side(flip_heatmap(&left.pair), flip_heatmap(&right.pair)))?;
+    let eyes = Stereo { left: left.findings, right: right.findings };
+    if args.json {
+        let means = mean(&eyes.left, &eyes.right);
+        let mean = MEASURES.iter().zip(means).map(|((name, _), mean)| ((*name).to_owned(), mean.into())).collect();
+        say!("{}", serde_json::to_string(&BothFindings { eyes, mean }).map_err(anyhow::Error::from)?);
+    } else {
+        text::print(&[("left", &eyes.left), ("right", &eyes.right)]);
+    }
+    Ok(())
+}
+
+/// Of each measure over both eyes.
+fn mean(left: &Findings, right: &Findings) -> [Option<f64>; 9] {
+    let (left, right) = (left.errors.values(), right.errors.values());
+    std::array::from_fn(|i| Some((left[i]? + right[i]?) / 2.0))
+}
+
+fn write_map(path: &Option<PathBuf>, map: impl FnOnce() -> Result<DisplayImage, Failure>) -> Result<(), Failure> {
+    path.as_ref().map_or(Ok(()), |path| Ok(write_png(path, &map()?)?))
+}
+
+/// An image and its reference, with what was found.
+struct Compared {
+    reference: ColourFile,
+    image: ColourFile,
+    pair: Pair,
+    findings: Findings,
+}
+
+impl Compared {
+    fn read(args: &Args, reference_path: &Path, image_path: &Path) -> Result<Self, Failure> {
+        let read = |path: &Path| read_colour(path).map_err(|e| Failure::Input(e.into()));
+        let (reference, image) = (read(reference_path)?, read(image_path)?);
+        let exposure = Said::exposure(args.exposure, &reference.tags, &image.tags);
+        let pair = Pair::new(&reference.image, &image.image, exposure.value)
+            .with_context(|| format!("cannot compare {} with {}", image_path.display(), reference_path.display()))
+            .map_err(Failure::Input)?;
+        check_seams(&args.seams, image.image.extent).map_err(Failure::Input)?;
+        let yfov = Said::yfov_deg(args.yfov, &reference.tags, &image.tags);
+        let viewing = Viewing { gaze: args.gaze, yfov_deg: yfov.value };
+        let rings = |count: u16| Rings { viewing, yfov_source: yfov.source, rings: pair.rings(&viewing, count.into()) };
+        let findings = Findings {
+            exposure_ev: exposure.value,
+            exposure_source: exposure.source,
+            errors: pair.errors(),
+            warnings: differences(&reference.tags, &image.tags),
+            reference_source: reference.source.clone(),
+            image_source: image.source.clone(),
+            reference_tags: reference.tags.clone(),
+            image_tags: image.tags.clone(),
+            rings: args.rings.map(rings),
+            seams: (!args.seams.is_empty()).then(|| pair.seam_error(&args.seams)),
+        };
+        Ok(Self { reference, image, pair, findings })
+    }
+
+    fn heatmap(&self) -> Result<DisplayImage, Failure> {
+        Ok(heatmap(&self.reference.image, &self.image.image, self.findings.exposure_ev)?)
+    }
+}
+
+impl Findings {
+    fn warn(&self, of: &str) {
+        self.warnings.iter().for_each(|warning| eprintln!("warning: {of}{warning}"));
+    }
+}
+
+impl Rings {
+    fn warn(&self) {
+        if self.yfov_source == Source::Default {
+            let assumed = self.viewing.yfov_deg;
+            eprintln!(
+                "warning: no file says its field of view, {assumed} degrees are assumed for --rings: give --yfov"
+            );
+        }
+    }
 }
 
 fn refuse_options_of_images(args: &Args) -> Result<(), anyhow::Error> {
@@ -129,48 +245,19 @@ fn refuse_options_of_images(args: &Args) -> Result<(), anyhow::Error> {
         ("--heatmap", args.heatmap.is_some()),
         ("--flip-map", args.flip_map.is_some()),
         ("--rings", args.rings.is_some()),
-        ("--seams", !args.seams.is_empty()),
+        ("--seam-rows", !args.seams.is_empty()),
     ];
     match given.iter().find(|(_, is_given)| *is_given) {
-        Some((option, _)) => anyhow::bail!("{option} is of single images: name two files instead of folders"),
+        Some((option, _)) => {
+            anyhow::bail!("{option} is of single frames: name two files, or folders without numbered frames")
+        }
         None => Ok(()),
     }
 }
 
 fn check_seams(rows: &[u32], extent: Extent) -> Result<(), anyhow::Error> {
     match rows.iter().find(|&&row| row == 0 || row >= extent.height) {
-        Some(row) => anyhow::bail!("--seams {row}: no stripe of {extent} meets another there, give rows from 1 on"),
+        Some(row) => anyhow::bail!("--seam-rows {row}: no stripe of {extent} meets another there, give rows from 1 on"),
         None => Ok(()),
     }
-}
-
-fn print(findings: &Findings) {
-    for (name, source) in [("reference", &findings.reference_source), ("image", &findings.image_source)] {
-        if !source.is_plain() {
-            say!("{name}: {source}");
-        }
-    }
-    say!("{:<22} {:>12}", "exposure_ev", findings.exposure_ev);
-    say!("{}", findings.errors);
-    if let Some(seams) = &findings.seams {
-        for (name, value) in
-            [("seam_rmse", seams.near_rmse), ("elsewhere_rmse", seams.elsewhere_rmse), ("seam_ratio", seams.ratio)]
-        {
-            say!("{name:<22} {:>12}", value.map_or("undefined".to_owned(), |v| format!("{v:.6}")));
-        }
-    }
-    if let Some(rings) = &findings.rings {
-        say!("\n{}", ring_table(&rings.rings).trim_end());
-    }
-}
-
-fn ring_table(rings: &[Ring]) -> String {
-    let row = |ring: &Ring| {
-        let bounds = [ring.inner_deg, ring.outer_deg].map(|deg| format!("{deg:.2}"));
-        let errors = [ring.rmse, ring.relmse, ring.psnr, ring.flip]
-            .map(|error| error.map_or("-".to_owned(), |error| format!("{error:.6}")));
-        bounds.into_iter().chain([ring.pixels.to_string()]).chain(errors).collect()
-    };
-    let rows: Vec<Vec<String>> = rings.iter().map(row).collect();
-    text_table(&["from_deg", "to_deg", "pixels", "rmse", "relmse", "psnr", "flip"], &rows)
 }

@@ -1,5 +1,6 @@
 //! What lands in `--out`.
 
+use std::collections::BTreeSet;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
@@ -8,12 +9,16 @@ use anyhow::Context;
 use diptych::exec::{Renderer, Stereo};
 use diptych::graph::PhysicalImage;
 use diptych::image::display::{DisplayImage, write_png};
+use diptych::image::exr::{self, Tags};
 use diptych::image::file::atomic_write;
-use diptych::image::{Extent, Image, RgbImage, exr, stereo};
-use diptych::metrics::heatmap::map_of_numbers;
+use diptych::image::key::{Entry, with_key};
+use diptych::image::{Extent, Image, RgbImage, stereo};
+use diptych::metrics::heatmap::number_colour;
+use diptych::scene::rig::Eye;
 use diptych::stages::{Aov, Foveation};
 
 use super::failure::Failure;
+use super::setup::Loaded;
 
 /// Makes the folder that `option` names and checks that files can be made in it, before anything is rendered for it.
 pub fn prepare(dir: &Path, option: &str) -> Result<(), Failure> {
@@ -44,6 +49,29 @@ pub struct FrameImages {
     pub linear: Stereo<RgbImage>,
     pub display: Stereo<DisplayImage>,
     pub aovs: Vec<(Aov, Stereo<Vec<Vec<f32>>>)>,
+    /// [`diptych::exec::FrameReport::pixel_centre`], where there are auxiliary images.
+    pub pixel_centre: [f32; 2],
+}
+
+/// What the files of each eye's images say of them, but for what is of auxiliary images alone.
+pub fn tags(loaded: &Loaded, extent: Extent, time_s: f64, frame: u32) -> Stereo<Tags> {
+    let rig = &loaded.shot.rig;
+    let of = |eye: Eye| {
+        let matrices = rig.matrices(time_s, eye, extent);
+        Tags {
+            world_to_camera: Some(matrices.world_to_camera),
+            world_to_ndc: Some(matrices.world_to_ndc),
+            yfov_deg: Some(rig.yfov_rad.to_degrees() as f32),
+            eye: Some(eye.to_string()),
+            frame: i32::try_from(frame).ok(),
+            time_s: Some(time_s),
+            exposure_ev: Some(loaded.shot.exposure_ev),
+            baseline_m: Some(rig.baseline_m),
+            baseline_units: Some(rig.baseline_units()),
+            pixel_centre: None,
+        }
+    };
+    Stereo { left: of(Eye::Left), right: of(Eye::Right) }
 }
 
 impl FrameImages {
@@ -68,6 +96,7 @@ impl FrameImages {
             linear: renderer.read_linear()?,
             display: Stereo { left: rgb(display.left), right: rgb(display.right) },
             aovs: read,
+            pixel_centre: [0.5; 2],
         })
     }
 
@@ -98,22 +127,25 @@ impl FrameImages {
     }
 
     /// Writes everything; `number` names the frame of a sequence.
-    pub fn write(&self, dir: &Path, number: Option<u32>, anaglyph: bool) -> Result<(), Failure> {
+    pub fn write(&self, dir: &Path, number: Option<u32>, anaglyph: bool, tags: &Stereo<Tags>) -> Result<(), Failure> {
         let _span = tracing::info_span!("write files").entered();
         let name = |stem: &str, extension: &str| named(dir, stem, number, extension);
-        exr::write_rgb(&name("left", "exr"), &self.linear.left)?;
-        exr::write_rgb(&name("right", "exr"), &self.linear.right)?;
+        exr::write_tagged_rgb(&name("left", "exr"), &self.linear.left, &tags.left)?;
+        exr::write_tagged_rgb(&name("right", "exr"), &self.linear.right, &tags.right)?;
+        let extent = self.linear.left.extent;
         for (aov, images) in &self.aovs {
-            for (eye, planes) in [("left", &images.left), ("right", &images.right)] {
+            for (eye, planes, tags) in [("left", &images.left, &tags.left), ("right", &images.right, &tags.right)] {
+                let tags = Tags { exposure_ev: None, pixel_centre: Some(self.pixel_centre), ..tags.clone() };
                 let channels: Vec<_> = aov.channels().iter().zip(planes).map(|(n, p)| (*n, p.as_slice())).collect();
                 let path = name(&format!("{eye}.{}", aov.name()), "exr");
-                exr::write_channels(&path, self.linear.left.extent, &channels)?;
+                exr::write_tagged_channels(&path, extent, &channels, &tags)?;
             }
         }
         for (aov, Stereo { left, right }) in self.aovs.iter().filter(|(aov, _)| aov.counts()) {
-            let most = left.iter().chain(right).flatten().fold(0.0, |a: f32, b| a.max(*b));
-            let map = |planes: &[Vec<f32>]| map_of_numbers(&planes[0], most, self.linear.left.extent);
-            write_png(&name(aov.name(), "png"), &stereo::side_by_side(&map(left), &map(right))?)?;
+            let (colour, key) = colours(*aov, &[&left[0], &right[0]]);
+            let map = |numbers: &[f32]| Image { extent, pixels: numbers.iter().map(|n| colour(*n)).collect() };
+            let both = stereo::side_by_side(&map(&left[0]), &map(&right[0]))?;
+            write_png(&name(aov.name(), "png"), &with_key(&both, &key))?;
         }
         write_png(&name("stereo", "png"), &stereo::side_by_side(&self.display.left, &self.display.right)?)?;
         if anaglyph {
@@ -121,6 +153,35 @@ impl FrameImages {
         }
         Ok(())
     }
+}
+
+/// The values of `holes`, in colours (Okabe & Ito) that most people can tell apart.
+const HOLE_KEY: [([u8; 3], &str); 8] = [
+    ([0, 0, 0], "0 reprojected, no surface, or left eye"),
+    ([213, 94, 0], "1 outside the left image"),
+    ([0, 114, 178], "2 left eye saw it turned another way"),
+    ([230, 159, 0], "3 left eye saw another depth"),
+    ([240, 228, 66], "4 left eye saw another material"),
+    ([86, 180, 233], "5 several surfaces: antialiasing"),
+    ([204, 121, 167], "6 mirror, glass or gloss"),
+    ([0, 158, 115], "7 left to the filter"),
+];
+
+/// How a picture shows the small whole numbers of an auxiliary image, and the key to it.
+fn colours(aov: Aov, images: &[&[f32]; 2]) -> (impl Fn(f32) -> [u8; 3] + use<>, Vec<Entry>) {
+    let numbers: BTreeSet<u32> = images.iter().flat_map(|image| image.iter().map(|n| *n as u32)).collect();
+    let most = numbers.last().map_or(0.0, |n| *n as f32);
+    let is_holes = aov == Aov::Holes;
+    let colour = move |number: f32| match HOLE_KEY.get(number as usize).filter(|_| is_holes) {
+        Some((colour, _)) => *colour,
+        None => number_colour(number, most),
+    };
+    let key = match aov {
+        Aov::Holes => HOLE_KEY.map(|(colour, text)| (colour, text.to_owned())).to_vec(),
+        Aov::Stripes => numbers.into_iter().map(|n| (colour(n as f32), format!("device {n}"))).collect(),
+        _ => numbers.into_iter().map(|n| (colour(n as f32), format!("{n} {}", aov.name()))).collect(),
+    };
+    (colour, key)
 }
 
 /// `left.exr`, or `left.0007.exr` in a sequence.

@@ -137,7 +137,7 @@ impl Run<'_> {
                 pace.restart();
             }
         }
-        if self.rows.is_empty() { Ok(()) } else { self.save(None) }
+        self.save(None)
     }
 
     /// Makes happen what is to happen in a frame; returns when on the camera's path it is.
@@ -157,8 +157,11 @@ impl Run<'_> {
         self.path.time_s(elapsed_s)
     }
 
+    /// Writes the last frame, if there is one.
     fn save(&mut self, number: Option<u32>) -> Result<(), Failure> {
-        FrameImages::read(&mut self.session.renderer, &[])?.write(&self.options.out, number, false)
+        let Some(&FrameRow { index, time_s, .. }) = self.rows.last() else { return Ok(()) };
+        let tags = output::tags(self.loaded, self.options.size, time_s, index);
+        FrameImages::read(&mut self.session.renderer, &[])?.write(&self.options.out, number, false, &tags)
     }
 }
 

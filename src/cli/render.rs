@@ -6,6 +6,7 @@ use diptych::exec::{FrameReport, Renderer, Stereo};
 use diptych::graph::Filter;
 use diptych::image::RgbImage;
 use diptych::report::run::{FrameRow, Quality, ReferenceRow, RunReport};
+use diptych::scene::rig::Rig;
 use diptych::stages::Aov;
 use diptych::trace::frames::record_devices;
 
@@ -73,8 +74,8 @@ impl Args {
     }
 
     /// What run.json has of a frame.
-    fn row(&self, frame: &FrameReport, quality: &Quality) -> FrameRow {
-        let row = FrameRow::new(frame, quality, self.options.size);
+    fn row(&self, frame: &FrameReport, quality: &Quality, rig: &Rig, time_s: f64) -> FrameRow {
+        let row = FrameRow::new(frame, quality, rig, time_s);
         if self.details { row.with_tasks(frame) } else { row }
     }
 }
@@ -161,6 +162,7 @@ impl Run<'_> {
         self.begin_frames()?;
         while let Some(frame) = self.renderer.finish()? {
             let mut images = FrameImages::read(&mut self.renderer, &options.aovs())?;
+            let time_s = time_s(options, frame.index);
             if self.rows.frames.is_empty() {
                 self.warn_of_nothing_seen(&images.linear);
             }
@@ -172,11 +174,13 @@ impl Run<'_> {
             if self.args.overlay {
                 images.overlay(frame.stripe_edges());
                 if let Some(foveation) = setup::foveation(options, self.loaded) {
-                    images.overlay_layers(&foveation, time_s(options, frame.index));
+                    images.overlay_layers(&foveation, time_s);
                 }
             }
-            images.write(&options.out, (options.frames > 1).then_some(frame.index), self.args.anaglyph)?;
-            let row = self.args.row(&frame, &setup::frame_settings(options));
+            let tags = output::tags(self.loaded, options.size, time_s, frame.index);
+            images.pixel_centre = frame.pixel_centre;
+            images.write(&options.out, (options.frames > 1).then_some(frame.index), self.args.anaglyph, &tags)?;
+            let row = self.args.row(&frame, &setup::frame_settings(options), &self.loaded.shot.rig, time_s);
             let event = serde_json::json!({ "event": "frame", "index": row.index, "makespan_ms": row.makespan_ms });
             self.progress.step(format!("{:.1} ms", row.makespan_ms), &event);
             self.rows.frames.push(row);
@@ -267,9 +271,10 @@ fn reference_frame(
         linear: done.accumulation.mean(),
         display: reference::display(&done.accumulation, loaded.shot.exposure_ev),
         aovs: Vec::new(),
+        pixel_centre: [0.5; 2],
     };
     if !options.aov.is_empty() {
-        renderer.render(&loaded.shot.rig, plan.time_s(index), index)?;
+        images.pixel_centre = renderer.render(&loaded.shot.rig, plan.time_s(index), index)?.pixel_centre;
         images.aovs = FrameImages::read(renderer, &options.aovs())?.aovs;
         for (_, spp) in images.aovs.iter_mut().filter(|(aov, _)| *aov == Aov::Spp) {
             spp.left.iter_mut().chain(&mut spp.right).for_each(|plane| plane.fill(done.row.spp as f32));
@@ -280,9 +285,10 @@ fn reference_frame(
             images.overlay(report.stripe_edges());
         }
         let quality = Quality { spp: done.row.spp, ..setup::frame_settings(options) };
-        rows.frames.push(args.row(&report, &quality));
+        rows.frames.push(args.row(&report, &quality, &loaded.shot.rig, plan.time_s(index)));
     }
-    images.write(&options.out, (options.frames > 1).then_some(index), args.anaglyph)?;
+    let tags = output::tags(loaded, options.size, plan.time_s(index), index);
+    images.write(&options.out, (options.frames > 1).then_some(index), args.anaglyph, &tags)?;
     rows.references.push(done.row);
     Ok(())
 }
@@ -316,15 +322,16 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
                 n => format!(" with {n} frame(s) of history"),
             };
             say!(
-                "warm-up {:.1} s{history}; {} frame(s) of {} on {} device(s): median makespan {median:.1} ms{pace}, {:.2} Mrays/s, \
-                 holes {:.1} %",
+                "warm-up {:.1} s{history}; {} frame(s) of {} on {} device(s): median makespan {median:.1} ms{pace}, {:.2} Mrays/s",
                 report.warm_up_s,
                 report.frames.len(),
                 report.scene.name,
                 report.devices.len(),
                 rays_per_s * 1e-6,
-                100.0 * report.frames.last().map_or(0.0, |f| f.hole_fraction),
             );
+        }
+        if let Some(right_eye) = report.frames.last().and_then(|frame| frame.right_eye.as_ref()) {
+            say!("right eye{}: {right_eye}", if report.frames.len() > 1 { " of the last frame" } else { "" });
         }
         say!("pictures and run.json: {}", options.out.display());
         if let Some(trace) = &options.trace {

@@ -6,70 +6,96 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, bail, ensure};
 use diptych::exec::Stereo;
 use diptych::image::{RgbImage, exr};
-use diptych::metrics::Pair;
 use diptych::metrics::temporal::{Change, Surfaces};
+use diptych::metrics::{MEASURES, Pair};
 use diptych::report::study::{SequenceRow, sequence_table};
 
+use super::compare::{Said, differences, source_note};
 use super::failure::Failure;
+
+/// Measures that only sequences have.
+pub const SEQUENCE_MEASURES: [(&str, &str); 3] = [
+    ("flicker", "mean change of a surface's error from one frame to the next; 0 is best"),
+    ("ghosting", "RMSE of newly seen surfaces over that of all others; above 1 may be trails"),
+    ("new_share", "share of newly seen surfaces"),
+];
 
 /// Numbers of the frames, where they are, and how they are shown.
 struct Sequence<'a> {
     reference: &'a Path,
     image: &'a Path,
-    exposure_ev: f32,
+    exposure: Said<f32>,
     frames: BTreeSet<u32>,
 }
 
-pub fn run(reference: &Path, image: &Path, exposure_ev: f32, json: bool) -> Result<(), Failure> {
-    let rows = compare(reference, image, exposure_ev).map_err(Failure::Input)?;
+/// `exposure_ev` as the option gives it.
+pub fn run(reference: &Path, image: &Path, exposure_ev: Option<f32>, json: bool) -> Result<(), Failure> {
+    let sequence = Sequence::find(reference, image, exposure_ev).map_err(Failure::Input)?;
+    let row = |eye| sequence.row(eye).map_err(Failure::Input);
+    let rows = Stereo { left: row("left")?, right: row("right")? };
     if json {
         say!("{}", serde_json::to_string(&rows).map_err(anyhow::Error::from)?);
-    } else {
-        say!("{}", sequence_table(&rows).text().trim_end());
+        return Ok(());
+    }
+    say!("{}\n", sequence_table(&rows).text().trim_end());
+    let exposure = ("exposure_ev", source_note(sequence.exposure.source));
+    let shown = MEASURES.into_iter().filter(|(name, _)| ["relmse", "psnr", "flip", "mean_ratio"].contains(name));
+    for (name, meaning) in [exposure].into_iter().chain(shown).chain(SEQUENCE_MEASURES) {
+        if !meaning.is_empty() {
+            say!("{name:<12} {meaning}");
+        }
     }
     Ok(())
 }
 
-fn compare(reference: &Path, image: &Path, exposure_ev: f32) -> Result<Stereo<SequenceRow>, anyhow::Error> {
-    let sequence = Sequence::find(reference, image, exposure_ev)?;
-    Ok(Stereo { left: sequence.row("left")?, right: sequence.row("right")? })
-}
-
 impl<'a> Sequence<'a> {
     /// Both folders must have the same frames, one after another.
-    fn find(reference: &'a Path, image: &'a Path, exposure_ev: f32) -> Result<Self, anyhow::Error> {
+    fn find(reference: &'a Path, image: &'a Path, exposure_ev: Option<f32>) -> Result<Self, anyhow::Error> {
         let [of_reference, of_image] = [frames_in(reference)?, frames_in(image)?];
         for (folder, own, other) in [(image, &of_image, &of_reference), (reference, &of_reference, &of_image)] {
             if let Some(&frame) = other.difference(own).next() {
                 bail!("there is no {}: render as many --frames", colour(folder, "left", frame).display());
             }
         }
-        let few = "frame(s) named as left.0000.exr, and a sequence takes two: render with --frames";
+        let few = "frame(s) named as left.0000.exr, and a sequence takes two: render with --frames, or name folders that \
+                   both have left.exr and right.exr";
         ensure!(of_image.len() > 1, "{} has {} {few}", image.display(), of_image.len());
         let mut following = of_image.iter().zip(of_image.iter().skip(1));
         if let Some((last, next)) = following.find(|(a, b)| *a + 1 != **b) {
             bail!("{} has no frame between {last} and {next}: frames must follow one another", image.display());
         }
-        Ok(Self { reference, image, exposure_ev, frames: of_image })
+        let first = of_image.first().copied().unwrap_or_default();
+        let tags = |folder| Ok::<_, anyhow::Error>(exr::read_colour(&colour(folder, "left", first))?.tags);
+        let exposure = Said::exposure(exposure_ev, &tags(reference)?, &tags(image)?);
+        Ok(Self { reference, image, exposure, frames: of_image })
     }
 
     fn row(&self, eye: &'static str) -> Result<SequenceRow, anyhow::Error> {
         let mut before: Option<(Pair, Surfaces)> = None;
         let (mut errors, mut changes) = (Vec::new(), Change::default());
+        let mut has_warned = false;
         for &frame in &self.frames {
-            let now = self.frame(eye, frame).with_context(|| format!("cannot compare frame {frame}, {eye} eye"))?;
+            let (now, warnings) =
+                self.frame(eye, frame).with_context(|| format!("cannot compare frame {frame}, {eye} eye"))?;
+            // What is wrong with one frame is with most.
+            if !has_warned {
+                warnings.iter().for_each(|warning| eprintln!("warning: frame {frame}, {eye} eye: {warning}"));
+            }
+            has_warned |= !warnings.is_empty();
             errors.push(now.0.errors());
             if let Some((pair, surfaces)) = &before {
                 changes = changes + now.0.change_since(pair, &now.1.history(surfaces)?)?;
             }
             before = Some(now);
         }
-        Ok(SequenceRow::new(eye, self.exposure_ev, errors, changes.into()))
+        Ok(SequenceRow::new(eye, self.exposure.value, errors, changes.into()))
     }
 
-    fn frame(&self, eye: &str, frame: u32) -> Result<(Pair, Surfaces), anyhow::Error> {
-        let [reference, image] = [self.reference, self.image].map(|folder| exr::read_rgb(&colour(folder, eye, frame)));
-        let pair = Pair::new(&reference?, &image?, self.exposure_ev)?;
+    /// With what the files contradict each other in.
+    fn frame(&self, eye: &str, frame: u32) -> Result<((Pair, Surfaces), Vec<String>), anyhow::Error> {
+        let read = |folder: &Path| exr::read_colour(&colour(folder, eye, frame));
+        let (reference, image) = (read(self.reference)?, read(self.image)?);
+        let pair = Pair::new(&reference.image, &image.image, self.exposure.value)?;
         // The passes of a reference are of one instant, so that its own motion would be none.
         let aov = |name: &str, channels| -> Result<RgbImage, anyhow::Error> {
             let path = self.image.join(format!("{eye}.{name}.{frame:04}.exr"));
@@ -78,7 +104,7 @@ impl<'a> Sequence<'a> {
         };
         let xyz = ["X", "Y", "Z"];
         let surfaces = Surfaces::new(aov("motion", ["X", "Y", "Y"])?, aov("position", xyz)?, aov("normal", xyz)?)?;
-        Ok((pair, surfaces))
+        Ok(((pair, surfaces), differences(&reference.tags, &image.tags)))
     }
 }
 
@@ -87,7 +113,7 @@ fn colour(folder: &Path, eye: &str, frame: u32) -> PathBuf {
 }
 
 /// Numbers of the left eye's frames.
-fn frames_in(folder: &Path) -> Result<BTreeSet<u32>, anyhow::Error> {
+pub fn frames_in(folder: &Path) -> Result<BTreeSet<u32>, anyhow::Error> {
     let cannot_read = || format!("cannot read the folder {}", folder.display());
     let mut frames = BTreeSet::new();
     for entry in std::fs::read_dir(folder).with_context(cannot_read)? {

@@ -20,7 +20,7 @@ pub use faults::{Fault, InjectedKind, Injection, Trouble};
 pub use quality::{Foresight, Quality};
 pub use renderer::Renderer;
 use report::resource_name;
-pub use report::{FrameReport, Stereo, Tally, TaskTiming, TimedTask};
+pub use report::{FrameReport, RightEye, Stereo, Tally, TaskTiming, TimedTask};
 
 use crate::graph::Seam;
 use crate::stages::{StageError, StageSettings};

@@ -347,6 +347,7 @@ impl Renderer {
             devices: self.crew.left(),
             assignment: plan.assignment,
             spec: FrameSpec { history_rows, ..self.spec.clone() },
+            pixel_centre: inputs.constants.centre.to_array(),
         };
         let (mut orders, mut injections) = (Vec::new(), Vec::new());
         for device in self.crew.left() {

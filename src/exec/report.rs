@@ -1,11 +1,13 @@
 //! What a frame took and found.
 
 use std::collections::BTreeMap;
+use std::fmt;
 use std::ops::Range;
 
-use crate::graph::{Assignment, FrameSpec, Resource, Stage};
+use crate::graph::{Assignment, FrameSpec, Resource, Stage, Views};
+use crate::image::Extent;
 use crate::scene::rig::Eye;
-use crate::stages::RowTally;
+use crate::stages::{HoleReason, RowTally};
 
 /// Time of one task on one device, milliseconds since the renderer's origin.
 #[derive(Clone, Debug, serde::Serialize)]
@@ -65,6 +67,8 @@ pub struct FrameReport {
     pub assignment: Assignment,
     /// What it had to do.
     pub spec: FrameSpec,
+    /// The point of each pixel, from its top left corner, that its auxiliary images are of.
+    pub pixel_centre: [f32; 2],
 }
 
 impl FrameReport {
@@ -98,6 +102,11 @@ impl FrameReport {
         self.tasks.iter().map(task).collect()
     }
 
+    /// How the right eye's pixels came about; `None` where it was traced as the left one was.
+    pub fn right_eye(&self) -> Option<RightEye> {
+        (self.spec.views == Views::Reprojected).then(|| RightEye::of(&self.tallies[1], self.spec.extent))
+    }
+
     /// Bytes that crossed from device to device.
     pub fn uploaded_bytes(&self) -> u64 {
         self.tasks.iter().filter(|t| t.kind == TimedTask::Upload).filter_map(|t| t.bytes).sum()
@@ -111,6 +120,8 @@ pub struct Tally {
     pub nonfinite: u64,
     /// By [`crate::stages::HoleReason`].
     pub holes: [u64; 6],
+    /// Pixels left to the filter.
+    pub unsampled: u64,
 }
 
 impl Tally {
@@ -119,11 +130,62 @@ impl Tally {
         for row in rows {
             sum.rays += u64::from(row.rays);
             sum.nonfinite += u64::from(row.nonfinite);
+            sum.unsampled += u64::from(row.unsampled);
             for (s, h) in sum.holes.iter_mut().zip(row.holes) {
                 *s += u64::from(h);
             }
         }
         sum
+    }
+}
+
+/// How the pixels of a right eye that is reprojected came about: shares that sum to 1.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct RightEye {
+    /// Gathered from the left eye, or without a surface.
+    pub reprojected_fraction: f64,
+    /// Traced, since several surfaces share the pixel, here or in the left eye: each has light of its own.
+    pub antialiasing_fraction: f64,
+    /// Traced, since the left eye did not see the surface, or saw other light from there.
+    pub hole_fraction: f64,
+    /// The same by [`HoleReason`].
+    pub hole_fractions: BTreeMap<&'static str, f64>,
+    /// Not traced but left to the filter, by render scale or foveation.
+    pub unsampled_fraction: f64,
+}
+
+impl RightEye {
+    fn of(tally: &Tally, extent: Extent) -> Self {
+        let share = |pixels: u64| pixels as f64 / extent.area() as f64;
+        let reasons = HoleReason::ALL.into_iter().filter(|reason| *reason != HoleReason::Mixed);
+        let mixed = tally.holes[HoleReason::Mixed as usize];
+        let traced: u64 = tally.holes.iter().sum();
+        Self {
+            reprojected_fraction: share((extent.area() as u64).saturating_sub(traced + tally.unsampled)),
+            antialiasing_fraction: share(mixed),
+            hole_fraction: share(traced - mixed),
+            hole_fractions: reasons.map(|r| (r.name(), share(tally.holes[r as usize]))).collect(),
+            unsampled_fraction: share(tally.unsampled),
+        }
+    }
+}
+
+impl fmt::Display for RightEye {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let percent = |share: f64| format!("{:.1} %", 100.0 * share);
+        let of = |reasons: &[HoleReason]| percent(reasons.iter().map(|r| self.hole_fractions[r.name()]).sum());
+        write!(f, "{} reprojected, ", percent(self.reprojected_fraction))?;
+        write!(f, "{} traced again for antialiasing, ", percent(self.antialiasing_fraction))?;
+        if self.unsampled_fraction > 0.0 {
+            write!(f, "{} left to the filter, ", percent(self.unsampled_fraction))?;
+        }
+        write!(f, "{} holes", percent(self.hole_fraction))?;
+        if self.hole_fraction > 0.0 {
+            let hidden = of(&[HoleReason::Normal, HoleReason::Distance, HoleReason::Material]);
+            write!(f, " ({} outside the left image, {hidden} hidden from the left eye, ", of(&[HoleReason::Outside]))?;
+            write!(f, "{} mirrors, glass or gloss)", of(&[HoleReason::View]))?;
+        }
+        Ok(())
     }
 }
 

@@ -108,7 +108,7 @@ impl PhysicalImage {
     pub fn row_bytes(self, width: u32) -> u64 {
         let per_pixel = match self {
             Self::Tally | Self::Display | Self::Holes => 4,
-            Self::RowTally => return 32,
+            Self::RowTally => return 36,
             _ => 16,
         };
         per_pixel * u64::from(width)

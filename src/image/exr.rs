@@ -1,7 +1,9 @@
 //! OpenEXR files: what we write is one scanline part of f32 channels; what we read may come from other programs.
 
+mod tags;
+
 use std::collections::HashSet;
-use std::io::{self, Cursor};
+use std::io::{self, Cursor, Write};
 use std::panic::{UnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::{fmt, fs};
@@ -10,7 +12,7 @@ use ::exr::block::reader::ChunksReader;
 use ::exr::block::{UncompressedBlock, lines::LineRef};
 use ::exr::error::Error as ExrError;
 use ::exr::image::write::WritableImage;
-use ::exr::image::{AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples};
+use ::exr::image::{AnyChannel, AnyChannels, Blocks, Encoding, FlatSamples, Layer};
 use ::exr::math::Vec2;
 use ::exr::meta::attribute::{ChannelDescription, LineOrder, SampleType, Text};
 use ::exr::meta::header::Header;
@@ -18,6 +20,7 @@ use ::exr::prelude::{Compression, f16};
 
 use super::file::atomic_write;
 use super::{Extent, Image, ImageError, RgbImage};
+pub use tags::Tags;
 
 /// Noisy radiance hardly shrinks by any lossless method, and ZIP takes long to find that out; flat AOVs shrink by this.
 const COMPRESSION: Compression = Compression::RLE;
@@ -27,9 +30,17 @@ const COMPRESSION: Compression = Compression::RLE;
 /// # Errors
 /// [`ImageError::Write`].
 pub fn write_rgb(path: &Path, image: &RgbImage) -> Result<(), ImageError> {
+    write_tagged_rgb(path, image, &Tags::default())
+}
+
+/// [`write_rgb`] with attributes that say what the image is of.
+///
+/// # Errors
+/// [`ImageError::Write`].
+pub fn write_tagged_rgb(path: &Path, image: &RgbImage, tags: &Tags) -> Result<(), ImageError> {
     let plane = |c: usize| image.pixels.iter().map(|p| p[c]).collect::<Vec<f32>>();
     let (r, g, b) = (plane(0), plane(1), plane(2));
-    write_channels(path, image.extent, &[("R", &r), ("G", &g), ("B", &b)])
+    write_tagged_channels(path, image.extent, &[("R", &r), ("G", &g), ("B", &b)], tags)
 }
 
 /// Writes named f32 channels, each with `extent.area()` values, row-major from the top left.
@@ -37,13 +48,29 @@ pub fn write_rgb(path: &Path, image: &RgbImage) -> Result<(), ImageError> {
 /// # Errors
 /// [`ImageError::Write`], also for a wrong number of values and for names that are empty or occur twice.
 pub fn write_channels(path: &Path, extent: Extent, channels: &[(&str, &[f32])]) -> Result<(), ImageError> {
+    write_tagged_channels(path, extent, channels, &Tags::default())
+}
+
+/// [`write_channels`] with attributes that say what the image is of.
+///
+/// # Errors
+/// As [`write_channels`].
+pub fn write_tagged_channels(
+    path: &Path,
+    extent: Extent,
+    channels: &[(&str, &[f32])],
+    tags: &Tags,
+) -> Result<(), ImageError> {
     atomic_write(path, |file| {
         let list = channels.iter().map(|&(name, samples)| channel(extent, name, samples)).collect::<io::Result<_>>()?;
         let encoding =
             Encoding { compression: COMPRESSION, blocks: Blocks::ScanLines, line_order: LineOrder::Increasing };
         let size = (extent.width as usize, extent.height as usize);
-        let image = ::exr::image::Image::from_encoded_channels(size, encoding, AnyChannels::sort(list));
-        image.write().to_buffered(file).map_err(io_error)
+        let layer = Layer::new(size, tags.attributes(extent), encoding, AnyChannels::sort(list));
+        let mut bytes = Vec::new();
+        ::exr::image::Image::from_layer(layer).write().to_buffered(Cursor::new(&mut bytes)).map_err(io_error)?;
+        tags::sort(&mut bytes);
+        file.write_all(&bytes)
     })
 }
 
@@ -63,12 +90,20 @@ fn io_error(error: ExrError) -> io::Error {
     }
 }
 
-/// [`read_colour`] without where it came from.
+/// The colour of a file, with what the file says of it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ColourFile {
+    pub image: RgbImage,
+    pub source: ColourSource,
+    pub tags: Tags,
+}
+
+/// [`read_colour`]'s image.
 ///
 /// # Errors
 /// As [`read_colour`].
 pub fn read_rgb(path: &Path) -> Result<RgbImage, ImageError> {
-    read_colour(path).map(|(image, _)| image)
+    read_colour(path).map(|file| file.image)
 }
 
 /// Reads the colour of an OpenEXR file, scanlines or tiles, half, float or uint; of several levels the largest.
@@ -79,7 +114,7 @@ pub fn read_rgb(path: &Path) -> Result<RgbImage, ImageError> {
 /// # Errors
 /// [`ImageError::Read`], [`ImageError::Decode`] for a file that is damaged, [`ImageError::Unsupported`] for deep data,
 /// subsampled channels and the compressions DWA, HTJ2K and ZSTD, [`ImageError::NoColour`].
-pub fn read_colour(path: &Path) -> Result<(RgbImage, ColourSource), ImageError> {
+pub fn read_colour(path: &Path) -> Result<ColourFile, ImageError> {
     read(path, Colour::find, |path, channels| ImageError::NoColour { path, channels })
 }
 
@@ -91,7 +126,7 @@ pub fn read_colour(path: &Path) -> Result<(RgbImage, ColourSource), ImageError> 
 pub fn read_channels(path: &Path, names: [&'static str; 3]) -> Result<RgbImage, ImageError> {
     let lacks = |path, channels| ImageError::NoChannels { path, wanted: names.join(", "), channels };
     let named = move |headers: &[Header]| Colour::first(headers, |list| channels_of_layer(list, "", names));
-    read(path, named, lacks).map(|(image, _)| image)
+    read(path, named, lacks).map(|file| file.image)
 }
 
 /// [`read_rgb`] of a file's `bytes`, if that takes at most `max_memory` bytes beside them.
@@ -100,7 +135,7 @@ pub fn read_channels(path: &Path, names: [&'static str; 3]) -> Result<RgbImage, 
 /// As [`read_colour`], and [`ImageError::TooLarge`].
 pub fn decode_rgb(path: &Path, bytes: &[u8], max_memory: u64) -> Result<RgbImage, ImageError> {
     let lacks = |path, channels| ImageError::NoColour { path, channels };
-    read_bytes(path, bytes, max_memory, Colour::find, lacks).map(|(image, _)| image)
+    read_bytes(path, bytes, max_memory, Colour::find, lacks).map(|file| file.image)
 }
 
 /// `lacks` makes the error, of the path and the names of the channels that are there, where `find` finds none.
@@ -108,7 +143,7 @@ fn read(
     path: &Path,
     find: impl Fn(&[Header]) -> Option<Colour> + UnwindSafe,
     lacks: impl Fn(PathBuf, String) -> ImageError,
-) -> Result<(RgbImage, ColourSource), ImageError> {
+) -> Result<ColourFile, ImageError> {
     let bytes = fs::read(path).map_err(|source| ImageError::Read { path: path.to_owned(), source })?;
     read_bytes(path, &bytes, u64::MAX, find, lacks)
 }
@@ -119,7 +154,7 @@ fn read_bytes(
     max_memory: u64,
     find: impl Fn(&[Header]) -> Option<Colour> + UnwindSafe,
     lacks: impl Fn(PathBuf, String) -> ImageError,
-) -> Result<(RgbImage, ColourSource), ImageError> {
+) -> Result<ColourFile, ImageError> {
     // The crate's B44 decoder overflows on damaged blocks, which panics where overflow is checked; Cargo.toml has it
     // unchecked in our own builds.
     let decoded = catch_unwind(|| decode(bytes, max_memory, find))
@@ -182,17 +217,14 @@ impl From<ExrError> for Refusal {
     }
 }
 
-fn decode(
-    bytes: &[u8],
-    max_memory: u64,
-    find: impl Fn(&[Header]) -> Option<Colour>,
-) -> Result<(RgbImage, ColourSource), Refusal> {
+fn decode(bytes: &[u8], max_memory: u64, find: impl Fn(&[Header]) -> Option<Colour>) -> Result<ColourFile, Refusal> {
     let reader = ::exr::block::read(Cursor::new(bytes), false)?;
     check_headers(reader.headers(), bytes.len())?;
     let colour = find(reader.headers()).ok_or_else(|| Refusal::NotThere(channel_names(reader.headers())))?;
     let source = colour.source(reader.headers());
 
     let header = &reader.headers()[colour.part];
+    let tags = Tags::of(header);
     let needed = decoding_bytes(header, bytes.len());
     if needed > max_memory {
         return Err(Refusal::TooLarge(needed));
@@ -210,7 +242,7 @@ fn decode(
             }
             colour.copy_block(&meta.headers[colour.part], &block, &mut image)
         })?;
-    Ok((image, source))
+    Ok(ColourFile { image, source, tags })
 }
 
 /// Refuses headers that would have us allocate far more than the file can fill: deflate, the strongest of the

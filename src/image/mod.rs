@@ -4,6 +4,7 @@ pub mod display;
 mod error;
 pub mod exr;
 pub mod file;
+pub mod key;
 pub mod stereo;
 
 pub use error::{ImageError, check_same_size};

@@ -3,7 +3,7 @@
 use std::f64::consts::TAU;
 
 use crate::image::display::{DisplayImage, display_value, gain, level};
-use crate::image::{Extent, Image, ImageError, RgbImage, check_same_size};
+use crate::image::{Image, ImageError, RgbImage, check_same_size};
 
 use super::Pair;
 
@@ -38,11 +38,10 @@ fn cubehelix(position: f64) -> [f64; 3] {
         .map(|(along_cos, along_sin)| position + amplitude * (along_cos * cos + along_sin * sin))
 }
 
-/// Colours numbers from black, 0, to the pale end of the scale, `most`; row-major.
-pub fn map_of_numbers(numbers: &[f32], most: f32, extent: Extent) -> DisplayImage {
+/// The colour of a number on the scale from black, 0, to its pale end, `most`.
+pub fn number_colour(number: f32, most: f32) -> [u8; 3] {
     // The last tenth is too near white to be told apart.
-    let colour = |n: &f32| cubehelix(f64::from(n / most.max(f32::MIN_POSITIVE)).clamp(0.0, 1.0) * 0.9).map(level);
-    Image { extent, pixels: numbers.iter().map(colour).collect() }
+    cubehelix(f64::from(number / most.max(f32::MIN_POSITIVE)).clamp(0.0, 1.0) * 0.9).map(level)
 }
 
 /// Colours the FLIP of each pixel by the magma map, as FLIP is shown elsewhere: black is 0, pale yellow is 1.
@@ -83,6 +82,7 @@ fn magma(position: f64) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::image::Extent;
 
     #[test]
     fn equal_is_black_and_opposite_is_white() {

@@ -43,6 +43,19 @@ pub struct Errors {
     pub nonfinite_reference_px: usize,
 }
 
+/// Name and meaning of each of [`Errors`], in their order.
+pub const MEASURES: [(&str, &str); 9] = [
+    ("rmse", "root mean square error of linear radiance; 0 is best"),
+    ("relmse", "mean of error² / (reference² + 0.01), linear radiance; 0 is best"),
+    ("psnr", "of tonemapped values, dB; more is better, inf is the same"),
+    ("ssim", "structural similarity of tonemapped values; 1 is the same"),
+    ("flip", "difference seen when flipping from one to the other; 0 is none, 1 the most"),
+    ("mean_ratio", "mean of the image over that of the reference; 1 is as bright"),
+    ("block16", "RMSE of 16x16 block means over the mean: wrong areas, not noise; 0 is best"),
+    ("nonfinite_px", "pixels of the image with a NaN or an infinity, which count as 0"),
+    ("nonfinite_reference_px", "... of the reference"),
+];
+
 /// All errors of `image` against `reference`, shown at 0 EV; [`Pair::new`] takes another exposure.
 ///
 /// # Errors
@@ -76,6 +89,23 @@ impl Side {
         let shown = radiance.iter().map(|p| p.map(|c| display_value(c * gain))).collect();
         let nonfinite_px = image.pixels.iter().filter(|p| p.iter().any(|c| !c.is_finite())).count();
         Self { radiance, shown, nonfinite_px }
+    }
+}
+
+impl Errors {
+    /// In the order of [`MEASURES`].
+    pub fn values(&self) -> [Option<f64>; 9] {
+        [
+            Some(self.rmse),
+            Some(self.relmse),
+            Some(self.psnr),
+            self.ssim,
+            Some(self.flip),
+            self.mean_ratio,
+            self.block16,
+            Some(self.nonfinite_px as f64),
+            Some(self.nonfinite_reference_px as f64),
+        ]
     }
 }
 
@@ -116,24 +146,12 @@ impl Pair {
     }
 }
 
-/// One `name value` line per metric.
+/// One `name value` line per measure.
 impl fmt::Display for Errors {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let metrics = [
-            ("rmse", Some(self.rmse)),
-            ("relmse", Some(self.relmse)),
-            ("psnr", Some(self.psnr)),
-            ("ssim", self.ssim),
-            ("flip", Some(self.flip)),
-            ("mean_ratio", self.mean_ratio),
-            ("block16", self.block16),
-        ];
-        for (name, value) in metrics {
-            let value = value.map_or("undefined".to_owned(), |v| format!("{v:.6}"));
-            writeln!(f, "{name:<22} {value:>12}")?;
-        }
-        writeln!(f, "{:<22} {:>12}", "nonfinite_px", self.nonfinite_px)?;
-        write!(f, "{:<22} {:>12}", "nonfinite_reference_px", self.nonfinite_reference_px)
+        let value = |value: Option<f64>| value.map_or("undefined".to_owned(), |v| format!("{v:.6}"));
+        let lines = MEASURES.iter().zip(self.values()).map(|((name, _), v)| format!("{name:<22} {:>12}", value(v)));
+        f.write_str(&lines.collect::<Vec<_>>().join("\n"))
     }
 }
 

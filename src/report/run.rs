@@ -9,14 +9,14 @@ use serde_json::Serializer;
 
 use crate::accumulation::Noise;
 use crate::device::DeviceInfo;
-use crate::exec::{Fault, FrameReport, Stereo, TaskTiming, TimedTask};
+use crate::exec::{Fault, FrameReport, RightEye, Stereo, TaskTiming, TimedTask};
 use crate::graph::{Seam, Stage};
+use crate::image::ImageError;
 use crate::image::file::atomic_write;
-use crate::image::{Extent, ImageError};
 use crate::scene::Scene;
 use crate::scene::needs::SceneNeeds;
-use crate::scene::rig::Eye;
-use crate::stages::HoleReason;
+use crate::scene::projection::Matrices;
+use crate::scene::rig::{Eye, Rig};
 
 use super::json::Lines;
 use super::lanes::round;
@@ -188,6 +188,10 @@ impl StageSum {
 #[derive(Clone, Debug, Serialize)]
 pub struct FrameRow {
     pub index: u32,
+    /// Along the camera path.
+    pub time_s: f64,
+    /// Of each eye.
+    pub cameras: Stereo<Matrices>,
     pub makespan_ms: f64,
     /// From the end of the frame before to the end of this one; `null` for the first, and of a reference.
     pub interval_ms: Option<f64>,
@@ -197,10 +201,9 @@ pub struct FrameRow {
     #[serde(flatten)]
     pub quality: Quality,
     pub rays: u64,
-    /// Share of the right eye's pixels that reprojection left open.
-    pub hole_fraction: f64,
-    /// The same by reason.
-    pub hole_fractions: serde_json::Map<String, serde_json::Value>,
+    /// How the right eye's pixels came about, where it is reprojected.
+    #[serde(flatten)]
+    pub right_eye: Option<RightEye>,
     pub nonfinite_samples: u64,
     /// Rows of the left eye's path tracing per device.
     pub stripes: Vec<u32>,
@@ -221,9 +224,9 @@ pub struct FrameRow {
 }
 
 impl FrameRow {
-    pub fn new(frame: &FrameReport, quality: &Quality, extent: Extent) -> Self {
-        let holes = frame.tallies[1].holes;
-        let share = |n: u64| n as f64 / extent.area() as f64;
+    /// Of a frame that `rig` sees at `time_s`.
+    pub fn new(frame: &FrameReport, quality: &Quality, rig: &Rig, time_s: f64) -> Self {
+        let matrices = |eye| rig.matrices(time_s, eye, frame.spec.extent);
         let rows_of = |stage, view| {
             let stripes = frame.assignment.stripes(stage, view);
             (0..stripes.devices()).map(|d| stripes.rows(d).len() as u32).collect::<Vec<u32>>()
@@ -234,17 +237,15 @@ impl FrameRow {
             .collect();
         Self {
             index: frame.index,
+            time_s,
+            cameras: Stereo { left: matrices(Eye::Left), right: matrices(Eye::Right) },
             makespan_ms: frame.makespan_ms,
             interval_ms: frame.interval_ms,
             predicted_ms: frame.predicted_ms,
             plan_ms: frame.plan_ms,
             quality: *quality,
             rays: frame.tallies.iter().map(|t| t.rays).sum(),
-            hole_fraction: share(holes.iter().sum()),
-            hole_fractions: HoleReason::ALL
-                .iter()
-                .map(|r| (r.name().into(), share(holes[*r as usize]).into()))
-                .collect(),
+            right_eye: frame.right_eye(),
             nonfinite_samples: frame.tallies.iter().map(|t| t.nonfinite).sum(),
             stripes: rows_of(Stage::PathTrace, Eye::Left),
             stage_stripes,

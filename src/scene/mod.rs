@@ -7,6 +7,7 @@ pub mod budget;
 pub mod complete;
 pub mod folder;
 pub mod rig;
+pub mod projection;
 pub mod shot;
 pub mod gltf;
 pub mod builtin;

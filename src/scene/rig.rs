@@ -116,17 +116,22 @@ impl View {
 impl Rig {
     /// The eye's view at `time_s`: keys are interpolated linearly, and held before the first and after the last.
     pub fn view(&self, time_s: f64, eye: Eye) -> View {
-        let key = self.key_at(time_s);
-        let forward = (key.target - key.position).normalize();
-        let right = forward.cross(key.up.normalize()).normalize();
-        let half_baseline = self.baseline_m / self.metres_per_unit / 2.0;
+        let (origin, [right, up, forward]) = self.pose(time_s, eye);
         View {
-            origin: (key.position + right * (eye.side() * half_baseline)).as_vec3(),
+            origin: origin.as_vec3(),
             right: right.as_vec3(),
-            up: right.cross(forward).as_vec3(),
+            up: up.as_vec3(),
             forward: forward.as_vec3(),
             tan_half_yfov: (self.yfov_rad / 2.0).tan() as f32,
         }
+    }
+
+    /// Where the eye is, and its right, up and forward vectors.
+    pub(super) fn pose(&self, time_s: f64, eye: Eye) -> (DVec3, [DVec3; 3]) {
+        let key = self.key_at(time_s);
+        let forward = (key.target - key.position).normalize();
+        let right = forward.cross(key.up.normalize()).normalize();
+        (key.position + right * (eye.side() * self.baseline_units() / 2.0), [right, right.cross(forward), forward])
     }
 
     fn key_at(&self, time_s: f64) -> RigKey {

@@ -29,6 +29,8 @@ pub struct RowTally {
     pub nonfinite: u32,
     /// Holes by [`HoleReason`].
     pub holes: [u32; 6],
+    /// Pixels left to the filter.
+    pub unsampled: u32,
 }
 
 /// Why a pixel of the right eye could not be reprojected, in the order of [`RowTally::holes`].

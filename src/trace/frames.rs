@@ -155,6 +155,15 @@ fn record_counters(recorder: &Recorder, frame: &FrameReport, knobs: &FrameKnobs)
     recorder.counter("bounces", at_us, &[("bounces", f64::from(knobs.bounces))]);
     recorder.counter("iterations", at_us, &[("iterations", f64::from(knobs.iterations))]);
     recorder.counter("render scale", at_us, &[("scale", knobs.scale)]);
+    if let Some(right) = frame.right_eye() {
+        let shares = [
+            ("reprojected", right.reprojected_fraction),
+            ("antialiasing", right.antialiasing_fraction),
+            ("holes", right.hole_fraction),
+            ("unsampled", right.unsampled_fraction),
+        ];
+        recorder.counter("pixels of the right eye", at_us, &shares);
+    }
     recorder.counter("bytes moved", at_us, &[("bytes", frame.uploaded_bytes() as f64)]);
     let stripes = frame.assignment.stripes(Stage::PathTrace, Eye::Left);
     let rows = (0..stripes.devices()).map(|d| stripes.rows(d).len() as f64);

@@ -6,6 +6,7 @@ mod bench;
 mod common;
 mod export;
 mod host_trace;
+mod image_files;
 mod metrics;
 mod play;
 mod reference_mode;

@@ -7,7 +7,7 @@ use crate::common::diptych;
 use diptych::image::exr::{write_channels, write_rgb};
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::metrics::heatmap::heatmap;
-use diptych::metrics::{Pair, compare};
+use diptych::metrics::{MEASURES, Pair, compare};
 
 /// Small deterministic numbers in 0 … 1.
 fn noise(mut state: u32) -> impl FnMut() -> f64 {
@@ -194,10 +194,15 @@ fn compare_prints_all_errors_as_text_and_as_json() {
     let files = Files::new();
     let json = files.json(&[]);
     let text = String::from_utf8(files.compare("reference.exr", "image.exr", &[]).stdout).unwrap();
+    let help = String::from_utf8(diptych(&["compare", "--help"]).stdout).unwrap();
+    let help = help.split_whitespace().collect::<Vec<_>>().join(" ");
     for name in ["rmse", "relmse", "psnr", "ssim", "flip", "mean_ratio", "block16"] {
         let value = json[name].as_f64().unwrap();
-        let said = text.lines().any(|l| l.split_whitespace().eq([name, format!("{value:.6}").as_str()]));
+        let said = text.lines().any(|l| l.split_whitespace().take(2).eq([name, format!("{value:.6}").as_str()]));
         assert!(said, "{name} {value}: {text}");
+        // Each line says what it is, and so does the help.
+        let meaning = MEASURES.iter().find(|(measure, _)| *measure == name).unwrap().1;
+        assert!(text.contains(meaning) && help.contains(meaning), "{name}: {meaning}");
     }
     assert_eq!(json["nonfinite_px"], 0);
     assert!(json.get("rings").is_none() && json.get("seams").is_none());
@@ -229,7 +234,7 @@ fn an_error_that_only_shows_at_the_exposure_of_the_shot_is_found_there() {
 #[test]
 fn compare_splits_errors_by_ring_and_by_seam() {
     let files = Files::new();
-    let json = files.json(&["--rings", "20", "--gaze", "0.25,0.5", "--yfov", "90", "--seams", "10,25"]);
+    let json = files.json(&["--rings", "20", "--gaze", "0.25,0.5", "--yfov", "90", "--seam-rows", "10,25"]);
     let rings = json["rings"]["rings"].as_array().unwrap();
     assert_eq!(rings.len(), 20);
     assert_eq!(rings.iter().map(|r| r["pixels"].as_u64().unwrap()).sum::<u64>(), 48 * 40);
@@ -242,9 +247,13 @@ fn compare_splits_errors_by_ring_and_by_seam() {
     let ratio = seams["near_rmse"].as_f64().unwrap() / seams["elsewhere_rmse"].as_f64().unwrap();
     assert!((seams["ratio"].as_f64().unwrap() - ratio).abs() < 1e-12);
 
-    let text = files.compare("reference.exr", "image.exr", &["--rings", "3", "--seams", "10"]).stdout;
-    let text = String::from_utf8(text).unwrap();
+    let output = files.compare("reference.exr", "image.exr", &["--rings", "3", "--seam-rows", "10"]);
+    let text = String::from_utf8(output.stdout).unwrap();
     assert!(text.contains("seam_ratio") && text.contains("from_deg"), "{text}");
+    // Nothing says how these were seen.
+    let warned = String::from_utf8(output.stderr).unwrap();
+    assert!(warned.contains("70 degrees are assumed") && text.contains("70 degrees, assumed"), "{warned}{text}");
+    assert_eq!((&json["rings"]["yfov_source"], &json["exposure_source"]), (&"option".into(), &"default".into()));
 }
 
 #[test]
@@ -296,11 +305,16 @@ fn compare_refuses_bad_input_by_name() {
         ("--exposure", "nan"),
         ("--yfov", "180"),
         ("--yfov", "nan"),
-        ("--seams", "0"),
-        ("--seams", "40"),
-        ("--seams", "first"),
+        ("--seam-rows", "0"),
+        ("--seam-rows", "40"),
+        ("--seam-rows", "first"),
     ] {
         files.refused("reference.exr", "image.exr", &[option, value], &[option]);
     }
     files.refused("reference.exr", "image.exr", &["--gaze", "0.5,0.5"], &["--rings"]);
+    files.refused("reference.exr", ".", &[], &["reference.exr", "name two images or two folders"]);
+    files.refused(".", "none", &[], &["none", "is not there"]);
+    files.refused(".", ".", &[], &["0 frame(s)", "left.exr and right.exr"]);
+    write_rgb(&files.path("left.exr"), &scene(48, 40)).unwrap();
+    files.refused(".", ".", &[], &["right.exr"]);
 }

@@ -100,7 +100,10 @@ fn openexr_files_are_read_or_refused() {
     for seed in exr_seeds() {
         assert!(read(&path, &seed).is_some());
     }
-    exr::write_rgb(&path, &picture()).unwrap();
+    let row = [1.0, -0.5, 0.25, 2.0];
+    let (matrix, eye) = (Some([row; 4]), Some("left".to_owned()));
+    let tags = exr::Tags { world_to_ndc: matrix, eye, frame: Some(7), time_s: Some(0.5), ..Default::default() };
+    exr::write_tagged_rgb(&path, &picture(), &tags).unwrap();
     let seeds = exr_seeds().into_iter().chain([std::fs::read(&path).unwrap()]).collect();
     hold(1000, ALLOWED_BYTES, damaged(seeds), |bytes| drop(read(&path, &bytes)));
 }

@@ -11,6 +11,7 @@ use super::journal::Journal;
 use crate::cli::failure::Failure;
 use crate::cli::foveation::FoveationOptions;
 use crate::cli::options::{Denoiser, RenderOptions, RunOptions};
+use crate::cli::output;
 use crate::cli::reference::{PASS_SPP, PassOptions, Plan};
 use crate::cli::setup::{self, Loaded, Tracing};
 
@@ -85,8 +86,9 @@ pub fn own(args: &Args, loaded: &Loaded, tracing: &Tracing, journal: Option<&Jou
             (done.accumulation, done.row.to_string())
         };
     let images = accumulation.mean();
-    exr::write_rgb(&folder.join("left.exr"), &images.left)?;
-    exr::write_rgb(&folder.join("right.exr"), &images.right)?;
+    let tags = output::tags(loaded, options.size, plan.time_s(0), 0);
+    exr::write_tagged_rgb(&folder.join("left.exr"), &images.left, &tags.left)?;
+    exr::write_tagged_rgb(&folder.join("right.exr"), &images.right, &tags.right)?;
     let (origin, key) = (format!("{how}, in {}", folder.display()), key(accumulation.samples()));
     Ok(Reference { images, noise: accumulation.noise(), origin, key })
 }

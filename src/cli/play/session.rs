@@ -7,7 +7,6 @@ use std::time::Instant;
 use diptych::control::{Budget, Controller, Decision, ESTIMATES_EV, Ladder, Origin};
 use diptych::device::GpuDevice;
 use diptych::exec::{FrameReport, Quality, Renderer};
-use diptych::image::Extent;
 use diptych::report::play::ControlRow;
 use diptych::report::run::{FrameRow, Quality as QualityRow};
 use diptych::scene::rig::Rig;
@@ -31,7 +30,6 @@ pub struct Session {
     qualities: Vec<Quality>,
     controller: Controller,
     budget: Budget,
-    extent: Extent,
     live: Live,
     faults: FaultLog,
     /// Devices that were taken out.
@@ -67,7 +65,6 @@ impl Session {
             controller: Controller::new(&ladder, options.budget_ms),
             live: Live::new(options.budget_ms, renderer.devices(), ladder.rungs().len(), prepared.frames),
             budget: options.budget_ms,
-            extent: render.size,
             lost: renderer.faults().len(),
             renderer,
             ladder,
@@ -107,11 +104,11 @@ impl Session {
     ) -> Result<(FrameRow, FrameReport), Failure> {
         self.renderer.set_quality(self.qualities[decided.decision.rung].clone())?;
         let frame = self.renderer.render(rig, time_s, index)?;
-        Ok((self.take_in(&frame, decided, late_ms), frame))
+        Ok((self.take_in(&frame, decided, late_ms, rig, time_s), frame))
     }
 
     /// Tells the controller, the trace and whoever listens.
-    fn take_in(&mut self, frame: &FrameReport, decided: Decided, late_ms: f64) -> FrameRow {
+    fn take_in(&mut self, frame: &FrameReport, decided: Decided, late_ms: f64, rig: &Rig, time_s: f64) -> FrameRow {
         let Decided { decision: Decision { rung, expected_ms, fits }, decide_ms } = decided;
         self.controller.observe(rung, frame.makespan_ms);
         let lost = self.renderer.faults().len();
@@ -126,7 +123,7 @@ impl Session {
         let control = Some(ControlKnobs { rung, budget_ms });
         self.tracing.record_with(&FrameKnobs { spp, bounces, iterations, scale, control }, frame);
         let quality = QualityRow { spp, bounces, iterations, scale, fovea };
-        let mut row = FrameRow::new(frame, &quality, self.extent);
+        let mut row = FrameRow::new(frame, &quality, rig, time_s);
         row.control = Some(ControlRow { rung, expected_ms, fits, in_band, late_ms, decide_ms });
         self.progress.event(|| {
             serde_json::json!({

@@ -43,15 +43,15 @@ fn f32s(values: &[f32]) -> FlatSamples {
     FlatSamples::F32(values.to_vec())
 }
 
-fn decode_colour(bytes: &[u8]) -> Result<(RgbImage, ColourSource), Refusal> {
+fn decode_colour(bytes: &[u8]) -> Result<ColourFile, Refusal> {
     decode(bytes, u64::MAX, Colour::find)
 }
 
 fn decoded(bytes: &[u8]) -> RgbImage {
-    decoded_colour(bytes).0
+    decoded_colour(bytes).image
 }
 
-fn decoded_colour(bytes: &[u8]) -> (RgbImage, ColourSource) {
+fn decoded_colour(bytes: &[u8]) -> ColourFile {
     decode_colour(bytes).unwrap_or_else(|e| match e {
         Refusal::Unreadable(why) | Refusal::Unsupported(why) | Refusal::NotThere(why) => panic!("{why}"),
         Refusal::TooLarge(needed) => panic!("{needed} bytes"),
@@ -176,7 +176,7 @@ fn the_first_part_with_plain_rgb_is_taken_then_a_layer_then_luminance() {
         ),
         (vec![grey()], [7.0; 3], "channels Y, Y, Y", false),
     ] {
-        let (image, found) = decoded_colour(&encoded(parts));
+        let ColourFile { image, source: found, .. } = decoded_colour(&encoded(parts));
         assert_eq!(image.pixels, [colour]);
         assert_eq!((found.to_string().as_str(), found.is_plain()), (source, is_plain));
     }

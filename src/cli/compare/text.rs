@@ -1,0 +1,106 @@
+//! What `compare` prints for people, and its help.
+
+use diptych::metrics::MEASURES;
+use diptych::metrics::rings::Ring;
+use diptych::report::text_table;
+
+use super::{Findings, Source, mean};
+use crate::cli::sequence::SEQUENCE_MEASURES;
+
+/// What each measure means, for `--help`.
+pub fn help() -> String {
+    let lines = |measures: &[(&str, &str)]| -> String {
+        measures.iter().map(|(name, meaning)| format!("  {name:<22} {meaning}\n")).collect()
+    };
+    let more = [
+        ("exposure_ev", "stops both are brightened by before they are tonemapped, c/(1+c), and sRGB"),
+        ("seam_rmse", "with --seams: RMSE of the rows within 4 of where stripes meet"),
+        ("elsewhere_rmse", "RMSE of the other rows"),
+        ("seam_ratio", "the first over the second; 1 where seams are no worse than the rest"),
+    ];
+    format!(
+        "Measures, of the image against the reference; of two eyes, of each and their mean:\n{}{}\n\
+         Measures of sequences, means over frames:\n{}",
+        lines(&MEASURES),
+        lines(&more),
+        lines(&SEQUENCE_MEASURES).trim_end()
+    )
+}
+
+/// Where the exposure comes from.
+pub fn source_note(source: Source) -> &'static str {
+    match source {
+        Source::Option => "",
+        Source::Reference => "as the reference says",
+        Source::Image => "as the image says, the reference does not",
+        Source::Default => "assumed, as no file says it: --exposure gives another",
+    }
+}
+
+/// One image, or both eyes with their mean.
+pub fn print(compared: &[(&str, &Findings)]) {
+    let is_stereo = compared.len() > 1;
+    for (eye, findings) in compared {
+        for (name, source) in [("reference", &findings.reference_source), ("image", &findings.image_source)] {
+            if !source.is_plain() {
+                say!("{}{name}: {source}", if is_stereo { format!("{eye} ") } else { String::new() });
+            }
+        }
+    }
+    if is_stereo {
+        let eyes = compared.iter().map(|(eye, _)| (*eye).to_owned());
+        line("", eyes.chain(["mean".to_owned()]), "");
+    }
+    let exposures = compared.iter().map(|(_, found)| found.exposure_ev.to_string());
+    let note = source_note(compared[0].1.exposure_source);
+    line("exposure_ev", exposures.chain(is_stereo.then(String::new)), note);
+    let mut columns: Vec<_> = compared.iter().map(|(_, found)| found.errors.values()).collect();
+    if let [(_, left), (_, right)] = compared {
+        columns.push(mean(left, right));
+    }
+    for (i, (name, meaning)) in MEASURES.iter().enumerate() {
+        let is_count = name.starts_with("nonfinite");
+        line(name, columns.iter().map(|values| number(values[i], if is_count { 0 } else { 6 })), meaning);
+    }
+    for (eye, findings) in compared {
+        let of = if is_stereo { format!(", {eye} eye") } else { String::new() };
+        if let Some(seams) = &findings.seams {
+            for (name, value) in
+                [("seam_rmse", seams.near_rmse), ("elsewhere_rmse", seams.elsewhere_rmse), ("seam_ratio", seams.ratio)]
+            {
+                line(name, [number(value, 6)], of.trim_start_matches(", "));
+            }
+        }
+        if let Some(rings) = &findings.rings {
+            let (yfov_deg, [x, y]) = (rings.viewing.yfov_deg, rings.viewing.gaze);
+            let source = match rings.yfov_source {
+                Source::Option => "",
+                Source::Reference => ", as the reference says",
+                Source::Image => ", as the image says",
+                Source::Default => ", assumed",
+            };
+            say!("\nrings around {x},{y}{of}; vertical field of view {yfov_deg} degrees{source}");
+            say!("{}", ring_table(&rings.rings).trim_end());
+        }
+    }
+}
+
+fn number(value: Option<f64>, decimals: usize) -> String {
+    value.map_or("undefined".to_owned(), |value| format!("{value:.decimals$}"))
+}
+
+fn line(name: &str, values: impl IntoIterator<Item = String>, meaning: &str) {
+    let values: String = values.into_iter().map(|value| format!(" {value:>12}")).collect();
+    say!("{}", format!("{name:<22}{values}   {meaning}").trim_end());
+}
+
+fn ring_table(rings: &[Ring]) -> String {
+    let row = |ring: &Ring| {
+        let bounds = [ring.inner_deg, ring.outer_deg].map(|deg| format!("{deg:.2}"));
+        let errors = [ring.rmse, ring.relmse, ring.psnr, ring.flip]
+            .map(|error| error.map_or("-".to_owned(), |error| format!("{error:.6}")));
+        bounds.into_iter().chain([ring.pixels.to_string()]).chain(errors).collect()
+    };
+    let rows: Vec<Vec<String>> = rings.iter().map(row).collect();
+    text_table(&["from_deg", "to_deg", "pixels", "rmse", "relmse", "psnr", "flip"], &rows)
+}
