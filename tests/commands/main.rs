@@ -5,6 +5,7 @@ mod bench;
 #[path = "../common/mod.rs"]
 mod common;
 mod export;
+mod help;
 mod host_trace;
 mod image_files;
 mod metrics;

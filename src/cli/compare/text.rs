@@ -14,7 +14,7 @@ pub fn help() -> String {
     };
     let more = [
         ("exposure_ev", "stops both are brightened by before they are tonemapped, c/(1+c), and sRGB"),
-        ("seam_rmse", "with --seams: RMSE of the rows within 4 of where stripes meet"),
+        ("seam_rmse", "with --seam-rows: RMSE of the rows within 4 of where stripes meet"),
         ("elsewhere_rmse", "RMSE of the other rows"),
         ("seam_ratio", "the first over the second; 1 where seams are no worse than the rest"),
     ];

@@ -1,0 +1,125 @@
+//! What help says is so: its sections, and the defaults that run where nothing is given.
+
+use serde_json::Value;
+
+use crate::common::diptych;
+
+const COMMANDS: [&str; 15] = [
+    "render", "play", "view", "scale", "bench", "compare", "trace", "graph", "devices", "scenes", "shot", "export",
+    "completions", "man", "help",
+];
+
+#[track_caller]
+fn help(command: &str) -> String {
+    let output = diptych(&[command, "--help"]);
+    assert!(output.status.success(), "{command}");
+    String::from_utf8(output.stdout).unwrap()
+}
+
+fn commands() -> impl Iterator<Item = &'static str> {
+    let all = String::from_utf8(diptych(&["--help"]).stdout).unwrap();
+    COMMANDS.into_iter().filter(move |command| all.contains(&format!("\n  {command} ")))
+}
+
+#[test]
+fn help_is_in_sections_with_tests_last() {
+    let sections = ["Options:", "What to render:", "Quality:", "Devices:", "Output:", "For tests:"];
+    for command in ["render", "play", "scale", "bench"] {
+        let text = help(command);
+        let found: Vec<&str> = text.lines().filter(|line| sections.contains(line)).collect();
+        assert_eq!(found, sections, "{command}");
+        let (_, unsorted) = text.split_once("Options:\n").unwrap();
+        let unsorted = unsorted.split("What to render:").next().unwrap();
+        assert_eq!(unsorted.matches("\n      --").count(), 0, "{command}: options without a section: {unsorted}");
+    }
+}
+
+/// Links of the code's documentation.
+#[test]
+fn help_is_for_readers_of_a_terminal() {
+    for command in commands() {
+        let text = help(command);
+        assert!(!text.contains("[`") && !text.contains("::"), "{command}: {text}");
+    }
+}
+
+#[test]
+fn completions_and_manual_pages_have_every_command() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("man");
+    assert!(diptych(&["man", "--out", out.to_str().unwrap()]).status.success());
+    for shell in ["bash", "zsh", "fish", "powershell", "elvish"] {
+        let output = diptych(&["completions", shell]);
+        let text = String::from_utf8(output.stdout).unwrap();
+        assert!(output.status.success(), "{shell}");
+        for command in commands() {
+            assert!(text.contains(command), "{shell} does not complete {command}");
+        }
+        assert!(text.contains("budget-ms"), "{shell}");
+    }
+    for command in commands().filter(|command| *command != "help") {
+        let page = std::fs::read_to_string(out.join(format!("diptych-{command}.1"))).unwrap();
+        assert!(page.contains(".TH"), "{command}");
+    }
+    let page = std::fs::read_to_string(out.join("diptych-render.1")).unwrap();
+    assert!(page.contains("Owen"), "what values mean is in it");
+}
+
+/// Of each option in a command's help, its default where one stands there.
+fn defaults(text: &str) -> Vec<(String, String)> {
+    let mut found = Vec::new();
+    for option in text.split("\n      --").skip(1) {
+        let name = option.split([' ', '\n']).next().unwrap();
+        let option = option.split_whitespace().collect::<Vec<_>>().join(" ");
+        if let Some((_, rest)) = option.split_once("[default: ") {
+            found.push((name.to_owned(), rest.split(']').next().unwrap().to_owned()));
+        }
+    }
+    found
+}
+
+/// As a setting stands in help.
+fn written(value: &Value) -> String {
+    match value {
+        Value::String(text) => text.clone(),
+        Value::Array(values) => values.iter().map(written).collect::<Vec<_>>().join(","),
+        other => other.to_string(),
+    }
+}
+
+/// Where a default is said in words, it is not a value that could be compared.
+fn is_value(text: &str) -> bool {
+    !text.contains([' ', ';'])
+}
+
+#[test]
+fn defaults_in_help_are_those_that_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let small = ["--size", "16x9", "--quiet"];
+    for (command, given) in [
+        ("render", &["builtin:checker"][..]),
+        ("play", &["builtin:checker", "--frames", "2", "--budget-ms", "0.01..1000"]),
+        ("scale", &["builtin:checker", "--warm-up", "0"]),
+        ("bench", &["builtin:checker", "--spp", "1", "--bounces", "2", "--denoiser", "none", "--reference-spp", "16"]),
+    ] {
+        let out = folder.path().join(command);
+        let output = diptych(&[&[command, "--out", out.to_str().unwrap()], &small[..], given].concat());
+        assert!(output.status.success(), "{command}: {}", String::from_utf8_lossy(&output.stderr));
+        let run: Value = serde_json::from_slice(&std::fs::read(out.join("run.json")).unwrap()).unwrap();
+        let mut compared = 0;
+        for (name, default) in defaults(&help(command)) {
+            let was_given = [&small[..], given].concat().contains(&format!("--{name}").as_str());
+            if was_given || !is_value(&default) {
+                continue;
+            }
+            let ran = &run["settings"][name.replace('-', "_")];
+            assert_eq!(written(ran), default.replace(".0", ""), "{command} --{name}");
+            compared += 1;
+        }
+        assert!(compared >= 5, "{command}: {compared}");
+        if command == "scale" {
+            let frames = run["frames"].as_array().unwrap().len();
+            assert_eq!(run["settings"]["frames"].as_u64(), Some(frames as u64 / 2), "of one device and of two");
+        }
+    }
+}
