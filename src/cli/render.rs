@@ -273,7 +273,8 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
                 None => String::new(),
             };
             say!(
-                "warm-up {:.1} s; {} frame(s) of {} on {} device(s): median makespan {median:.1} ms{pace}, {:.2} Mrays/s",
+                "warm-up {:.1} s; {} frame(s) of {} on {} device(s): median makespan {median:.1} ms{pace}, {:.2} \
+                 Mrays/s",
                 report.warm_up_s,
                 report.frames.len(),
                 report.scene.name,
