@@ -28,8 +28,8 @@ pub struct Args {
     reference: PathBuf,
     /// What is judged, likewise; of a sequence, rendered with --aov motion,position,normal
     image: PathBuf,
-    /// Stops by which both are brightened to be shown, for PSNR, SSIM, FLIP, flicker, ghosting and the maps [default: as
-    /// the reference says, else as the image says, else 0]
+    /// Stops by which both are brightened to be shown, for PSNR, SSIM, FLIP, flicker, ghosting and the maps [default:
+    /// as the reference says, else as the image says, else 0]
     #[arg(long, value_name = "EV", value_parser = exposure, allow_negative_numbers = true)]
     exposure: Option<f32>,
     /// Writes the error of display values as a colour-coded PNG, of two eyes side by side
@@ -131,7 +131,7 @@ fn input(what: String) -> Failure {
     Failure::Input(anyhow::anyhow!(what))
 }
 
-/// Whether two folders are compared by their numbered frames: there are at least two in each, or no pair of eyes in both.
+/// Whether two folders are compared by their numbered frames: there are at least two in each, or no eyes to compare.
 fn is_sequence(reference: &Path, image: &Path) -> Result<bool, anyhow::Error> {
     let eyes = |folder: &Path| ["left.exr", "right.exr"].iter().any(|name| folder.join(name).is_file());
     let numbered = [frames_in(reference)?, frames_in(image)?];

@@ -322,7 +322,8 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
                 n => format!(" with {n} frame(s) of history"),
             };
             say!(
-                "warm-up {:.1} s{history}; {} frame(s) of {} on {} device(s): median makespan {median:.1} ms{pace}, {:.2} Mrays/s",
+                "warm-up {:.1} s{history}; {} frame(s) of {} on {} device(s): median makespan {median:.1} ms{pace}, {:.2} \
+                 Mrays/s",
                 report.warm_up_s,
                 report.frames.len(),
                 report.scene.name,

@@ -57,8 +57,8 @@ impl<'a> Sequence<'a> {
                 bail!("there is no {}: render as many --frames", colour(folder, "left", frame).display());
             }
         }
-        let few = "frame(s) named as left.0000.exr, and a sequence takes two: render with --frames, or name folders that \
-                   both have left.exr and right.exr";
+        let few = "frame(s) named as left.0000.exr, and a sequence takes two: render with --frames, or name \
+                   folders that both have left.exr and right.exr";
         ensure!(of_image.len() > 1, "{} has {} {few}", image.display(), of_image.len());
         let mut following = of_image.iter().zip(of_image.iter().skip(1));
         if let Some((last, next)) = following.find(|(a, b)| *a + 1 != **b) {

@@ -6,14 +6,14 @@ use serde::Serialize;
 use super::rig::{Eye, Rig};
 use crate::image::Extent;
 
-/// By the conventions of OpenEXR's attributes of these names: a point is the row vector (x, y, z, 1), which is multiplied by
-/// a matrix of four rows from the left.
+/// By the conventions of OpenEXR's attributes of these names: lists of four rows, of matrices M that a point is taken by as
+/// the row vector (x, y, z, 1) · M.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Matrices {
     /// To scene units from the eye: x to the right, y up, z where it looks.
     pub world_to_camera: [[f32; 4]; 4],
-    /// To the image: after division by w, (0, 0) is its top left corner and (1, 1) its bottom right one; z is one over the
-    /// distance along the camera's axis.
+    /// To the image: after division by w, (0, 0) is its top left corner and (1, 1) its bottom right one; z is one over
+    /// the distance along the camera's axis.
     pub world_to_ndc: [[f32; 4]; 4],
 }
 

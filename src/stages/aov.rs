@@ -39,9 +39,9 @@ pub enum Aov {
     Motion,
     /// Perceptual, 0 to 1.
     Roughness,
-    /// Why a pixel of the right eye was traced: 0: it was reprojected, or there is no surface; 1: outside the left image;
-    /// 2, 3, 4: the left eye saw a surface turned another way, at another depth, of another material; 5: several surfaces
-    /// share it, antialiasing; 6: mirror, glass or gloss. 7, of either eye: left to the filter.
+    /// Why a pixel of the right eye was traced: 0: it was reprojected, or there is no surface; 1: outside the left
+    /// image; 2, 3, 4: the left eye saw a surface turned another way, at another depth, of another material; 5: several
+    /// surfaces share it, antialiasing; 6: mirror, glass or gloss. 7, of either eye: left to the filter.
     Holes,
     /// Samples per pixel; 0 where it was left to the filter.
     Spp,

@@ -84,8 +84,8 @@ fn instant(tags: &Tags) -> String {
     frame.into_iter().chain(time).collect::<Vec<_>>().join(" ")
 }
 
-/// Whether two `worldToNDC` take points to the same places of the image, but for what f32 rounds. What they make of z is
-/// a renderer's own, and so is a common factor of x, y and w.
+/// Whether two `worldToNDC` take points to the same places of the image, but for what f32 rounds. What they make of z
+/// is a renderer's own, and so is a common factor of x, y and w.
 fn is_same(a: &[[f32; 4]; 4], b: &[[f32; 4]; 4]) -> bool {
     let of_image = |matrix: &[[f32; 4]; 4]| {
         let scale = (0..3).map(|row| f64::from(matrix[row][3]).powi(2)).sum::<f64>().sqrt();

@@ -13,7 +13,8 @@ pub struct Tags {
     /// the right and y up.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub world_to_camera: Option<[[f32; 4]; 4]>,
-    /// `worldToNDC`, likewise: after division by w, (0, 0) is the image's top left corner and (1, 1) the bottom right one.
+    /// `worldToNDC`, likewise: after division by w, (0, 0) is the image's top left corner and (1, 1) the bottom
+    /// right one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub world_to_ndc: Option<[[f32; 4]; 4]>,
     /// `fieldOfViewVertical`, degrees.
@@ -36,7 +37,8 @@ pub struct Tags {
     pub baseline_m: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub baseline_units: Option<f64>,
-    /// `diptych.pixel_centre`, of auxiliary images: the point of each pixel, from its top left corner, that they are of.
+    /// `diptych.pixel_centre`, of auxiliary images: the point of each pixel, from its top left corner, that they
+    /// are of.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pixel_centre: Option<[f32; 2]>,
 }
@@ -136,8 +138,8 @@ impl Tags {
     }
 }
 
-/// Puts the attributes of a file with one part in the order of their names. The writer takes those of names of ours from a
-/// hash map, whose order differs from run to run, and equal images are to give equal bytes. The header stays as long.
+/// Puts the attributes of a file with one part in the order of their names. The writer takes those of names of ours from
+/// a hash map, whose order differs from run to run, and equal images are to give equal bytes. The header stays as long.
 pub(super) fn sort(file: &mut [u8]) {
     // Magic number and version.
     const BEGIN: usize = 8;
@@ -231,8 +233,8 @@ mod tests {
         assert!((0..8).all(|_| write() == bytes));
     }
 
-    /// By OpenEXR 3.5.3 through its Python binding: from (1, 2, 3) along −z, tan 30° up and 1.5 times that to the side, without
-    /// a field of view.
+    /// By OpenEXR 3.5.3 through its Python binding: from (1, 2, 3) along −z, tan 30° up and 1.5 times that to the
+    /// side, without a field of view.
     #[test]
     fn attributes_by_the_reference_library_are_read() {
         let tags = read_colour(Path::new(concat!(env!("CARGO_MANIFEST_DIR"), "/src/image/exr/openexr_camera.exr")))
