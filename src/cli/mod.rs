@@ -27,8 +27,10 @@ mod render;
 mod scale;
 mod scenes;
 mod sequence;
+mod settings;
 mod setup;
 mod simulate;
+mod stale;
 mod trace;
 #[cfg_attr(not(feature = "view"), path = "no_view.rs")]
 mod view;

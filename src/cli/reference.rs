@@ -15,6 +15,7 @@ use super::interrupt::INTERRUPTED;
 use super::options::{Denoiser, RenderOptions, RunOptions, Switch};
 use super::output;
 use super::progress::Progress;
+use super::settings::Given;
 use super::setup::{Loaded, Tracing};
 
 /// Samples of a pass unless asked otherwise: few enough that a slow device stops in time, enough that reading the pass
@@ -43,6 +44,33 @@ pub fn seconds(text: &str) -> Result<Duration, String> {
 fn pass_spp(text: &str) -> Result<u32, String> {
     let samples = text.parse().ok().filter(|n: &u32| n.is_power_of_two() && (2..=4096).contains(n));
     samples.ok_or_else(|| "give a power of two, 2 to 4096".to_owned())
+}
+
+/// Samples per pixel unless asked otherwise.
+const SPP: u32 = 256;
+
+/// Options of a reference as they were typed: none of those that it overrules, and as many samples as make one.
+///
+/// # Errors
+/// [`Failure::Input`] for an option that a reference cannot have.
+pub fn asked_for(options: &RenderOptions) -> Result<RenderOptions, Failure> {
+    let Some(given) = Given::here() else { return Ok(options.clone()) };
+    let contradictions = [
+        ("denoiser", options.denoiser != Denoiser::None, "is not filtered"),
+        ("iterations", true, "is not filtered"),
+        ("foveation", options.foveated.is_on(), "samples every pixel alike"),
+        ("gaze", true, "samples every pixel alike"),
+        ("scale", options.scale != 1.0, "samples every pixel"),
+        ("reproject", options.reprojects(), "traces both eyes"),
+        ("frames-in-flight", options.frames_in_flight > 1, "is made in passes, one after another"),
+    ];
+    if let Some((option, _, why)) =
+        contradictions.iter().find(|(option, contradicts, _)| *contradicts && given.has(option))
+    {
+        return Err(Failure::Input(anyhow::anyhow!("--{option}: a reference {why}: leave it or --reference out")));
+    }
+    let spp = if given.has("spp") { options.spp } else { SPP };
+    Ok(RenderOptions { spp, ..options.clone() })
 }
 
 /// What is accumulated for every frame.

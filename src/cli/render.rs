@@ -4,6 +4,7 @@ use std::time::Instant;
 
 use diptych::exec::{FrameReport, Renderer, Stereo};
 use diptych::image::RgbImage;
+use diptych::report::frames::FrameLine;
 use diptych::report::run::{FrameRow, Quality, ReferenceRow, RunReport};
 use diptych::stages::Aov;
 use diptych::trace::frames::record_devices;
@@ -16,7 +17,9 @@ use super::options::RenderOptions;
 use super::output::{self, FrameImages};
 use super::progress::Progress;
 use super::reference::{self, PassOptions, Plan};
+use super::settings;
 use super::setup::{self, Loaded, Tracing};
+use super::stale::Stale;
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
@@ -25,7 +28,8 @@ pub struct Args {
     /// Virtual devices on each chosen adapter
     #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64))]
     virtual_devices: u16,
-    /// Unbiased: no denoiser, no reprojection; samples are accumulated in passes, any number of them
+    /// Unbiased: no denoiser, no reprojection; samples are accumulated in passes, any number of them [--spp is then 256
+    /// unless given]
     #[arg(long)]
     reference: bool,
     #[command(flatten)]
@@ -72,10 +76,8 @@ struct Rows {
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let args = &args.preset();
-    if args.reference && args.options.scale < 1.0 {
-        return Err(Failure::Input(anyhow::anyhow!("--scale leaves pixels out, --reference does not: leave one out")));
-    }
-    let plan = args.reference.then(|| Plan::new(&args.options, args.passes.clone())).transpose()?;
+    let plan = |options| Plan::new(&reference::asked_for(options)?, args.passes.clone());
+    let plan = args.reference.then(|| plan(&args.options)).transpose()?;
     let options = plan.as_ref().map_or(&args.options, |p| &p.options);
     options.check().map_err(Failure::Input)?;
     output::prepare(&options.out, "--out")?;
@@ -87,6 +89,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     for warning in &loaded.scene.warnings {
         eprintln!("warning: {warning}");
     }
+    let last_s = time_s(options, options.frames - 1);
+    if let Some(warning) = setup::beyond_path(&loaded.shot.rig, options.time, last_s) {
+        progress.warn(&warning);
+    }
     if let Some(plan) = &plan {
         plan.prepare(&loaded, "--passes-out")?;
     }
@@ -96,21 +102,26 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let renderer = setup::renderer(options, &loaded, gpus, tracing.recorder.origin())?;
     let warm_up_s = warm_up.elapsed().as_secs_f64();
     record_devices(&tracing.recorder, renderer.devices());
-    let mut run = Run { args, loaded: &loaded, renderer, tracing: &tracing, progress, begun: 0, rows: Rows::default() };
+    let (rows, stale) = (Rows::default(), Stale::find(&options.out));
+    let mut run = Run { args, loaded: &loaded, renderer, tracing: &tracing, progress, begun: 0, rows, stale };
     match &plan {
         None => run.frames()?,
         Some(plan) => run.references(plan)?,
     }
     run.progress.finish();
-    let Run { renderer, rows, .. } = run;
-    let mut settings = setup::run_settings(options, loaded.exposure_ev(), renderer.policy_name());
-    settings.reference = args.reference;
+    let Run { renderer, rows, stale, .. } = run;
     let devices = renderer.devices();
+    let mut settings = settings::in_force(options, loaded.exposure_ev(), devices);
+    if let Some(plan) = &plan {
+        settings.options.insert("spp".to_owned(), plan.spp().into());
+    }
     let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, rows.frames);
     report.warm_up_s = warm_up_s;
     report.references = rows.references;
     report.faults = renderer.faults().to_vec();
+    FrameLine::csv_of(&report.frames).write(&options.out.join("frames.csv"))?;
     report.write(&options.out.join("run.json"))?;
+    stale.remove(options.quiet)?;
     tracing.finish()?;
     conclude(options, &report);
     interrupt::check()
@@ -126,6 +137,7 @@ struct Run<'a> {
     /// Frames handed to the devices.
     begun: u32,
     rows: Rows,
+    stale: Stale,
 }
 
 impl Run<'_> {
@@ -149,7 +161,9 @@ impl Run<'_> {
                     images.overlay_layers(&foveation, time_s(options, frame.index));
                 }
             }
-            images.write(&options.out, (options.frames > 1).then_some(frame.index), self.args.anaglyph)?;
+            let number = (options.frames > 1).then_some(frame.index);
+            images.write(&options.out, number, self.args.anaglyph)?;
+            self.stale.wrote(number, &options.aovs(), self.args.anaglyph);
             let row = self.args.row(&frame, &setup::frame_settings(options));
             let event = serde_json::json!({ "event": "frame", "index": row.index, "makespan_ms": row.makespan_ms });
             self.progress.step(format!("{:.1} ms", row.makespan_ms), &event);
@@ -194,6 +208,8 @@ impl Run<'_> {
                 break;
             }
             reference_frame(self.args, plan, self.loaded, &mut self.renderer, i, self.tracing, &mut self.rows)?;
+            let number = (plan.options.frames > 1).then_some(i);
+            self.stale.wrote(number, &plan.options.aovs(), self.args.anaglyph);
             faults.say_new(&self.renderer, self.tracing, &self.progress);
         }
         Ok(())
@@ -249,6 +265,7 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
         let out = options.out.display().to_string();
         let mut result = serde_json::json!({
             "event": "result", "out": out, "warm_up_s": report.warm_up_s, "median_makespan_ms": median,
+            "devices_left": report.devices_left(),
         });
         if !report.references.is_empty() {
             result["references"] = serde_json::json!(report.references);
@@ -262,22 +279,26 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
             }
         }
         if let Some(rays_per_s) = report.rays_per_s() {
-            let pace = match report.median_interval_ms().filter(|_| options.frames_in_flight > 1) {
-                Some(interval_ms) => format!(", a frame every {interval_ms:.1} ms"),
-                None => String::new(),
+            let devices = match (report.devices_left(), report.devices.len()) {
+                (left, all) if left < all => format!("{left} of {all}"),
+                (_, all) => all.to_string(),
             };
+            let pace =
+                match report.median_interval_ms(options.frames_in_flight).filter(|_| options.frames_in_flight > 1) {
+                    Some(interval_ms) => format!(", a frame every {interval_ms:.1} ms"),
+                    None => String::new(),
+                };
             say!(
-                "warm-up {:.1} s; {} frame(s) of {} on {} device(s): median makespan {median:.1} ms{pace}, {:.2} Mrays/s, \
+                "warm-up {:.1} s; {} frame(s) of {} on {devices} device(s): median makespan {median:.1} ms{pace}, {:.2} Mrays/s, \
                  holes {:.1} %",
                 report.warm_up_s,
                 report.frames.len(),
                 report.scene.name,
-                report.devices.len(),
                 rays_per_s * 1e-6,
                 100.0 * report.frames.last().map_or(0.0, |f| f.hole_fraction),
             );
         }
-        say!("pictures and run.json: {}", options.out.display());
+        say!("pictures, run.json and frames.csv: {}", options.out.display());
         if let Some(trace) = &options.trace {
             say!("trace: {} (open it in https://ui.perfetto.dev)", trace.display());
         }

@@ -9,6 +9,7 @@ use crate::stages::RowTally;
 
 /// Time of one task on one device, milliseconds since the renderer's origin.
 #[derive(Clone, Debug, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct TaskTiming {
     pub stage: &'static str,
     #[serde(skip)]
@@ -129,6 +130,7 @@ impl Tally {
 
 /// Both eyes.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Stereo<T> {
     pub left: T,
     pub right: T,
