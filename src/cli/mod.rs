@@ -37,7 +37,7 @@ mod view;
 
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
 
 /// Real-time stereoscopic path tracing for virtual reality, image-parallel over several GPUs.
 #[derive(Parser)]
@@ -83,7 +83,10 @@ fn quiet_mesa() {
 
 pub fn run() -> ExitCode {
     quiet_mesa();
-    let result = match Cli::parse().command {
+    let matches = Cli::command().get_matches();
+    settings::keep(&matches);
+    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
+    let result = match cli.command {
         Command::Render(args) => render::run(&args),
         Command::Play(args) => play::run(&args),
         Command::View(args) => view::run(&args),

@@ -49,27 +49,37 @@ fn pass_spp(text: &str) -> Result<u32, String> {
 /// Samples per pixel unless asked otherwise.
 const SPP: u32 = 256;
 
-/// Options of a reference as they were typed: none of those that it overrules, and as many samples as make one.
+/// Options that a reference overrules, by the names of their fields, and why.
+pub const OVERRULED: [(&str, &str); 7] = [
+    ("denoiser", "is not filtered"),
+    ("iterations", "is not filtered"),
+    ("foveation", "samples every pixel alike"),
+    ("gaze", "samples every pixel alike"),
+    ("scale", "samples every pixel"),
+    ("reproject", "traces both eyes"),
+    ("frames_in_flight", "is made in passes, one after another"),
+];
+
+/// Options of a reference as they were typed, with as many samples as make one.
 ///
 /// # Errors
-/// [`Failure::Input`] for an option that a reference cannot have.
+/// [`Failure::Input`] for an option that a reference overrules, unless it says the same.
 pub fn asked_for(options: &RenderOptions) -> Result<RenderOptions, Failure> {
     let Some(given) = Given::here() else { return Ok(options.clone()) };
-    let contradictions = [
-        ("denoiser", options.denoiser != Denoiser::None, "is not filtered"),
-        ("iterations", true, "is not filtered"),
-        ("foveation", options.foveated.is_on(), "samples every pixel alike"),
-        ("gaze", true, "samples every pixel alike"),
-        ("scale", options.scale != 1.0, "samples every pixel"),
-        ("reproject", options.reprojects(), "traces both eyes"),
-        ("frames-in-flight", options.frames_in_flight > 1, "is made in passes, one after another"),
-    ];
-    if let Some((option, _, why)) =
-        contradictions.iter().find(|(option, contradicts, _)| *contradicts && given.has(option))
-    {
-        return Err(Failure::Input(anyhow::anyhow!("--{option}: a reference {why}: leave it or --reference out")));
+    for (id, why) in OVERRULED {
+        let agrees = match id {
+            "denoiser" => options.denoiser == Denoiser::None,
+            "foveation" => !options.foveated.is_on(),
+            "scale" => options.scale == 1.0,
+            "reproject" => !options.reprojects(),
+            "frames_in_flight" => options.frames_in_flight == 1,
+            _ => false,
+        };
+        if let Some(option) = given.typed(id).filter(|_| !agrees) {
+            return Err(Failure::Input(anyhow::anyhow!("{option}: a reference {why}: leave it or --reference out")));
+        }
     }
-    let spp = if given.has("spp") { options.spp } else { SPP };
+    let spp = if given.typed("spp").is_some() { options.spp } else { SPP };
     Ok(RenderOptions { spp, ..options.clone() })
 }
 

@@ -283,14 +283,14 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
                 (left, all) if left < all => format!("{left} of {all}"),
                 (_, all) => all.to_string(),
             };
-            let pace =
-                match report.median_interval_ms(options.frames_in_flight).filter(|_| options.frames_in_flight > 1) {
-                    Some(interval_ms) => format!(", a frame every {interval_ms:.1} ms"),
-                    None => String::new(),
-                };
+            let in_flight = options.frames_in_flight;
+            let pace = match report.median_interval_ms(in_flight).filter(|_| in_flight > 1) {
+                Some(interval_ms) => format!(", a frame every {interval_ms:.1} ms"),
+                None => String::new(),
+            };
             say!(
-                "warm-up {:.1} s; {} frame(s) of {} on {devices} device(s): median makespan {median:.1} ms{pace}, {:.2} Mrays/s, \
-                 holes {:.1} %",
+                "warm-up {:.1} s; {} frame(s) of {} on {devices} device(s): median makespan {median:.1} ms{pace}, \
+                 {:.2} Mrays/s, holes {:.1} %",
                 report.warm_up_s,
                 report.frames.len(),
                 report.scene.name,

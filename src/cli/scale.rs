@@ -14,7 +14,7 @@ use diptych::report::frames::FrameLine;
 use diptych::report::html::Section;
 use diptych::report::lanes::{LaneFrame, median_frame};
 use diptych::report::pictures::Group;
-use diptych::report::run::{FrameRow, RunReport};
+use diptych::report::run::{FrameRow, RunReport, aov_ms};
 use diptych::report::scale::{Row, scale_csv, scale_sections, scale_svg, scale_table};
 use diptych::report::simulation::{self, simulation_csv, simulation_svg, simulation_table};
 use diptych::schedule::CostModel;
@@ -178,8 +178,9 @@ impl Measuring<'_> {
             let Some(frame) = renderer.finish()? else { break };
             refuse_faults(&renderer)?;
             interrupt::check()?;
-            let event = serde_json::json!({ "event": "frame", "devices": devices, "makespan_ms": frame.makespan_ms });
-            progress.step(format!("{devices} device(s) {:.1} ms", frame.makespan_ms), &event);
+            let makespan_ms = frame.makespan_ms - aov_ms(&frame.tasks);
+            let event = serde_json::json!({ "event": "frame", "devices": devices, "makespan_ms": makespan_ms });
+            progress.step(format!("{devices} device(s) {makespan_ms:.1} ms"), &event);
             if timed.contains(&frame.index) {
                 // Each count's frames get numbers of their own in the trace.
                 let shown = FrameReport { index: frame.index + devices as u32 * 1_000_000, ..frame.clone() };

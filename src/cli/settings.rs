@@ -1,6 +1,9 @@
 //! What options are in force, as `run.json` and pages show it.
 
-use std::ffi::OsString;
+use std::any::TypeId;
+use std::ffi::OsStr;
+use std::path::PathBuf;
+use std::sync::OnceLock;
 
 use clap::parser::ValueSource;
 use clap::{Arg, ArgAction, ArgMatches, Command, CommandFactory};
@@ -12,7 +15,7 @@ use diptych::report::run::RunSettings;
 
 use super::Cli;
 use super::foveation::FoveationMode;
-use super::options::{RenderOptions, RunOptions};
+use super::options::RenderOptions;
 use super::setup::name;
 
 /// The options of a command line.
@@ -21,26 +24,35 @@ pub struct Given {
     matches: ArgMatches,
 }
 
+static HERE: OnceLock<Given> = OnceLock::new();
+
+/// Keeps the options that this process was started with.
+pub fn keep(matches: &ArgMatches) {
+    if let Some(given) = Given::of(matches) {
+        HERE.get_or_init(|| given);
+    }
+}
+
 impl Given {
-    /// Of this process; none where its command line is not the program's, as in tests.
-    pub fn here() -> Option<Self> {
-        Self::of(std::env::args_os())
+    /// Of this process; none before they are kept, as in tests.
+    pub fn here() -> Option<&'static Self> {
+        HERE.get()
     }
 
-    fn of(args: impl IntoIterator<Item = OsString>) -> Option<Self> {
-        let mut program = Cli::command();
-        let (name, matches) = program.try_get_matches_from_mut(args).ok()?.remove_subcommand()?;
-        Some(Self { command: program.find_subcommand(&name)?.clone(), matches })
+    fn of(matches: &ArgMatches) -> Option<Self> {
+        let (name, matches) = matches.subcommand()?;
+        Some(Self { command: Cli::command().find_subcommand(name)?.clone(), matches: matches.clone() })
     }
 
-    /// Whether an option was typed rather than left at its default.
-    pub fn has(&self, option: &str) -> bool {
-        self.arg(option)
-            .is_some_and(|arg| self.matches.value_source(arg.get_id().as_str()) == Some(ValueSource::CommandLine))
+    /// An option with its dashes, if it was typed rather than left at its default; `id` is the name of its field.
+    pub fn typed(&self, id: &str) -> Option<String> {
+        let arg = self.arg(id)?;
+        (self.matches.value_source(id)? == ValueSource::CommandLine)
+            .then(|| format!("--{}", arg.get_long().unwrap_or(id)))
     }
 
-    fn arg(&self, option: &str) -> Option<&Arg> {
-        self.command.get_arguments().find(|arg| arg.get_long() == Some(option))
+    fn arg(&self, id: &str) -> Option<&Arg> {
+        self.command.get_arguments().find(|arg| arg.get_id() == id)
     }
 
     /// Every option by its long name in snake_case, and the shot. Values stand as they were typed, numbers as numbers;
@@ -52,8 +64,14 @@ impl Given {
                 ArgAction::Help | ArgAction::HelpShort | ArgAction::HelpLong | ArgAction::Version
             )
         });
-        let name = |arg: &Arg| arg.get_long().unwrap_or(arg.get_id().as_str()).replace('-', "_");
-        arguments.map(|arg| (name(arg), self.value(arg))).collect()
+        arguments.map(|arg| (setting(arg), self.value(arg))).collect()
+    }
+
+    /// What an option, named by its id, comes to; those that the command does not have come to nothing.
+    fn set(&self, settings: &mut RunSettings, id: &str, value: Value) {
+        if let Some(arg) = self.arg(id) {
+            settings.options.insert(setting(arg), value);
+        }
     }
 
     fn value(&self, arg: &Arg) -> Value {
@@ -61,10 +79,21 @@ impl Given {
         if matches!(arg.get_action(), ArgAction::SetTrue) {
             return self.matches.get_flag(id).into();
         }
-        let typed = self.matches.get_raw(id).into_iter().flatten().map(|value| scalar(&value.to_string_lossy()));
+        let kind = arg.get_value_parser().type_id();
+        let is_text = kind == TypeId::of::<PathBuf>() || kind == TypeId::of::<String>();
+        let value = |text: &OsStr| match text.to_string_lossy() {
+            text if is_text => text.into(),
+            text => scalar(&text),
+        };
+        let mut typed = self.matches.get_raw(id).into_iter().flatten().map(value);
         let is_list = matches!(arg.get_action(), ArgAction::Append) || arg.get_value_delimiter().is_some();
-        if is_list { typed.collect() } else { typed.last().unwrap_or(Value::Null) }
+        if is_list { typed.collect() } else { typed.next().unwrap_or(Value::Null) }
     }
+}
+
+/// The long name in snake_case.
+fn setting(arg: &Arg) -> String {
+    arg.get_long().unwrap_or(arg.get_id().as_str()).replace('-', "_")
 }
 
 /// A number where a text is one.
@@ -73,22 +102,20 @@ fn scalar(text: &str) -> Value {
     whole.or_else(|| text.parse().ok().filter(|n: &f64| n.is_finite()).map(Value::from)).unwrap_or_else(|| text.into())
 }
 
-/// Every option of this command line, as [`Given::values`] has it.
-pub fn of_command_line(options: &RunOptions, exposure_ev: f64) -> RunSettings {
-    let mut values = Given::here().map_or_else(Map::new, |given| given.values());
-    values.insert("shot".to_owned(), json!(options.shot));
-    values.insert("size".to_owned(), json!(options.size.to_string()));
-    RunSettings { exposure_ev, options: values }
+/// Every option of this command line, as it was typed or is by default.
+pub fn of_command_line(exposure_ev: f64) -> RunSettings {
+    RunSettings { exposure_ev, options: Given::here().map_or_else(Map::new, Given::values) }
 }
 
 /// The same with what presets, references and other options make of them, in frames that are rendered with `options` on
-/// these devices, where they are the same for all frames. Only options that the command has are there.
+/// these devices, where they are the same for all frames.
 pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo]) -> RunSettings {
-    let mut settings = of_command_line(options, exposure_ev);
+    let mut settings = of_command_line(exposure_ev);
+    let Some(given) = Given::here() else { return settings };
     let is_filtered = options.iterations() > 0;
     let layers = options.layer_iterations();
     let is_layered = options.foveated.foveation == FoveationMode::Layers;
-    for (option, value) in [
+    for (id, value) in [
         ("spp", json!(options.spp)),
         ("bounces", json!(options.bounces)),
         ("scale", json!(options.scale)),
@@ -99,14 +126,12 @@ pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo
         ("balance", json!(name(&options.balance()))),
         ("fps", json!(options.fps)),
     ] {
-        if let Some(there) = settings.options.get_mut(option) {
-            *there = value;
-        }
+        given.set(&mut settings, id, value);
     }
     if !devices.is_empty() {
         let threads: Vec<Option<usize>> = devices.iter().map(|d| d.threads).collect();
-        settings.options.insert("devices".to_owned(), json!(once(devices.iter().map(|d| d.adapter))));
-        settings.options.insert("threads_per_device".to_owned(), json!(threads));
+        given.set(&mut settings, "devices", json!(once(devices.iter().map(|d| d.adapter))));
+        given.set(&mut settings, "threads_per_device", json!(threads));
     }
     settings
 }
@@ -116,16 +141,16 @@ mod tests {
     use super::*;
 
     fn given(args: &[&str]) -> Given {
-        Given::of(["diptych"].iter().chain(args).map(OsString::from)).unwrap()
+        Given::of(&Cli::command().try_get_matches_from(["diptych"].iter().chain(args)).unwrap()).unwrap()
     }
 
     #[test]
     fn every_option_of_every_command_has_its_value() {
-        let typed = ["render", "a.glb", "--out", "o", "--aov", "depth,normal", "--clamp", "2.5", "--no-skip"];
+        let typed = ["render", "a.glb", "--out", "7", "--aov", "depth,normal", "--clamp", "2.5", "--no-skip"];
         let values = given(&typed).values();
         for (option, value) in [
             ("shot", json!("a.glb")),
-            ("out", json!("o")),
+            ("out", json!("7")),
             ("size", json!("640x360")),
             ("virtual", json!(1)),
             ("aov", json!(["depth", "normal"])),
@@ -148,9 +173,30 @@ mod tests {
     }
 
     #[test]
+    fn what_is_in_force_stands_under_the_options_long_name() {
+        let given = given(&["scale", "--out", "o", "--no-skip"]);
+        let mut settings = RunSettings { exposure_ev: 0.0, options: given.values() };
+        given.set(&mut settings, "no_skip", json!("other"));
+        given.set(&mut settings, "reference", json!(true));
+        assert_eq!(settings.options.get("no_skip"), Some(&json!("other")));
+        assert_eq!(settings.options.len(), given.values().len());
+    }
+
+    /// So that none is looked for in vain.
+    #[test]
+    fn options_that_decide_something_are_there() {
+        let given = given(&["render", "--out", "o"]);
+        let of_references = crate::cli::reference::OVERRULED.map(|(id, _)| id);
+        for id in of_references.into_iter().chain(["spp", "bounces", "balance", "fps", "devices", "threads_per_device"])
+        {
+            assert!(given.arg(id).is_some(), "{id}");
+        }
+    }
+
+    #[test]
     fn defaults_are_not_given() {
         let given = given(&["render", "--out", "o", "--denoiser", "svgf"]);
-        assert!(given.has("denoiser") && given.has("out"));
-        assert!(!given.has("spp") && !given.has("iterations") && !given.has("nonsense"));
+        assert_eq!(given.typed("denoiser").as_deref(), Some("--denoiser"));
+        assert_eq!(["spp", "iterations", "nonsense"].map(|id| given.typed(id)), [None, None, None]);
     }
 }

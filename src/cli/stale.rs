@@ -58,12 +58,14 @@ impl Stale {
     }
 }
 
-/// Whether the folder has a `run.json` of this program.
+/// Whether the folder has a `run.json` of this program, of a command that writes pictures: `scale` and `bench`, which have
+/// `--counts`, write none.
 fn has_run(folder: &Path) -> bool {
     let run = std::fs::read(folder.join("run.json")).ok();
     let run = run.and_then(|bytes| serde_json::from_slice::<serde_json::Value>(&bytes).ok());
     run.is_some_and(|run| {
-        ["version", "command", "settings", "devices", "frames"].iter().all(|key| run.get(key).is_some())
+        let has_all = ["version", "command", "devices", "scene", "frames"].iter().all(|key| run.get(key).is_some());
+        has_all && run.get("settings").is_some_and(|settings| settings.get("counts").is_none())
     })
 }
 

@@ -1,5 +1,6 @@
 //! `run.json`: what was run, on what, and what each frame took.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::io::Write;
 use std::path::Path;
@@ -211,12 +212,12 @@ pub struct FrameRow {
     /// Share of the right eye's pixels that reprojection left open.
     pub hole_fraction: f64,
     /// The same by reason.
-    pub hole_fractions: serde_json::Map<String, serde_json::Value>,
+    pub hole_fractions: BTreeMap<&'static str, f64>,
     pub nonfinite_samples: u64,
     /// Rows of the left eye's path tracing per device.
     pub stripes: Vec<u32>,
     /// Rows per device of every stage and view that ran.
-    pub stage_stripes: serde_json::Map<String, serde_json::Value>,
+    pub stage_stripes: BTreeMap<String, Vec<u32>>,
     pub transferred_bytes: u64,
     /// How many rows up and down history was looked for; `null`: there was none.
     pub history_rows: Option<u32>,
@@ -243,8 +244,7 @@ impl FrameRow {
             TimedTask::Gpu(stage) => Some((stage, t.view)),
             TimedTask::Download | TimedTask::Upload => None,
         });
-        let stage_stripes =
-            once(ran).into_iter().map(|(s, v)| (format!("{}.{v}", s.name()), rows_of(s, v).into())).collect();
+        let stage_stripes = once(ran).into_iter().map(|(s, v)| (format!("{}.{v}", s.name()), rows_of(s, v))).collect();
         let aov_ms = aov_ms(&frame.tasks);
         Self {
             index: frame.index,
@@ -257,10 +257,7 @@ impl FrameRow {
             quality: *quality,
             rays: frame.tallies.iter().map(|t| t.rays).sum(),
             hole_fraction: share(holes.iter().sum()),
-            hole_fractions: HoleReason::ALL
-                .iter()
-                .map(|r| (r.name().into(), share(holes[*r as usize]).into()))
-                .collect(),
+            hole_fractions: HoleReason::ALL.iter().map(|r| (r.name(), share(holes[*r as usize]))).collect(),
             nonfinite_samples: frame.tallies.iter().map(|t| t.nonfinite).sum(),
             stripes: rows_of(Stage::PathTrace, Eye::Left),
             stage_stripes,
@@ -282,6 +279,7 @@ impl FrameRow {
     }
 }
 
+/// What was run, on what, and what each frame took.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RunReport {
