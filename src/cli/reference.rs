@@ -7,7 +7,7 @@ use diptych::accumulation::{Accumulation, Checkpoint, Done, Fingerprint, Job, Su
 use diptych::exec::{FrameReport, Renderer, Stereo};
 use diptych::image::display::{DisplayImage, tonemap, write_png};
 use diptych::image::stereo;
-use diptych::report::run::ReferenceRow;
+use diptych::report::run::{ReferenceRow, aov_ms};
 
 use super::failure::Failure;
 use super::foveation::FoveationOptions;
@@ -236,8 +236,10 @@ fn fold(total: &mut Option<FrameReport>, mut pass: FrameReport) {
     // Passes end one after another; the sum of them does not end after another frame.
     pass.interval_ms = None;
     if let Some(before) = total {
-        pass.makespan_ms += before.makespan_ms;
-        pass.predicted_ms = pass.predicted_ms.zip(before.predicted_ms).map(|(a, b)| a + b);
+        // Auxiliary images are taken off the last pass by its tasks, off those before here.
+        let aov_ms = aov_ms(&before.tasks);
+        pass.makespan_ms += before.makespan_ms - aov_ms;
+        pass.predicted_ms = pass.predicted_ms.zip(before.predicted_ms).map(|(a, b)| a + b - aov_ms);
         pass.plan_ms += before.plan_ms;
         for (tally, b) in pass.tallies.iter_mut().zip(before.tallies) {
             tally.rays += b.rays;

@@ -188,7 +188,7 @@ pub fn aov_ms(tasks: &[TaskTiming]) -> f64 {
     once(tasks.iter().map(|t| t.device)).into_iter().map(of).fold(0.0, f64::max)
 }
 
-/// A frame; of a reference, makespan, rays and dropped samples of all its passes of this run, stages and tasks of the last.
+/// A frame; of a reference, sums over its passes of this run, but stages, tasks and `aov_ms` of the last one.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct FrameRow {
