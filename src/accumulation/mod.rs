@@ -42,6 +42,7 @@ pub struct Accumulation {
 
 /// What the mean may be off by, as [`crate::metrics`] measure it.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Noise {
     pub rmse: f64,
     pub relmse: f64,

@@ -18,9 +18,11 @@ use diptych::control::{Knobs, Ladder, Origin};
 use diptych::device::{DeviceInfo, all_wgsl};
 use diptych::report::Table;
 use diptych::report::bench::{
-    Row, Shared, csv, exposure_note, knobs_name, ladder_svg, mark_front, regret_table, regrets, slopes, svg, table,
+    Row, Shared, csv, exposure_note, frames, knobs_name, ladder_svg, mark_front, regret_table, regrets, slopes, svg,
+    table,
 };
 use diptych::report::peers::Peers;
+use diptych::report::run::RunReport;
 
 use super::failure::Failure;
 use super::foveation::FoveationMode;
@@ -29,6 +31,7 @@ use super::options::{Denoiser, RunOptions, Switch, render_scale};
 use super::output;
 use super::page::and_page;
 use super::reference::{PASS_SPP, seconds};
+use super::settings;
 use super::setup::{self, Loaded, Tracing};
 use grid::Grid;
 use journal::Journal;
@@ -153,6 +156,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     say_reference(options, exposure_ev, &reference);
     let grid = Grid::new(args, &loaded, &reference, &tracing, gpus);
     let mut rows = grid.measure(journal, &judged)?;
+    let warm_up_s = grid.warm_up_s();
     let regrets = regrets(&judged, &rows);
     mark_front(&mut rows);
     let slopes = slopes(&rows, reference.noise.as_ref());
@@ -163,6 +167,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let (rows, slopes, regrets, ladder) = (&rows[..], &slopes[..], &regrets[..], &ladder);
         Page { args, loaded, reference, devices, peers, rows, slopes, regrets, ladder }.write(&grid, figure, shared)?;
     }
+    frames(&rows).write(&options.out.join("frames.csv"))?;
+    let settings = settings::of_command_line(exposure_ev);
+    let mut report = RunReport::new(settings, &devices, &loaded.scene, loaded.needs, !options.no_skip, Vec::new());
+    report.warm_up_s = warm_up_s;
+    report.write(&options.out.join("run.json"))?;
     tracing.finish()?;
     if options.json {
         let result = serde_json::json!({
@@ -177,7 +186,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             say!("{}", regret_table(&regrets).text().trim_end());
         }
         let page = and_page(args.report);
-        say!("{page}bench.csv, bench.svg, ladder.toml and ladder.svg: {}", options.out.display());
+        say!("{page}bench.csv, bench.svg, ladder.toml, ladder.svg, frames.csv and run.json: {}", options.out.display());
     }
     Ok(())
 }
@@ -226,7 +235,7 @@ fn write_results(
         ("reproject", reproject.to_owned()),
         ("virtual_devices", args.virtual_devices.to_string()),
     ];
-    output::write_text(&options.out, "bench.csv", &csv(&shared, rows))?;
+    csv(&shared, rows).write(&options.out.join("bench.csv"))?;
     let title = format!("Time against error, {} at {}", options.shot, options.size);
     let figure = svg(title, rows, reference.noise.as_ref()).context("cannot draw the plot")?;
     output::write_text(&options.out, "bench.svg", &figure)?;

@@ -30,9 +30,11 @@ mod scale;
 mod scene_options;
 mod scenes;
 mod sequence;
+mod settings;
 mod setup;
 mod shot;
 mod simulate;
+mod stale;
 mod trace;
 #[cfg_attr(not(feature = "view"), path = "no_view.rs")]
 mod view;
@@ -100,7 +102,9 @@ pub fn run() -> ExitCode {
     for note in notes {
         eprintln!("note: {note}");
     }
-    let cli = Cli::from_arg_matches(&command().get_matches_from(args)).unwrap_or_else(|error| error.exit());
+    let matches = command().get_matches_from(args);
+    settings::keep(&matches);
+    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
     let result = match cli.command {
         Command::Render(args) => render::run(&args),
         Command::Play(args) => play::run(&args),

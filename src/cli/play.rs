@@ -10,6 +10,7 @@ mod path;
 mod session;
 
 use diptych::exec::TaskTiming;
+use diptych::report::frames::FrameLine;
 use diptych::report::play::{Play, PlaySummary};
 use diptych::report::run::{FrameRow, RunReport};
 
@@ -19,7 +20,9 @@ use super::options::RenderOptions;
 use super::output::{self, FrameImages};
 use super::page::and_page;
 use super::progress::Progress;
+use super::settings;
 use super::setup::{self, Loaded, Tracing};
+use super::stale::Stale;
 use disturb::{Disturbance, Disturbances};
 pub use options::{LoopOptions, Prepared};
 pub use pace::Pace;
@@ -69,13 +72,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let session = Session::start(&prepared, &loaded, gpus, tracing, progress)?;
     let path = CameraPath::new(&loaded.shot.rig);
     let (rows, tasks) = (Vec::new(), Vec::new());
-    let mut run = Run { args, options, loaded: &loaded, session, path, rows, tasks };
+    let stale = Stale::find(&options.out);
+    let mut run = Run { args, options, loaded: &loaded, session, path, rows, tasks, stale };
     run.frames()?;
     let last = if args.report { Last::of(&mut run)? } else { None };
-    let Run { session: Session { renderer, ladder, tracing, progress, warm_up_s, .. }, rows, tasks, .. } = run;
+    let Run { session, rows, tasks, stale, .. } = run;
+    let Session { renderer, ladder, tracing, progress, warm_up_s, .. } = session;
     progress.finish();
-    let settings = setup::run_settings(options, loaded.exposure_ev(), renderer.policy_name());
     let devices = renderer.devices();
+    let settings = settings::in_force(options, loaded.exposure_ev(), devices);
     let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, rows);
     report.warm_up_s = warm_up_s;
     report.faults = renderer.faults().to_vec();
@@ -87,7 +92,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         fps: options.fps,
     };
     report.play = PlaySummary::of(&play, &report.frames);
+    FrameLine::csv_of(&report.frames).write(&options.out.join("frames.csv"))?;
     report.write(&options.out.join("run.json"))?;
+    stale.remove(options.quiet)?;
     ladder.write(&options.out.join("ladder.toml")).map_err(anyhow::Error::from)?;
     tracing.finish()?;
     drop(renderer);
@@ -115,6 +122,7 @@ struct Run<'a> {
     rows: Vec<FrameRow>,
     /// Of each row, where the page shows them.
     tasks: Vec<Vec<TaskTiming>>,
+    stale: Stale,
 }
 
 impl Run<'_> {
@@ -161,7 +169,9 @@ impl Run<'_> {
     fn save(&mut self, number: Option<u32>) -> Result<(), Failure> {
         let Some(&FrameRow { index, time_s, .. }) = self.rows.last() else { return Ok(()) };
         let tags = output::tags(self.loaded, self.options.size, time_s, index);
-        FrameImages::read(&mut self.session.renderer, &[])?.write(&self.options.out, number, false, &tags)
+        FrameImages::read(&mut self.session.renderer, &[])?.write(&self.options.out, number, false, &tags)?;
+        self.stale.wrote(number, &[], false);
+        Ok(())
     }
 }
 
@@ -183,7 +193,7 @@ fn conclude(args: &Args, options: &RenderOptions, report: &RunReport) {
             say!("at times no rung was expected to fit the budget: the cheapest was held");
         }
     }
-    say!("{}the last picture, run.json and ladder.toml: {out}", and_page(args.report));
+    say!("{}the last picture, run.json, frames.csv and ladder.toml: {out}", and_page(args.report));
     if let Some(trace) = &options.trace {
         say!("trace: {} (open it in https://ui.perfetto.dev)", trace.display());
     }

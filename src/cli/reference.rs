@@ -7,7 +7,7 @@ use diptych::accumulation::{Accumulation, Checkpoint, Done, Fingerprint, Job, Su
 use diptych::exec::{FrameReport, Renderer, Stereo};
 use diptych::image::display::{DisplayImage, tonemap, write_png};
 use diptych::image::stereo;
-use diptych::report::run::ReferenceRow;
+use diptych::report::run::{ReferenceRow, aov_ms};
 
 use super::failure::Failure;
 use super::foveation::FoveationOptions;
@@ -15,6 +15,7 @@ use super::interrupt::INTERRUPTED;
 use super::options::{Denoiser, RenderOptions, RunOptions, Switch};
 use super::output;
 use super::progress::Progress;
+use super::settings::Given;
 use super::setup::{Loaded, Tracing};
 
 /// Samples of a pass unless asked otherwise: few enough that a slow device stops in time, enough that reading the pass
@@ -44,6 +45,43 @@ pub fn seconds(text: &str) -> Result<Duration, String> {
 fn pass_spp(text: &str) -> Result<u32, String> {
     let samples = text.parse().ok().filter(|n: &u32| n.is_power_of_two() && (2..=4096).contains(n));
     samples.ok_or_else(|| "give a power of two, 2 to 4096".to_owned())
+}
+
+/// Samples per pixel unless asked otherwise.
+const SPP: u32 = 256;
+
+/// Options that a reference overrules, by the names of their fields, and why.
+pub const OVERRULED: [(&str, &str); 7] = [
+    ("denoiser", "is not filtered"),
+    ("iterations", "is not filtered"),
+    ("foveation", "samples every pixel alike"),
+    ("gaze", "samples every pixel alike"),
+    ("scale", "samples every pixel"),
+    ("reproject", "traces both eyes"),
+    ("frames_in_flight", "is made in passes, one after another"),
+];
+
+/// Options of a reference as they were typed, with as many samples as make one.
+///
+/// # Errors
+/// [`Failure::Input`] for an option that a reference overrules, unless it says the same.
+pub fn asked_for(options: &RenderOptions) -> Result<RenderOptions, Failure> {
+    let Some(given) = Given::here() else { return Ok(options.clone()) };
+    for (id, why) in OVERRULED {
+        let agrees = match id {
+            "denoiser" => options.denoiser == Denoiser::None,
+            "foveation" => !options.foveated.is_on(),
+            "scale" => options.scale == 1.0,
+            "reproject" => !options.reprojects(),
+            "frames_in_flight" => options.frames_in_flight == 1,
+            _ => false,
+        };
+        if let Some(option) = given.typed(id).filter(|_| !agrees) {
+            return Err(Failure::Input(anyhow::anyhow!("{option}: a reference {why}: leave it or --reference out")));
+        }
+    }
+    let spp = if given.typed("spp").is_some() { options.spp } else { SPP };
+    Ok(RenderOptions { spp, ..options.clone() })
 }
 
 /// What is accumulated for every frame.
@@ -199,8 +237,10 @@ fn fold(total: &mut Option<FrameReport>, mut pass: FrameReport) {
     // Passes end one after another; the sum of them does not end after another frame.
     pass.interval_ms = None;
     if let Some(before) = total {
-        pass.makespan_ms += before.makespan_ms;
-        pass.predicted_ms = pass.predicted_ms.zip(before.predicted_ms).map(|(a, b)| a + b);
+        // Auxiliary images are taken off the last pass by its tasks, off those before here.
+        let aov_ms = aov_ms(&before.tasks);
+        pass.makespan_ms += before.makespan_ms - aov_ms;
+        pass.predicted_ms = pass.predicted_ms.zip(before.predicted_ms).map(|(a, b)| a + b - aov_ms);
         pass.plan_ms += before.plan_ms;
         for (tally, b) in pass.tallies.iter_mut().zip(before.tallies) {
             tally.rays += b.rays;

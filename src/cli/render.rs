@@ -5,6 +5,7 @@ use std::time::Instant;
 use diptych::exec::{FrameReport, Renderer, Stereo};
 use diptych::graph::Filter;
 use diptych::image::RgbImage;
+use diptych::report::frames::FrameLine;
 use diptych::report::run::{FrameRow, Quality, ReferenceRow, RunReport};
 use diptych::scene::rig::Rig;
 use diptych::stages::Aov;
@@ -18,7 +19,9 @@ use super::options::{self, RenderOptions};
 use super::output::{self, FrameImages};
 use super::progress::Progress;
 use super::reference::{self, PassOptions, Plan};
+use super::settings;
 use super::setup::{self, Loaded, Tracing};
+use super::stale::Stale;
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
@@ -27,7 +30,8 @@ pub struct Args {
     /// Virtual devices on each chosen adapter
     #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     virtual_devices: u16,
-    /// Unbiased: no denoiser, no reprojection; samples are accumulated in passes, any number of them
+    /// Unbiased: no denoiser, no reprojection; samples are accumulated in passes, any number of them [--spp is then 256
+    /// unless given]
     #[arg(long, help_heading = options::QUALITY)]
     reference: bool,
     #[command(flatten)]
@@ -89,12 +93,8 @@ struct Rows {
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let args = &args.preset();
-    if args.reference && args.options.scale < 1.0 {
-        return Err(Failure::Input(anyhow::anyhow!(
-            "--render-scale leaves pixels out, --reference does not: leave one out"
-        )));
-    }
-    let plan = args.reference.then(|| Plan::new(&args.options, args.passes.clone())).transpose()?;
+    let plan = |options| Plan::new(&reference::asked_for(options)?, args.passes.clone());
+    let plan = args.reference.then(|| plan(&args.options)).transpose()?;
     let options = plan.as_ref().map_or(&args.options, |p| &p.options);
     options.check().map_err(Failure::Input)?;
     output::prepare(&options.out, "--out")?;
@@ -106,6 +106,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let loaded = setup::load(options)?;
     for warning in &loaded.scene.warnings {
         eprintln!("warning: {warning}");
+    }
+    let last_s = time_s(options, options.frames - 1);
+    if let Some(warning) = setup::beyond_path(&loaded.shot.rig, options.time, last_s) {
+        progress.warn(&warning);
     }
     if let Some(plan) = &plan {
         plan.prepare(&loaded, "--passes-out")?;
@@ -122,22 +126,27 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         progress.step(format!("history {:.1} ms", frame.makespan_ms), &event);
     }
     let warm_up_s = warm_up.elapsed().as_secs_f64();
-    let mut run = Run { args, loaded: &loaded, renderer, tracing: &tracing, progress, begun: 0, rows: Rows::default() };
+    let (rows, stale) = (Rows::default(), Stale::find(&options.out));
+    let mut run = Run { args, loaded: &loaded, renderer, tracing: &tracing, progress, begun: 0, rows, stale };
     match &plan {
         None => run.frames()?,
         Some(plan) => run.references(plan)?,
     }
     run.progress.finish();
-    let Run { renderer, rows, .. } = run;
-    let mut settings = setup::run_settings(options, loaded.exposure_ev(), renderer.policy_name());
-    settings.reference = args.reference;
+    let Run { renderer, rows, stale, .. } = run;
     let devices = renderer.devices();
+    let mut settings = settings::in_force(options, loaded.exposure_ev(), devices);
+    if let Some(plan) = &plan {
+        settings.options.insert("spp".to_owned(), plan.spp().into());
+    }
     let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, rows.frames);
     report.warm_up_s = warm_up_s;
     report.warm_up_frames = warm_up_frames;
     report.references = rows.references;
     report.faults = renderer.faults().to_vec();
+    FrameLine::csv_of(&report.frames).write(&options.out.join("frames.csv"))?;
     report.write(&options.out.join("run.json"))?;
+    stale.remove(options.quiet)?;
     tracing.finish()?;
     conclude(options, &report);
     interrupt::check()
@@ -153,6 +162,7 @@ struct Run<'a> {
     /// Frames handed to the devices.
     begun: u32,
     rows: Rows,
+    stale: Stale,
 }
 
 impl Run<'_> {
@@ -179,7 +189,9 @@ impl Run<'_> {
             }
             let tags = output::tags(self.loaded, options.size, time_s, frame.index);
             images.pixel_centre = frame.pixel_centre;
-            images.write(&options.out, (options.frames > 1).then_some(frame.index), self.args.anaglyph, &tags)?;
+            let number = (options.frames > 1).then_some(frame.index);
+            images.write(&options.out, number, self.args.anaglyph, &tags)?;
+            self.stale.wrote(number, &options.aovs(), self.args.anaglyph);
             let row = self.args.row(&frame, &setup::frame_settings(options), &self.loaded.shot.rig, time_s);
             let event = serde_json::json!({ "event": "frame", "index": row.index, "makespan_ms": row.makespan_ms });
             self.progress.step(format!("{:.1} ms", row.makespan_ms), &event);
@@ -231,6 +243,8 @@ impl Run<'_> {
                 break;
             }
             reference_frame(self.args, plan, self.loaded, &mut self.renderer, i, self.tracing, &mut self.rows)?;
+            let number = (plan.options.frames > 1).then_some(i);
+            self.stale.wrote(number, &plan.options.aovs(), self.args.anaglyph);
             faults.say_new(&self.renderer, self.tracing, &self.progress);
         }
         Ok(())
@@ -299,7 +313,9 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
     if options.json {
         let out = options.out.display().to_string();
         let mut result = serde_json::json!({
-            "event": "result", "out": out, "warm_up_s": report.warm_up_s, "warm_up_frames": report.warm_up_frames, "median_makespan_ms": median,
+            "event": "result", "out": out, "warm_up_s": report.warm_up_s, "warm_up_frames": report.warm_up_frames,
+            "median_makespan_ms": median,
+            "devices_left": report.devices_left(),
         });
         if !report.references.is_empty() {
             result["references"] = serde_json::json!(report.references);
@@ -313,7 +329,12 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
             }
         }
         if let Some(rays_per_s) = report.rays_per_s() {
-            let pace = match report.median_interval_ms().filter(|_| options.frames_in_flight > 1) {
+            let devices = match (report.devices_left(), report.devices.len()) {
+                (left, all) if left < all => format!("{left} of {all}"),
+                (_, all) => all.to_string(),
+            };
+            let in_flight = options.frames_in_flight;
+            let pace = match report.median_interval_ms(in_flight).filter(|_| in_flight > 1) {
                 Some(interval_ms) => format!(", a frame every {interval_ms:.1} ms"),
                 None => String::new(),
             };
@@ -322,19 +343,18 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
                 n => format!(" with {n} frame(s) of history"),
             };
             say!(
-                "warm-up {:.1} s{history}; {} frame(s) of {} on {} device(s): median makespan {median:.1} ms{pace}, {:.2} \
-                 Mrays/s",
+                "warm-up {:.1} s{history}; {} frame(s) of {} on {devices} device(s): median makespan {median:.1} ms{pace}, \
+                 {:.2} Mrays/s",
                 report.warm_up_s,
                 report.frames.len(),
                 report.scene.name,
-                report.devices.len(),
                 rays_per_s * 1e-6,
             );
         }
         if let Some(right_eye) = report.frames.last().and_then(|frame| frame.right_eye.as_ref()) {
             say!("right eye{}: {right_eye}", if report.frames.len() > 1 { " of the last frame" } else { "" });
         }
-        say!("pictures and run.json: {}", options.out.display());
+        say!("pictures, run.json and frames.csv: {}", options.out.display());
         if let Some(trace) = &options.trace {
             say!("trace: {} (open it in https://ui.perfetto.dev)", trace.display());
         }

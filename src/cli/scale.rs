@@ -1,15 +1,20 @@
 //! `diptych scale`: the same frames at several device counts.
 
+use std::collections::BTreeSet;
+use std::time::Instant;
+
 use anyhow::Context;
 
-use diptych::device::DeviceInfo;
+use diptych::device::{DeviceInfo, GpuDevice};
 use diptych::exec::{FrameReport, Renderer, Stereo};
 use diptych::graph::PhysicalImage;
 use diptych::image::RgbImage;
 use diptych::report::Table;
+use diptych::report::frames::FrameLine;
 use diptych::report::html::Section;
 use diptych::report::lanes::{LaneFrame, median_frame};
 use diptych::report::pictures::Group;
+use diptych::report::run::{FrameRow, RunReport, aov_ms};
 use diptych::report::scale::{Row, scale_csv, scale_sections, scale_svg, scale_table};
 use diptych::report::simulation::{self, simulation_csv, simulation_svg, simulation_table};
 use diptych::schedule::CostModel;
@@ -18,32 +23,38 @@ use diptych::trace::frames::record_devices;
 use super::failure::Failure;
 use super::faults::refuse_faults;
 use super::interrupt;
-use super::options::RenderOptions;
+use super::options::{self, Balance, RenderOptions};
 use super::output::{self, same_bits};
 use super::page::{self, and_page};
 use super::progress::Progress;
+use super::settings;
 use super::setup::{self, Loaded, Tracing};
 use super::simulate;
 
 #[derive(clap::Args, Debug)]
+#[command(mut_arg("frames", |frames| frames.default_value("5").help("Frames of each count that are timed")))]
 pub struct Args {
     #[command(flatten)]
     options: RenderOptions,
-    /// Device counts: virtual devices on each chosen adapter
-    #[arg(long, value_delimiter = ',', default_value = "1,2", value_name = "N,N,…", value_parser = clap::value_parser!(u16).range(1..=64))]
+    /// Device counts: virtual devices on each chosen adapter. One device is always measured, as the base of speed-ups
+    #[arg(long, value_delimiter = ',', default_value = "1,2", value_name = "N,N,…", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     counts: Vec<u16>,
     /// Frames before those that are timed: drivers compile, stripes settle
-    #[arg(long, default_value_t = 3)]
+    #[arg(long, default_value_t = 3, help_heading = options::SCENE)]
     warm_up: u32,
     #[command(flatten)]
     simulation: simulate::Args,
     /// Also write report.html: the picture, speed-up, what limits it, and swimlanes of a frame of each count
-    #[arg(long)]
+    #[arg(long, help_heading = options::OUTPUT)]
     report: bool,
 }
 
-/// Timed frames when `--frames` does not ask for more.
-const REPEATS: u32 = 5;
+impl Args {
+    /// When the frame of this number is, of which those of the warm-up are the first.
+    fn time_s(&self, number: u32) -> f64 {
+        self.options.time + f64::from(number.saturating_sub(self.warm_up)) / self.options.fps
+    }
+}
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let options = &args.options;
@@ -53,34 +64,39 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::watch()?;
     let tracing = Tracing::start(options)?;
     let loaded = setup::load(options)?;
-    let timed = options.frames.max(REPEATS);
-    let steps = args.counts.len() as u64 * u64::from(args.warm_up + timed + followers(options));
+    let last_s = args.time_s(args.warm_up + options.frames - 1);
+    if let Some(warning) = setup::beyond_path(&loaded.shot.rig, options.time, last_s) {
+        eprintln!("warning: {warning}");
+    }
+    let one = of_one(options);
+    let mut gpus = setup::open_devices(&one, 1)?;
+    let counts = counts(&args.counts, gpus.len());
+    gpus.truncate(1);
+    let steps = (1 + counts.len()) as u64 * u64::from(args.warm_up + options.frames + followers(options));
     let progress = Progress::new(steps, options.quiet, options.json);
+    let measuring = Measuring { args, loaded: &loaded, progress: &progress, tracing: &tracing };
     let mut found = Found::default();
-    let mut model: Option<CostModel> = None;
-    for &count in &args.counts {
-        let first = found.rows.first();
-        let (row, mut renderer, frame) = measure(args, &loaded, usize::from(count), timed, first, &progress, &tracing)?;
-        if !row.oversubscribed && model.as_ref().is_none_or(|m| m.spec().devices < row.devices) || model.is_none() {
-            model = Some(renderer.costs().clone());
-        }
-        found.rows.push(row);
-        found.devices.push(renderer.devices().to_vec());
-        found.policy = renderer.policy_name();
-        if args.report {
-            found.seen.add(renderer.read_linear()?, frame);
+    let mut model = found.add(args, &loaded, measuring.run(&one, gpus, None)?)?;
+    for count in counts {
+        let gpus = setup::open_devices(options, count)?;
+        let measured = measuring.run(options, gpus, found.rows.first())?;
+        let oversubscribed = measured.row.oversubscribed;
+        let costs = found.add(args, &loaded, measured)?;
+        if !oversubscribed {
+            model = costs;
         }
     }
     progress.finish();
     let figure = found.write_rows(options)?;
     tracing.finish()?;
-    let mut files = "scale.csv and scale.svg";
-    if let Some(model) = model.filter(|_| args.simulation.is_wanted()) {
-        files = "scale.csv, scale.svg and simulate.csv";
+    let mut files = "scale.csv, scale.svg, frames.csv and run.json";
+    if args.simulation.is_wanted() {
+        files = "scale.csv, scale.svg, simulate.csv, frames.csv and run.json";
         let measured: Vec<_> = found.rows.iter().map(|r| (r.devices, r.makespan_ms)).collect();
         found.simulated = args.simulation.run(options, &model, &measured)?;
-        output::write_text(&options.out, "simulate.csv", &simulation_csv(&found.simulated))?;
+        simulation_csv(&found.simulated).write(&options.out.join("simulate.csv"))?;
     }
+    found.write_run(options, &loaded)?;
     if args.report {
         found.write_page(args, &loaded, figure)?;
     }
@@ -97,56 +113,86 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Those asked for, each once and from the fewest, but one device in all, which is measured before them.
+fn counts(asked: &[u16], adapters: usize) -> Vec<usize> {
+    let counts: BTreeSet<usize> = asked.iter().copied().map(usize::from).collect();
+    counts.into_iter().filter(|count| count * adapters > 1).collect()
+}
+
+/// Options of one device: what is given for each device is the first one's, and there is nothing to share out.
+fn of_one(options: &RenderOptions) -> RenderOptions {
+    let mut one = options.clone();
+    let run = &mut one.run;
+    run.threads_per_device.iter_mut().for_each(|threads| threads.truncate(1));
+    run.faults.slowdown.truncate(1);
+    run.faults.injections.retain(|injection| injection.device == 0);
+    if run.balance() == Balance::Static {
+        run.balance = Some(Balance::Even);
+        run.ratios.clear();
+    }
+    one
+}
+
 /// Frames behind those that are timed, so that these share the devices to the last: without others behind them, frames
 /// end sooner.
 fn followers(options: &RenderOptions) -> u32 {
     u32::from(options.frames_in_flight).saturating_sub(1)
 }
 
-/// A row, its renderer, and a frame of median makespan.
-fn measure(
-    args: &Args,
-    loaded: &Loaded,
-    count: usize,
-    timed: u32,
-    first: Option<&Row>,
-    progress: &Progress,
-    tracing: &Tracing,
-) -> Result<(Row, Renderer, Option<FrameReport>), Failure> {
-    let options = &args.options;
-    let gpus = setup::open_devices(options, count)?;
-    let threads: usize = gpus.iter().filter_map(|g| g.info.threads).sum();
-    let mut renderer = setup::renderer(options, loaded, gpus, tracing.recorder.origin())?;
-    record_devices(&tracing.recorder, renderer.devices());
-    let devices = renderer.devices().len();
-    let (mut frames, mut begun) = (Vec::new(), 0);
-    let timed = args.warm_up..args.warm_up + timed;
-    loop {
-        while begun < timed.end + followers(options) && renderer.in_flight() < usize::from(options.frames_in_flight) {
-            // A sequence moves along the path; a single frame is repeated.
-            let number = if options.frames > 1 { begun.saturating_sub(args.warm_up) } else { 0 };
-            let time_s = options.time + f64::from(number) / options.fps;
-            begun += 1;
-            let is_last = begun == timed.end + followers(options);
-            let reads = if args.report && is_last { &[PhysicalImage::Linear][..] } else { &[] };
-            renderer.begin(&loaded.shot.rig, time_s, begun - 1, reads)?;
+/// What all counts have in common.
+struct Measuring<'a> {
+    args: &'a Args,
+    loaded: &'a Loaded,
+    progress: &'a Progress,
+    tracing: &'a Tracing,
+}
+
+/// What was found on a number of devices.
+struct Measured {
+    row: Row,
+    renderer: Renderer,
+    warm_up_s: f64,
+    frames: Vec<FrameReport>,
+}
+
+impl Measuring<'_> {
+    /// On these devices; `base` is the row that speed-up is over, none for itself.
+    fn run(&self, options: &RenderOptions, gpus: Vec<GpuDevice>, base: Option<&Row>) -> Result<Measured, Failure> {
+        let Self { args, loaded, progress, tracing } = self;
+        let threads: usize = gpus.iter().filter_map(|g| g.info.threads).sum();
+        let warm_up = Instant::now();
+        let mut renderer = setup::renderer(options, loaded, gpus, tracing.recorder.origin())?;
+        let warm_up_s = warm_up.elapsed().as_secs_f64();
+        record_devices(&tracing.recorder, renderer.devices());
+        let devices = renderer.devices().len();
+        let (mut frames, mut begun) = (Vec::new(), 0);
+        let timed = args.warm_up..args.warm_up + options.frames;
+        loop {
+            while begun < timed.end + followers(options) && renderer.in_flight() < usize::from(options.frames_in_flight)
+            {
+                let time_s = args.time_s(begun);
+                begun += 1;
+                let is_last = begun == timed.end + followers(options);
+                let reads = if args.report && is_last { &[PhysicalImage::Linear][..] } else { &[] };
+                renderer.begin(&loaded.shot.rig, time_s, begun - 1, reads)?;
+            }
+            let Some(frame) = renderer.finish()? else { break };
+            refuse_faults(&renderer)?;
+            interrupt::check()?;
+            let makespan_ms = frame.makespan_ms - aov_ms(&frame.tasks);
+            let event = serde_json::json!({ "event": "frame", "devices": devices, "makespan_ms": makespan_ms });
+            progress.step(format!("{devices} device(s) {makespan_ms:.1} ms"), &event);
+            if timed.contains(&frame.index) {
+                // Each count's frames get numbers of their own in the trace.
+                let shown = FrameReport { index: frame.index + devices as u32 * 1_000_000, ..frame.clone() };
+                tracing.record(options, &shown);
+                frames.push(frame);
+            }
         }
-        let Some(frame) = renderer.finish()? else { break };
-        refuse_faults(&renderer)?;
-        interrupt::check()?;
-        let event = serde_json::json!({ "event": "frame", "devices": devices, "makespan_ms": frame.makespan_ms });
-        progress.step(format!("{devices} device(s) {:.1} ms", frame.makespan_ms), &event);
-        if timed.contains(&frame.index) {
-            // Each count's frames get numbers of their own in the trace.
-            let shown = FrameReport { index: frame.index + count as u32 * 1_000_000, ..frame.clone() };
-            tracing.record(options, &shown);
-            frames.push(frame);
-        }
+        let oversubscribed = threads > std::thread::available_parallelism().map_or(1, usize::from);
+        let row = Row::new(devices, &frames, oversubscribed, base);
+        Ok(Measured { row, renderer, warm_up_s, frames })
     }
-    let oversubscribed = threads > std::thread::available_parallelism().map_or(1, usize::from);
-    let row = Row::new(devices, &frames, oversubscribed, first);
-    let makespans_ms: Vec<f64> = frames.iter().map(|f| f.makespan_ms).collect();
-    Ok((row, renderer, frames.into_iter().nth(median_frame(&makespans_ms))))
 }
 
 /// What there is to tell.
@@ -155,7 +201,9 @@ struct Found {
     rows: Vec<Row>,
     /// Of each row.
     devices: Vec<Vec<DeviceInfo>>,
-    policy: &'static str,
+    warm_up_s: f64,
+    /// Those that were timed, of all counts.
+    frames: Vec<FrameRow>,
     simulated: Vec<simulation::Row>,
     seen: Seen,
 }
@@ -163,7 +211,7 @@ struct Found {
 /// What there is to see.
 #[derive(Default)]
 struct Seen {
-    /// The last frame of the first count.
+    /// The last frame of one device.
     picture: Option<Stereo<RgbImage>>,
     /// Whether the last frame of each further count has the same bytes.
     same_bytes: Vec<bool>,
@@ -187,7 +235,7 @@ impl Seen {
             same if same.iter().all(|same| *same) => "All counts gave the same bytes.",
             _ => "Not all counts gave the same bytes.",
         };
-        let note = format!("The last frame of the first count. {bytes}");
+        let note = format!("The last frame of one device. {bytes}");
         let frame = Group::of_frame("last frame".into(), picture, loaded.shot.exposure_ev);
         page::pictures(note, &[frame]).map(Some)
     }
@@ -202,9 +250,41 @@ impl Seen {
 }
 
 impl Found {
+    /// Takes a count in; returns what frames cost there.
+    fn add(&mut self, args: &Args, loaded: &Loaded, measured: Measured) -> Result<CostModel, Failure> {
+        let Measured { row, mut renderer, warm_up_s, frames } = measured;
+        let options = &args.options;
+        let quality = setup::frame_settings(options);
+        let row_of = |f: &FrameReport| {
+            let row = FrameRow::new(f, &quality, &loaded.shot.rig, args.time_s(f.index));
+            FrameRow { index: f.index - args.warm_up, ..row }
+        };
+        self.frames.extend(frames.iter().map(row_of));
+        self.rows.push(row);
+        self.devices.push(renderer.devices().to_vec());
+        self.warm_up_s += warm_up_s;
+        if args.report {
+            let makespans_ms: Vec<f64> = frames.iter().map(|f| f.makespan_ms).collect();
+            let shown = frames.into_iter().nth(median_frame(&makespans_ms));
+            self.seen.add(renderer.read_linear()?, shown);
+        }
+        Ok(renderer.costs().clone())
+    }
+
+    /// All timed frames, and what they ran on: the devices of the largest count, of which smaller ones are a part.
+    fn write_run(&mut self, options: &RenderOptions, loaded: &Loaded) -> Result<(), Failure> {
+        let settings = settings::in_force(options, loaded.exposure_ev(), &[]);
+        let devices = self.devices.last().map_or(&[][..], Vec::as_slice);
+        let frames = std::mem::take(&mut self.frames);
+        let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, frames);
+        report.warm_up_s = self.warm_up_s;
+        FrameLine::csv_of(&report.frames).write(&options.out.join("frames.csv"))?;
+        Ok(report.write(&options.out.join("run.json"))?)
+    }
+
     /// Table and plot; returns the latter.
     fn write_rows(&self, options: &RenderOptions) -> Result<String, Failure> {
-        output::write_text(&options.out, "scale.csv", &scale_csv(&self.rows))?;
+        scale_csv(&self.rows).write(&options.out.join("scale.csv"))?;
         let title = format!("Speed-up of {} at {}", options.shot, options.size);
         let figure = scale_svg(title, &self.rows).context("cannot draw the plot")?;
         output::write_text(&options.out, "scale.svg", &figure)?;
@@ -227,11 +307,9 @@ impl Found {
 
     fn settings(&self, args: &Args, exposure_ev: f64) -> [Section; 2] {
         let options = &args.options;
-        let mut table = Table::of_fields(&setup::run_settings(options, exposure_ev, self.policy));
-        table.rows.extend(Table::of_fields(&setup::frame_settings(options)).rows);
+        let mut table = Table::of_fields(&settings::in_force(options, exposure_ev, &[]));
         let frames = self.rows.first().map_or(0, |r| r.frames);
-        let numbers = [("warm_up_frames", args.warm_up.to_string()), ("timed_frames", frames.to_string())];
-        table.rows.extend(numbers.map(|(name, value)| vec![name.to_owned(), value]));
+        table.rows.push(vec!["timed_frames".to_owned(), frames.to_string()]);
         let devices = Table::of_devices(self.devices.iter().map(Vec::as_slice));
         let section = |heading, table| Section { heading, table: Some(table), ..Section::default() };
         [section("Settings", table), section("Devices", devices)]

@@ -6,9 +6,10 @@ use std::time::Instant;
 use diptych::accel::{Accel, Layout};
 use diptych::device::{self, GpuDevice, Selection};
 use diptych::exec::{FrameReport, RenderSettings, Renderer};
-use diptych::report::run::{Quality, RunSettings};
+use diptych::report::run::Quality;
 use diptych::scene::Scene;
 use diptych::scene::needs::SceneNeeds;
+use diptych::scene::rig::Rig;
 use diptych::scene::shot::Shot;
 use diptych::schedule::{Even, Heft, Measured, Policy, Static};
 use diptych::stages::{Foveation, SceneTables, StageSettings};
@@ -45,6 +46,17 @@ pub fn load(options: &RunOptions) -> Result<Loaded, Failure> {
     let tables = SceneTables::within(&scene, accel, &budget).map_err(|e| Failure::Input(e.into()))?;
     let needs = SceneNeeds { instances: tables.has_instances(), ..SceneNeeds::of(&scene) };
     Ok(Loaded { shot, scene, needs, tables: Arc::new(tables) })
+}
+
+/// Says where frames between these times are beyond the ends of the camera's path.
+pub fn beyond_path(rig: &Rig, from_s: f64, to_s: f64) -> Option<String> {
+    let [first, .., last] = &rig.keys[..] else { return None };
+    if to_s > last.time_s {
+        return Some(format!("the camera's path ends at {} s, and its last key is held to {to_s} s", last.time_s));
+    }
+    let begins =
+        || format!("the camera's path begins at {} s, and its first key is held from {from_s} s", first.time_s);
+    (from_s < first.time_s).then(begins)
 }
 
 pub fn open_devices(options: &RunOptions, virtual_devices: usize) -> Result<Vec<GpuDevice>, Failure> {
@@ -160,30 +172,6 @@ pub fn frame_settings(options: &RenderOptions) -> Quality {
     let fovea = options.foveated.is_on().then_some(Foveation::RADII);
     let iterations = options.iterations();
     Quality { spp: options.spp, bounces: options.bounces, iterations, scale: options.scale, fovea }
-}
-
-/// `exposure_ev`: of the shot.
-pub fn run_settings(options: &RenderOptions, exposure_ev: f64, policy: &'static str) -> RunSettings {
-    RunSettings {
-        shot: options.shot.clone(),
-        size: options.size.to_string(),
-        policy,
-        ratios: options.ratios.iter().map(|r| r.ratios.clone()).collect(),
-        seed: options.seed,
-        sampler: name(&options.sampler),
-        denoiser: if options.iterations() == 0 { "none".into() } else { name(&options.denoiser) },
-        seam: name(&options.seam),
-        foveation: name(&options.foveated.foveation),
-        layer_iterations: options.layer_iterations(),
-        reproject: options.reprojects(),
-        reference: false,
-        time_s: options.time,
-        fps: options.fps,
-        exposure_ev,
-        frames_in_flight: options.frames_in_flight,
-        indirect_clamp: options.clamp,
-        shader_checks: name(&options.shader_checks),
-    }
 }
 
 /// An option's value as it is typed.

@@ -9,6 +9,7 @@ use super::options::RenderOptions;
 use super::setup;
 
 #[derive(clap::Args, Debug)]
+#[command(next_help_heading = super::options::DEVICES)]
 pub struct Args {
     /// Predict these device counts as well, from costs measured on the most devices that fit the cores
     #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u16).range(1..=64))]

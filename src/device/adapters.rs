@@ -20,6 +20,7 @@ const FAST_MESA: u32 = 25;
 
 /// An opened device, in words.
 #[derive(Clone, Debug, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct DeviceInfo {
     /// Position in the run.
     pub index: usize,

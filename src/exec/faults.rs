@@ -6,6 +6,7 @@ use crate::device::FailureKind;
 
 /// A device that was taken out, and how the frame went on without it.
 #[derive(Clone, Debug, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Fault {
     pub frame: u32,
     /// Its number in the run; numbers of others do not change.

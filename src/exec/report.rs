@@ -11,6 +11,7 @@ use crate::stages::{HoleReason, RowTally};
 
 /// Time of one task on one device, milliseconds since the renderer's origin.
 #[derive(Clone, Debug, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct TaskTiming {
     pub stage: &'static str,
     #[serde(skip)]
@@ -140,7 +141,8 @@ impl Tally {
 }
 
 /// How the pixels of a right eye that is reprojected came about: shares that sum to 1.
-#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RightEye {
     /// Gathered from the left eye, or without a surface.
     pub reprojected_fraction: f64,
@@ -149,7 +151,7 @@ pub struct RightEye {
     /// Traced, since the left eye did not see the surface, or saw other light from there.
     pub hole_fraction: f64,
     /// The same by [`HoleReason`].
-    pub hole_fractions: BTreeMap<&'static str, f64>,
+    pub hole_fractions: BTreeMap<String, f64>,
     /// Not traced but left to the filter, by render scale or foveation.
     pub unsampled_fraction: f64,
 }
@@ -164,7 +166,7 @@ impl RightEye {
             reprojected_fraction: share((extent.area() as u64).saturating_sub(traced + tally.unsampled)),
             antialiasing_fraction: share(mixed),
             hole_fraction: share(traced - mixed),
-            hole_fractions: reasons.map(|r| (r.name(), share(tally.holes[r as usize]))).collect(),
+            hole_fractions: reasons.map(|r| (r.name().to_owned(), share(tally.holes[r as usize]))).collect(),
             unsampled_fraction: share(tally.unsampled),
         }
     }
@@ -191,6 +193,7 @@ impl fmt::Display for RightEye {
 
 /// Both eyes.
 #[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Stereo<T> {
     pub left: T,
     pub right: T,

@@ -10,6 +10,8 @@ use serde::{Deserialize, Serialize};
 pub use regret::{Regret, regret_table, regrets};
 pub use slopes::{Slope, log_slope, slopes};
 
+use super::csv::{Csv, number};
+use super::frames::FrameLine;
 use super::peers::{self, Peer};
 use super::plot::{Axis, Chart, Series, line_chart_svg};
 use super::study::cell;
@@ -58,10 +60,11 @@ impl Errors {
 /// A frame of a setting.
 #[derive(Clone, Debug)]
 pub struct Repeat {
-    pub makespan_ms: f64,
     /// Busy time by stage, summed over views and devices.
     pub stage_ms: BTreeMap<String, f64>,
     pub errors: Stereo<SeenErrors>,
+    /// What `frames.csv` has of it.
+    pub line: FrameLine,
 }
 
 /// An eye's errors, with what it makes of them where it looks.
@@ -80,8 +83,8 @@ impl SeenErrors {
 }
 
 impl Repeat {
-    pub fn new(frame: &FrameReport, errors: Stereo<SeenErrors>) -> Self {
-        Self { makespan_ms: frame.makespan_ms, stage_ms: frame.stage_ms(), errors }
+    pub fn new(frame: &FrameReport, errors: Stereo<SeenErrors>, line: FrameLine) -> Self {
+        Self { stage_ms: frame.stage_ms(), errors, line }
     }
 }
 
@@ -97,11 +100,13 @@ pub struct Measured {
     pub errors: Stereo<Errors>,
     /// relMSE of each repeat.
     pub relmse_repeats: Stereo<Vec<f64>>,
+    /// Of each repeat, what `frames.csv` has of it.
+    pub frames: Vec<FrameLine>,
 }
 
 impl Measured {
     pub fn of(repeats: &[Repeat]) -> Self {
-        let times_ms: Vec<f64> = repeats.iter().map(|r| r.makespan_ms).collect();
+        let times_ms: Vec<f64> = repeats.iter().map(|r| r.line.makespan_ms).collect();
         let stages = repeats.iter().flat_map(|r| r.stage_ms.keys());
         let stage_ms =
             |stage: &String| median_of(repeats.iter().filter_map(|r| r.stage_ms.get(stage).copied()).collect());
@@ -115,6 +120,7 @@ impl Measured {
             stage_ms: stages.map(|stage| (stage.clone(), stage_ms(stage))).collect(),
             errors: Stereo { left: Errors::mean_of(&found.left), right: Errors::mean_of(&found.right) },
             relmse_repeats: Stereo { left: relmse(&found.left), right: relmse(&found.right) },
+            frames: repeats.iter().map(|r| r.line.clone()).collect(),
         }
     }
 
@@ -173,30 +179,37 @@ pub fn exposure_note(exposure_ev: f64) -> String {
 pub type Shared = Vec<(&'static str, String)>;
 
 /// A line per setting and eye. What is undefined is empty.
-pub fn csv(shared: &Shared, rows: &[Row]) -> String {
+pub fn csv(shared: &Shared, rows: &[Row]) -> Csv {
     let metrics = rows.first().map_or(Vec::new(), |r| r.measured.errors.left.names());
-    let mut text = String::new();
-    for (name, _) in shared {
-        text += &format!("{name},");
-    }
-    text += &format!("{},time_ms,time_ms_min,time_ms_max,on_front,eye", KNOBS.join(","));
-    metrics.iter().for_each(|m| text += &format!(",{m}"));
-    text.push('\n');
-    for row in rows {
-        let Row { knobs, measured, on_front } = row;
-        let settings = knob_cells(knobs).join(",");
+    let mut columns: Vec<&str> = shared.iter().map(|(name, _)| *name).collect();
+    columns.extend(KNOBS);
+    columns.extend(["time_ms", "time_ms_min", "time_ms_max", "on_front", "eye"]);
+    columns.extend(&metrics);
+    let mut lines = Vec::new();
+    for Row { knobs, measured, on_front } in rows {
         let Measured { time_ms, time_ms_min, time_ms_max, errors, .. } = measured;
-        let times = format!("{time_ms:.4},{time_ms_min:.4},{time_ms_max:.4}");
         for (eye, errors) in [("left", &errors.left), ("right", &errors.right)] {
-            shared.iter().for_each(|(_, value)| text += &format!("{value},"));
-            text += &format!("{settings},{times},{on_front},{eye}");
-            for name in &metrics {
-                text += &errors.get(name).map_or(",".to_owned(), |v| format!(",{v:.9}"));
-            }
-            text.push('\n');
+            let mut line: Vec<String> = shared.iter().map(|(_, value)| value.clone()).collect();
+            line.extend(knob_cells(knobs));
+            line.extend([time_ms, time_ms_min, time_ms_max].map(|ms| format!("{ms:.4}")));
+            line.extend([on_front.to_string(), eye.to_owned()]);
+            line.extend(metrics.iter().map(|name| number(errors.get(name), 9)));
+            lines.push(line);
         }
     }
-    text
+    Csv { columns: columns.into_iter().map(str::to_owned).collect(), lines }
+}
+
+/// A line per timed frame, with the settings that [`FrameLine`] does not have.
+pub fn frames(rows: &[Row]) -> Csv {
+    let lines = || rows.iter().flat_map(|row| row.measured.frames.iter().map(move |line| (row, line)));
+    let setting = |(row, _): (&Row, &FrameLine)| {
+        let [denoiser, _, _, foveation, ..] = knob_cells(&row.knobs);
+        vec![denoiser, foveation]
+    };
+    let columns = ["denoiser", "foveation"].map(str::to_owned).into();
+    let settings = Csv { columns, lines: lines().map(setting).collect() };
+    settings.beside(FrameLine::csv(&lines().map(|(_, line)| line.clone()).collect::<Vec<_>>()))
 }
 
 /// In a few words.
@@ -317,9 +330,9 @@ mod tests {
             SeenErrors::new(&pair, &viewing)
         };
         let repeat = |v: &f64| Repeat {
-            makespan_ms: time_ms,
             stage_ms: [("atrous".to_owned(), time_ms / 4.0)].into(),
             errors: Stereo { left: flat(*v), right: flat(2.0 * v) },
+            line: FrameLine { makespan_ms: time_ms, spp, ..FrameLine::default() },
         };
         let repeats: Vec<Repeat> = rmse.iter().map(repeat).collect();
         let knobs = Knobs { spp, bounces: 6, denoiser: denoiser.into(), iterations: 0, fovea: None, scale: 1.0 };
@@ -340,15 +353,22 @@ mod tests {
 
     #[test]
     fn a_csv_has_a_column_per_metric_and_a_line_per_eye() {
-        let text = csv(&vec![("devices", "2".into())], &[row("none", 4, 12.5, &[0.25, 0.75])]);
-        let lines: Vec<&str> = text.lines().collect();
-        assert!(lines[0].starts_with("devices,denoiser,iterations,bounces,foveation,scale,spp,time_ms,"), "{text}");
-        assert!(lines[0].contains(",eye,rmse,relmse,psnr,ssim,"), "{text}");
-        assert!(lines[1].starts_with("2,none,0,6,none,1,4,12.5000,12.5000,12.5000,false,left,0.500000000,"), "{text}");
-        assert!(lines[2].contains(",right,1.000000000,"), "{text}");
-        assert!(lines.iter().all(|l| l.split(',').count() == lines[0].split(',').count()), "{text}");
+        let rows = [row("none", 4, 12.5, &[0.25, 0.75])];
+        let table = csv(&vec![("devices", "2".into())], &rows);
+        let begin = "devices,denoiser,iterations,bounces,foveation,scale,spp,time_ms,";
+        assert!(table.columns.join(",").starts_with(begin), "{:?}", table.columns);
+        assert_eq!(table.lines[0][..7], ["2", "none", "0", "6", "none", "1", "4"]);
+        let found = ["time_ms", "on_front", "eye", "rmse"];
+        assert_eq!(found.map(|name| table.value(0, name)), ["12.5000", "false", "left", "0.500000000"]);
+        assert_eq!(found.map(|name| table.value(1, name)), ["12.5000", "false", "right", "1.000000000"]);
+        assert!(table.lines.iter().all(|line| line.len() == table.columns.len()), "{table:?}");
         // The mean ratio to a black reference is undefined.
-        assert!(lines[1].contains(",,"), "{text}");
+        assert_eq!(table.value(0, "mean_ratio"), "");
+
+        let frames = frames(&rows);
+        assert_eq!(frames.lines.len(), 2);
+        let found = ["denoiser", "foveation", "spp", "makespan_ms"];
+        assert_eq!(found.map(|name| frames.value(1, name)), ["none", "none", "4", "12.5000"]);
     }
 
     #[test]

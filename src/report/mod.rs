@@ -1,6 +1,8 @@
-//! Results for people: text tables, SVG charts and pages of HTML. All are strings; where they go is the caller's affair.
+//! Results: text tables, SVG charts and pages of HTML for people, CSV and JSON for programs.
 
 pub mod bench;
+pub mod csv;
+pub mod frames;
 pub mod html;
 mod json;
 pub mod lanes;
@@ -11,6 +13,8 @@ pub mod play;
 pub mod plot;
 pub mod run;
 pub mod scale;
+#[cfg(test)]
+mod schema;
 pub mod simulation;
 pub mod study;
 pub mod table;
@@ -18,6 +22,7 @@ mod ticks;
 pub mod timeline;
 pub mod trace;
 
+pub use csv::Csv;
 pub use plot::{Axis, Chart, Series, line_chart_svg};
 pub use table::{Table, text_table};
 
@@ -76,14 +81,4 @@ fn shares_text<'a>(shares: impl IntoIterator<Item = (&'a str, f64)>) -> String {
     sums.sort_by(|a, b| b.1.total_cmp(&a.1));
     let shown = sums.iter().filter(|(_, share)| *share >= SHARE_MIN);
     shown.map(|(name, share)| format!("{name} {:.0} %", share * 100.0)).collect::<Vec<_>>().join(" ")
-}
-
-/// A column's name and its value in a row.
-type Column<T> = (&'static str, fn(&T) -> String);
-
-/// Lines of values under the names of their columns.
-fn csv<T>(columns: &[Column<T>], rows: &[T]) -> String {
-    let line = |cells: Vec<String>| cells.join(",") + "\n";
-    let header = line(columns.iter().map(|(name, _)| (*name).to_owned()).collect());
-    rows.iter().fold(header, |text, row| text + &line(columns.iter().map(|(_, cell)| cell(row)).collect()))
 }

@@ -3,7 +3,7 @@
 use std::fmt;
 use std::ops::Range;
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use super::Table;
 use super::run::{FrameRow, Quality};
@@ -12,7 +12,8 @@ use super::run::{FrameRow, Quality};
 pub const SETTLING_FRAMES: usize = 30;
 
 /// What the control loop did with a frame.
-#[derive(Clone, Copy, Debug, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct ControlRow {
     /// Of the ladder, from 0.
     pub rung: usize,
@@ -29,6 +30,7 @@ pub struct ControlRow {
 
 /// A rung and the share of frames that it had.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RungUse {
     pub rung: usize,
     #[serde(flatten)]
@@ -38,6 +40,7 @@ pub struct RungUse {
 
 /// A run of frames outside the band.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Excursion {
     pub first_frame: u32,
     pub frames: u32,
@@ -45,6 +48,7 @@ pub struct Excursion {
 
 /// How a run kept its budget, judged over the frames after the first [`SETTLING_FRAMES`], or all of a shorter run.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct PlaySummary {
     pub budget_ms: [f64; 2],
     /// Where the ladder is from, and how many rungs it has.

@@ -1,5 +1,6 @@
 //! `run.json`: what was run, on what, and what each frame took.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::io::Write;
 use std::path::Path;
@@ -17,42 +18,30 @@ use crate::scene::Scene;
 use crate::scene::needs::SceneNeeds;
 use crate::scene::projection::Matrices;
 use crate::scene::rig::{Eye, Rig};
+use crate::trace::intervals;
 
 use super::json::Lines;
 use super::lanes::round;
 use super::play::{ControlRow, PlaySummary};
-use super::{median, median_of};
+use super::{median, median_of, once};
 
 /// How deep in the file a frame's sums and tasks are: each has a line.
 const FRAME_DEPTH: usize = 4;
 
-/// The settings of a run, as its options gave them.
+/// The settings of a run.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RunSettings {
-    pub shot: String,
-    pub size: String,
-    pub policy: &'static str,
-    pub ratios: Vec<Vec<f64>>,
-    pub seed: u32,
-    pub sampler: String,
-    pub denoiser: String,
-    pub seam: String,
-    pub foveation: String,
-    /// Of the denoiser, in the inner, middle and outer layer; alike without foveation.
-    pub layer_iterations: [u32; 3],
-    pub reproject: bool,
-    pub reference: bool,
-    pub time_s: f64,
-    pub fps: f64,
-    /// Of the shot, stops.
+    /// Exposure at which pictures are shown, stops.
     pub exposure_ev: f64,
-    pub frames_in_flight: u8,
-    pub indirect_clamp: Option<f32>,
-    pub shader_checks: String,
+    /// Each option of the command by its long name in snake_case, as it was in force.
+    #[serde(flatten)]
+    pub options: serde_json::Map<String, serde_json::Value>,
 }
 
 /// The knobs of a frame's quality.
 #[derive(Clone, Copy, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Quality {
     pub spp: u32,
     pub bounces: u32,
@@ -80,6 +69,7 @@ impl fmt::Display for Quality {
 }
 
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct SceneSummary {
     pub name: String,
     pub triangles: usize,
@@ -111,6 +101,7 @@ impl SceneSummary {
 
 /// How far a frame's accumulation has come.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct ReferenceRow {
     pub index: u32,
     /// Samples per pixel taken, by this run and those it goes on from.
@@ -132,7 +123,10 @@ pub struct ReferenceRow {
 
 impl fmt::Display for ReferenceRow {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "{} of {} samples per pixel", self.spp, self.spp_wanted)?;
+        match (self.spp, self.spp_wanted) {
+            (spp, wanted) if spp > wanted => write!(f, "{spp} samples per pixel, {wanted} were asked for")?,
+            (spp, wanted) => write!(f, "{spp} of {wanted} samples per pixel")?,
+        }
         if self.spp_resumed > 0 {
             write!(f, ", {} of them from earlier runs", self.spp_resumed)?;
         }
@@ -149,6 +143,7 @@ impl fmt::Display for ReferenceRow {
 
 /// What a device did for a stage and view in a frame. Its rows that left and came are the stages `download` and `upload`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct StageSum {
     pub stage: &'static str,
     pub view: Eye,
@@ -184,19 +179,36 @@ impl StageSum {
     }
 }
 
-/// A frame; of a reference, makespan, rays and dropped samples of all its passes of this run, stages and tasks of the last.
+/// Time of auxiliary images: their passes and transfers on the device that had most of them, milliseconds.
+pub fn aov_ms(tasks: &[TaskTiming]) -> f64 {
+    let of = |device: usize| {
+        let own = tasks.iter().filter(|t| t.device == device && t.stage == Stage::Aov.name());
+        intervals::length(&intervals::union(own.map(|t| (t.begin_ms, t.end_ms)).collect()))
+    };
+    once(tasks.iter().map(|t| t.device)).into_iter().map(of).fold(0.0, f64::max)
+}
+
+/// A frame; of a reference, sums over its passes of this run, but stages, tasks and `aov_ms` of the last one.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct FrameRow {
     pub index: u32,
     /// Along the camera path.
     pub time_s: f64,
     /// Of each eye.
     pub cameras: Stereo<Matrices>,
+    /// Devices that worked on it.
+    pub devices: usize,
+    /// From its begin to the whole pictures on the primary, without `aov_ms`.
     pub makespan_ms: f64,
     /// From the end of the frame before to the end of this one; `null` for the first, and of a reference.
     pub interval_ms: Option<f64>,
-    /// What the cost model foretold; `null` before it had learned from a frame, and for frames in flight together.
+    /// What the cost model foretold, without `aov_ms`; `null` before it had learned from a frame, and for frames in
+    /// flight together.
     pub predicted_ms: Option<f64>,
+    /// Passes and transfers of auxiliary images, on the device that had most of them.
+    pub aov_ms: f64,
+    /// Host time to make stripes and graph.
     pub plan_ms: f64,
     #[serde(flatten)]
     pub quality: Quality,
@@ -207,15 +219,15 @@ pub struct FrameRow {
     pub nonfinite_samples: u64,
     /// Rows of the left eye's path tracing per device.
     pub stripes: Vec<u32>,
-    /// Rows per device of every stage and view whose stripes can be chosen.
-    pub stage_stripes: serde_json::Map<String, serde_json::Value>,
+    /// Rows per device of every stage and view that ran.
+    pub stage_stripes: BTreeMap<String, Vec<u32>>,
     pub transferred_bytes: u64,
     /// How many rows up and down history was looked for; `null`: there was none.
     pub history_rows: Option<u32>,
     /// The filter's passes before which rows come from neighbours.
     pub halo_exchanges: Vec<usize>,
     pub stages: Vec<StageSum>,
-    /// Each task, with times since the frame's begin, where [`Self::with_tasks`] added them.
+    /// Each task, with times since the frame's begin; with `--details` only.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub tasks: Vec<TaskTiming>,
     /// Of frames inside a budget.
@@ -231,17 +243,21 @@ impl FrameRow {
             let stripes = frame.assignment.stripes(stage, view);
             (0..stripes.devices()).map(|d| stripes.rows(d).len() as u32).collect::<Vec<u32>>()
         };
-        let stage_stripes = Stage::RATIO_GROUPS
-            .into_iter()
-            .flat_map(|s| Eye::ALL.map(|v| (format!("{}.{v}", s.name()), rows_of(s, v).into())))
-            .collect();
+        let ran = frame.tasks.iter().filter_map(|t| match t.kind {
+            TimedTask::Gpu(stage) => Some((stage, t.view)),
+            TimedTask::Download | TimedTask::Upload => None,
+        });
+        let stage_stripes = once(ran).into_iter().map(|(s, v)| (format!("{}.{v}", s.name()), rows_of(s, v))).collect();
+        let aov_ms = aov_ms(&frame.tasks);
         Self {
             index: frame.index,
             time_s,
             cameras: Stereo { left: matrices(Eye::Left), right: matrices(Eye::Right) },
-            makespan_ms: frame.makespan_ms,
+            devices: frame.devices.len(),
+            makespan_ms: frame.makespan_ms - aov_ms,
             interval_ms: frame.interval_ms,
-            predicted_ms: frame.predicted_ms,
+            predicted_ms: frame.predicted_ms.map(|ms| ms - aov_ms),
+            aov_ms: round(aov_ms),
             plan_ms: frame.plan_ms,
             quality: *quality,
             rays: frame.tallies.iter().map(|t| t.rays).sum(),
@@ -267,7 +283,9 @@ impl FrameRow {
     }
 }
 
+/// What was run, on what, and what each frame took.
 #[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RunReport {
     pub version: &'static str,
     pub command: String,
@@ -334,11 +352,16 @@ impl RunReport {
 
     /// Median time between the ends of frames that follow one another, ms. Those of the last ones in flight, which had
     /// the devices to themselves in the end, do not count.
-    pub fn median_interval_ms(&self) -> Option<f64> {
-        let alone = usize::from(self.settings.frames_in_flight).saturating_sub(1);
+    pub fn median_interval_ms(&self, frames_in_flight: u8) -> Option<f64> {
+        let alone = usize::from(frames_in_flight).saturating_sub(1);
         let frames = &self.frames[..self.frames.len().saturating_sub(alone)];
         let intervals: Vec<f64> = frames.iter().filter_map(|f| f.interval_ms).collect();
         median(intervals)
+    }
+
+    /// Devices that were not taken out.
+    pub fn devices_left(&self) -> usize {
+        self.devices.iter().filter(|d| self.faults.iter().all(|f| f.device != d.index)).count()
     }
 
     /// Median of the frames' makespans, ms.

@@ -2,15 +2,17 @@
 
 use serde::Serialize;
 
+use super::csv::{Column, Csv, number};
 use super::html::Section;
 use super::plot::{Axis, Chart, Series, line_chart_svg};
-use super::{Column, ReportError, Table, csv, imbalance, median_of, shares_text};
+use super::run::aov_ms;
+use super::{ReportError, Table, imbalance, median_of, shares_text};
 use crate::exec::{FrameReport, TimedTask};
 use crate::schedule::LOSS_SHARE;
 use crate::trace::frames::trace_from;
 use crate::trace::summary::Summary;
 
-/// One row of `scale.csv`: a device count. Numbers of frames are medians.
+/// One row of `scale.csv`: a device count. Numbers of frames are medians; makespans are without auxiliary images.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Row {
     pub devices: usize,
@@ -29,10 +31,13 @@ pub struct Row {
     pub period_spread: f64,
     /// How many of them there are.
     pub periods: usize,
-    /// Over the first row.
+    /// Devices of the row that the speed-up is over.
+    pub base_devices: usize,
+    /// Over the base.
     pub speedup: f64,
     /// Its standard error, from how far the frames of both rows scatter.
     pub speedup_error: f64,
+    /// Speed-up over how many times the base's devices there are.
     pub efficiency: f64,
     /// Busy time of the busiest device over the mean.
     pub imbalance: f64,
@@ -51,18 +56,19 @@ pub struct Row {
 }
 
 impl Row {
-    /// Of timed frames; `first` is the row that speed-up is over, none for itself.
-    pub fn new(devices: usize, frames: &[FrameReport], oversubscribed: bool, first: Option<&Row>) -> Self {
+    /// Of timed frames; `base` is the row that speed-up is over, none for itself.
+    pub fn new(devices: usize, frames: &[FrameReport], oversubscribed: bool, base: Option<&Row>) -> Self {
         let values = |of: &dyn Fn(&FrameReport) -> f64| frames.iter().map(of).collect::<Vec<_>>();
         let median = |of: &dyn Fn(&FrameReport) -> f64| median_of(values(of));
-        let makespans_ms = values(&|f| f.makespan_ms);
+        let makespan_ms = |f: &FrameReport| f.makespan_ms - aov_ms(&f.tasks);
+        let makespans_ms = values(&makespan_ms);
         // The first frame that is timed may have begun before the others were in flight.
         let intervals_ms: Vec<f64> = frames.iter().skip(1).filter_map(|f| f.interval_ms).collect();
         let overlapped = frames.iter().any(|f| f.overlapped);
         let periods_ms = if overlapped { intervals_ms.clone() } else { makespans_ms.clone() };
         let period_ms = median_of(periods_ms.clone());
         let idle = |f: &FrameReport| 1.0 - f.busy_ms().iter().sum::<f64>() / (period_ms * devices as f64);
-        let error = |f: &FrameReport| Some((f.predicted_ms? - f.makespan_ms).abs() / f.makespan_ms);
+        let error = |f: &FrameReport| Some((f.predicted_ms? - f.makespan_ms).abs() / makespan_ms(f));
         let errors: Vec<f64> = frames.iter().filter_map(error).collect();
         let row = Self {
             devices,
@@ -84,15 +90,26 @@ impl Row {
             critical_path: critical_path(frames),
             ..Self::default()
         };
-        row.over(first)
+        row.over(base)
     }
 
-    fn over(self, first: Option<&Row>) -> Self {
-        let Some(first) = first else { return Self { speedup: 1.0, efficiency: 1.0, ..self } };
-        let speedup = first.period_ms / self.period_ms;
-        let efficiency = speedup * first.devices as f64 / self.devices as f64;
-        let speedup_error = speedup * first.relative_error().hypot(self.relative_error());
-        Self { speedup, speedup_error, efficiency, ..self }
+    fn over(self, base: Option<&Row>) -> Self {
+        let Some(base) = base else {
+            return Self { base_devices: self.devices, speedup: 1.0, efficiency: 1.0, ..self };
+        };
+        let speedup = base.period_ms / self.period_ms;
+        let efficiency = speedup * base.devices as f64 / self.devices as f64;
+        let speedup_error = speedup * base.relative_error().hypot(self.relative_error());
+        Self { base_devices: base.devices, speedup, speedup_error, efficiency, ..self }
+    }
+
+    fn note(&self) -> &'static str {
+        match (self.devices == self.base_devices, self.oversubscribed) {
+            (true, false) => "base",
+            (true, true) => "base, oversubscribed",
+            (false, true) => "oversubscribed",
+            (false, false) => "",
+        }
     }
 
     /// Standard error of the median over the median, of periods that scatter about normally. McGill, Tukey & Larsen,
@@ -158,27 +175,30 @@ fn interquartile_range(mut values: Vec<f64>) -> f64 {
     quantile(0.75).zip(quantile(0.25)).map_or(0.0, |(upper, lower)| upper - lower)
 }
 
+const COLUMNS: [Column<Row>; 18] = [
+    ("devices", |r| r.devices.to_string()),
+    ("makespan_ms", |r| format!("{:.4}", r.makespan_ms)),
+    ("makespan_ms_min", |r| format!("{:.4}", r.makespan_ms_min)),
+    ("makespan_ms_max", |r| format!("{:.4}", r.makespan_ms_max)),
+    ("speedup", |r| format!("{:.4}", r.speedup)),
+    ("efficiency", |r| format!("{:.4}", r.efficiency)),
+    ("imbalance", |r| format!("{:.4}", r.imbalance)),
+    ("transfer_share", |r| format!("{:.5}", r.transfer_share)),
+    ("oversubscribed", |r| r.oversubscribed.to_string()),
+    ("base_devices", |r| r.base_devices.to_string()),
+    ("frames", |r| r.frames.to_string()),
+    ("idle_share", |r| format!("{:.5}", r.idle_share)),
+    ("makespan_ms_iqr", |r| format!("{:.4}", r.makespan_ms_iqr)),
+    ("interval_ms", |r| format!("{:.4}", r.interval_ms)),
+    ("period_spread", |r| format!("{:.5}", r.period_spread)),
+    ("speedup_error", |r| format!("{:.5}", r.speedup_error)),
+    ("bytes_per_frame", |r| format!("{:.0}", r.bytes_per_frame)),
+    ("prediction_error", |r| number(r.prediction_error, 5)),
+];
+
 /// What `scale.csv` holds.
-pub fn scale_csv(rows: &[Row]) -> String {
-    const COLUMNS: [Column<Row>; 16] = [
-        ("devices", |r| r.devices.to_string()),
-        ("makespan_ms", |r| format!("{:.4}", r.makespan_ms)),
-        ("makespan_ms_min", |r| format!("{:.4}", r.makespan_ms_min)),
-        ("makespan_ms_max", |r| format!("{:.4}", r.makespan_ms_max)),
-        ("speedup", |r| format!("{:.4}", r.speedup)),
-        ("efficiency", |r| format!("{:.4}", r.efficiency)),
-        ("imbalance", |r| format!("{:.4}", r.imbalance)),
-        ("transfer_share", |r| format!("{:.5}", r.transfer_share)),
-        ("oversubscribed", |r| r.oversubscribed.to_string()),
-        ("idle_share", |r| format!("{:.5}", r.idle_share)),
-        ("makespan_ms_iqr", |r| format!("{:.4}", r.makespan_ms_iqr)),
-        ("interval_ms", |r| format!("{:.4}", r.interval_ms)),
-        ("period_spread", |r| format!("{:.5}", r.period_spread)),
-        ("speedup_error", |r| format!("{:.5}", r.speedup_error)),
-        ("bytes_per_frame", |r| format!("{:.0}", r.bytes_per_frame)),
-        ("prediction_error", |r| r.prediction_error.map_or(String::new(), |e| format!("{e:.5}"))),
-    ];
-    csv(&COLUMNS, rows)
+pub fn scale_csv(rows: &[Row]) -> Csv {
+    Csv::new(&COLUMNS, rows)
 }
 
 pub fn scale_table(rows: &[Row]) -> Table {
@@ -211,7 +231,7 @@ pub fn scale_table(rows: &[Row]) -> Table {
             percent(r.idle_share),
             format!("{:.2}", r.bytes_per_frame / 1e6),
             r.prediction_error.map_or("-".into(), percent),
-            if r.oversubscribed { "oversubscribed".into() } else { String::new() },
+            r.note().to_owned(),
         ]
     };
     Table { headers, rows: rows.iter().map(cells).collect() }
@@ -302,19 +322,13 @@ mod tests {
 
     #[test]
     fn the_columns_begin_with_those_that_programs_know() {
-        let text = scale_csv(&[row(2, 50.0, 0.0, 1.0)]);
+        let table = scale_csv(&[row(2, 50.0, 0.0, 1.0).over(Some(&row(1, 80.0, 0.0, 1.0).over(None)))]);
         let known = "devices,makespan_ms,makespan_ms_min,makespan_ms_max,speedup,efficiency,imbalance,transfer_share,\
-            oversubscribed,";
-        let lines: Vec<&str> = text.lines().collect();
-        assert!(lines[0].starts_with(known), "{text}");
-        for column in ["makespan_ms_iqr", "bytes_per_frame", "prediction_error"] {
-            assert!(lines[0].split(',').any(|c| c == column), "no {column} in {text}");
-        }
-        assert_eq!((lines.len(), lines[1].split(',').count()), (2, lines[0].split(',').count()));
-        assert!(
-            lines[1].starts_with("2,50.0000,") && lines[1].ends_with(",4.5000,0.0000,0.09000,0.00000,0,"),
-            "{text}"
-        );
+            oversubscribed,base_devices,";
+        assert!(table.columns.join(",").starts_with(known), "{:?}", table.columns);
+        let found = ["devices", "makespan_ms", "speedup", "efficiency", "base_devices", "makespan_ms_iqr"];
+        assert_eq!(found.map(|name| table.value(0, name)), ["2", "50.0000", "1.6000", "0.8000", "1", "4.5000"]);
+        assert_eq!(table.value(0, "prediction_error"), "");
     }
 
     #[test]

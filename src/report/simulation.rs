@@ -2,8 +2,9 @@
 
 use serde::Serialize;
 
+use super::csv::{Column, Csv, number};
 use super::plot::{Axis, Chart, Series, line_chart_svg};
-use super::{Column, ReportError, Table, csv, imbalance, shares_text};
+use super::{ReportError, Table, imbalance, once, shares_text};
 use crate::schedule::{Prediction, StepKind};
 
 /// One row of `simulate.csv`.
@@ -21,8 +22,15 @@ pub struct Row {
     /// Host time in transfers over the makespan times the devices.
     pub transfer_share: f64,
     pub limit: &'static str,
-    /// Shares of the makespan.
-    pub critical_path: String,
+    /// What the critical path consists of.
+    pub critical_path: Vec<PathShare>,
+}
+
+/// A stage, or transfers, and their share of the makespan.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PathShare {
+    pub what: &'static str,
+    pub share: f64,
 }
 
 impl Row {
@@ -30,14 +38,19 @@ impl Row {
     pub fn new(prediction: &Prediction, speeds: &[f64], one_ms: f64, measured_ms: Option<f64>) -> Self {
         let devices = speeds.len();
         let speedup = one_ms / prediction.makespan_ms;
-        let path = prediction.critical_path.iter().filter_map(|step| {
-            let name = match step.kind {
+        let mut critical_path: Vec<PathShare> = Vec::new();
+        for step in &prediction.critical_path {
+            let what = match step.kind {
                 StepKind::Stage(stage) => stage.name(),
                 StepKind::Download | StepKind::Upload => "transfers",
-                StepKind::Stitch => return None,
+                StepKind::Stitch => continue,
             };
-            Some((name, (step.end_ms - step.begin_ms) / prediction.makespan_ms))
-        });
+            let share = (step.end_ms - step.begin_ms) / prediction.makespan_ms;
+            match critical_path.iter_mut().find(|part| part.what == what) {
+                Some(part) => part.share += share,
+                None => critical_path.push(PathShare { what, share }),
+            }
+        }
         Self {
             devices,
             predicted_ms: prediction.makespan_ms,
@@ -47,8 +60,12 @@ impl Row {
             imbalance: imbalance(&prediction.busy_ms),
             transfer_share: prediction.transfer_ms / (prediction.makespan_ms * devices as f64),
             limit: prediction.limit.name(),
-            critical_path: shares_text(path),
+            critical_path,
         }
+    }
+
+    fn critical_path_text(&self) -> String {
+        shares_text(self.critical_path.iter().map(|part| (part.what, part.share)))
     }
 
     /// That of devices that are here, also over the simulated one.
@@ -57,20 +74,27 @@ impl Row {
     }
 }
 
-/// What `simulate.csv` holds.
-pub fn simulation_csv(rows: &[Row]) -> String {
-    const COLUMNS: [Column<Row>; 9] = [
-        ("devices", |r| r.devices.to_string()),
-        ("predicted_ms", |r| format!("{:.4}", r.predicted_ms)),
-        ("measured_ms", |r| r.measured_ms.map_or(String::new(), |ms| format!("{ms:.4}"))),
-        ("speedup", |r| format!("{:.4}", r.speedup)),
-        ("efficiency", |r| format!("{:.4}", r.efficiency)),
-        ("imbalance", |r| format!("{:.4}", r.imbalance)),
-        ("transfer_share", |r| format!("{:.5}", r.transfer_share)),
-        ("limit", |r| r.limit.to_owned()),
-        ("critical_path", |r| r.critical_path.clone()),
-    ];
-    csv(&COLUMNS, rows)
+const COLUMNS: [Column<Row>; 8] = [
+    ("devices", |r| r.devices.to_string()),
+    ("predicted_ms", |r| format!("{:.4}", r.predicted_ms)),
+    ("measured_ms", |r| number(r.measured_ms, 4)),
+    ("speedup", |r| format!("{:.4}", r.speedup)),
+    ("efficiency", |r| format!("{:.4}", r.efficiency)),
+    ("imbalance", |r| format!("{:.4}", r.imbalance)),
+    ("transfer_share", |r| format!("{:.5}", r.transfer_share)),
+    ("limit", |r| r.limit.to_owned()),
+];
+
+/// What `simulate.csv` holds: the columns of a row, then the share of the critical path that each stage and transfers
+/// have, those that any row has.
+pub fn simulation_csv(rows: &[Row]) -> Csv {
+    let parts = once(rows.iter().flat_map(|r| r.critical_path.iter().map(|part| part.what)));
+    let share = |row: &Row, what: &str| row.critical_path.iter().find(|p| p.what == what).map_or(0.0, |p| p.share);
+    let shares = Csv {
+        columns: parts.iter().map(|what| format!("critical_{what}_share")).collect(),
+        lines: rows.iter().map(|r| parts.iter().map(|what| format!("{:.5}", share(r, what))).collect()).collect(),
+    };
+    Csv::new(&COLUMNS, rows).beside(shares)
 }
 
 pub fn simulation_table(rows: &[Row]) -> Table {
@@ -93,7 +117,7 @@ pub fn simulation_table(rows: &[Row]) -> Table {
             format!("{:.2}", r.efficiency),
             format!("{:.3}", r.imbalance),
             r.limit.into(),
-            r.critical_path.clone(),
+            r.critical_path_text(),
         ]
     };
     Table { headers, rows: rows.iter().map(cells).collect() }
@@ -154,18 +178,17 @@ mod tests {
         let row = row();
         assert_eq!((row.devices, row.speedup, row.efficiency), (2, 1.8, 0.9));
         assert_eq!((row.imbalance, row.transfer_share, row.limit), (1.5, 0.04, "imbalance"));
-        assert_eq!(row.critical_path, "path_trace 80 % atrous 14 % transfers 6 %");
+        assert_eq!(row.critical_path_text(), "path_trace 80 % atrous 14 % transfers 6 %");
         assert_eq!(row.measured_speedup(), Some(1.5));
     }
 
     #[test]
     fn what_was_not_measured_is_empty_and_has_no_point() {
         let rows = [row(), Row { devices: 4, measured_ms: None, ..row() }];
-        let text = simulation_csv(&rows);
-        let lines: Vec<&str> = text.lines().collect();
-        assert_eq!(lines[0].split(',').count(), 9);
-        assert!(lines[1].starts_with("2,50.0000,60.0000,1.8000,0.9000,1.5000,0.04000,imbalance,path_trace"), "{text}");
-        assert!(lines[2].starts_with("4,50.0000,,"), "{text}");
+        let table = simulation_csv(&rows);
+        let known = ["devices", "predicted_ms", "measured_ms", "limit", "critical_atrous_share"];
+        assert_eq!(known.map(|name| table.value(0, name)), ["2", "50.0000", "60.0000", "imbalance", "0.14000"]);
+        assert_eq!((table.value(1, "devices"), table.value(1, "measured_ms")), ("4", ""));
         let dots = |rows: &[Row]| simulation_svg("t".into(), rows).unwrap().matches("<circle").count();
         assert_eq!((dots(&rows), dots(&rows[1..])), (3, 1));
     }

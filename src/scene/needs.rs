@@ -4,6 +4,7 @@ use super::{AlphaMode, Environment, LightKind, Material, Scene};
 
 /// Each flag switches code of the tracing stages on. More flags than needed change the time, never the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct SceneNeeds {
     pub textures: bool,
     /// Textures on the second set of coordinates.

@@ -9,6 +9,7 @@ use crate::image::Extent;
 /// By the conventions of OpenEXR's attributes of these names: lists of four rows, of matrices M that a point is taken by as
 /// the row vector (x, y, z, 1) · M.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Matrices {
     /// To scene units from the eye: x to the right, y up, z where it looks.
     pub world_to_camera: [[f32; 4]; 4],

@@ -22,6 +22,7 @@ const MIN_SIN_VIEW_UP: f64 = 1e-6;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum Eye {
     Left,
     Right,

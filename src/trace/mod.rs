@@ -10,7 +10,7 @@ pub mod event;
 mod file;
 pub mod frames;
 mod host;
-mod intervals;
+pub(crate) mod intervals;
 pub mod read;
 mod recorder;
 pub mod summary;

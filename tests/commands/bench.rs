@@ -133,7 +133,7 @@ fn a_grid_is_judged_at_the_exposure_of_its_shot() {
 
 /// All results.
 fn results(out: &Path) -> Vec<String> {
-    let files = ["bench.csv", "bench.svg", "ladder.toml", "ladder.svg"];
+    let files = ["bench.csv", "bench.svg", "frames.csv", "ladder.toml", "ladder.svg"];
     files.map(|name| std::fs::read_to_string(out.join(name)).unwrap()).into()
 }
 

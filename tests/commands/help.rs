@@ -5,8 +5,21 @@ use serde_json::Value;
 use crate::common::diptych;
 
 const COMMANDS: [&str; 15] = [
-    "render", "play", "view", "scale", "bench", "compare", "trace", "graph", "devices", "scenes", "shot", "export",
-    "completions", "man", "help",
+    "render",
+    "play",
+    "view",
+    "scale",
+    "bench",
+    "compare",
+    "trace",
+    "graph",
+    "devices",
+    "scenes",
+    "shot",
+    "export",
+    "completions",
+    "man",
+    "help",
 ];
 
 #[track_caller]

@@ -5,6 +5,7 @@ mod bench;
 #[path = "../common/mod.rs"]
 mod common;
 mod export;
+mod files;
 mod help;
 mod host_trace;
 mod image_files;
@@ -13,7 +14,10 @@ mod play;
 mod reference_mode;
 mod report;
 mod scale;
+mod schema;
 mod shots;
+mod stale;
+
 mod studies;
 mod tools;
 mod trace_files;

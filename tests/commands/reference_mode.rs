@@ -104,6 +104,50 @@ fn resumed_passes_have_the_bytes_of_uninterrupted_ones() {
     assert!(case.path("passes/reference.preview.png").exists());
 }
 
+#[test]
+fn a_reference_has_many_samples_unless_asked_for_fewer() {
+    let case = Case::new();
+    let row = case.render("default", &["--size", "8x6", "--bounces", "1"]);
+    assert_eq!((&row["spp"], &row["spp_wanted"]), (&256.into(), &256.into()));
+    assert_eq!(case.render("one", &["--size", "8x6", "--spp", "1"])["spp"], 1);
+    let kept = case.kept();
+    case.render("kept", &["--spp", "16", "--passes-out", &kept]);
+    let out = case.path("kept");
+    let output = diptych(&[
+        "render",
+        "builtin:cornell",
+        "--reference",
+        "--size",
+        SIZE,
+        "--spp",
+        "10",
+        "--passes-out",
+        &kept,
+        "--out",
+        out.to_str().unwrap(),
+    ]);
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(said.contains("16 samples per pixel, 10 were asked for, 16 of them from earlier runs"), "{said}");
+}
+
+#[test]
+fn options_that_a_reference_overrules_are_refused_where_they_are_given() {
+    let case = Case::new();
+    for given in [
+        ["--denoiser", "svgf"],
+        ["--iterations", "3"],
+        ["--foveation", "layers"],
+        ["--gaze", "0.5,0.5"],
+        ["--scale", "0.5"],
+        ["--reproject", "on"],
+        ["--frames-in-flight", "2"],
+    ] {
+        case.refused(&["--reference", given[0], given[1]], &[given[0], "a reference", "leave it or --reference out"]);
+    }
+    let agreed = ["--denoiser", "none", "--foveation", "none", "--scale", "1", "--reproject", "off"];
+    case.render("agreed", &[&agreed[..], &["--spp", "2", "--frames-in-flight", "1"]].concat());
+}
+
 /// Rays of all passes over the time of the last would be too fast by their number.
 #[test]
 fn a_reference_takes_as_long_as_its_passes() {

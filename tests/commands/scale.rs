@@ -5,10 +5,11 @@ use std::path::Path;
 use crate::common::diptych;
 use serde_json::Value;
 
-/// The result of scaling a small scene over one and two devices, with its files in `out`.
+/// The result of scaling a small scene, with its files in `out`; over one and two devices unless `options` say otherwise.
 fn scale(out: &Path, options: &[&str]) -> Value {
-    let args =
-        ["scale", "builtin:checker", "--size", "48x32", "--counts", "1,2", "--threads-per-device", "1", "--json"];
+    let counts: &[&str] = if options.contains(&"--counts") { &[] } else { &["--counts", "1,2"] };
+    let options = &[counts, options].concat();
+    let args = ["scale", "builtin:checker", "--size", "48x32", "--threads-per-device", "1", "--json"];
     let output = diptych(&[&args[..], &["--out", out.to_str().unwrap()], options].concat());
     assert!(output.status.success(), "{options:?}: {}", String::from_utf8_lossy(&output.stderr));
     let text = String::from_utf8(output.stdout).unwrap();
@@ -42,6 +43,38 @@ fn rows_say_how_sure_they_are_and_what_was_moved() {
     assert_eq!(lines[2][bytes].parse::<f64>().unwrap(), number(&rows[1], "bytes_per_frame"));
     assert!(!folder.path().join("simulate.csv").exists());
     assert!(!folder.path().join("report.html").exists());
+}
+
+/// In whatever order counts are given, and if one device is not among them.
+#[test]
+fn speed_up_is_over_one_device() {
+    for (counts, expected) in [("2,1,2", &[1, 2][..]), ("3,2", &[1, 2, 3]), ("1", &[1])] {
+        let folder = tempfile::tempdir().unwrap();
+        let result = scale(folder.path(), &["--counts", counts]);
+        let rows = result["rows"].as_array().unwrap();
+        let devices: Vec<u64> = rows.iter().map(|row| row["devices"].as_u64().unwrap()).collect();
+        assert_eq!(devices, expected, "{counts}");
+        let period_ms = |row: &Value| row["period_ms"].as_f64().unwrap();
+        for row in rows {
+            let [devices, speedup, efficiency] =
+                ["devices", "speedup", "efficiency"].map(|name| row[name].as_f64().unwrap());
+            assert_eq!(row["base_devices"], 1, "{row}");
+            assert!((speedup - period_ms(&rows[0]) / period_ms(row)).abs() < 1e-9, "{row}");
+            assert!((efficiency - speedup / devices).abs() < 1e-9, "{row}");
+        }
+    }
+}
+
+/// What is given for each of two devices is for the first of them where there is one.
+#[test]
+fn options_of_each_device_leave_the_base_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let each = ["--counts", "2", "--slowdown", "1,2", "--ratios", "2,1"];
+    let result = scale(folder.path(), &each);
+    assert_eq!(result["rows"].as_array().unwrap().len(), 2);
+    let run: Value = serde_json::from_str(&read(folder.path(), "run.json")).unwrap();
+    let rows: Vec<&Value> = run["frames"].as_array().unwrap().iter().map(|frame| &frame["stripes"]).collect();
+    assert!(*rows[0] == serde_json::json!([32]) && *rows[9] == serde_json::json!([21, 11]), "{rows:?}");
 }
 
 #[test]

@@ -13,7 +13,9 @@ use diptych::image::RgbImage;
 use diptych::metrics::Pair;
 use diptych::metrics::rings::Viewing;
 use diptych::report::bench::{Measured, Repeat, Row, SeenErrors};
+use diptych::report::frames::FrameLine;
 use diptych::report::once;
+use diptych::report::run::FrameRow;
 use diptych::scene::shot::Shot;
 use diptych::stages::Foveation;
 use diptych::trace::frames::record_devices;
@@ -160,6 +162,7 @@ pub struct Grid<'a> {
     tracing: &'a Tracing,
     /// Those of all settings, but while one is measured.
     gpus: Cell<Vec<GpuDevice>>,
+    warm_up_s: Cell<f64>,
 }
 
 impl<'a> Grid<'a> {
@@ -170,7 +173,12 @@ impl<'a> Grid<'a> {
         tracing: &'a Tracing,
         gpus: Vec<GpuDevice>,
     ) -> Self {
-        Self { args, loaded, reference, tracing, gpus: Cell::new(gpus) }
+        Self { args, loaded, reference, tracing, gpus: Cell::new(gpus), warm_up_s: Cell::new(0.0) }
+    }
+
+    /// How long settings took, in all, until their first frames could begin.
+    pub fn warm_up_s(&self) -> f64 {
+        self.warm_up_s.get()
     }
 
     /// A row per setting of the grid, and of these others. What is measured is in the journal before the next setting is
@@ -213,7 +221,9 @@ impl<'a> Grid<'a> {
                 };
                 let left = seen(&reference.images.left, &image.left)?;
                 let right = seen(&reference.images.right, &image.right)?;
-                repeats.push(Repeat::new(&frame, Stereo { left, right }));
+                let row = FrameRow::new(&frame, &setup::frame_settings(&options), rig, options.time);
+                let line = FrameLine::from(&FrameRow { index: i - warm_up, ..row });
+                repeats.push(Repeat::new(&frame, Stereo { left, right }, line));
             }
         }
         self.gpus.set(renderer.into_devices());
@@ -225,7 +235,10 @@ impl<'a> Grid<'a> {
         let Setting { denoiser, bounces, scale, spp, .. } = *setting;
         let foveated = setting.foveated();
         let options = RenderOptions { spp, bounces, scale, foveated, ..single(args.options.clone(), denoiser) };
-        Ok((setup::renderer(&options, loaded, self.gpus.take(), tracing.recorder.origin())?, options))
+        let begin = Instant::now();
+        let renderer = setup::renderer(&options, loaded, self.gpus.take(), tracing.recorder.origin())?;
+        self.warm_up_s.set(self.warm_up_s.get() + begin.elapsed().as_secs_f64());
+        Ok((renderer, options))
     }
 
     /// The `i`th frame of a setting, its warm-up counted.

@@ -5,6 +5,8 @@ use anyhow::anyhow;
 use diptych::exec::Stereo;
 use diptych::image::{Extent, RgbImage};
 use diptych::metrics::Pair;
+use diptych::report::csv::{Column, Csv};
+use diptych::report::frames::FrameLine;
 use diptych::report::html::Section;
 use diptych::report::peres::{
     CONFIGURATIONS, Found, QUALITY_NOTE, Quality, RESOLUTIONS, Row, SCENES, TIME_NOTE, peres_csv, quality_table,
@@ -105,6 +107,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         tracing: &tracing,
         progress: Progress::new(steps, options.quiet, options.json),
         rows: Vec::new(),
+        frames: Vec::new(),
         notes: Vec::new(),
         settings: 0,
     };
@@ -123,6 +126,8 @@ struct Study<'a> {
     tracing: &'a Tracing,
     progress: Progress,
     rows: Vec<Row>,
+    /// Those that were timed, each with its resolution, shot and configuration.
+    frames: Vec<([String; 3], FrameLine)>,
     /// About each reference.
     notes: Vec<String>,
     /// Measured so far.
@@ -151,6 +156,8 @@ impl Study<'_> {
             let virtual_devices = Some(args.virtual_devices);
             let warm = timed.frames(&Setting { number: self.settings, name, options, virtual_devices })?;
             self.settings += 1;
+            let of = [RESOLUTIONS[resolution].0, &shot, configuration.name].map(str::to_owned);
+            self.frames.extend(warm.frames.iter().map(|frame| (of.clone(), FrameLine::from(&frame.row))));
             let found = judge(&warm.frames, &reference.images, &loaded, &mut base_ms)?;
             self.rows.push(Row::new([resolution, scene, i], size.to_string(), shot.clone(), Some(found)));
         }
@@ -160,7 +167,14 @@ impl Study<'_> {
     fn write(&self) -> Result<(), Failure> {
         let Self { args, rows, notes, .. } = self;
         let options = &args.options;
-        output::write_text(&options.out, "peres.csv", &peres_csv(rows))?;
+        peres_csv(rows).write(&options.out.join("peres.csv"))?;
+        let (of, lines): (Vec<_>, Vec<_>) = self.frames.iter().cloned().unzip();
+        let columns: [Column<[String; 3]>; 3] = [
+            ("resolution", |[resolution, _, _]| resolution.clone()),
+            ("shot", |[_, shot, _]| shot.clone()),
+            ("configuration", |[_, _, configuration]| configuration.clone()),
+        ];
+        Csv::new(&columns, &of).beside(FrameLine::csv(&lines)).write(&options.out.join("frames.csv"))?;
         let title = format!("Foveated layers after Peres, scale {}", args.preset.size_factor);
         let section = |heading, notes, table| Section { heading, notes, table: Some(table), figure: None };
         let quality_notes = [QUALITY_NOTE.to_owned()].into_iter().chain(notes.iter().cloned()).collect();
@@ -177,7 +191,7 @@ impl Study<'_> {
             notes.iter().for_each(|note| say!("{note}"));
             say!("{}\n{TIME_NOTE}\n", time_table(rows).text().trim_end());
             say!("{}\n{QUALITY_NOTE}", quality_table(rows).text().trim_end());
-            say!("{}peres.csv: {}", and_page(args.report), options.out.display());
+            say!("{}peres.csv and frames.csv: {}", and_page(args.report), options.out.display());
         }
         Ok(())
     }

@@ -8,11 +8,13 @@ use diptych::exec::Stereo;
 use diptych::graph::Stage;
 use diptych::image::{ImageError, RgbImage};
 use diptych::metrics::Pair;
-use diptych::report::Table;
+use diptych::report::frames::FrameLine;
 use diptych::report::html::Section;
+use diptych::report::run::{FrameRow, RunReport};
 use diptych::report::study::{
-    LERIA_NOTE, SEAM_NOTE, SeamErrors, SeamRow, leria_table, quartiles, seam_csv, seam_table,
+    LERIA_NOTE, ONE_DEVICE, SEAM_NOTE, SeamErrors, SeamRow, leria_table, quartiles, seam_csv, seam_table,
 };
+use diptych::report::{Csv, Table};
 use diptych::scene::rig::Eye;
 
 use super::Args;
@@ -25,6 +27,7 @@ use crate::cli::options::{Balance, Denoiser, RenderOptions, RunOptions, SeamOpti
 use crate::cli::output::{self, same_bits};
 use crate::cli::page::{self, and_page};
 use crate::cli::progress::Progress;
+use crate::cli::settings;
 use crate::cli::setup::{self, Loaded, Tracing};
 
 #[derive(clap::Args, Clone, Debug)]
@@ -105,7 +108,10 @@ struct Found<'a> {
     rows: Vec<SeamRow>,
     /// Of each number of devices.
     devices: Vec<Vec<DeviceInfo>>,
-    balance: &'static str,
+    /// Until first frames could begin, in all.
+    warm_up_s: f64,
+    /// Those that were timed, each with its policy.
+    frames: Vec<(String, FrameRow)>,
 }
 
 impl<'a> Study<'a> {
@@ -113,7 +119,12 @@ impl<'a> Study<'a> {
         let one = Setting { number: 0, name: "1 device".into(), options: self.options.clone(), virtual_devices: None };
         let one = timed.frames(&one)?;
         let mut rows = self.rows("-", &one, &one.frames)?.to_vec();
-        let (mut devices, mut number) = (vec![one.devices], 1);
+        let mut frames = Vec::new();
+        let mut keep = |policy: &str, warm: &Warm| {
+            frames.extend(warm.frames.iter().map(|f| (policy.to_owned(), f.row.clone())));
+        };
+        keep(ONE_DEVICE, &one);
+        let (mut devices, mut warm_up_s, mut number) = (vec![one.devices.clone()], one.warm_up_s, 1);
         for count in timed.args.seams.counts() {
             for &seam in SeamOption::value_variants() {
                 let policy = setup::name(&seam);
@@ -122,13 +133,15 @@ impl<'a> Study<'a> {
                 let name = format!("{count} devices, {policy}");
                 let warm = timed.frames(&Setting { number, name, options, virtual_devices: Some(count) })?;
                 rows.extend(self.rows(&policy, &warm, &one.frames)?);
+                keep(&policy, &warm);
+                warm_up_s += warm.warm_up_s;
                 number += 1;
                 if seam == SeamOption::Halo {
                     devices.push(warm.devices);
                 }
             }
         }
-        Ok(Found { study: self, rows, devices, balance: one.policy })
+        Ok(Found { study: self, rows, devices, warm_up_s, frames })
     }
 
     /// Of each eye; `one` are the same frames of one device.
@@ -190,14 +203,12 @@ fn seam_errors(
 
 impl Found<'_> {
     fn write(&self, args: &Args) -> Result<(), Failure> {
-        let Self { study: Study { options, reference, .. }, rows, devices, balance } = self;
-        output::write_text(&options.out, "seams.csv", &seam_csv(rows))?;
+        let Self { study: Study { options, reference, .. }, rows, devices, .. } = self;
+        seam_csv(rows).write(&options.out.join("seams.csv"))?;
+        self.write_run()?;
         let title = format!("Seams of {} at {}", options.shot, options.size);
-        let mut settings = Table::of_fields(&setup::run_settings(options, self.study.loaded.exposure_ev(), balance));
+        let mut settings = Table::of_fields(&settings::in_force(options, self.study.loaded.exposure_ev(), &[]));
         settings.rows.retain(|row| row.first().is_none_or(|name| name != "seam"));
-        settings.rows.extend(Table::of_fields(&setup::frame_settings(options)).rows);
-        let frames = [("warm_up_frames", args.warm_up), ("timed_frames", args.repeats)];
-        settings.rows.extend(frames.map(|(name, value)| vec![name.to_owned(), value.to_string()]));
         let mut notes = vec![format!("Reference: {}.", reference.origin)];
         notes.extend(reference.noise.as_ref().map(|n| format!("Its own noise, below which no error is real: {n}.")));
         let table = Table::of_devices(devices.iter().map(Vec::as_slice));
@@ -223,6 +234,19 @@ impl Found<'_> {
         self.say(args.report)
     }
 
+    /// All timed frames, and the devices of the largest count.
+    fn write_run(&self) -> Result<(), Failure> {
+        let Self { study: Study { options, loaded, .. }, devices, warm_up_s, frames, .. } = self;
+        let (policies, rows): (Vec<_>, Vec<_>) = frames.iter().cloned().unzip();
+        let policy = Csv::new(&[("seam_policy", |policy: &String| policy.clone())], &policies);
+        policy.beside(FrameLine::csv_of(&rows)).write(&options.out.join("frames.csv"))?;
+        let settings = settings::in_force(options, loaded.exposure_ev(), &[]);
+        let devices = devices.last().map_or(&[][..], Vec::as_slice);
+        let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, rows);
+        report.warm_up_s = *warm_up_s;
+        Ok(report.write(&options.out.join("run.json"))?)
+    }
+
     fn say(&self, report: bool) -> Result<(), Failure> {
         let Self { study: Study { options, reference, .. }, rows, .. } = self;
         if options.json {
@@ -231,7 +255,7 @@ impl Found<'_> {
             say!("reference: {}", reference.origin);
             say!("{}\n{SEAM_NOTE}\n", seam_table(rows).text().trim_end());
             say!("{}\n{LERIA_NOTE}", leria_table(rows).text().trim_end());
-            say!("{}seams.csv: {}", and_page(report), options.out.display());
+            say!("{}seams.csv, frames.csv and run.json: {}", and_page(report), options.out.display());
         }
         Ok(())
     }

@@ -1,8 +1,11 @@
 //! Warm frames of a setting, timed, with their images.
 
+use std::time::Instant;
+
 use diptych::device::DeviceInfo;
 use diptych::exec::{FrameReport, Stereo};
 use diptych::image::RgbImage;
+use diptych::report::run::FrameRow;
 use diptych::trace::frames::record_devices;
 
 use super::Args;
@@ -35,12 +38,15 @@ pub struct Setting {
 pub struct Warm {
     pub frames: Vec<TimedFrame>,
     pub devices: Vec<DeviceInfo>,
-    pub policy: &'static str,
+    /// Until the first frame could begin.
+    pub warm_up_s: f64,
 }
 
 /// A warm frame.
 pub struct TimedFrame {
     pub report: FrameReport,
+    /// What run.json has of it.
+    pub row: FrameRow,
     pub linear: Stereo<RgbImage>,
 }
 
@@ -52,7 +58,9 @@ impl Timed<'_> {
         if virtual_devices.is_none() {
             gpus.truncate(1);
         }
+        let begin = Instant::now();
         let mut renderer = setup::renderer(options, loaded, gpus, tracing.recorder.origin())?;
+        let warm_up_s = begin.elapsed().as_secs_f64();
         record_devices(&tracing.recorder, renderer.devices());
         let mut frames = Vec::new();
         for i in 0..args.warm_up + args.repeats {
@@ -66,9 +74,11 @@ impl Timed<'_> {
                 // Each setting's frames get numbers of their own in the trace.
                 let report = FrameReport { index: number * FRAMES_MAX + i, ..report };
                 tracing.record(options, &report);
-                frames.push(TimedFrame { report, linear: renderer.read_linear()? });
+                let row = FrameRow::new(&report, &setup::frame_settings(options), &loaded.shot.rig, options.time);
+                let row = FrameRow { index: i - args.warm_up, ..row };
+                frames.push(TimedFrame { report, row, linear: renderer.read_linear()? });
             }
         }
-        Ok(Warm { frames, devices: renderer.devices().to_vec(), policy: renderer.policy_name() })
+        Ok(Warm { frames, devices: renderer.devices().to_vec(), warm_up_s })
     }
 }

@@ -1,0 +1,202 @@
+//! What options are in force, as `run.json` and pages show it.
+
+use std::any::TypeId;
+use std::ffi::OsStr;
+use std::path::PathBuf;
+use std::sync::OnceLock;
+
+use clap::parser::ValueSource;
+use clap::{Arg, ArgAction, ArgMatches, Command, CommandFactory};
+use serde_json::{Map, Value, json};
+
+use diptych::device::DeviceInfo;
+use diptych::report::once;
+use diptych::report::run::RunSettings;
+
+use super::Cli;
+use super::foveation::FoveationMode;
+use super::options::RenderOptions;
+use super::setup::name;
+
+/// The options of a command line.
+pub struct Given {
+    command: Command,
+    matches: ArgMatches,
+}
+
+static HERE: OnceLock<Given> = OnceLock::new();
+
+/// Keeps the options that this process was started with.
+pub fn keep(matches: &ArgMatches) {
+    if let Some(given) = Given::of(matches) {
+        HERE.get_or_init(|| given);
+    }
+}
+
+impl Given {
+    /// Of this process; none before they are kept, as in tests.
+    pub fn here() -> Option<&'static Self> {
+        HERE.get()
+    }
+
+    fn of(matches: &ArgMatches) -> Option<Self> {
+        let (name, matches) = matches.subcommand()?;
+        Some(Self { command: Cli::command().find_subcommand(name)?.clone(), matches: matches.clone() })
+    }
+
+    /// An option with its dashes, if it was typed rather than left at its default; `id` is the name of its field.
+    pub fn typed(&self, id: &str) -> Option<String> {
+        let arg = self.arg(id)?;
+        (self.matches.value_source(id)? == ValueSource::CommandLine)
+            .then(|| format!("--{}", arg.get_long().unwrap_or(id)))
+    }
+
+    fn arg(&self, id: &str) -> Option<&Arg> {
+        self.command.get_arguments().find(|arg| arg.get_id() == id)
+    }
+
+    /// Every option by its long name in snake_case, and the shot. Values stand as they were typed, numbers as numbers;
+    /// of what was left out, the default; an option without any is null, a list empty.
+    fn values(&self) -> Map<String, Value> {
+        let arguments = self.command.get_arguments().filter(|arg| {
+            !matches!(
+                arg.get_action(),
+                ArgAction::Help | ArgAction::HelpShort | ArgAction::HelpLong | ArgAction::Version
+            )
+        });
+        arguments.map(|arg| (setting(arg), self.value(arg))).collect()
+    }
+
+    /// What an option, named by its id, comes to; those that the command does not have come to nothing.
+    fn set(&self, settings: &mut RunSettings, id: &str, value: Value) {
+        if let Some(arg) = self.arg(id) {
+            settings.options.insert(setting(arg), value);
+        }
+    }
+
+    fn value(&self, arg: &Arg) -> Value {
+        let id = arg.get_id().as_str();
+        if matches!(arg.get_action(), ArgAction::SetTrue) {
+            return self.matches.get_flag(id).into();
+        }
+        let kind = arg.get_value_parser().type_id();
+        let is_text = kind == TypeId::of::<PathBuf>() || kind == TypeId::of::<String>();
+        let value = |text: &OsStr| match text.to_string_lossy() {
+            text if is_text => text.into(),
+            text => scalar(&text),
+        };
+        let mut typed = self.matches.get_raw(id).into_iter().flatten().map(value);
+        let is_list = matches!(arg.get_action(), ArgAction::Append) || arg.get_value_delimiter().is_some();
+        if is_list { typed.collect() } else { typed.next().unwrap_or(Value::Null) }
+    }
+}
+
+/// The long name in snake_case.
+fn setting(arg: &Arg) -> String {
+    arg.get_long().unwrap_or(arg.get_id().as_str()).replace('-', "_")
+}
+
+/// A number where a text is one.
+fn scalar(text: &str) -> Value {
+    let whole = text.parse::<i64>().ok().map(Value::from);
+    whole.or_else(|| text.parse().ok().filter(|n: &f64| n.is_finite()).map(Value::from)).unwrap_or_else(|| text.into())
+}
+
+/// Every option of this command line, as it was typed or is by default.
+pub fn of_command_line(exposure_ev: f64) -> RunSettings {
+    RunSettings { exposure_ev, options: Given::here().map_or_else(Map::new, Given::values) }
+}
+
+/// The same with what presets, references and other options make of them, in frames that are rendered with `options` on
+/// these devices, where they are the same for all frames.
+pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo]) -> RunSettings {
+    let mut settings = of_command_line(exposure_ev);
+    let Some(given) = Given::here() else { return settings };
+    let is_filtered = options.iterations() > 0;
+    let layers = options.layer_iterations();
+    let is_layered = options.foveated.foveation == FoveationMode::Layers;
+    for (id, value) in [
+        ("spp", json!(options.spp)),
+        ("bounces", json!(options.bounces)),
+        ("scale", json!(options.scale)),
+        ("denoiser", json!(if is_filtered { name(&options.denoiser) } else { "none".to_owned() })),
+        ("iterations", if is_layered { json!(layers) } else { json!(layers[0]) }),
+        ("foveation", json!(name(&options.foveated.foveation))),
+        ("reproject", json!(name(&options.reproject))),
+        ("balance", json!(name(&options.balance()))),
+        ("fps", json!(options.fps)),
+    ] {
+        given.set(&mut settings, id, value);
+    }
+    if !devices.is_empty() {
+        let threads: Vec<Option<usize>> = devices.iter().map(|d| d.threads).collect();
+        given.set(&mut settings, "devices", json!(once(devices.iter().map(|d| d.adapter))));
+        given.set(&mut settings, "threads_per_device", json!(threads));
+    }
+    settings
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn given(args: &[&str]) -> Given {
+        Given::of(&Cli::command().try_get_matches_from(["diptych"].iter().chain(args)).unwrap()).unwrap()
+    }
+
+    #[test]
+    fn every_option_of_every_command_has_its_value() {
+        let typed = ["render", "a.glb", "--out", "7", "--aov", "depth,normal", "--clamp", "2.5", "--no-skip"];
+        let values = given(&typed).values();
+        for (option, value) in [
+            ("shot", json!("a.glb")),
+            ("out", json!("7")),
+            ("size", json!("640x360")),
+            ("virtual", json!(1)),
+            ("aov", json!(["depth", "normal"])),
+            ("ratios", json!([])),
+            ("clamp", json!(2.5)),
+            ("watchdog_ms", json!(null)),
+            ("no_skip", json!(true)),
+            ("details", json!(false)),
+        ] {
+            assert_eq!(values.get(option), Some(&value), "{option}");
+        }
+        assert!(!values.contains_key("help"), "{values:?}");
+        for command in ["render", "play", "scale", "bench"] {
+            let given = given(&[command, "--out", "o"]);
+            let values = given.values();
+            let options: Vec<&str> = given.command.get_arguments().filter_map(Arg::get_long).collect();
+            let missing = options.iter().filter(|o| **o != "help" && !values.contains_key(&o.replace('-', "_")));
+            assert_eq!(missing.collect::<Vec<_>>(), Vec::<&&str>::new(), "{command}");
+        }
+    }
+
+    #[test]
+    fn what_is_in_force_stands_under_the_options_long_name() {
+        let given = given(&["scale", "--out", "o", "--no-skip"]);
+        let mut settings = RunSettings { exposure_ev: 0.0, options: given.values() };
+        given.set(&mut settings, "no_skip", json!("other"));
+        given.set(&mut settings, "reference", json!(true));
+        assert_eq!(settings.options.get("no_skip"), Some(&json!("other")));
+        assert_eq!(settings.options.len(), given.values().len());
+    }
+
+    /// So that none is looked for in vain.
+    #[test]
+    fn options_that_decide_something_are_there() {
+        let given = given(&["render", "--out", "o"]);
+        let of_references = crate::cli::reference::OVERRULED.map(|(id, _)| id);
+        for id in of_references.into_iter().chain(["spp", "bounces", "balance", "fps", "devices", "threads_per_device"])
+        {
+            assert!(given.arg(id).is_some(), "{id}");
+        }
+    }
+
+    #[test]
+    fn defaults_are_not_given() {
+        let given = given(&["render", "--out", "o", "--denoiser", "svgf"]);
+        assert_eq!(given.typed("denoiser").as_deref(), Some("--denoiser"));
+        assert_eq!(["spp", "iterations", "nonsense"].map(|id| given.typed(id)), [None, None, None]);
+    }
+}

@@ -1,0 +1,93 @@
+//! Tables for programs: CSV files with one value per cell, which is empty where there is none.
+
+use std::path::Path;
+
+use crate::image::ImageError;
+use crate::image::file::atomic_write;
+
+/// A column's name, in snake_case and with its unit, and its value in a row.
+pub type Column<T> = (&'static str, fn(&T) -> String);
+
+/// Lines of values under the names of their columns.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Csv {
+    pub columns: Vec<String>,
+    /// As many values as there are columns.
+    pub lines: Vec<Vec<String>>,
+}
+
+impl Csv {
+    pub fn new<T>(columns: &[Column<T>], rows: &[T]) -> Self {
+        Self {
+            columns: columns.iter().map(|(name, _)| (*name).to_owned()).collect(),
+            lines: rows.iter().map(|row| columns.iter().map(|(_, cell)| cell(row)).collect()).collect(),
+        }
+    }
+
+    /// Adds columns, of as many lines, to the right.
+    pub fn beside(mut self, right: Self) -> Self {
+        self.columns.extend(right.columns);
+        self.lines.iter_mut().zip(right.lines).for_each(|(line, more)| line.extend(more));
+        self
+    }
+
+    /// # Errors
+    /// [`ImageError`] if the file cannot be written.
+    pub fn write(&self, path: &Path) -> Result<(), ImageError> {
+        atomic_write(path, |file| {
+            let mut writer = csv::Writer::from_writer(file);
+            writer.write_record(&self.columns)?;
+            self.lines.iter().try_for_each(|line| writer.write_record(line))?;
+            writer.flush()
+        })
+    }
+}
+
+/// A number with so many decimals; empty for none.
+pub(super) fn number(value: Option<f64>, decimals: usize) -> String {
+    value.map_or(String::new(), |v| format!("{v:.decimals$}"))
+}
+
+/// Empty for none.
+pub(super) fn optional<T: ToString>(value: Option<T>) -> String {
+    value.map_or(String::new(), |v| v.to_string())
+}
+
+#[cfg(test)]
+impl Csv {
+    /// A value of a line by its column's name.
+    pub fn value(&self, line: usize, column: &str) -> &str {
+        let at = self.columns.iter().position(|name| name == column);
+        &self.lines[line][at.unwrap_or_else(|| panic!("no column {column} in {:?}", self.columns))]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_with_commas_and_quotes_are_read_as_they_were() {
+        let columns: [Column<&str>; 2] = [("text", |t| (*t).to_owned()), ("none", |_| optional(None::<u32>))];
+        let table = Csv::new(&columns, &["a,b", "say \"c\"", "d"]);
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("table.csv");
+        table.write(&path).unwrap();
+        let mut reader = csv::Reader::from_path(&path).unwrap();
+        assert_eq!(reader.headers().unwrap(), vec!["text", "none"]);
+        let lines: Vec<Vec<String>> =
+            reader.records().map(|r| r.unwrap().iter().map(ToOwned::to_owned).collect()).collect();
+        assert_eq!(lines, table.lines);
+        assert_eq!((number(Some(1.0 / 3.0), 2), number(None, 2)), ("0.33".to_owned(), String::new()));
+    }
+
+    #[test]
+    fn columns_stand_beside_columns() {
+        let left = Csv::new(&[("a", |n: &u32| n.to_string())], &[1, 2]);
+        let both = left.clone().beside(Csv::new(&[("b", |n: &u32| (10 * n).to_string())], &[1, 2]));
+        assert_eq!(
+            (both.columns, both.lines),
+            (vec!["a".into(), "b".into()], [["1", "10"], ["2", "20"]].map(|l| l.map(str::to_owned).to_vec()).to_vec())
+        );
+    }
+}

@@ -1,0 +1,128 @@
+//! `frames.csv`: a line per frame, with the same columns for every command.
+
+use serde::{Deserialize, Serialize};
+
+use super::csv::{Column, Csv, number, optional};
+use super::play::ControlRow;
+use super::run::FrameRow;
+use crate::exec::RightEye;
+
+/// What `frames.csv` has of a frame. Stages by themselves are in `run.json`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct FrameLine {
+    pub index: u32,
+    /// Along the camera path.
+    pub time_s: f64,
+    /// Devices that worked on it.
+    pub devices: usize,
+    pub makespan_ms: f64,
+    pub interval_ms: Option<f64>,
+    pub predicted_ms: Option<f64>,
+    pub plan_ms: f64,
+    pub aov_ms: f64,
+    /// Of all devices, in stages.
+    pub busy_ms: f64,
+    pub spp: u32,
+    pub bounces: u32,
+    pub iterations: u32,
+    pub scale: f64,
+    pub fovea: Option<[f64; 2]>,
+    pub rays: u64,
+    /// How the right eye came about, where it is reprojected.
+    pub right_eye: Option<RightEye>,
+    pub nonfinite_samples: u64,
+    pub transferred_bytes: u64,
+    /// Of frames inside a budget.
+    pub control: Option<ControlRow>,
+}
+
+impl From<&FrameRow> for FrameLine {
+    fn from(row: &FrameRow) -> Self {
+        Self {
+            index: row.index,
+            time_s: row.time_s,
+            devices: row.devices,
+            makespan_ms: row.makespan_ms,
+            interval_ms: row.interval_ms,
+            predicted_ms: row.predicted_ms,
+            plan_ms: row.plan_ms,
+            aov_ms: row.aov_ms,
+            busy_ms: row.stages.iter().filter(|sum| sum.bytes.is_none()).map(|sum| sum.busy_ms).sum(),
+            spp: row.quality.spp,
+            bounces: row.quality.bounces,
+            iterations: row.quality.iterations,
+            scale: row.quality.scale,
+            fovea: row.quality.fovea,
+            rays: row.rays,
+            right_eye: row.right_eye.clone(),
+            nonfinite_samples: row.nonfinite_samples,
+            transferred_bytes: row.transferred_bytes,
+            control: row.control,
+        }
+    }
+}
+
+const COLUMNS: [Column<FrameLine>; 21] = [
+    ("frame", |l| l.index.to_string()),
+    ("time_s", |l| l.time_s.to_string()),
+    ("devices", |l| l.devices.to_string()),
+    ("makespan_ms", |l| format!("{:.4}", l.makespan_ms)),
+    ("interval_ms", |l| number(l.interval_ms, 4)),
+    ("predicted_ms", |l| number(l.predicted_ms, 4)),
+    ("plan_ms", |l| format!("{:.4}", l.plan_ms)),
+    ("aov_ms", |l| format!("{:.4}", l.aov_ms)),
+    ("busy_ms", |l| format!("{:.4}", l.busy_ms)),
+    ("spp", |l| l.spp.to_string()),
+    ("bounces", |l| l.bounces.to_string()),
+    ("iterations", |l| l.iterations.to_string()),
+    ("scale", |l| l.scale.to_string()),
+    ("fovea_inner", |l| optional(l.fovea.map(|[inner, _]| inner))),
+    ("fovea_outer", |l| optional(l.fovea.map(|[_, outer]| outer))),
+    ("rays", |l| l.rays.to_string()),
+    ("reprojected_fraction", |l| number(l.right_eye.as_ref().map(|r| r.reprojected_fraction), 6)),
+    ("antialiasing_fraction", |l| number(l.right_eye.as_ref().map(|r| r.antialiasing_fraction), 6)),
+    ("hole_fraction", |l| number(l.right_eye.as_ref().map(|r| r.hole_fraction), 6)),
+    ("nonfinite_samples", |l| l.nonfinite_samples.to_string()),
+    ("transferred_bytes", |l| l.transferred_bytes.to_string()),
+];
+
+const CONTROL: [Column<FrameLine>; 6] = [
+    ("rung", |l| optional(l.control.as_ref().map(|c| c.rung))),
+    ("expected_ms", |l| number(l.control.as_ref().map(|c| c.expected_ms), 4)),
+    ("fits", |l| optional(l.control.as_ref().map(|c| c.fits))),
+    ("in_band", |l| optional(l.control.as_ref().map(|c| c.in_band))),
+    ("late_ms", |l| number(l.control.as_ref().map(|c| c.late_ms), 4)),
+    ("decide_ms", |l| number(l.control.as_ref().map(|c| c.decide_ms), 4)),
+];
+
+impl FrameLine {
+    /// The file; columns of the control loop only where there was one.
+    pub fn csv(lines: &[Self]) -> Csv {
+        let all = Csv::new(&COLUMNS, lines);
+        if lines.iter().any(|l| l.control.is_some()) { all.beside(Csv::new(&CONTROL, lines)) } else { all }
+    }
+
+    /// The same of rows of `run.json`.
+    pub fn csv_of(rows: &[FrameRow]) -> Csv {
+        Self::csv(&rows.iter().map(Self::from).collect::<Vec<_>>())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn columns_of_the_control_loop_are_there_where_it_was() {
+        let control =
+            ControlRow { rung: 3, expected_ms: 12.0, fits: true, in_band: false, late_ms: 0.5, decide_ms: 0.1 };
+        let free = FrameLine { index: 7, makespan_ms: 20.5, fovea: Some([0.15, 0.3]), ..FrameLine::default() };
+        let table = FrameLine::csv(std::slice::from_ref(&free));
+        assert_eq!((table.columns.len(), table.lines[0].len()), (21, 21));
+        let found = ["frame", "makespan_ms", "interval_ms", "fovea_inner", "fovea_outer"];
+        assert_eq!(found.map(|name| table.value(0, name)), ["7", "20.5000", "", "0.15", "0.3"]);
+        let table = FrameLine::csv(&[FrameLine { control: Some(control), ..free }]);
+        let found = ["rung", "expected_ms", "fits", "in_band", "late_ms"];
+        assert_eq!(found.map(|name| table.value(0, name)), ["3", "12.0000", "true", "false", "0.5000"]);
+    }
+}

@@ -1,0 +1,70 @@
+//! Pictures of an earlier run do not stay beside the `run.json` of a later one, and nothing else is touched.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use crate::common::diptych;
+
+/// Renders into `out`; returns what was said about it.
+fn render(out: &Path, options: &[&str]) -> String {
+    let args = ["render", "builtin:cornell", "--size", "16x10", "--bounces", "1", "--out", out.to_str().unwrap()];
+    let output = diptych(&[&args, options].concat());
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.success(), "{options:?}: {said}");
+    said
+}
+
+fn names(out: &Path) -> BTreeSet<String> {
+    std::fs::read_dir(out).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap()).collect()
+}
+
+#[test]
+fn pictures_that_a_later_run_does_not_write_are_removed() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path();
+    render(out, &["--frames", "3", "--aov", "holes,depth", "--anaglyph"]);
+    let long = names(out);
+    assert!(long.contains("left.holes.0002.exr") && long.contains("holes.0002.png"), "{long:?}");
+    let kept = ["notes.txt", "left.png", "left.7.exr", "left.mine.0001.exr", "stereo.0001.png.bak", "my.left.0001.exr"];
+    kept.iter().for_each(|name| std::fs::write(out.join(name), name).unwrap());
+
+    // The same again writes all of them anew.
+    assert!(!render(out, &["--frames", "3", "--aov", "holes,depth", "--anaglyph"]).contains("earlier run"));
+    assert!(names(out).is_superset(&long));
+
+    // Of frame 2 there were 9 pictures, and of the others each had the anaglyph and 5 auxiliary ones.
+    let said = render(out, &["--frames", "2"]);
+    assert!(said.contains(&format!("removed {} picture(s) of an earlier run", 9 + 2 * 6)), "{said}");
+    let expected = ["left", "right"].iter().flat_map(|eye| (0..2).map(move |i| format!("{eye}.{i:04}.exr")));
+    let expected = expected.chain((0..2).map(|i| format!("stereo.{i:04}.png")));
+    let others = ["run.json", "frames.csv"].into_iter().chain(kept).map(str::to_owned);
+    assert_eq!(names(out), expected.chain(others).collect());
+    for name in kept {
+        assert_eq!(std::fs::read_to_string(out.join(name)).unwrap(), name);
+    }
+
+    let said = render(out, &[]);
+    assert!(said.contains("removed 6 picture(s)"), "{said}");
+    assert!(!names(out).contains("left.0000.exr") && names(out).contains("left.exr"));
+}
+
+#[test]
+fn folders_without_a_run_of_ours_keep_their_pictures() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path();
+    // As that of `scale`, which writes no pictures.
+    let of_numbers =
+        r#"{ "version": "", "command": "", "settings": { "counts": [] }, "devices": [], "scene": {}, "frames": [] }"#;
+    for run in [None, Some("not json"), Some(r#"{ "version": 1, "frames": [] }"#), Some(of_numbers)] {
+        for name in ["left.0000.exr", "stereo.0005.png"] {
+            std::fs::write(out.join(name), "of another").unwrap();
+        }
+        if let Some(run) = run {
+            std::fs::write(out.join("run.json"), run).unwrap();
+        }
+        assert!(!render(out, &[]).contains("removed"), "{run:?}");
+        assert_eq!(std::fs::read_to_string(out.join("left.0000.exr")).unwrap(), "of another");
+        assert!(out.join("stereo.0005.png").exists());
+        std::fs::remove_file(out.join("run.json")).unwrap();
+    }
+}
