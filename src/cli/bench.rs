@@ -27,7 +27,7 @@ use diptych::report::run::RunReport;
 use super::failure::Failure;
 use super::foveation::FoveationMode;
 use super::interrupt;
-use super::options::{Denoiser, RunOptions, Switch, render_scale};
+use super::options::{self, Denoiser, RunOptions, Switch, render_scale};
 use super::output;
 use super::page::and_page;
 use super::reference::{PASS_SPP, seconds};
@@ -43,22 +43,22 @@ pub struct Args {
     #[command(flatten)]
     options: RunOptions,
     /// Virtual devices on each chosen adapter
-    #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64))]
+    #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     virtual_devices: u16,
     /// Samples per pixel to measure [default: 1,2,4,8,16]
-    #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=1 << 20))]
+    #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=1 << 20), help_heading = options::QUALITY)]
     spp: Vec<u32>,
     /// Reflections that light takes to measure; the reference has the most of them [default: 2,6]
-    #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(0..=1024))]
+    #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(0..=1024), help_heading = options::QUALITY)]
     bounces: Vec<u32>,
     /// Denoisers to measure [default: all]
-    #[arg(long, value_delimiter = ',', value_name = "LIST")]
+    #[arg(long, value_delimiter = ',', value_name = "LIST", help_heading = options::QUALITY)]
     denoiser: Vec<Denoiser>,
     /// Iterations of denoisers to measure [default: 3,5]
-    #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=10))]
+    #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=10), help_heading = options::QUALITY)]
     iterations: Vec<u32>,
     /// What follows the gaze, to measure [default: none]
-    #[arg(long, value_delimiter = ',', value_name = "LIST", conflicts_with_all = ["seams", "preset"])]
+    #[arg(long, value_delimiter = ',', value_name = "LIST", conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
     foveation: Vec<FoveationMode>,
     /// Render scales to measure; those below 1 with the fewest samples [default: 1,0.7,0.5]
     #[arg(
@@ -66,46 +66,44 @@ pub struct Args {
         value_delimiter = ',',
         value_name = "F,F,…",
         value_parser = render_scale,
-        conflicts_with_all = ["seams", "preset"]
-    )]
+        conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
     scale: Vec<f64>,
     /// Also measure the rungs of this ladder, and say how far each is from the best setting that takes no longer, within
     /// 3 %
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["seams", "preset"])]
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
     ladder: Option<PathBuf>,
     /// A small grid against a coarse reference, where options do not say otherwise
-    #[arg(long)]
+    #[arg(long, help_heading = options::QUALITY)]
     quick: bool,
     /// Measure everything anew; else settings that an earlier run with the same --out has measured are taken from there
-    #[arg(long)]
+    #[arg(long, help_heading = options::OUTPUT)]
     fresh: bool,
     /// Frames of each setting that are timed and compared
-    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = options::SCENE)]
     repeats: u32,
     /// Frames before those: drivers compile, stripes settle
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=1000))]
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=1000), help_heading = options::SCENE)]
     warm_up: u32,
     /// A folder whose left.exr and right.exr are right, from whatever renderer [default: render them]
     #[arg(
         long = "reference-images",
         value_name = "DIR",
-        conflicts_with_all = ["reference_spp", "reference_time_limit", "reference_dir"]
-    )]
+        conflicts_with_all = ["reference_spp", "reference_time_limit", "reference_dir"], help_heading = options::QUALITY)]
     reference: Option<PathBuf>,
     /// Samples per pixel of the reference [default: 1024, with --quick 256]
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2 * i64::from(PASS_SPP)..))]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2 * i64::from(PASS_SPP)..), help_heading = options::QUALITY)]
     reference_spp: Option<u32>,
     /// Seconds after which it must do with fewer; a later run goes on with it
-    #[arg(long, default_value = "600", value_name = "S", value_parser = seconds)]
+    #[arg(long, default_value = "600", value_name = "S", value_parser = seconds, help_heading = options::QUALITY)]
     reference_time_limit: Duration,
     /// Where references are kept for later runs [default: reference in --out]
-    #[arg(long = "reference-cache", value_name = "DIR")]
+    #[arg(long = "reference-cache", value_name = "DIR", help_heading = options::OUTPUT)]
     reference_dir: Option<PathBuf>,
     /// Also write report.html, a page with all of it and pictures
-    #[arg(long)]
+    #[arg(long, help_heading = options::OUTPUT)]
     report: bool,
     /// With --report: other renderers' times and FLIP to stand beside ours, as in docs/peers
-    #[arg(long, value_name = "FILE", requires = "report", conflicts_with_all = ["seams", "preset"])]
+    #[arg(long, value_name = "FILE", requires = "report", conflicts_with_all = ["seams", "preset"], help_heading = options::OUTPUT)]
     peers: Option<PathBuf>,
     #[command(flatten)]
     seams: seams::SeamOptions,

@@ -33,6 +33,7 @@ enum StudyPreset {
 }
 
 #[derive(clap::Args, Clone, Debug)]
+#[command(next_help_heading = crate::cli::options::QUALITY)]
 pub struct PresetOptions {
     /// Repeat a published study instead of measuring the grid
     #[arg(long, value_name = "STUDY", conflicts_with_all = ["seams", "shot", "size", "spp", "bounces", "denoiser", "iterations", "reference"])]

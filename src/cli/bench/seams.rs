@@ -31,6 +31,7 @@ use crate::cli::settings;
 use crate::cli::setup::{self, Loaded, Tracing};
 
 #[derive(clap::Args, Clone, Debug)]
+#[command(next_help_heading = crate::cli::options::QUALITY)]
 pub struct SeamOptions {
     /// Measure seams instead of the grid: every seam policy at every count, by the first of --spp, --bounces,
     /// --denoiser and --iterations
