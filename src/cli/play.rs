@@ -1,6 +1,7 @@
 //! `diptych play`: a sequence inside a frame budget. The control loop is on.
 
 mod disturb;
+mod fit;
 mod ladder;
 mod live;
 mod options;
@@ -9,6 +10,7 @@ mod page;
 mod path;
 mod session;
 
+use diptych::control::{Ladder, Measure, Origin};
 use diptych::exec::TaskTiming;
 use diptych::report::play::{Play, PlaySummary};
 use diptych::report::run::{FrameRow, RunReport};
@@ -33,6 +35,9 @@ pub struct Args {
     options: LoopOptions,
     #[arg(long, default_value_t = 600, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     frames: u32,
+    /// Where not even the cheapest rung fits the budget at --size, play at a smaller one of the same shape where it does
+    #[arg(long)]
+    fit: bool,
     /// Also write every Kth frame. Only the last one is written otherwise, as files take longer than frames; the clock
     /// stands still meanwhile
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..))]
@@ -53,7 +58,8 @@ pub struct Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let prepared = Prepared::new(&args.options, Some(args.frames))?;
+    let mut prepared = Prepared::new(&args.options, Some(args.frames))?;
+    prepared.fits_size = args.fit;
     let options = &prepared.render;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
@@ -66,13 +72,21 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let gpus = setup::open_devices(options, usize::from(args.options.virtual_devices))?;
     Disturbances(&args.disturb).check(args.frames, gpus.len())?;
-    let session = Session::start(&prepared, &loaded, gpus, tracing, progress)?;
+    let session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
+    let options = &prepared.render;
+    let denoiser = setup::name(&prepared.choice.denoiser);
+    let ladder = ladder_name(&args.options, &session.ladder);
+    if !options.quiet && !options.json {
+        let (rungs, warm_up_s) = (session.ladder.rungs().len(), session.warm_up_s);
+        say!("{} at {}: {denoiser}, {rungs} rungs, after {warm_up_s:.1} s; ladder: {ladder}", options.shot, options.size);
+    }
     let path = CameraPath::new(&loaded.shot.rig);
     let (rows, tasks) = (Vec::new(), Vec::new());
     let mut run = Run { args, options, loaded: &loaded, session, path, rows, tasks };
     run.frames()?;
     let last = if args.report { Last::of(&mut run)? } else { None };
-    let Run { session: Session { renderer, ladder, tracing, progress, warm_up_s, .. }, rows, tasks, .. } = run;
+    let Run { session, rows, tasks, .. } = run;
+    let Session { renderer, ladder: rungs, fit, tracing, progress, warm_up_s, .. } = session;
     progress.finish();
     let settings = setup::run_settings(options, loaded.exposure_ev(), renderer.policy_name());
     let devices = renderer.devices();
@@ -82,13 +96,16 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let budget = args.options.budget_ms;
     let play = Play {
         budget_ms: [budget.lo_ms(), budget.hi_ms()],
-        ladder: ladder_name(&args.options),
-        rungs: ladder.rungs().len(),
+        denoiser,
+        ladder,
+        measure: rungs.origin().measure,
+        rungs: rungs.rungs().to_vec(),
         fps: options.fps,
+        fit,
     };
     report.play = PlaySummary::of(&play, &report.frames);
     report.write(&options.out.join("run.json"))?;
-    ladder.write(&options.out.join("ladder.toml")).map_err(anyhow::Error::from)?;
+    rungs.write(&options.out.join("ladder.toml")).map_err(anyhow::Error::from)?;
     tracing.finish()?;
     drop(renderer);
     if let Some(last) = &last {
@@ -98,10 +115,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::check()
 }
 
-fn ladder_name(options: &LoopOptions) -> String {
-    match &options.ladder {
-        Some(path) => path.display().to_string(),
-        None => "built in: times and the light of bounces measured at the start, noise estimated".to_owned(),
+fn ladder_name(options: &LoopOptions, ladder: &Ladder) -> String {
+    let Origin { shot, size, measure, .. } = ladder.origin();
+    match (&options.ladder, measure) {
+        (None, _) => "built in: some settings timed at the start, errors estimated".to_owned(),
+        (Some(path), Measure::Estimate) => format!("{}, estimated for {shot} at {size}", path.display()),
+        (Some(path), _) => format!("{}, {} measured on {shot} at {size}", path.display(), measure.name()),
     }
 }
 
@@ -173,7 +192,6 @@ fn conclude(args: &Args, options: &RenderOptions, report: &RunReport) {
         return;
     }
     if let Some(play) = &report.play {
-        say!("warm-up {:.1} s; ladder: {}, {} rungs", report.warm_up_s, play.ladder, play.rungs);
         say!("{}", play.rungs_table().text().trim_end());
         say!("{play}");
         if report.frames.iter().filter_map(|f| f.control.as_ref()).any(|c| !c.fits) {

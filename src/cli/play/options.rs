@@ -19,8 +19,8 @@ pub struct LoopOptions {
     /// What a frame's makespan is kept within, milliseconds
     #[arg(long, default_value = "11..20", value_name = "LO..HI")]
     pub budget_ms: Budget,
-    /// A quality ladder that `diptych bench` measured [default: a built-in one: times and the light of bounces
-    /// measured at the start, noise estimated]
+    /// A quality ladder that `diptych bench` measured [default: a built-in one: some settings are timed at the start,
+    /// errors are estimated]
     #[arg(long, value_name = "FILE")]
     pub ladder: Option<PathBuf>,
     /// Of all frames [default: svgf; with --ladder the one that most rungs have]
@@ -80,6 +80,8 @@ pub struct Prepared {
     pub options: LoopOptions,
     pub choice: Choice,
     pub render: RenderOptions,
+    /// Whether a smaller size is taken where no rung fits the budget.
+    pub fits_size: bool,
     /// How many there are to be; none: until it is ended.
     pub frames: Option<u32>,
 }
@@ -89,7 +91,7 @@ impl Prepared {
         let choice = Choice::new(options)?;
         let render = options.render_options(&choice, frames.unwrap_or(u32::MAX));
         options.check(&choice, &render)?;
-        Ok(Self { options: options.clone(), choice, render, frames })
+        Ok(Self { options: options.clone(), choice, render, fits_size: false, frames })
     }
 }
 
