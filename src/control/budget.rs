@@ -4,8 +4,10 @@ use std::str::FromStr;
 
 /// Between what a rung is expected to take, with the margin for scatter, and the band's upper end, at least, for it to be
 /// taken. Rungs are held up to that end, so that this is what keeps the loop from going to and fro.
-const HEADROOM: f64 = 1.1;
-/// The same where rungs that are cheaper would leave the band at its lower end.
+const HEADROOM: f64 = 1.15;
+/// The same for a step to a rung so much dearer that leaving it out wastes a good part of the band, and where all cheaper
+/// rungs would leave the band at its lower end.
+const STEP_HEADROOM: f64 = 1.06;
 const GAP_HEADROOM: f64 = 1.03;
 
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
@@ -53,12 +55,21 @@ impl Budget {
     /// standard deviation. However much they scatter, aiming below the middle of the band would only trade late frames
     /// for wasted ones.
     pub fn reach_ms(&self, margin: f64) -> f64 {
-        (self.hi_ms / (HEADROOM * margin)).max(0.5 * (self.lo_ms + self.hi_ms))
+        self.below_end_ms(HEADROOM * margin)
+    }
+
+    /// The same for a step to a rung that is much dearer than the one before.
+    pub fn step_reach_ms(&self, margin: f64) -> f64 {
+        self.below_end_ms(STEP_HEADROOM * margin)
     }
 
     /// The same where all cheaper rungs are below the band: with half a standard deviation to spare, as it is this rung or
     /// no frame within the band.
     pub fn gap_reach_ms(&self, margin: f64) -> f64 {
-        (self.hi_ms / (GAP_HEADROOM * margin.sqrt())).max(self.reach_ms(margin))
+        self.below_end_ms(GAP_HEADROOM * margin.sqrt())
+    }
+
+    fn below_end_ms(&self, times: f64) -> f64 {
+        (self.hi_ms / times).max(0.5 * (self.lo_ms + self.hi_ms))
     }
 }

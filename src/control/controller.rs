@@ -17,6 +17,8 @@ pub const CLIMB_BACK_AFTER: u32 = 4;
 const PROBATION: u32 = 16;
 /// Frames for which a rung is left alone after the first such mistake; doubled by each further one, up to the second.
 const RETRY_AFTER: [u32; 2] = [32, 1024];
+/// A rung that takes this many times as long as the one below is a step that is worth less headroom.
+const COARSE: f64 = 1.3;
 /// The margin for scatter is at most this.
 const MARGIN_MAX: f64 = 1.2;
 
@@ -131,10 +133,13 @@ impl Controller {
         let may_climb_to = |r: &usize| self.decisions >= self.trials[*r].from;
         let mut above = rung + 1..rungs;
         let higher = if now_ms < limits.lo_ms {
-            let end = above.find(|&r| expected_ms(r) > limits.gap_reach_ms).unwrap_or(rungs);
-            limits.dearest((rung + 1..end).filter(may_climb_to), &expected_ms)
+            // What was said of dearer rungs is no truer than of one that turned out to be a mistake.
+            let end = above.find(|r| !may_climb_to(r) || expected_ms(*r) > limits.gap_reach_ms).unwrap_or(rungs);
+            limits.dearest(rung + 1..end, &expected_ms)
         } else {
-            above.find(|&r| expected_ms(r) <= limits.reach_ms).filter(may_climb_to)
+            let is_step = rung + 1 < rungs && expected_ms(rung + 1) > COARSE * now_ms;
+            let reach_ms = if is_step { self.budget.step_reach_ms(margin) } else { limits.reach_ms };
+            above.find(|&r| expected_ms(r) <= reach_ms).filter(may_climb_to)
         };
         higher.unwrap_or(rung)
     }

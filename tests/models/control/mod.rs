@@ -207,13 +207,14 @@ fn climbs_are_apart_and_within_the_band_by_one_rung_and_drops_need_not_be() {
 #[test]
 fn a_gap_in_the_ladder_is_crossed_to_the_rung_within_the_band() {
     let most = AtomicUsize::new(0);
-    hold((0.0f64..0.12, any::<u64>(), factors(2.0), delays()), |(noise, seed, bias, delay)| {
-        let times_ms = [14.0, 39.0];
+    let case = (0.0f64..0.12, any::<bool>(), any::<u64>(), factors(2.0), delays());
+    hold(case, |(noise, has_middle, seed, bias, delay)| {
+        // Where another rung is within the band, only frames that scatter less than the step leaves room for go beyond it.
+        let (times_ms, noise) = if has_middle { (&[14.0, 26.0, 39.0][..], noise / 3.0) } else { (&[14.0, 39.0][..], noise) };
         let load = |frame: usize| if (100..140).contains(&frame) { 3.0 } else { 1.0 };
         let predicted_ms = |_, rung: usize| bias * times_ms[rung];
-        let plant = Plant { noise, seed, delay, predicted_ms: Some(&predicted_ms), ..Plant::new(&times_ms, &load) };
-        let run =
-            plant.run_with(Controller::new(&plant::ladder(&times_ms), Budget::new(25.0, 45.0).unwrap()), 1140);
+        let plant = Plant { noise, seed, delay, predicted_ms: Some(&predicted_ms), ..Plant::new(times_ms, &load) };
+        let run = plant.run_with(Controller::new(&plant::ladder(times_ms), Budget::new(25.0, 45.0).unwrap()), 1140);
         let within = |from: usize| run.share_from(from, |s| s.mean_ms == 39.0);
         assert!(run.0[120..140].iter().all(|s| s.decision.rung == 0), "three times the load fits at the floor alone");
         assert!(within(190) > 0.95, "noise {noise}: {}", within(190));
@@ -237,6 +238,7 @@ fn the_dearest_rung_that_stays_inside_the_band_is_taken() {
     for load in [&calm as &dyn Fn(usize) -> f64, &|frame| if frame < 50 { 2.5 } else { 1.0 }] {
         assert_eq!(dearest(&[14.0, 39.0], [25.0, 45.0], load), 39.0);
         assert_eq!(dearest(&[14.0, 26.0, 30.0, 39.0, 44.9], [25.0, 45.0], load), 39.0);
+        assert_eq!(dearest(&[14.0, 26.0, 42.0], [25.0, 45.0], load), 42.0);
         // Close to the end of the band is better than outside of it, beyond it is not.
         assert_eq!(dearest(&[14.0, 43.0], [25.0, 45.0], load), 43.0);
         assert_eq!(dearest(&[14.0, 46.0], [25.0, 45.0], load), 14.0);
