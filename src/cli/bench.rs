@@ -18,8 +18,8 @@ use diptych::control::{Knobs, Ladder, Measure, Origin, SCALES};
 use diptych::device::{DeviceInfo, all_wgsl};
 use diptych::report::Table;
 use diptych::report::bench::{
-    ERROR, ERROR_NOTE, Row, Shared, csv, exposure_note, knobs_name, ladder_svg, mark_front, regret_table, regrets, slopes,
-    svg, table,
+    ERROR, ERROR_NOTE, Row, Shared, csv, exposure_note, knobs_name, ladder_svg, mark_front, regret_table, regrets,
+    slopes, svg, table,
 };
 use diptych::report::peers::Peers;
 

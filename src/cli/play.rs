@@ -59,7 +59,7 @@ pub struct Args {
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let mut prepared = Prepared::new(&args.options, Some(args.frames))?;
-    prepared.fits_size = args.fit;
+    prepared.fits_size = Some(args.fit);
     let options = &prepared.render;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
@@ -77,8 +77,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let denoiser = setup::name(&prepared.choice.denoiser);
     let ladder = ladder_name(&args.options, &session.ladder);
     if !options.quiet && !options.json {
-        let (rungs, warm_up_s) = (session.ladder.rungs().len(), session.warm_up_s);
-        say!("{} at {}: {denoiser}, {rungs} rungs, after {warm_up_s:.1} s; ladder: {ladder}", options.shot, options.size);
+        let rungs = session.ladder.rungs().len();
+        session.progress.tell(&format!(
+            "{} at {}, denoiser {denoiser}, {rungs} rung{}; ladder: {ladder}; ready after {:.1} s",
+            options.shot,
+            options.size,
+            if rungs == 1 { "" } else { "s" },
+            session.warm_up_s
+        ));
     }
     let path = CameraPath::new(&loaded.shot.rig);
     let (rows, tasks) = (Vec::new(), Vec::new());
@@ -118,9 +124,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 fn ladder_name(options: &LoopOptions, ladder: &Ladder) -> String {
     let Origin { shot, size, measure, .. } = ladder.origin();
     match (&options.ladder, measure) {
-        (None, _) => "built in: some settings timed at the start, errors estimated".to_owned(),
-        (Some(path), Measure::Estimate) => format!("{}, estimated for {shot} at {size}", path.display()),
-        (Some(path), _) => format!("{}, {} measured on {shot} at {size}", path.display(), measure.name()),
+        (None, _) => "built in (some settings timed at the start, errors estimated)".to_owned(),
+        (Some(path), Measure::Estimate) => format!("{} (estimated for {shot} at {size})", path.display()),
+        (Some(path), _) => format!("{} ({} measured on {shot} at {size})", path.display(), measure.name()),
     }
 }
 

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::{front, mean_error};
 use super::rung::{FileRung, Measure, Rung};
+use super::{front, mean_error};
 use crate::image::ImageError;
 use crate::image::file::atomic_write;
 
@@ -116,12 +116,11 @@ impl Ladder {
     /// [`LadderError::Empty`] if none has.
     pub fn by_denoiser(origin: &Origin, measured: &[Rung]) -> Result<Vec<Self>, LadderError> {
         let points = |rungs: &[Rung]| -> Vec<(f64, f64)> { rungs.iter().map(|r| (r.time_ms, r.error)).collect() };
-        let is_finite = |p: &&(f64, f64)| p.0.is_finite() && p.1.is_finite();
-        let all = points(measured);
-        let (fastest, slowest, worst) = all.iter().filter(is_finite).fold(
-            (f64::INFINITY, 0.0f64, 0.0f64),
-            |(fastest, slowest, worst), &(time, error)| (fastest.min(time), slowest.max(time), worst.max(error)),
-        );
+        let all: Vec<(f64, f64)> =
+            points(measured).into_iter().filter(|p| p.0.is_finite() && p.1.is_finite()).collect();
+        let fastest = all.iter().map(|p| p.0).fold(f64::INFINITY, f64::min);
+        let slowest = all.iter().map(|p| p.0).fold(0.0, f64::max);
+        let worst = all.iter().map(|p| p.1).fold(0.0, f64::max);
         let mut denoisers: BTreeMap<&str, Vec<Rung>> = BTreeMap::new();
         for rung in measured {
             denoisers.entry(&rung.knobs.denoiser).or_default().push(rung.clone());

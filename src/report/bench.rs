@@ -22,8 +22,7 @@ use crate::metrics::rings::Viewing;
 use crate::metrics::temporal::{Change, TemporalError};
 
 /// The metrics that tables show, in their order; others follow in files.
-const SHOWN: [&str; 9] =
-    ["rmse", "relmse", "psnr", "ssim", "flip", FLICKER, ERROR, "flip_foveated", "mean_ratio"];
+const SHOWN: [&str; 9] = ["rmse", "relmse", "psnr", "ssim", "flip", FLICKER, ERROR, "flip_foveated", "mean_ratio"];
 
 /// Names of the flicker between frames, and of what fronts and ladders go by: FLIP + flicker
 /// ([`crate::control::Measure::FlipFlicker`]).

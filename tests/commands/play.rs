@@ -71,7 +71,10 @@ fn a_run_tells_all_of_every_frame() {
     assert_eq!((&sum["denoiser"], &sum["measure"], &sum["fit"]), (&"svgf".into(), &"estimate".into(), &Value::Null));
     for rung in sum["rung_uses"].as_array().unwrap() {
         assert!(rung["estimated"] == true && rung["error"].is_null() && rung["denoiser"] == "svgf", "{rung}");
-        assert!(rung["estimated_error"].as_f64().unwrap() > 0.0 && rung["expected_ms"].as_f64().unwrap() > 0.0, "{rung}");
+        assert!(
+            rung["estimated_error"].as_f64().unwrap() > 0.0 && rung["expected_ms"].as_f64().unwrap() > 0.0,
+            "{rung}"
+        );
     }
     assert_eq!((&sum["in_band_share"], &sum["judged_frames"]), (&1.0.into(), &10.into()), "{sum}");
     assert!(sum["makespan_ms_p50"].as_f64() <= sum["makespan_ms_p99"].as_f64() && sum["longest_excursion"].is_null());
@@ -139,18 +142,33 @@ fn the_rungs_of_a_run_have_all_their_settings_and_one_denoiser_which_is_said() {
     let third = "[[rung]]\ntime_ms = 20.0\nflip = 0.05\n\
         knobs = { spp = 2, bounces = 2, denoiser = \"none\", iterations = 0, scale = 1.0 }\n";
     std::fs::write(&mixed, format!("{LADDER}{third}")).unwrap();
-    let options = ["--size", "48x32", "--frames", "6", "--budget-ms", "0.01..30000", "--ladder", mixed.to_str().unwrap()];
+    let options =
+        ["--size", "48x32", "--frames", "6", "--budget-ms", "0.01..30000", "--ladder", mixed.to_str().unwrap()];
     let (stdout, stderr, run) = says(&folder.path().join("most"), &options);
     assert!(stderr.contains("2 of atrous, 1 of none: those of atrous are played"), "{stderr}");
     let table = stdout.lines().skip_while(|l| !l.starts_with("rung ")).take(3).collect::<Vec<_>>();
     let columns: Vec<&str> = table[0].split("  ").map(str::trim).filter(|c| !c.is_empty()).collect();
-    let expected =
-        ["rung", "spp", "bounces", "denoiser", "iterations", "scale", "layers", "expected ms", "FLIP", "which is", "frames"];
+    let expected = [
+        "rung",
+        "spp",
+        "bounces",
+        "denoiser",
+        "iterations",
+        "scale",
+        "layers",
+        "expected ms",
+        "FLIP",
+        "which is",
+        "frames",
+    ];
     assert_eq!(columns, expected, "{stdout}");
     let cells: Vec<&str> = table[2].split_whitespace().collect();
     assert_eq!(cells[..7], ["1", "16", "6", "atrous", "3", "1", "none"], "{stdout}");
     assert_eq!(cells[8..], ["0.1000", "measured", "100.0", "%"], "{stdout}");
-    assert!(stdout.contains("48x32: atrous, 2 rungs") && stdout.contains("FLIP measured on builtin:cornell"), "{stdout}");
+    assert!(
+        stdout.contains("48x32, denoiser atrous, 2 rungs") && stdout.contains("(FLIP measured on builtin:cornell"),
+        "{stdout}"
+    );
     assert_eq!((&run["play"]["rung_uses"][0]["error"], &run["play"]["denoiser"]), (&0.1.into(), &"atrous".into()));
 
     // With fewer iterations the error is not the one that was measured.
@@ -158,7 +176,10 @@ fn the_rungs_of_a_run_have_all_their_settings_and_one_denoiser_which_is_said() {
     let (_, stderr, run) = says(&folder.path().join("fewer"), &fewer);
     assert!(!stderr.contains("several denoisers"), "{stderr}");
     let rung = &run["play"]["rung_uses"][0];
-    assert_eq!((&rung["estimated"], &rung["estimated_error"], &rung["iterations"]), (&true.into(), &0.1.into(), &1.into()));
+    assert_eq!(
+        (&rung["estimated"], &rung["estimated_error"], &rung["iterations"]),
+        (&true.into(), &0.1.into(), &1.into())
+    );
 }
 
 #[test]
@@ -177,18 +198,19 @@ fn a_size_that_fits_is_named_at_once_and_taken_on_demand() {
     let (_, stderr, asked) = run("asked", &["--budget-ms", &budget, "--frames", "3"]);
     let fit = &asked["play"]["fit"];
     let [fitting, played] = ["fitting_size", "played_size"].map(|name| fit[name].as_str().unwrap().to_owned());
-    assert_eq!((&fit["asked_size"], played.as_str(), &asked["settings"]["size"]), (
-        &"480x320".into(),
-        "480x320",
-        &"480x320".into()
-    ));
+    assert_eq!(
+        (&fit["asked_size"], played.as_str(), &asked["settings"]["size"]),
+        (&"480x320".into(), "480x320", &"480x320".into())
+    );
     let (width, height) = fitting.split_once('x').unwrap();
     let [width, height] = [width, height].map(|n| n.parse::<u32>().unwrap());
     assert!(width < 480 && width * 2 == height * 3, "{fitting}");
     assert!(fit["fitting_ms"].as_f64().unwrap() < median_ms / 6.0, "{fit}");
-    for part in
-        ["at 480x320 the cheapest rung takes", &format!("--size {fitting} should fit; --fit takes it"), "3 frames will take"]
-    {
+    for part in [
+        "at 480x320 the cheapest rung takes",
+        &format!("--size {fitting} should fit; --fit takes it"),
+        "3 frames will take",
+    ] {
         assert!(stderr.contains(part), "{part}: {stderr}");
     }
 
@@ -197,8 +219,8 @@ fn a_size_that_fits_is_named_at_once_and_taken_on_demand() {
     let played = fit["played_size"].as_str().unwrap();
     assert_eq!((&fit["asked_size"], &fit["fitting_size"]), (&"480x320".into(), &played.into()));
     assert!(played != "480x320" && taken["settings"]["size"] == played, "{fit}");
-    assert!(stderr.contains(&format!("--fit plays at {played} instead")) && !stderr.contains("will take"), "{stderr}");
-    assert!(stdout.contains(&format!("{played}: atrous, 1 rungs")), "{stdout}");
+    assert!(stdout.contains(&format!("playing at {played} instead")) && !stderr.contains("will take"), "{stdout}");
+    assert!(stdout.contains(&format!("{played}, denoiser atrous, 1 rung; ladder: ")), "{stdout}");
     let image = ::diptych::image::exr::read_rgb(&folder.path().join("taken/left.exr")).unwrap();
     assert_eq!(image.extent.to_string(), played);
 }

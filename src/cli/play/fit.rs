@@ -1,14 +1,14 @@
 //! Whether the budget can be kept at the size that was asked for. Where the cheapest rung alone takes longer, smaller sizes
 //! of the same shape are timed until one fits.
 
+use std::time::{Duration, Instant};
+
 use diptych::control::Budget;
 use diptych::device::GpuDevice;
 use diptych::exec::Renderer;
 use diptych::image::Extent;
 use diptych::report::median_of;
 use diptych::report::play::SizeFit;
-
-use std::time::{Duration, Instant};
 
 use super::Failure;
 use super::ladder::FIRST_FRAME;
@@ -61,7 +61,7 @@ pub fn start(
         gpus = renderer.into_devices();
         Ok(ms)
     })?;
-    if let Some((size, _)) = fitting.filter(|_| prepared.fits_size) {
+    if let Some((size, _)) = fitting.filter(|_| prepared.fits_size == Some(true)) {
         prepared.render.run.size = size;
     }
     let played = prepared.render.size;
@@ -152,7 +152,11 @@ fn smaller(asked: Extent) -> Vec<Extent> {
             Extent::new(columns, rows)
         }
     };
-    (1..).map(size).take_while(|s| s.width < width && s.height < height).filter(|s| s.width.min(s.height) >= 8).collect()
+    (1..)
+        .map(size)
+        .take_while(|s| s.width < width && s.height < height)
+        .filter(|s| s.width.min(s.height) >= 8)
+        .collect()
 }
 
 fn gcd(a: u32, b: u32) -> u32 {
@@ -173,15 +177,22 @@ fn tell(fit: &SizeFit, prepared: &Prepared, progress: &Progress) {
     );
     match (&fit.fitting_size, fit.fitting_ms) {
         (Some(size), Some(ms)) if is_taken => {
-            text += &format!(": --fit plays at {size} instead, where it takes {}", duration(ms));
+            text += &format!(": playing at {size} instead, where it takes {}", duration(ms));
         }
-        (Some(size), Some(_)) => text += &format!(": --size {size} should fit; --fit takes it"),
+        (Some(size), Some(_)) => {
+            let takes_it = if prepared.fits_size.is_some() { "; --fit takes it" } else { "" };
+            text += &format!(": --size {size} should fit{takes_it}");
+        }
         _ => text += ", and no smaller size of this shape fits it",
     }
     if let Some(frames) = prepared.frames.filter(|_| !is_taken && fit.asked_ms > FAR * budget.hi_ms()) {
         text += &format!("; {frames} frames will take about {}", duration(f64::from(frames) * fit.asked_ms));
     }
-    progress.warn(&text);
+    match is_taken {
+        true if prepared.render.quiet || prepared.render.json => {}
+        true => progress.tell(&text),
+        false => progress.warn(&text),
+    }
 }
 
 /// In a unit that suits it.

@@ -1,6 +1,5 @@
 //! The ladder of a run: those of a file's rungs that fit the run, or the built-in candidates, timed on the shot itself.
 
-use std::cmp::Ordering;
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -57,7 +56,8 @@ impl Choice {
         let denoiser = args.denoiser.or(most).unwrap_or(Denoiser::Svgf);
         let (path, name) = (path.display(), setup::name(&denoiser));
         if args.denoiser.is_none() && all.denoisers().len() > 1 {
-            let counts: Vec<String> = all.denoisers().iter().map(|(name, rungs)| format!("{rungs} of {name}")).collect();
+            let counts: Vec<String> =
+                all.denoisers().iter().map(|(name, rungs)| format!("{rungs} of {name}")).collect();
             eprintln!(
                 "warning: the rungs of {path} have several denoisers, {}: those of {name} are played; --denoiser chooses \
                  others, and `diptych bench` makes a ladder of each",
@@ -79,14 +79,16 @@ impl Choice {
         Ok(Self { denoiser, ladder: Some(Ladder::new(all.origin().clone(), rungs)?), knobs })
     }
 
-    /// What a frame of the cheapest rung is rendered with; none without any.
+    /// What a frame of the cheapest rung is rendered with; none without any. Of the built-in candidates one with all
+    /// bounces, as it is not known yet how much light fewer would leave out.
     pub fn cheapest(&self, layers: &Layers) -> Option<Quality> {
         if let Some(ladder) = &self.ladder {
             return qualities(ladder, layers).into_iter().next();
         }
-        let cost = |knobs: &Knobs| (guessed_paths(knobs), knobs.iterations);
-        let cheapest = self.knobs.iter().min_by(|a, b| cost(a).partial_cmp(&cost(b)).unwrap_or(Ordering::Equal));
-        cheapest.map(|knobs| quality(knobs, layers, guessed_effort(knobs)))
+        let all_bounces = self.knobs.iter().filter(|k| k.bounces == BOUNCES[BOUNCES.len() - 1]);
+        let fewest = all_bounces
+            .min_by(|a, b| guessed_paths(a).total_cmp(&guessed_paths(b)).then(a.iterations.cmp(&b.iterations)));
+        fewest.map(|knobs| quality(knobs, layers, guessed_effort(knobs)))
     }
 
     /// The most of any frame.

@@ -80,8 +80,8 @@ pub struct Prepared {
     pub options: LoopOptions,
     pub choice: Choice,
     pub render: RenderOptions,
-    /// Whether a smaller size is taken where no rung fits the budget.
-    pub fits_size: bool,
+    /// Whether a smaller size is taken where no rung fits the budget; none: the command has no such option.
+    pub fits_size: Option<bool>,
     /// How many there are to be; none: until it is ended.
     pub frames: Option<u32>,
 }
@@ -91,7 +91,7 @@ impl Prepared {
         let choice = Choice::new(options)?;
         let render = options.render_options(&choice, frames.unwrap_or(u32::MAX));
         options.check(&choice, &render)?;
-        Ok(Self { options: options.clone(), choice, render, fits_size: false, frames })
+        Ok(Self { options: options.clone(), choice, render, fits_size: None, frames })
     }
 }
 

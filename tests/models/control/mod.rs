@@ -210,7 +210,8 @@ fn a_gap_in_the_ladder_is_crossed_to_the_rung_within_the_band() {
     let case = (0.0f64..0.12, any::<bool>(), any::<u64>(), factors(2.0), delays());
     hold(case, |(noise, has_middle, seed, bias, delay)| {
         // Where another rung is within the band, only frames that scatter less than the step leaves room for go beyond it.
-        let (times_ms, noise) = if has_middle { (&[14.0, 26.0, 39.0][..], noise / 3.0) } else { (&[14.0, 39.0][..], noise) };
+        let (times_ms, noise) =
+            if has_middle { (&[14.0, 26.0, 39.0][..], noise / 3.0) } else { (&[14.0, 39.0][..], noise) };
         let load = |frame: usize| if (100..140).contains(&frame) { 3.0 } else { 1.0 };
         let predicted_ms = |_, rung: usize| bias * times_ms[rung];
         let plant = Plant { noise, seed, delay, predicted_ms: Some(&predicted_ms), ..Plant::new(times_ms, &load) };
