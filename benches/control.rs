@@ -26,13 +26,16 @@ fn options() -> (usize, usize) {
 fn ladder(rungs: usize) -> Ladder {
     let rung = |i: usize| Rung {
         time_ms: 1.05f64.powi(i as i32),
-        flip: 1.0 / (i + 1) as f64,
+        error: 1.0 / (i + 1) as f64,
+        flip: None,
+        flicker: None,
         relmse: None,
+        is_estimated: false,
         knobs: Knobs { spp: 1, bounces: 6, denoiser: "none".into(), iterations: 0, fovea: None, scale: 1.0 },
         stage_ms: Default::default(),
     };
-    let (shot, size, devices, version) = Default::default();
-    let origin = Origin { shot, size, exposure_ev: 0.0, devices, version };
+    let (shot, size, devices, version, measure) = Default::default();
+    let origin = Origin { shot, size, exposure_ev: 0.0, measure, devices, version };
     Ladder::new(origin, (0..rungs).map(rung).collect()).expect("rungs in order")
 }
 

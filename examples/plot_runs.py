@@ -188,7 +188,7 @@ if not bench.empty:
     keep(figure, "bench")
 
 # %% [markdown]
-# ## Seams: `seams.csv`, `bench --seams`
+# ## Seams: `seams.csv`, `bench --seam-study`
 
 # %%
 seams = table("seams.csv")

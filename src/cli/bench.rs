@@ -14,12 +14,12 @@ use std::time::Duration;
 use anyhow::Context;
 
 use diptych::accumulation::hash_of;
-use diptych::control::{Knobs, Ladder, Origin};
+use diptych::control::{Knobs, Ladder, Measure, Origin};
 use diptych::device::{DeviceInfo, all_wgsl};
 use diptych::report::Table;
 use diptych::report::bench::{
-    Row, Shared, csv, exposure_note, frames, knobs_name, ladder_svg, mark_front, regret_table, regrets, slopes, svg,
-    table,
+    ERROR, ERROR_NOTE, Row, Shared, csv, exposure_note, frames, knobs_name, ladder_svg, mark_front, regret_table,
+    regrets, slopes, svg, table,
 };
 use diptych::report::peers::Peers;
 use diptych::report::run::RunReport;
@@ -78,7 +78,7 @@ pub struct Args {
     /// Measure everything anew; else settings that an earlier run with the same --out has measured are taken from there
     #[arg(long, help_heading = options::OUTPUT)]
     fresh: bool,
-    /// Frames of each setting that are timed and compared
+    /// Frames of each setting that are timed and compared; of the grid two at least, as flicker is between frames
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = options::SCENE)]
     repeats: u32,
     /// Frames before those: drivers compile, stripes settle
@@ -158,11 +158,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let regrets = regrets(&judged, &rows);
     mark_front(&mut rows);
     let slopes = slopes(&rows, reference.noise.as_ref());
-    let ladder = ladder(options, exposure_ev, &rows, &devices)?;
-    let (figure, shared) = write_results(args, exposure_ev, &rows, &ladder, &reference)?;
+    let ladders = ladders(options, exposure_ev, &rows, &devices)?;
+    let ladder = &ladders[0];
+    let (figure, shared) = write_results(args, exposure_ev, &rows, &ladders, &reference)?;
     if args.report {
         let (loaded, reference, devices, peers) = (&loaded, &reference, &devices[..], &peers[..]);
-        let (rows, slopes, regrets, ladder) = (&rows[..], &slopes[..], &regrets[..], &ladder);
+        let (rows, slopes, regrets) = (&rows[..], &slopes[..], &regrets[..]);
         Page { args, loaded, reference, devices, peers, rows, slopes, regrets, ladder }.write(&grid, figure, shared)?;
     }
     frames(&rows).write(&options.out.join("frames.csv"))?;
@@ -173,7 +174,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     tracing.finish()?;
     if options.json {
         let result = serde_json::json!({
-            "event": "result", "exposure_ev": exposure_ev, "rows": rows, "slopes": slopes, "regrets": regrets,
+            "event": "result", "exposure_ev": exposure_ev, "ladder_error": ERROR, "rows": rows, "slopes": slopes,
+            "regrets": regrets,
         });
         say!("{result}");
     } else if !options.quiet {
@@ -183,6 +185,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             say!("the rungs of --ladder against the best that takes no longer:");
             say!("{}", regret_table(&regrets).text().trim_end());
         }
+        say!("{ERROR_NOTE}");
+        say!("{}", ladders_note(&ladders));
         let page = and_page(args.report);
         say!("{page}bench.csv, bench.svg, ladder.toml, ladder.svg, frames.csv and run.json: {}", options.out.display());
     }
@@ -197,7 +201,8 @@ fn subject(args: &Args, loaded: &Loaded, devices: &[DeviceInfo]) -> Result<Strin
     let Args { virtual_devices, repeats, warm_up, .. } = args;
     let devices = Table::of_devices([devices]).rows;
     let shown = format!("{} EV", loaded.shot.exposure_ev);
-    Ok(hash_of(&format!("{quiet:?} {virtual_devices} {repeats} {warm_up} {seen} {shown} {devices:?} {shaders}")))
+    let all = format!("{quiet:?} {virtual_devices} {repeats} {warm_up} {seen} {shown} {devices:?} {ERROR} {shaders}");
+    Ok(hash_of(&all))
 }
 
 fn say_reference(options: &RunOptions, exposure_ev: f64, reference: &Reference) {
@@ -221,7 +226,7 @@ fn write_results(
     args: &Args,
     exposure_ev: f64,
     rows: &[Row],
-    ladder: &Ladder,
+    ladders: &[Ladder],
     reference: &Reference,
 ) -> Result<(String, Shared), Failure> {
     let options = &args.options;
@@ -237,15 +242,25 @@ fn write_results(
     let title = format!("Time against error, {} at {}", options.shot, options.size);
     let figure = svg(title, rows, reference.noise.as_ref()).context("cannot draw the plot")?;
     output::write_text(&options.out, "bench.svg", &figure)?;
-    ladder.write(&options.out.join("ladder.toml")).context("cannot keep the ladder")?;
-    let climb = ladder_svg(format!("Quality ladder, {} at {}", options.shot, options.size), rows, &[], ladder)
+    let best = &ladders[0];
+    best.write(&options.out.join("ladder.toml")).context("cannot keep the ladder")?;
+    for ladder in ladders.iter().filter(|_| ladders.len() > 1) {
+        let name = format!("ladder.{}.toml", ladder.rungs()[0].knobs.denoiser);
+        ladder.write(&options.out.join(name)).context("cannot keep the ladder")?;
+    }
+    let climb = ladder_svg(format!("Quality ladder, {} at {}", options.shot, options.size), rows, &[], best)
         .context("cannot draw the ladder")?;
     output::write_text(&options.out, "ladder.svg", &climb)?;
     Ok((figure, shared))
 }
 
-/// The front as a ladder.
-fn ladder(options: &RunOptions, exposure_ev: f64, rows: &[Row], devices: &[DeviceInfo]) -> Result<Ladder, Failure> {
+/// The front of each denoiser as a ladder, the best first.
+fn ladders(
+    options: &RunOptions,
+    exposure_ev: f64,
+    rows: &[Row],
+    devices: &[DeviceInfo],
+) -> Result<Vec<Ladder>, Failure> {
     let name = |d: &DeviceInfo| {
         let threads = d.threads.map_or(String::new(), |threads| format!(", {threads} threads"));
         format!("{}, {}{threads}", d.name, d.driver)
@@ -254,9 +269,30 @@ fn ladder(options: &RunOptions, exposure_ev: f64, rows: &[Row], devices: &[Devic
         shot: options.shot.clone(),
         size: options.size.to_string(),
         exposure_ev,
+        measure: Measure::FlipFlicker,
         devices: devices.iter().map(name).collect(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
     };
     let rungs: Vec<_> = rows.iter().map(Row::rung).collect();
-    Ok(Ladder::of_measured(origin, &rungs).context("no setting can be a rung of the ladder")?)
+    Ok(Ladder::by_denoiser(&origin, &rungs).context("no setting can be a rung of a ladder")?)
+}
+
+/// Which denoiser the ladder is of, and where those of others are.
+fn ladders_note(ladders: &[Ladder]) -> String {
+    let of = |ladder: &Ladder| {
+        let (denoiser, rungs) = (&ladder.rungs()[0].knobs.denoiser, ladder.rungs().len());
+        (denoiser.clone(), format!("{rungs} rung{}", if rungs == 1 { "" } else { "s" }))
+    };
+    let (best, rungs) = of(&ladders[0]);
+    if ladders.len() == 1 {
+        return format!("ladder.toml: {best}, {rungs}");
+    }
+    let others: Vec<String> = ladders[1..]
+        .iter()
+        .map(|ladder| {
+            let (denoiser, rungs) = of(ladder);
+            format!("ladder.{denoiser}.toml: {rungs}")
+        })
+        .collect();
+    format!("ladder.toml: {best}, {rungs}, the denoiser with the best front; also {}", others.join(", "))
 }

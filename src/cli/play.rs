@@ -1,6 +1,7 @@
 //! `diptych play`: a sequence inside a frame budget. The control loop is on.
 
 mod disturb;
+mod fit;
 mod ladder;
 mod live;
 mod options;
@@ -9,6 +10,7 @@ mod page;
 mod path;
 mod session;
 
+use diptych::control::{Ladder, Measure, Origin};
 use diptych::exec::TaskTiming;
 use diptych::report::frames::FrameLine;
 use diptych::report::play::{Play, PlaySummary};
@@ -34,29 +36,33 @@ pub use session::Session;
 pub struct Args {
     #[command(flatten)]
     options: LoopOptions,
-    #[arg(long, default_value_t = 600, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(long, default_value_t = 600, value_parser = clap::value_parser!(u32).range(1..=1_000_000), help_heading = crate::cli::options::SCENE)]
     frames: u32,
+    /// Where not even the cheapest rung fits the budget at --size, play at a smaller one of the same shape where it does
+    #[arg(long, help_heading = crate::cli::options::SCENE)]
+    fit: bool,
     /// Also write every Kth frame. Only the last one is written otherwise, as files take longer than frames; the clock
     /// stands still meanwhile
-    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..), help_heading = crate::cli::options::OUTPUT)]
     save_every: Option<u32>,
     /// Disturb the run: slow:devI@FROM..TO runs a device's work twice in these frames, scene-cut@FRAME makes the camera
     /// jump
-    #[arg(long, value_name = "WHAT@WHEN")]
+    #[arg(long, value_name = "WHAT@WHEN", help_heading = crate::cli::options::TESTS)]
     disturb: Vec<Disturbance>,
     /// Also write report.html: the last picture beside a reference, frame times, rungs, and swimlanes of each frame
-    #[arg(long)]
+    #[arg(long, help_heading = crate::cli::options::OUTPUT)]
     report: bool,
     /// Each task in run.json as well, beside the sums per stage, view and device
-    #[arg(long)]
+    #[arg(long, help_heading = crate::cli::options::OUTPUT)]
     details: bool,
     /// With --report: samples per pixel of the reference [default: what 10 seconds allow]
-    #[arg(long, value_name = "N", requires = "report", value_parser = clap::value_parser!(u32).range(1..=1 << 24))]
+    #[arg(long, value_name = "N", requires = "report", value_parser = clap::value_parser!(u32).range(1..=1 << 24), help_heading = crate::cli::options::OUTPUT)]
     report_spp: Option<u32>,
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let prepared = Prepared::new(&args.options, Some(args.frames))?;
+    let mut prepared = Prepared::new(&args.options, Some(args.frames))?;
+    prepared.fits_size = Some(args.fit);
     let options = &prepared.render;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
@@ -69,7 +75,20 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let gpus = setup::open_devices(options, usize::from(args.options.virtual_devices))?;
     Disturbances(&args.disturb).check(args.frames, gpus.len())?;
-    let session = Session::start(&prepared, &loaded, gpus, tracing, progress)?;
+    let session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
+    let options = &prepared.render;
+    let denoiser = setup::name(&prepared.choice.denoiser);
+    let ladder = ladder_name(&args.options, &session.ladder);
+    if !options.quiet && !options.json {
+        let rungs = session.ladder.rungs().len();
+        session.progress.tell(&format!(
+            "{} at {}, denoiser {denoiser}, {rungs} rung{}; ladder: {ladder}; ready after {:.1} s",
+            options.shot,
+            options.size,
+            if rungs == 1 { "" } else { "s" },
+            session.warm_up_s
+        ));
+    }
     let path = CameraPath::new(&loaded.shot.rig);
     let (rows, tasks) = (Vec::new(), Vec::new());
     let stale = Stale::find(&options.out);
@@ -77,7 +96,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     run.frames()?;
     let last = if args.report { Last::of(&mut run)? } else { None };
     let Run { session, rows, tasks, stale, .. } = run;
-    let Session { renderer, ladder, tracing, progress, warm_up_s, .. } = session;
+    let Session { renderer, ladder: rungs, fit, tracing, progress, warm_up_s, .. } = session;
     progress.finish();
     let devices = renderer.devices();
     let settings = settings::in_force(options, loaded.exposure_ev(), devices);
@@ -87,15 +106,18 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let budget = args.options.budget_ms;
     let play = Play {
         budget_ms: [budget.lo_ms(), budget.hi_ms()],
-        ladder: ladder_name(&args.options),
-        rungs: ladder.rungs().len(),
+        denoiser,
+        ladder,
+        measure: rungs.origin().measure,
+        rungs: rungs.rungs().to_vec(),
         fps: options.fps,
+        fit,
     };
     report.play = PlaySummary::of(&play, &report.frames);
     FrameLine::csv_of(&report.frames).write(&options.out.join("frames.csv"))?;
     report.write(&options.out.join("run.json"))?;
     stale.remove(options.quiet)?;
-    ladder.write(&options.out.join("ladder.toml")).map_err(anyhow::Error::from)?;
+    rungs.write(&options.out.join("ladder.toml")).map_err(anyhow::Error::from)?;
     tracing.finish()?;
     drop(renderer);
     if let Some(last) = &last {
@@ -105,10 +127,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     interrupt::check()
 }
 
-fn ladder_name(options: &LoopOptions) -> String {
-    match &options.ladder {
-        Some(path) => path.display().to_string(),
-        None => "built in: times and the light of bounces measured at the start, noise estimated".to_owned(),
+fn ladder_name(options: &LoopOptions, ladder: &Ladder) -> String {
+    let Origin { shot, size, measure, .. } = ladder.origin();
+    match (&options.ladder, measure) {
+        (None, _) => "built in (some settings timed at the start, errors estimated)".to_owned(),
+        (Some(path), Measure::Estimate) => format!("{} (estimated for {shot} at {size})", path.display()),
+        (Some(path), _) => format!("{} ({} measured on {shot} at {size})", path.display(), measure.name()),
     }
 }
 
@@ -186,7 +210,6 @@ fn conclude(args: &Args, options: &RenderOptions, report: &RunReport) {
         return;
     }
     if let Some(play) = &report.play {
-        say!("warm-up {:.1} s; ladder: {}, {} rungs", report.warm_up_s, play.ladder, play.rungs);
         say!("{}", play.rungs_table().text().trim_end());
         say!("{play}");
         if report.frames.iter().filter_map(|f| f.control.as_ref()).any(|c| !c.fits) {

@@ -96,9 +96,18 @@ impl Progress {
 
     /// Says what went wrong without ending anything.
     pub fn warn(&self, message: &str) {
+        self.beside_bar(|| eprintln!("warning: {message}"));
+    }
+
+    /// Says something while the bar is drawn.
+    pub fn tell(&self, message: &str) {
+        self.beside_bar(|| say!("{message}"));
+    }
+
+    fn beside_bar(&self, print: impl FnOnce()) {
         match &self.bar {
-            Some(bar) => bar.suspend(|| eprintln!("warning: {message}")),
-            None => eprintln!("warning: {message}"),
+            Some(bar) => bar.suspend(print),
+            None => print(),
         }
     }
 

@@ -32,10 +32,10 @@ pub struct Args {
     #[command(flatten)]
     options: LoopOptions,
     /// Close after so many frames
-    #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
+    #[arg(long, help_heading = super::options::SCENE, value_parser = clap::value_parser!(u32).range(1..))]
     frames: Option<u32>,
     /// Write what the window showed last as a PNG
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = super::options::OUTPUT)]
     screenshot: Option<PathBuf>,
 }
 

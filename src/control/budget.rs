@@ -2,8 +2,13 @@
 
 use std::str::FromStr;
 
-/// Where within the band the controller aims, as a share of the way from its lower to its upper end.
-const AIM: f64 = 0.7;
+/// Between what a rung is expected to take, with the margin for scatter, and the band's upper end, at least, for it to be
+/// taken. Rungs are held up to that end, so that this is what keeps the loop from going to and fro.
+const HEADROOM: f64 = 1.15;
+/// The same for a step to a rung so much dearer that leaving it out wastes a good part of the band, and where all cheaper
+/// rungs would leave the band at its lower end.
+const STEP_HEADROOM: f64 = 1.06;
+const GAP_HEADROOM: f64 = 1.03;
 
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 #[error("a budget of {lo_ms} to {hi_ms} ms is none: give two times, 0 < LO < HI")]
@@ -46,18 +51,25 @@ impl Budget {
         self.hi_ms
     }
 
-    /// The dearest that a rung may be to be taken.
-    pub fn aim_ms(&self) -> f64 {
-        self.lo_ms + AIM * (self.hi_ms - self.lo_ms)
+    /// The most that a rung may be expected to take to be taken, where frames scatter by `margin`: 1 + their relative
+    /// standard deviation. However much they scatter, aiming below the middle of the band would only trade late frames
+    /// for wasted ones.
+    pub fn reach_ms(&self, margin: f64) -> f64 {
+        self.below_end_ms(HEADROOM * margin)
     }
 
-    /// Half way between its ends.
-    pub fn middle_ms(&self) -> f64 {
-        0.5 * (self.lo_ms + self.hi_ms)
+    /// The same for a step to a rung that is much dearer than the one before.
+    pub fn step_reach_ms(&self, margin: f64) -> f64 {
+        self.below_end_ms(STEP_HEADROOM * margin)
     }
 
-    /// The dearest that a rung may be to be taken where the next cheaper one would leave the band at its lower end.
-    pub fn coarse_aim_ms(&self) -> f64 {
-        0.5 * (self.aim_ms() + self.hi_ms)
+    /// The same where all cheaper rungs are below the band: with half a standard deviation to spare, as it is this rung or
+    /// no frame within the band.
+    pub fn gap_reach_ms(&self, margin: f64) -> f64 {
+        self.below_end_ms(GAP_HEADROOM * margin.sqrt())
+    }
+
+    fn below_end_ms(&self, times: f64) -> f64 {
+        (self.hi_ms / times).max(0.5 * (self.lo_ms + self.hi_ms))
     }
 }

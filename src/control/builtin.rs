@@ -103,7 +103,8 @@ mod tests {
     fn rung(spp: u32, bounces: u32, path_ms: Option<f64>) -> Rung {
         let knobs = Knobs { spp, bounces, denoiser: "svgf".into(), iterations: 3, fovea: None, scale: 1.0 };
         let stage_ms = path_ms.map(|ms| ("path_trace".to_owned(), ms)).into_iter().collect();
-        Rung { time_ms: 1.0, flip: 0.1, relmse: None, knobs, stage_ms }
+        let (flip, flicker, relmse, is_estimated) = (None, None, None, true);
+        Rung { time_ms: 1.0, error: 0.1, flip, flicker, relmse, is_estimated, knobs, stage_ms }
     }
 
     #[test]

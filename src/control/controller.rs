@@ -1,8 +1,10 @@
 //! Picks the rung of the next frame.
 //!
-//! Within the band it stays. Above it, it drops at once to the best rung that is expected to fit; with time to spare it
-//! climbs to the next rung that fits, slowly, and from below the band as far as the band's middle. Expected is what the predictor says, times what its predictions were off by
-//! lately ([`super::correction`]). The aim is lowered and the band narrowed by how much frames scatter.
+//! The rung that it is after is the dearest that is expected to stay inside the band, with a margin for how much frames
+//! scatter. Above the band it drops to that rung at once, from below the band it climbs to it in one step, and within the
+//! band it climbs a rung at a time, slowly. Where no rung is well inside the band, one that is just inside is better than
+//! one below it. Expected is what the predictor says, times what its predictions were off by lately
+//! ([`super::correction`]).
 
 use super::correction::Correction;
 use super::{Budget, Ladder};
@@ -15,6 +17,8 @@ pub const CLIMB_BACK_AFTER: u32 = 4;
 const PROBATION: u32 = 16;
 /// Frames for which a rung is left alone after the first such mistake; doubled by each further one, up to the second.
 const RETRY_AFTER: [u32; 2] = [32, 1024];
+/// A rung that takes this many times as long as the one below is a step that is worth less headroom.
+const COARSE: f64 = 1.3;
 /// The margin for scatter is at most this.
 const MARGIN_MAX: f64 = 1.2;
 
@@ -108,32 +112,36 @@ impl Controller {
 
     fn choose(&self, expected_ms: impl Fn(usize) -> f64) -> usize {
         let margin = self.correction.margin().min(MARGIN_MAX);
-        let [lo_ms, middle_ms, hi_ms] = [self.budget.lo_ms(), self.budget.middle_ms(), self.budget.hi_ms() / margin];
-        // However much frames scatter, aiming below the middle would only trade late ones for wasted ones.
-        let [aim_ms, coarse_aim_ms] =
-            [self.budget.aim_ms(), self.budget.coarse_aim_ms()].map(|ms| (ms / margin).max(middle_ms));
-        let Some(rung) = self.rung else {
-            return best_below(self.times_ms.len(), lo_ms, [aim_ms, coarse_aim_ms], expected_ms);
+        let limits = Limits {
+            lo_ms: self.budget.lo_ms(),
+            reach_ms: self.budget.reach_ms(margin),
+            gap_reach_ms: self.budget.gap_reach_ms(margin),
         };
+        let rungs = self.times_ms.len();
+        let Some(rung) = self.rung else { return limits.dearest(0..rungs, expected_ms).unwrap_or(0) };
         let now_ms = expected_ms(rung);
-        if now_ms > hi_ms {
-            return best_below(rung, lo_ms, [aim_ms, coarse_aim_ms], expected_ms);
+        if now_ms > self.budget.hi_ms() / margin {
+            let lower = limits.dearest(0..rung, &expected_ms).unwrap_or(0);
+            // Late at times is better than never within the band.
+            let is_held = now_ms <= self.budget.hi_ms() && expected_ms(lower) < limits.lo_ms;
+            return if is_held { rung } else { lower };
         }
-        let wait = if now_ms < lo_ms { CLIMB_BACK_AFTER } else { CLIMB_EVERY };
+        let wait = if now_ms < limits.lo_ms { CLIMB_BACK_AFTER } else { CLIMB_EVERY };
         if self.decisions - self.changed_at < u64::from(wait) {
             return rung;
         }
-        let may_climb_to = |r: usize| self.decisions >= self.trials[r].from;
-        let mut above = rung + 1..self.times_ms.len();
-        if now_ms < lo_ms {
-            let within = above.clone().take_while(|&r| expected_ms(r) <= middle_ms);
-            let far = within.filter(|&r| may_climb_to(r)).last();
-            if let Some(far) = far {
-                return far;
-            }
-        }
-        let limit_ms = if now_ms < lo_ms { coarse_aim_ms } else { aim_ms };
-        above.find(|&r| expected_ms(r) <= limit_ms).filter(|&r| may_climb_to(r)).unwrap_or(rung)
+        let may_climb_to = |r: &usize| self.decisions >= self.trials[*r].from;
+        let mut above = rung + 1..rungs;
+        let higher = if now_ms < limits.lo_ms {
+            // What was said of dearer rungs is no truer than of one that turned out to be a mistake.
+            let end = above.find(|r| !may_climb_to(r) || expected_ms(*r) > limits.gap_reach_ms).unwrap_or(rungs);
+            limits.dearest(rung + 1..end, &expected_ms)
+        } else {
+            let is_step = rung + 1 < rungs && expected_ms(rung + 1) > COARSE * now_ms;
+            let reach_ms = if is_step { self.budget.step_reach_ms(margin) } else { limits.reach_ms };
+            above.find(|&r| expected_ms(r) <= reach_ms).filter(may_climb_to)
+        };
+        higher.unwrap_or(rung)
     }
 
     /// Counts the decision, and judges the last climb.
@@ -161,14 +169,30 @@ impl Controller {
     }
 }
 
-/// The best of the first `rungs` rungs that is expected to take no more than the first limit; where that leaves the band
-/// at its lower end and the next one is within the second limit, the next one. The floor if none fits.
-fn best_below(rungs: usize, lo_ms: f64, limits_ms: [f64; 2], expected_ms: impl Fn(usize) -> f64) -> usize {
-    let best = (0..rungs).rev().find(|&r| expected_ms(r) <= limits_ms[0]);
-    let next = best.map_or(0, |r| r + 1);
-    match best {
-        Some(rung) if expected_ms(rung) >= lo_ms => rung,
-        _ if next < rungs && expected_ms(next) <= limits_ms[1] => next,
-        best => best.unwrap_or(0),
+/// Between what rungs that are taken may be expected to take.
+struct Limits {
+    lo_ms: f64,
+    /// [`Budget::reach_ms`], [`Budget::gap_reach_ms`].
+    reach_ms: f64,
+    gap_reach_ms: f64,
+}
+
+impl Limits {
+    /// Of these rungs, from the cheapest, the dearest within reach. Where that one is below the band, or there is none, the
+    /// next one, if it is within the reach over gaps.
+    fn dearest(
+        &self,
+        rungs: impl DoubleEndedIterator<Item = usize>,
+        expected_ms: impl Fn(usize) -> f64,
+    ) -> Option<usize> {
+        let mut next = None;
+        for rung in rungs.rev() {
+            let ms = expected_ms(rung);
+            if ms <= self.reach_ms {
+                return if ms < self.lo_ms { next.or(Some(rung)) } else { Some(rung) };
+            }
+            next = (ms <= self.gap_reach_ms).then_some(rung);
+        }
+        next
     }
 }

@@ -1,4 +1,4 @@
-//! Pareto fronts of time and error.
+//! Pareto fronts of time and error, and which of several is best.
 
 /// Which of the (time, error) pairs no other one beats in both, by rising time and thus falling error. Of equal pairs the
 /// first is taken; what is not finite is on no front.
@@ -15,9 +15,40 @@ pub fn front(points: &[(f64, f64)]) -> Vec<usize> {
     order
 }
 
+/// Mean error, over the logarithm of time from `times[0]` to `times[1]`, of the best of these (time, error) pairs that takes
+/// no longer; `worst` where none does. The lower, the better the front. Without such a span, the least error at its end.
+pub fn mean_error(points: &[(f64, f64)], [begin, end]: [f64; 2], worst: f64) -> f64 {
+    let (mut sum, mut from, mut error) = (0.0, begin, worst);
+    for i in front(points) {
+        let (time, next) = points[i];
+        if time > end {
+            break;
+        }
+        sum += error * (time.max(from) / from).ln();
+        (from, error) = (time.max(from), next.min(worst));
+    }
+    sum += error * (end / from).ln();
+    let span = (end / begin).ln();
+    if span > 0.0 { sum / span } else { error }
+}
+
 #[cfg(test)]
 mod tests {
-    use super::front;
+    use super::{front, mean_error};
+
+    #[test]
+    fn the_mean_error_of_a_front_is_of_the_best_that_takes_no_longer() {
+        let e = std::f64::consts::E;
+        let points = [(e, 0.4), (e * e, 0.2), (e, 0.6)];
+        let mean = |begin: f64, end: f64| mean_error(&points, [begin.exp(), end.exp()], 1.0);
+        let near = |found: f64, expected: f64| assert!((found - expected).abs() < 1e-12, "{found}, not {expected}");
+        near(mean(0.0, 4.0), (1.0 + 0.4 + 0.2 + 0.2) / 4.0);
+        near(mean(1.0, 2.0), 0.4);
+        near(mean(0.0, 0.5), 1.0);
+        near(mean(1.5, 2.5), 0.3);
+        near(mean(3.0, 3.0), 0.2);
+        near(mean_error(&[], [1.0, 2.0], 0.7), 0.7);
+    }
 
     #[test]
     fn a_front_is_what_nothing_beats() {

@@ -2,12 +2,12 @@
 
 use std::collections::BTreeMap;
 use std::io::{self, Write};
-use std::ops::RangeInclusive;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
-use super::front;
+use super::rung::{FileRung, Measure, Rung};
+use super::{front, mean_error};
 use crate::image::ImageError;
 use crate::image::file::atomic_write;
 
@@ -17,8 +17,8 @@ pub const MIN_STEP: f64 = 0.03;
 /// take three times the error for a tenth of the time had better leave out samples.
 pub const STEEPEST: f64 = 3.0;
 
-/// Render scales that may be asked for.
-pub const SCALES: RangeInclusive<f64> = 0.1..=1.0;
+/// What ends the version of ladders of before that `play` left with estimates named `flip`.
+const ESTIMATED_FLIP: &str = "; flip is estimated";
 
 #[derive(Debug, thiserror::Error)]
 pub enum LadderError {
@@ -38,41 +38,6 @@ pub enum LadderError {
     Write(#[from] ImageError),
 }
 
-/// What a frame's quality and cost hang on.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Knobs {
-    /// Samples per pixel.
-    pub spp: u32,
-    pub bounces: u32,
-    /// As the command line names it.
-    pub denoiser: String,
-    /// Of the denoiser; 0 with `none`.
-    pub iterations: u32,
-    /// Radii of the foveal layers as shares of the eye's width; none: the whole image alike.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub fovea: Option<[f64; 2]>,
-    /// Of the image's edges, 1: full size.
-    pub scale: f64,
-}
-
-/// Settings with what they cost and how wrong they are.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Rung {
-    /// Median makespan.
-    pub time_ms: f64,
-    /// Means over both eyes.
-    pub flip: f64,
-    /// `None` where it was not measured.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub relmse: Option<f64>,
-    pub knobs: Knobs,
-    /// Busy time by stage, summed over views and devices: what a cost model can scale.
-    #[serde(default)]
-    pub stage_ms: BTreeMap<String, f64>,
-}
-
 /// What a ladder was measured on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -80,29 +45,31 @@ pub struct Origin {
     pub shot: String,
     /// Of each eye.
     pub size: String,
-    /// At which images were shown to be judged by FLIP.
+    /// At which images were shown to be judged.
     #[serde(default)]
     pub exposure_ev: f64,
+    /// What its rungs' errors are.
+    #[serde(default)]
+    pub measure: Measure,
     pub devices: Vec<String>,
     /// Of diptych.
     pub version: String,
 }
 
-/// Rungs by strictly rising time and strictly falling FLIP; there is one at least.
-#[derive(Clone, Debug, PartialEq, Serialize)]
+/// Rungs by strictly rising time and strictly falling error; there is one at least.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Ladder {
     origin: Origin,
-    #[serde(rename = "rung")]
     rungs: Vec<Rung>,
 }
 
 /// As it is in a file.
-#[derive(Deserialize)]
+#[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-struct Unchecked {
+struct File {
     origin: Origin,
     #[serde(default)]
-    rung: Vec<Rung>,
+    rung: Vec<FileRung>,
 }
 
 impl Ladder {
@@ -120,17 +87,17 @@ impl Ladder {
         Ok(Self { origin, rungs })
     }
 
-    /// The Pareto front of time and FLIP. Of rungs closer than [`MIN_STEP`], and where a step down saves too little for
+    /// The Pareto front of time and error. Of rungs closer than [`MIN_STEP`], and where a step down saves too little for
     /// what it costs ([`STEEPEST`]), the better ones stay. What was not measured in finite numbers is left out.
     ///
     /// # Errors
     /// As [`Self::new`].
     pub fn of_measured(origin: Origin, measured: &[Rung]) -> Result<Self, LadderError> {
-        let points: Vec<(f64, f64)> = measured.iter().map(|r| (r.time_ms, r.flip)).collect();
+        let points: Vec<(f64, f64)> = measured.iter().map(|r| (r.time_ms, r.error)).collect();
         let mut rungs: Vec<Rung> = Vec::new();
         for &i in front(&points).iter().rev() {
             let is_worth = |above: &Rung| {
-                let [saved, lost] = [above.time_ms / measured[i].time_ms, measured[i].flip / above.flip.max(1e-6)];
+                let [saved, lost] = [above.time_ms / measured[i].time_ms, measured[i].error / above.error.max(1e-6)];
                 saved >= 1.0 + MIN_STEP && lost <= saved.powf(STEEPEST)
             };
             if rungs.last().is_none_or(is_worth) && measured[i].check().is_ok() {
@@ -141,13 +108,48 @@ impl Ladder {
         Self::new(origin, rungs)
     }
 
+    /// A ladder of each denoiser that was measured ([`Self::of_measured`]), the best first: the one whose settings have
+    /// the least error in the mean over the logarithm of time, from the fastest to the slowest setting of all. Denoisers
+    /// without a setting in finite numbers have none.
+    ///
+    /// # Errors
+    /// [`LadderError::Empty`] if none has.
+    pub fn by_denoiser(origin: &Origin, measured: &[Rung]) -> Result<Vec<Self>, LadderError> {
+        let points = |rungs: &[Rung]| -> Vec<(f64, f64)> { rungs.iter().map(|r| (r.time_ms, r.error)).collect() };
+        let all: Vec<(f64, f64)> =
+            points(measured).into_iter().filter(|p| p.0.is_finite() && p.1.is_finite()).collect();
+        let fastest = all.iter().map(|p| p.0).fold(f64::INFINITY, f64::min);
+        let slowest = all.iter().map(|p| p.0).fold(0.0, f64::max);
+        let worst = all.iter().map(|p| p.1).fold(0.0, f64::max);
+        let mut denoisers: BTreeMap<&str, Vec<Rung>> = BTreeMap::new();
+        for rung in measured {
+            denoisers.entry(&rung.knobs.denoiser).or_default().push(rung.clone());
+        }
+        let mut ladders: Vec<(f64, Self)> = Vec::new();
+        for own in denoisers.into_values() {
+            if let Ok(ladder) = Self::of_measured(origin.clone(), &own) {
+                ladders.push((mean_error(&points(&own), [fastest, slowest], worst), ladder));
+            }
+        }
+        ladders.sort_by(|a, b| a.0.total_cmp(&b.0));
+        if ladders.is_empty() { Err(LadderError::Empty) } else { Ok(ladders.into_iter().map(|(_, l)| l).collect()) }
+    }
+
     /// From the text of a ladder's file.
     ///
     /// # Errors
     /// [`LadderError::Form`], and those of [`Self::new`].
     pub fn parse(text: &str) -> Result<Self, LadderError> {
-        let Unchecked { origin, rung } = toml::from_str(text).map_err(Box::new)?;
-        Self::new(origin, rung)
+        let File { mut origin, rung } = toml::from_str(text).map_err(Box::new)?;
+        let checked = |(i, rung): (usize, FileRung)| {
+            rung.rung(origin.measure).map_err(|what| LadderError::Rung { number: i + 1, what })
+        };
+        let mut rungs = rung.into_iter().enumerate().map(checked).collect::<Result<Vec<Rung>, _>>()?;
+        if origin.version.ends_with(ESTIMATED_FLIP) {
+            origin.measure = Measure::Estimate;
+            rungs.iter_mut().for_each(|rung| (rung.flip, rung.is_estimated) = (None, true));
+        }
+        Self::new(origin, rungs)
     }
 
     /// # Errors
@@ -163,7 +165,8 @@ impl Ladder {
     /// # Errors
     /// [`LadderError::Format`].
     pub fn text(&self) -> Result<String, LadderError> {
-        Ok(toml::to_string_pretty(self)?)
+        let rung = self.rungs.iter().map(FileRung::of).collect();
+        Ok(toml::to_string_pretty(&File { origin: self.origin.clone(), rung })?)
     }
 
     /// # Errors
@@ -177,46 +180,20 @@ impl Ladder {
         &self.origin
     }
 
+    /// The denoisers of its rungs, in the order in which they come first, with how many rungs each has.
+    pub fn denoisers(&self) -> Vec<(&str, usize)> {
+        let mut counts: Vec<(&str, usize)> = Vec::new();
+        for rung in &self.rungs {
+            match counts.iter_mut().find(|(name, _)| *name == rung.knobs.denoiser) {
+                Some((_, count)) => *count += 1,
+                None => counts.push((&rung.knobs.denoiser, 1)),
+            }
+        }
+        counts
+    }
+
     /// From the cheapest to the best.
     pub fn rungs(&self) -> &[Rung] {
         &self.rungs
     }
-}
-
-impl Rung {
-    fn check(&self) -> Result<(), String> {
-        let Knobs { spp, bounces, denoiser, iterations, fovea, scale } = &self.knobs;
-        within("spp", *spp, 1..=1 << 20)?;
-        within("bounces", *bounces, 0..=1024)?;
-        within("iterations", *iterations, 0..=10)?;
-        within("scale", *scale, SCALES)?;
-        if denoiser.is_empty() {
-            return Err("denoiser is empty".to_owned());
-        }
-        if let Some([inner, outer]) = *fovea {
-            within("fovea's inner radius", inner, f64::MIN_POSITIVE..=1.0)?;
-            within("fovea's outer radius", outer, inner..=1.0)?;
-        }
-        within("time_ms", self.time_ms, f64::MIN_POSITIVE..=f64::MAX)?;
-        within("flip", self.flip, 0.0..=1.0)?;
-        self.relmse.map_or(Ok(()), |relmse| within("relmse", relmse, 0.0..=f64::MAX))?;
-        self.stage_ms.iter().try_for_each(|(stage, &ms)| within(stage, ms, 0.0..=f64::MAX))
-    }
-
-    fn check_above(&self, below: &Self) -> Result<(), String> {
-        if self.time_ms <= below.time_ms {
-            return Err(format!(
-                "its {} ms are not more than the {} ms of the rung before",
-                self.time_ms, below.time_ms
-            ));
-        }
-        if self.flip >= below.flip {
-            return Err(format!("its FLIP, {}, is not below the {} of the rung before", self.flip, below.flip));
-        }
-        Ok(())
-    }
-}
-
-fn within<T: PartialOrd + std::fmt::Display>(name: &str, value: T, range: RangeInclusive<T>) -> Result<(), String> {
-    if range.contains(&value) { Ok(()) } else { Err(format!("{name} {value} is out of range")) }
 }

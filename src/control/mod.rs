@@ -1,8 +1,8 @@
 //! Keeps the budget: a ladder of settings ordered by what they cost, and a controller that picks each frame's rung.
 //!
 //! The [`Ladder`] is measured beforehand (`diptych bench`). Each frame the [`Controller`] asks a predictor what rungs would
-//! take now, corrects that by how far predictions of the last frames were off, and stays, climbs slowly or drops as far
-//! as it must. No wgpu here: whole runs are tested on simulated plants.
+//! take now, corrects that by how far predictions of the last frames were off, and stays, climbs slowly or goes at once to
+//! the dearest rung that fits. No wgpu here: whole runs are tested on simulated plants.
 
 mod budget;
 mod builtin;
@@ -10,9 +10,11 @@ mod controller;
 mod correction;
 mod front;
 mod ladder;
+mod rung;
 
 pub use budget::{Budget, BudgetError};
 pub use builtin::{BOUNCES, ESTIMATES_EV, TRACING, candidates, efforts, guessed_error, guessed_paths};
 pub use controller::{CLIMB_BACK_AFTER, CLIMB_EVERY, Controller, Decision, Predict};
-pub use front::front;
-pub use ladder::{Knobs, Ladder, LadderError, MIN_STEP, Origin, Rung, SCALES, STEEPEST};
+pub use front::{front, mean_error};
+pub use ladder::{Ladder, LadderError, MIN_STEP, Origin, STEEPEST};
+pub use rung::{Knobs, Measure, Rung, SCALES};

@@ -179,6 +179,16 @@ impl Pair {
         Ok(sums)
     }
 
+    /// [`Self::change_since`] while the camera stands still: every pixel shows what it did in the frame before, the sky as
+    /// well. Where both are held against one reference, it cancels, and the change is the image's alone.
+    ///
+    /// # Errors
+    /// [`ImageError::SizeMismatch`].
+    pub fn change_at_rest(&self, before: &Pair) -> Result<Change, ImageError> {
+        let history: Vec<History> = (0..self.extent.area()).map(History::Seen).collect();
+        self.change_since(before, &history)
+    }
+
     fn display_error(&self, i: usize) -> [f64; 3] {
         let (r, a) = (self.reference.shown[i], self.image.shown[i]);
         [a[0] - r[0], a[1] - r[1], a[2] - r[2]]

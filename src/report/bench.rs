@@ -1,5 +1,6 @@
 //! What a grid of settings costs and how wrong it is: rows, CSV, fronts of time against error, and the quality ladder.
 
+mod ladder;
 mod regret;
 mod slopes;
 
@@ -7,23 +8,28 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+pub use ladder::{ladder_svg, ladder_table};
 pub use regret::{Regret, regret_table, regrets};
 pub use slopes::{Slope, log_slope, slopes};
 
 use super::csv::{Csv, number};
 use super::frames::FrameLine;
-use super::peers::{self, Peer};
 use super::plot::{Axis, Chart, Series, line_chart_svg};
-use super::study::cell;
 use super::{ReportError, Table, median_of, once};
 use crate::accumulation::Noise;
-use crate::control::{Knobs, Ladder, Rung, front};
+use crate::control::{Knobs, Rung, front};
 use crate::exec::{FrameReport, Stereo};
 use crate::metrics;
 use crate::metrics::rings::Viewing;
+use crate::metrics::temporal::{Change, TemporalError};
 
 /// The metrics that tables show, in their order; others follow in files.
-const SHOWN: [&str; 7] = ["rmse", "relmse", "psnr", "ssim", "flip", "flip_foveated", "mean_ratio"];
+const SHOWN: [&str; 9] = ["rmse", "relmse", "psnr", "ssim", "flip", FLICKER, ERROR, "flip_foveated", "mean_ratio"];
+
+/// Names of the flicker between frames, and of what fronts and ladders go by: FLIP + flicker
+/// ([`crate::control::Measure::FlipFlicker`]).
+const FLICKER: &str = "flicker";
+pub const ERROR: &str = "flip_flicker";
 
 /// A relMSE below this many times the reference's own is not told apart from it.
 const NOISE_MARGIN: f64 = 4.0;
@@ -47,6 +53,15 @@ impl Errors {
 
     pub fn get(&self, name: &str) -> Option<f64> {
         self.0.get(name)?.as_f64()
+    }
+
+    /// With the flicker between the frames, and its sum with FLIP; undefined where either is.
+    fn with_flicker(mut self, flicker: Option<f64>) -> Self {
+        let sum = self.get("flip").zip(flicker).map(|(flip, flicker)| flip + flicker);
+        for (name, value) in [(FLICKER, flicker), (ERROR, sum)] {
+            self.0.insert(name.to_owned(), value.into());
+        }
+        self
     }
 
     /// Those of [`SHOWN`] first.
@@ -105,7 +120,8 @@ pub struct Measured {
 }
 
 impl Measured {
-    pub fn of(repeats: &[Repeat]) -> Self {
+    /// `changes`: by eye, from each frame to the next, the camera at rest.
+    pub fn of(repeats: &[Repeat], changes: Stereo<Change>) -> Self {
         let times_ms: Vec<f64> = repeats.iter().map(|r| r.line.makespan_ms).collect();
         let stages = repeats.iter().flat_map(|r| r.stage_ms.keys());
         let stage_ms =
@@ -118,14 +134,17 @@ impl Measured {
             time_ms_max: times_ms.iter().copied().fold(0.0, f64::max),
             time_ms: median_of(times_ms),
             stage_ms: stages.map(|stage| (stage.clone(), stage_ms(stage))).collect(),
-            errors: Stereo { left: Errors::mean_of(&found.left), right: Errors::mean_of(&found.right) },
+            errors: Stereo {
+                left: Errors::mean_of(&found.left).with_flicker(TemporalError::from(changes.left).flicker),
+                right: Errors::mean_of(&found.right).with_flicker(TemporalError::from(changes.right).flicker),
+            },
             relmse_repeats: Stereo { left: relmse(&found.left), right: relmse(&found.right) },
             frames: repeats.iter().map(|r| r.line.clone()).collect(),
         }
     }
 
     /// Mean of both eyes; infinite if it is undefined in one.
-    fn error(&self, name: &str) -> f64 {
+    pub fn error(&self, name: &str) -> f64 {
         let [l, r] = [&self.errors.left, &self.errors.right].map(|e| e.get(name).unwrap_or(f64::INFINITY));
         (l + r) / 2.0
     }
@@ -138,7 +157,7 @@ pub struct Row {
     pub knobs: Knobs,
     #[serde(flatten)]
     pub measured: Measured,
-    /// No other setting is both faster and better by both eyes' FLIP.
+    /// No other setting is both faster and better by [`ERROR`], the mean of both eyes.
     pub on_front: bool,
 }
 
@@ -154,8 +173,10 @@ impl Row {
 
     pub fn rung(&self) -> Rung {
         let Measured { time_ms, stage_ms, .. } = &self.measured;
-        let [flip, relmse] = ["flip", "relmse"].map(|name| self.measured.error(name));
-        Rung { time_ms: *time_ms, flip, relmse: Some(relmse), knobs: self.knobs.clone(), stage_ms: stage_ms.clone() }
+        let [flip, flicker, relmse] = ["flip", FLICKER, "relmse"].map(|name| Some(self.measured.error(name)));
+        let (knobs, stage_ms) = (self.knobs.clone(), stage_ms.clone());
+        let error = self.measured.error(ERROR);
+        Rung { time_ms: *time_ms, error, flip, flicker, relmse, is_estimated: false, knobs, stage_ms }
     }
 }
 
@@ -165,15 +186,20 @@ fn points(rows: &[&Row], error: &str) -> Vec<(f64, f64)> {
 
 /// Marks the rows of the Pareto front.
 pub fn mark_front(rows: &mut [Row]) {
-    for i in front(&points(&rows.iter().collect::<Vec<_>>(), "flip")) {
+    for i in front(&points(&rows.iter().collect::<Vec<_>>(), ERROR)) {
         rows[i].on_front = true;
     }
 }
 
 /// What the rows' errors are of.
 pub fn exposure_note(exposure_ev: f64) -> String {
-    format!("PSNR, SSIM and FLIP are of pictures tonemapped at {exposure_ev} EV, the shot's exposure.")
+    format!("PSNR, SSIM, FLIP and flicker are of pictures tonemapped at {exposure_ev} EV, the shot's exposure.")
 }
+
+/// What fronts and ladders go by.
+pub const ERROR_NOTE: &str = "Fronts and ladders go by flip_flicker: the mean FLIP of the frames on which the moving \
+    camera arrives and rests, each with the history of those before it, plus their flicker, by how much pixels change \
+    from one of them to the next.";
 
 /// What all rows of a table share: names and values of columns.
 pub type Shared = Vec<(&'static str, String)>;
@@ -247,18 +273,6 @@ pub fn svg(title: String, rows: &[Row], noise: Option<&Stereo<Noise>>) -> Result
     time_chart(title, "relMSE, mean of both eyes", &series)
 }
 
-/// Time against both eyes' FLIP: the front of each denoiser, what other renderers take, and the ladder.
-///
-/// # Errors
-/// [`ReportError`] if there is nothing to draw.
-pub fn ladder_svg(title: String, rows: &[Row], peers: &[Peer], ladder: &Ladder) -> Result<String, ReportError> {
-    let mut series = fronts(rows, "flip");
-    series.extend(peers::series(peers));
-    let points = ladder.rungs().iter().map(|r| (r.time_ms, r.flip)).collect();
-    series.push(Series { name: "ladder".into(), points, band: None, guide: true });
-    time_chart(title, "FLIP, mean of both eyes", &series)
-}
-
 fn time_chart(title: String, error: &str, series: &[Series]) -> Result<String, ReportError> {
     let (x, y) = ("time of a frame, ms".into(), error.into());
     line_chart_svg(&Chart { title, x: Axis { label: x, log: true }, y: Axis { label: y, log: true } }, series)
@@ -273,20 +287,6 @@ fn fronts(rows: &[Row], error: &str) -> Vec<Series> {
         Series { name: (*name).to_owned(), points, band: None, guide: false }
     };
     denoisers.iter().map(series).collect()
-}
-
-/// A line per rung, from the cheapest.
-pub fn ladder_table(ladder: &Ladder) -> Table {
-    let mut headers = vec!["rung"];
-    headers.extend(KNOBS);
-    headers.extend(["ms", "FLIP", "relMSE"]);
-    let cells = |(i, Rung { time_ms, flip, relmse, knobs, .. }): (usize, &Rung)| {
-        let mut cells = vec![i.to_string()];
-        cells.extend(knob_cells(knobs));
-        cells.extend([format!("{time_ms:.1}"), format!("{flip:.4}"), cell(*relmse, 4)]);
-        cells
-    };
-    Table { headers, rows: ladder.rungs().iter().enumerate().map(cells).collect() }
 }
 
 /// A line per setting and eye.
@@ -317,7 +317,6 @@ pub fn table(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Table {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::Origin;
     use crate::image::{Extent, RgbImage};
     use crate::metrics::Pair;
 
@@ -335,8 +334,10 @@ mod tests {
             line: FrameLine { makespan_ms: time_ms, spp, ..FrameLine::default() },
         };
         let repeats: Vec<Repeat> = rmse.iter().map(repeat).collect();
+        let black = || Pair::new(&black, &black, 0.0).unwrap();
+        let change = black().change_at_rest(&black()).unwrap();
         let knobs = Knobs { spp, bounces: 6, denoiser: denoiser.into(), iterations: 0, fovea: None, scale: 1.0 };
-        Row::new(knobs, Measured::of(&repeats))
+        Row::new(knobs, Measured::of(&repeats, Stereo { left: change, right: change }))
     }
 
     #[test]
@@ -376,13 +377,6 @@ mod tests {
         let rows = [row("a", 1, 1.0, &[0.4]), row("a", 2, 2.0, &[0.5]), row("a", 4, 3.0, &[0.3])];
         let svg = svg("t".into(), &rows, None).unwrap();
         assert_eq!(svg.matches("<circle").count(), 2);
-        let rungs: Vec<Rung> = rows.iter().map(Row::rung).collect();
-        let (shot, size, version) = ("s".into(), "8x8".into(), "0".into());
-        let origin = Origin { shot, size, exposure_ev: 0.0, devices: Vec::new(), version };
-        let ladder = Ladder::of_measured(origin, &rungs).unwrap();
-        assert_eq!(ladder.rungs().iter().map(|r| r.time_ms).collect::<Vec<_>>(), [1.0, 3.0]);
-        assert_eq!(ladder.rungs()[1].stage_ms["atrous"], 0.75);
-        assert!(ladder_svg("t".into(), &rows, &[], &ladder).unwrap().contains("ladder"));
     }
 
     #[test]

@@ -122,18 +122,18 @@ pub const NOTE: &str = "Ours: the fastest measured setting whose FLIP, the mean 
 pub fn table(peers: &[Peer], rows: &[Row]) -> Table {
     let headers = vec!["peer", "note", "FLIP", "ms", "ours, ms", "FLIP", "setting", "times as fast"];
     let ours = |flip: f64| {
-        let reaching = rows.iter().map(|r| (r, r.rung())).filter(|(_, rung)| rung.flip <= flip);
+        let reaching = rows.iter().map(|r| (r, &r.measured)).filter(|(_, m)| m.error("flip") <= flip);
         reaching.min_by(|a, b| a.1.time_ms.total_cmp(&b.1.time_ms))
     };
     let cells = |peer: &Peer| {
         let Peer { name, time_ms, flip, note } = peer;
         let mut cells = vec![name.clone(), note.clone(), format!("{flip:.3}"), format!("{time_ms:.1}")];
         cells.extend(match ours(*flip) {
-            Some((row, rung)) => [
-                format!("{:.1}", rung.time_ms),
-                format!("{:.3}", rung.flip),
+            Some((row, measured)) => [
+                format!("{:.1}", measured.time_ms),
+                format!("{:.3}", measured.error("flip")),
                 row.name(),
-                format!("{:.2}", time_ms / rung.time_ms),
+                format!("{:.2}", time_ms / measured.time_ms),
             ],
             None => ["none", "-", "-", "-"].map(str::to_owned),
         });

@@ -1,12 +1,15 @@
 //! How well a budget was kept.
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
-use super::Table;
 use super::run::{FrameRow, Quality};
+use super::study::cell;
+use super::{Table, median_of};
+use crate::control::{Measure, Rung};
 
 /// Frames before the loop is judged.
 pub const SETTLING_FRAMES: usize = 30;
@@ -33,9 +36,33 @@ pub struct ControlRow {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RungUse {
     pub rung: usize,
+    pub denoiser: String,
     #[serde(flatten)]
     pub quality: Quality,
+    /// Median of what its frames were expected to take.
+    pub expected_ms: f64,
+    /// By the ladder's measure, where it was measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub error: Option<f64>,
+    /// Whether the error is an estimate, as the rung's time was before it was played.
+    pub estimated: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub estimated_error: Option<f64>,
     pub share: f64,
+}
+
+/// That the budget was not to be kept at the size that was asked for, and where it is.
+#[derive(Clone, Debug, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct SizeFit {
+    /// Of each eye.
+    pub asked_size: String,
+    /// What the cheapest rung took there, median.
+    pub asked_ms: f64,
+    /// A smaller size at which the budget can be kept; none was found without it.
+    pub fitting_size: Option<String>,
+    pub fitting_ms: Option<f64>,
+    pub played_size: String,
 }
 
 /// A run of frames outside the band.
@@ -51,10 +78,14 @@ pub struct Excursion {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct PlaySummary {
     pub budget_ms: [f64; 2],
-    /// Where the ladder is from, and how many rungs it has.
+    pub denoiser: String,
+    /// Where the ladder is from, what its errors are, and how many rungs it has.
     pub ladder: String,
+    pub measure: Measure,
     pub rungs: usize,
     pub fps: f64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fit: Option<SizeFit>,
     pub judged_frames: usize,
     pub in_band_share: f64,
     pub above_share: f64,
@@ -73,9 +104,12 @@ pub struct PlaySummary {
 #[derive(Clone, Debug)]
 pub struct Play {
     pub budget_ms: [f64; 2],
+    pub denoiser: String,
     pub ladder: String,
-    pub rungs: usize,
+    pub measure: Measure,
+    pub rungs: Vec<Rung>,
     pub fps: f64,
+    pub fit: Option<SizeFit>,
 }
 
 const LATE_MS: f64 = 1.0;
@@ -96,9 +130,12 @@ impl PlaySummary {
         (!judged.is_empty()).then_some(())?;
         Some(Self {
             budget_ms: play.budget_ms,
+            denoiser: play.denoiser.clone(),
             ladder: play.ladder.clone(),
-            rungs: play.rungs,
+            measure: play.measure,
+            rungs: play.rungs.len(),
             fps: play.fps,
+            fit: play.fit.clone(),
             judged_frames: judged.len(),
             in_band_share: share(&|(_, c)| c.in_band),
             above_share: share(&|(r, _)| r.makespan_ms > hi_ms),
@@ -109,7 +146,7 @@ impl PlaySummary {
             late_share: share(&|(_, c)| c.late_ms > LATE_MS),
             rung_changes: judged.windows(2).filter(|pair| pair[0].1.rung != pair[1].1.rung).count(),
             longest_excursion: longest_excursion(&judged),
-            rung_uses: rung_uses(&judged),
+            rung_uses: rung_uses(play, &judged),
         })
     }
 
@@ -138,14 +175,22 @@ impl PlaySummary {
     /// The rungs used, from the cheapest.
     pub fn rungs_table(&self) -> Table {
         let row = |u: &RungUse| {
-            let Quality { spp, bounces, iterations, scale, .. } = u.quality;
+            let Quality { spp, bounces, iterations, scale, fovea } = u.quality;
             let mut line = vec![u.rung.to_string()];
-            line.extend([spp, bounces, iterations].map(|n| n.to_string()));
-            line.push(u.quality.fovea.map_or("none".to_owned(), |[inner, outer]| format!("{inner}, {outer}")));
-            line.extend([scale.to_string(), format!("{:.1} %", 100.0 * u.share)]);
+            line.extend([spp, bounces].map(|n| n.to_string()));
+            line.extend([u.denoiser.clone(), iterations.to_string(), scale.to_string()]);
+            line.push(fovea.map_or("none".to_owned(), |[inner, outer]| format!("{inner}, {outer}")));
+            line.extend([format!("{:.1}", u.expected_ms), cell(u.error.or(u.estimated_error), 4)]);
+            line.push(if u.estimated { "estimated" } else { "measured" }.to_owned());
+            line.push(format!("{:.1} %", 100.0 * u.share));
             line
         };
-        let headers = vec!["rung", "spp", "bounces", "iterations", "layers", "scale", "frames"];
+        let error = match self.measure {
+            Measure::Estimate => "error",
+            measured => measured.name(),
+        };
+        let mut headers = vec!["rung", "spp", "bounces", "denoiser", "iterations", "scale", "layers"];
+        headers.extend(["expected ms", error, "which is", "frames"]);
         Table { headers, rows: self.rung_uses.iter().map(row).collect() }
     }
 }
@@ -162,17 +207,29 @@ fn longest_excursion(judged: &[(&FrameRow, &ControlRow)]) -> Option<Excursion> {
     Some(Excursion { first_frame: judged[longest.start].0.index, frames: longest.len() as u32 })
 }
 
-fn rung_uses(judged: &[(&FrameRow, &ControlRow)]) -> Vec<RungUse> {
-    let mut uses: Vec<RungUse> = Vec::new();
-    for (row, control) in judged {
-        match uses.iter_mut().find(|u| u.rung == control.rung) {
-            Some(used) => used.share += 1.0,
-            None => uses.push(RungUse { rung: control.rung, quality: row.quality, share: 1.0 }),
-        }
+fn rung_uses(play: &Play, judged: &[(&FrameRow, &ControlRow)]) -> Vec<RungUse> {
+    let mut frames: BTreeMap<usize, Vec<(&FrameRow, &ControlRow)>> = BTreeMap::new();
+    for frame in judged {
+        frames.entry(frame.1.rung).or_default().push(*frame);
     }
-    uses.iter_mut().for_each(|u| u.share /= judged.len() as f64);
-    uses.sort_by_key(|u| u.rung);
-    uses
+    let of = |(rung, frames): (usize, Vec<(&FrameRow, &ControlRow)>)| {
+        let quality = frames[0].0.quality;
+        let known = play.rungs.get(rung);
+        // With fewer iterations than the rung has, its error is not known either.
+        let estimated = known.is_none_or(|r| r.is_estimated || r.knobs.iterations != quality.iterations);
+        let error = known.map(|r| r.error);
+        RungUse {
+            rung,
+            denoiser: play.denoiser.clone(),
+            quality,
+            expected_ms: median_of(frames.iter().map(|(_, c)| c.expected_ms).collect()),
+            error: error.filter(|_| !estimated),
+            estimated,
+            estimated_error: error.filter(|_| estimated),
+            share: frames.len() as f64 / judged.len() as f64,
+        }
+    };
+    frames.into_iter().map(of).collect()
 }
 
 impl fmt::Display for Excursion {

@@ -18,8 +18,8 @@ const RUNS: [(&str, &[&str]); 7] = [
     ("play", &["play", "--frames", "8", "--budget-ms", "0.01..30000", "--fps", "1000"]),
     ("scale", &["scale", "--counts", "2", "--threads-per-device", "1", "--simulate", "1,4"]),
     ("bench", &["bench", "--quick", "--spp", "1,2", "--bounces", "2", "--denoiser", "none,atrous"]),
-    ("seams", &["bench", "--seams", "--counts", "2", "--bounces", "2"]),
-    ("peres", &["bench", "--preset", "peres", "--shots", "builtin:cornell", "--scale", "0.03"]),
+    ("seams", &["bench", "--seam-study", "--counts", "2", "--bounces", "2"]),
+    ("peres", &["bench", "--preset", "peres", "--shots", "builtin:cornell", "--size-factor", "0.03"]),
 ];
 
 /// The folder of all runs, each in a folder of its name.

@@ -76,7 +76,7 @@ fn pixels(share: &Value) -> usize {
 #[test]
 fn edges_that_are_antialiased_are_no_holes() {
     let folder = tempfile::tempdir().unwrap();
-    let options = ["--spp", "4", "--scale", "0.8", "--aov", "holes"];
+    let options = ["--spp", "4", "--render-scale", "0.8", "--aov", "holes"];
     let (said, run) = render("builtin:checker", folder.path(), &options);
     let holes = read_rgb(&folder.path().join("right.holes.exr")).unwrap();
     let count = |value: f32| holes.pixels.iter().filter(|p| p[0] == value).count();

@@ -52,9 +52,10 @@ fn a_run_tells_all_of_every_frame() {
     assert_eq!((told.len(), rows.len()), (40, 40));
     let text = std::fs::read_to_string(out.join("ladder.toml")).unwrap();
     let ladder = ::diptych::control::Ladder::parse(&text).unwrap();
-    // FLIP is estimated, of images at an exposure of its own; nothing is known of relMSE.
-    assert!(ladder.rungs().iter().all(|r| r.relmse.is_none()) && text.contains("flip is estimated"), "{text}");
-    assert_eq!(ladder.origin().exposure_ev, 0.0);
+    // What was not measured is not there, or named as what it is.
+    assert!(ladder.rungs().iter().all(|r| r.is_estimated && r.relmse.or(r.flip).or(r.flicker).is_none()), "{text}");
+    assert!(!text.contains("flip") && !text.contains("\ntime_ms"), "{text}");
+    assert_eq!(text.matches("estimated = true").count(), ladder.rungs().len());
     for (i, (row, event)) in rows.iter().zip(told).enumerate() {
         let rung = &ladder.rungs()[row["rung"].as_u64().unwrap() as usize];
         let knobs = [("spp", rung.knobs.spp), ("bounces", rung.knobs.bounces), ("iterations", rung.knobs.iterations)];
@@ -67,6 +68,14 @@ fn a_run_tells_all_of_every_frame() {
     // Everything fits, so that the best rung is taken.
     assert_eq!(rows[39]["rung"], ladder.rungs().len() - 1);
     let sum = &run["play"];
+    assert_eq!((&sum["denoiser"], &sum["measure"], &sum["fit"]), (&"svgf".into(), &"estimate".into(), &Value::Null));
+    for rung in sum["rung_uses"].as_array().unwrap() {
+        assert!(rung["estimated"] == true && rung["error"].is_null() && rung["denoiser"] == "svgf", "{rung}");
+        assert!(
+            rung["estimated_error"].as_f64().unwrap() > 0.0 && rung["expected_ms"].as_f64().unwrap() > 0.0,
+            "{rung}"
+        );
+    }
     assert_eq!((&sum["in_band_share"], &sum["judged_frames"]), (&1.0.into(), &10.into()), "{sum}");
     assert!(sum["makespan_ms_p50"].as_f64() <= sum["makespan_ms_p99"].as_f64() && sum["longest_excursion"].is_null());
     for name in ["left.exr", "right.exr", "stereo.png", "left.0000.exr", "left.0025.exr"] {
@@ -91,7 +100,11 @@ fn quality_falls_when_a_device_slows_down_and_comes_back() {
     let budget = format!("0.01..{}", 6.0 * median_ms);
     let slow = ["--disturb", "slow:dev0@30..50"].repeat(6);
     let (_, run) =
-        play(&folder.path().join("slow"), &[&ladder[..], &slow, &["--budget-ms", &budget, "--frames", "110"]].concat());
+        // However busy the machine is, a device with 64 times the work is no dead one.
+        play(
+            &folder.path().join("slow"),
+            &[&ladder[..], &slow, &["--budget-ms", &budget, "--frames", "110", "--watchdog-ms", "600000"]].concat(),
+        );
     let rungs: Vec<u64> = run["frames"].as_array().unwrap().iter().map(|r| r["rung"].as_u64().unwrap()).collect();
     assert!(rungs[..30].contains(&1), "{rungs:?}");
     assert!(rungs[31..50].contains(&0), "{rungs:?}");
@@ -114,6 +127,106 @@ fn quality_falls_when_a_device_slows_down_and_comes_back() {
     let excursion = &run["play"]["longest_excursion"];
     let [from, frames] = ["first_frame", "frames"].map(|key| excursion[key].as_u64().unwrap() as usize);
     assert!(frames > 0 && is_in_band[from..from + frames].iter().all(|within| !within), "{excursion}");
+}
+
+/// What a run says, beside what it writes.
+fn says(out: &Path, options: &[&str]) -> (String, String, Value) {
+    let args = ["play", "builtin:cornell", "--fps", "1000", "--out", out.to_str().unwrap()];
+    let output = diptych(&[&args, options].concat());
+    let [stdout, stderr] = [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap());
+    assert!(output.status.success(), "{options:?}: {stderr}");
+    let run = std::fs::read_to_string(out.join("run.json")).unwrap();
+    (stdout, stderr, serde_json::from_str(&run).unwrap())
+}
+
+#[test]
+fn the_rungs_of_a_run_have_all_their_settings_and_one_denoiser_which_is_said() {
+    let folder = tempfile::tempdir().unwrap();
+    let mixed = folder.path().join("mixed.toml");
+    let third = "[[rung]]\ntime_ms = 20.0\nflip = 0.05\n\
+        knobs = { spp = 2, bounces = 2, denoiser = \"none\", iterations = 0, scale = 1.0 }\n";
+    std::fs::write(&mixed, format!("{LADDER}{third}")).unwrap();
+    let options =
+        ["--size", "48x32", "--frames", "6", "--budget-ms", "0.01..30000", "--ladder", mixed.to_str().unwrap()];
+    let (stdout, stderr, run) = says(&folder.path().join("most"), &options);
+    assert!(stderr.contains("2 of atrous, 1 of none: those of atrous are played"), "{stderr}");
+    let table = stdout.lines().skip_while(|l| !l.starts_with("rung ")).take(3).collect::<Vec<_>>();
+    let columns: Vec<&str> = table[0].split("  ").map(str::trim).filter(|c| !c.is_empty()).collect();
+    let expected = [
+        "rung",
+        "spp",
+        "bounces",
+        "denoiser",
+        "iterations",
+        "scale",
+        "layers",
+        "expected ms",
+        "FLIP",
+        "which is",
+        "frames",
+    ];
+    assert_eq!(columns, expected, "{stdout}");
+    let cells: Vec<&str> = table[2].split_whitespace().collect();
+    assert_eq!(cells[..7], ["1", "16", "6", "atrous", "3", "1", "none"], "{stdout}");
+    assert_eq!(cells[8..], ["0.1000", "measured", "100.0", "%"], "{stdout}");
+    assert!(
+        stdout.contains("48x32, denoiser atrous, 2 rungs") && stdout.contains("(FLIP measured on builtin:cornell"),
+        "{stdout}"
+    );
+    assert_eq!((&run["play"]["rung_uses"][0]["error"], &run["play"]["denoiser"]), (&0.1.into(), &"atrous".into()));
+
+    // With fewer iterations the error is not the one that was measured.
+    let fewer = [&options[..], &["--denoiser", "atrous", "--iterations", "1"]].concat();
+    let (_, stderr, run) = says(&folder.path().join("fewer"), &fewer);
+    assert!(!stderr.contains("several denoisers"), "{stderr}");
+    let rung = &run["play"]["rung_uses"][0];
+    assert_eq!(
+        (&rung["estimated"], &rung["estimated_error"], &rung["iterations"]),
+        (&true.into(), &0.1.into(), &1.into())
+    );
+}
+
+#[test]
+fn a_size_that_fits_is_named_at_once_and_taken_on_demand() {
+    let folder = tempfile::tempdir().unwrap();
+    let ladder = folder.path().join("one.toml");
+    std::fs::write(&ladder, LADDER.split_inclusive("\n\n").take(2).collect::<String>()).unwrap();
+    let size = ["--size", "480x320", "--ladder", ladder.to_str().unwrap()];
+    let run = |name: &str, options: &[&str]| says(&folder.path().join(name), &[&size, options].concat());
+    let (_, stderr, free) = run("free", &["--budget-ms", "0.01..30000", "--frames", "5", "--fit"]);
+    assert!(!stderr.contains("fit") && free["play"]["fit"].is_null(), "{stderr}");
+    // A sixth of the time is to be enough, whatever else the machine does meanwhile.
+    let median_ms = free["play"]["makespan_ms_p50"].as_f64().unwrap();
+    let budget = format!("{}..{}", median_ms / 10.0, median_ms / 6.0);
+
+    let (_, stderr, asked) = run("asked", &["--budget-ms", &budget, "--frames", "3"]);
+    let fit = &asked["play"]["fit"];
+    let [fitting, played] = ["fitting_size", "played_size"].map(|name| fit[name].as_str().unwrap().to_owned());
+    assert_eq!(
+        (&fit["asked_size"], played.as_str(), &asked["settings"]["size"]),
+        (&"480x320".into(), "480x320", &"480x320".into())
+    );
+    let (width, height) = fitting.split_once('x').unwrap();
+    let [width, height] = [width, height].map(|n| n.parse::<u32>().unwrap());
+    assert!(width < 480 && width * 2 == height * 3, "{fitting}");
+    assert!(fit["fitting_ms"].as_f64().unwrap() < median_ms / 6.0, "{fit}");
+    for part in [
+        "at 480x320 the cheapest rung takes",
+        &format!("--size {fitting} should fit; --fit takes it"),
+        "3 frames will take",
+    ] {
+        assert!(stderr.contains(part), "{part}: {stderr}");
+    }
+
+    let (stdout, stderr, taken) = run("taken", &["--budget-ms", &budget, "--frames", "3", "--fit"]);
+    let fit = &taken["play"]["fit"];
+    let played = fit["played_size"].as_str().unwrap();
+    assert_eq!((&fit["asked_size"], &fit["fitting_size"]), (&"480x320".into(), &played.into()));
+    assert!(played != "480x320" && taken["settings"]["size"] == played, "{fit}");
+    assert!(stdout.contains(&format!("playing at {played} instead")) && !stderr.contains("will take"), "{stdout}");
+    assert!(stdout.contains(&format!("{played}, denoiser atrous, 1 rung; ladder: ")), "{stdout}");
+    let image = ::diptych::image::exr::read_rgb(&folder.path().join("taken/left.exr")).unwrap();
+    assert_eq!(image.extent.to_string(), played);
 }
 
 #[test]

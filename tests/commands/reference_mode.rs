@@ -138,13 +138,13 @@ fn options_that_a_reference_overrules_are_refused_where_they_are_given() {
         ["--iterations", "3"],
         ["--foveation", "layers"],
         ["--gaze", "0.5,0.5"],
-        ["--scale", "0.5"],
+        ["--render-scale", "0.5"],
         ["--reproject", "on"],
         ["--frames-in-flight", "2"],
     ] {
         case.refused(&["--reference", given[0], given[1]], &[given[0], "a reference", "leave it or --reference out"]);
     }
-    let agreed = ["--denoiser", "none", "--foveation", "none", "--scale", "1", "--reproject", "off"];
+    let agreed = ["--denoiser", "none", "--foveation", "none", "--render-scale", "1", "--reproject", "off"];
     case.render("agreed", &[&agreed[..], &["--spp", "2", "--frames-in-flight", "1"]].concat());
 }
 

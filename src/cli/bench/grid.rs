@@ -12,6 +12,7 @@ use diptych::exec::{FrameReport, Renderer, Stereo};
 use diptych::image::RgbImage;
 use diptych::metrics::Pair;
 use diptych::metrics::rings::Viewing;
+use diptych::metrics::temporal::Change;
 use diptych::report::bench::{Measured, Repeat, Row, SeenErrors};
 use diptych::report::frames::FrameLine;
 use diptych::report::once;
@@ -61,6 +62,11 @@ impl Args {
 
     fn scales(&self) -> Vec<f64> {
         chosen(&self.scale, if self.quick { &[1.0, 0.5] } else { &[1.0, 0.7, 0.5] })
+    }
+
+    /// Frames of a setting that are compared: flicker is between two.
+    fn judged_frames(&self) -> u32 {
+        self.repeats.max(2)
     }
 
     /// The settings of the grid, samples changing fastest. Pixels are only left out where something filters.
@@ -138,14 +144,19 @@ impl Setting {
         }
     }
 
-    /// Frames before those that are measured: enough for a history to grow old, where there is one.
+    /// Frames of the camera's way before those that are measured: enough for a history to grow old, where there is one.
     fn warm_up(&self, args: &Args) -> u32 {
         if self.denoiser == Denoiser::Svgf { args.warm_up.max(HISTORY_FRAMES) } else { args.warm_up }
     }
 
+    /// All its frames.
+    fn frames(&self, args: &Args) -> u32 {
+        self.warm_up(args) + args.judged_frames()
+    }
+
     /// How long its frames take, about, in any unit.
     fn total_work(&self, args: &Args) -> u64 {
-        self.work() * u64::from(self.warm_up(args) + args.repeats)
+        self.work() * u64::from(self.frames(args))
     }
 
     /// About how long a frame takes, in any unit: as samples, and once for all else.
@@ -207,27 +218,33 @@ impl<'a> Grid<'a> {
         record_devices(&tracing.recorder, renderer.devices());
         let Shot { gaze, rig, exposure_ev, .. } = &loaded.shot;
         let viewing = Viewing { gaze: gaze.at(options.time), yfov_deg: rig.yfov_rad.to_degrees() };
-        let mut repeats = Vec::new();
+        let (mut repeats, mut changes) = (Vec::new(), [Change::default(); 2]);
+        let mut before: Option<[Pair; 2]> = None;
         let warm_up = setting.warm_up(args);
-        for i in 0..warm_up + args.repeats {
+        for i in 0..setting.frames(args) {
             let frame = self.frame(&mut renderer, setting, i)?;
             ahead.frame(setting, frame.makespan_ms);
             if i >= warm_up {
                 // Each setting's frames get numbers of their own in the trace.
                 tracing.record(&options, &FrameReport { index: number * FRAMES_MAX + i, ..frame.clone() });
                 let image = renderer.read_linear()?;
-                let seen = |reference, image| {
-                    Ok::<_, Failure>(SeenErrors::new(&Pair::new(reference, image, *exposure_ev)?, &viewing))
-                };
-                let left = seen(&reference.images.left, &image.left)?;
-                let right = seen(&reference.images.right, &image.right)?;
+                let pairs = [
+                    Pair::new(&reference.images.left, &image.left, *exposure_ev)?,
+                    Pair::new(&reference.images.right, &image.right, *exposure_ev)?,
+                ];
+                let [left, right] = [&pairs[0], &pairs[1]].map(|pair| SeenErrors::new(pair, &viewing));
                 let row = FrameRow::new(&frame, &setup::frame_settings(&options), rig, options.time);
                 let line = FrameLine::from(&FrameRow { index: i - warm_up, ..row });
                 repeats.push(Repeat::new(&frame, Stereo { left, right }, line));
+                for (e, before) in before.iter().flatten().enumerate() {
+                    changes[e] = changes[e] + pairs[e].change_at_rest(before)?;
+                }
+                before = Some(pairs);
             }
         }
         self.gpus.set(renderer.into_devices());
-        Ok(Measured::of(&repeats))
+        let [left, right] = changes;
+        Ok(Measured::of(&repeats, Stereo { left, right }))
     }
 
     fn renderer(&self, setting: &Setting) -> Result<(Renderer, RenderOptions), Failure> {
@@ -244,7 +261,8 @@ impl<'a> Grid<'a> {
     /// The `i`th frame of a setting, its warm-up counted.
     fn frame(&self, renderer: &mut Renderer, setting: &Setting, i: u32) -> Result<FrameReport, Failure> {
         let Self { args, loaded, .. } = self;
-        // The camera comes along its path, so that history is of other frames than the ones that are compared.
+        // The camera comes along its path, so that history is of other frames than the ones that are compared, and rests
+        // when it is there.
         let ahead_s = f64::from(setting.warm_up(args).saturating_sub(i)) / FPS;
         let frame = renderer.render(&loaded.shot.rig, args.options.time - ahead_s, i)?;
         refuse_faults(renderer)?;
@@ -256,7 +274,7 @@ impl<'a> Grid<'a> {
     pub fn show(&self, knobs: &Knobs) -> Result<(FrameReport, Stereo<RgbImage>), Failure> {
         let setting = &Setting::of(knobs).context("the front has a setting of no grid")?;
         let (mut renderer, _) = self.renderer(setting)?;
-        let last = setting.warm_up(self.args) + self.args.repeats - 1;
+        let last = setting.frames(self.args) - 1;
         for i in 0..last {
             self.frame(&mut renderer, setting, i)?;
         }

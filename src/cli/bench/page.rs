@@ -8,7 +8,7 @@ use diptych::exec::{FrameReport, Stereo};
 use diptych::image::RgbImage;
 use diptych::report::Table;
 use diptych::report::bench::{
-    Regret, Row, Shared, Slope, exposure_note, ladder_svg, ladder_table, regret_table, table,
+    ERROR_NOTE, Regret, Row, Shared, Slope, exposure_note, ladder_svg, ladder_table, regret_table, table,
 };
 use diptych::report::html::Section;
 use diptych::report::lanes::LaneFrame;
@@ -50,10 +50,10 @@ impl Page<'_> {
         let title = format!("Time against error, {} at {}", options.shot, options.size);
         let seen = self.seen(grid)?;
         let noise = reference.noise.as_ref();
-        let errors = "Means over frames, by eye. Front: no other setting is both faster and better by FLIP.".to_owned();
+        let errors = "Means over frames, by eye. Front: no other setting is both faster and better.".to_owned();
         let front = Section {
             heading: "Time against error",
-            notes: [errors, exposure_note(self.loaded.exposure_ev())]
+            notes: [errors, ERROR_NOTE.to_owned(), exposure_note(self.loaded.exposure_ev())]
                 .into_iter()
                 .chain(self.slopes.iter().map(ToString::to_string))
                 .collect(),
@@ -110,7 +110,9 @@ impl Page<'_> {
         let figure = ladder_svg(title, self.rows, self.peers, self.ladder).context("cannot draw the fronts")?;
         let rungs = self.ladder.rungs().len();
         let notes = format!(
-            "{rungs} rungs: the front without what is less than 3 % apart in time or saves little for much error, in ladder.toml."
+            "{rungs} rungs, all of {}, the denoiser with the best front: without what is less than 3 % apart in time or saves \
+             little for much error, in ladder.toml.",
+            self.ladder.rungs()[0].knobs.denoiser
         );
         let table = Some(ladder_table(self.ladder));
         Ok(Section { heading: "Fronts and quality ladder", notes: vec![notes], table, figure: Some(figure) })
@@ -119,7 +121,7 @@ impl Page<'_> {
     fn regret(&self) -> Option<Section> {
         let path = self.args.ladder.as_ref()?;
         let note =
-            "Regret: by how much a rung's FLIP is above the least of all settings that take no longer, within 3 %."
+            "Regret: by how much a rung's FLIP + flicker is above the least of all settings that take no longer, within 3 %."
                 .to_owned();
         let notes = vec![format!("Ladder: {}.", path.display()), note];
         Some(Section { heading: "Regret", notes, table: Some(regret_table(self.regrets)), figure: None })

@@ -55,6 +55,15 @@ impl Choice {
         let most = Denoiser::value_variants().iter().copied().max_by_key(|d| of(*d).len());
         let denoiser = args.denoiser.or(most).unwrap_or(Denoiser::Svgf);
         let (path, name) = (path.display(), setup::name(&denoiser));
+        if args.denoiser.is_none() && all.denoisers().len() > 1 {
+            let counts: Vec<String> =
+                all.denoisers().iter().map(|(name, rungs)| format!("{rungs} of {name}")).collect();
+            eprintln!(
+                "warning: the rungs of {path} have several denoisers, {}: those of {name} are played; --denoiser chooses \
+                 others, and `diptych bench` makes a ladder of each",
+                counts.join(", ")
+            );
+        }
         let (plain, foveated): (Vec<Rung>, _) = of(denoiser).into_iter().partition(|r| r.knobs.fovea.is_none());
         ensure!(
             !(plain.is_empty() && foveated.is_empty()),
@@ -68,6 +77,18 @@ impl Choice {
         }
         let knobs = rungs.iter().map(|r| r.knobs.clone()).collect();
         Ok(Self { denoiser, ladder: Some(Ladder::new(all.origin().clone(), rungs)?), knobs })
+    }
+
+    /// What a frame of the cheapest rung is rendered with; none without any. Of the built-in candidates one with all
+    /// bounces, as it is not known yet how much light fewer would leave out.
+    pub fn cheapest(&self, layers: &Layers) -> Option<Quality> {
+        if let Some(ladder) = &self.ladder {
+            return qualities(ladder, layers).into_iter().next();
+        }
+        let all_bounces = self.knobs.iter().filter(|k| k.bounces == BOUNCES[BOUNCES.len() - 1]);
+        let fewest = all_bounces
+            .min_by(|a, b| guessed_paths(a).total_cmp(&guessed_paths(b)).then(a.iterations.cmp(&b.iterations)));
+        fewest.map(|knobs| quality(knobs, layers, guessed_effort(knobs)))
     }
 
     /// The most of any frame.
@@ -98,6 +119,11 @@ fn quality(knobs: &Knobs, layers: &Layers, effort: Effort) -> Quality {
     Quality { spp, bounces, layer_iterations: layers.of(knobs), scale, fovea, effort }
 }
 
+/// Before anything was timed.
+fn guessed_effort(knobs: &Knobs) -> Effort {
+    Effort::new([Stage::PathTrace, Stage::HoleFill].map(|stage| (stage, guessed_paths(knobs))))
+}
+
 /// When no further setting is timed, those without which nothing is known excepted.
 const TIME_LIMIT: Duration = Duration::from_secs(2);
 /// Frames of each setting; the least busy times count, as others were disturbed.
@@ -105,7 +131,7 @@ const FRAMES: u32 = 3;
 /// Frames before the first: all is cold.
 const WARM_UP: u32 = 2;
 /// Numbers of the frames, beyond those of any run.
-const FIRST_FRAME: u32 = 1 << 24;
+pub const FIRST_FRAME: u32 = 1 << 24;
 
 /// Times settings on a renderer, and what they tell of the others.
 pub struct Calibration<'a> {
@@ -135,7 +161,8 @@ impl<'a> Calibration<'a> {
         Self { renderer, rig, time_s, rows, layers, begin: Instant::now(), frames: 0, timed: HashMap::new() }
     }
 
-    /// The built-in ladder. Its times and the light that bounces bring are measured, its noise is a guess.
+    /// The built-in ladder. Its times follow from those of some settings, as the light that bounces bring does; its noise
+    /// is a guess.
     pub fn ladder(mut self, choice: &Choice, mut origin: Origin) -> Result<Ladder, Failure> {
         let knobs =
             |spp, bounces| choice.knobs.iter().find(|k| (k.spp, k.bounces, k.scale) == (spp, bounces, 1.0)).cloned();
@@ -167,8 +194,7 @@ impl<'a> Calibration<'a> {
     fn time(&mut self, knobs: Option<&Knobs>) -> Result<(), Failure> {
         let Some(knobs) = knobs else { return Ok(()) };
         let warm_up = if self.frames == 0 { WARM_UP } else { 0 };
-        let effort = Effort::new([Stage::PathTrace, Stage::HoleFill].map(|stage| (stage, guessed_paths(knobs))));
-        self.renderer.set_quality(quality(knobs, self.layers, effort))?;
+        self.renderer.set_quality(quality(knobs, self.layers, guessed_effort(knobs)))?;
         self.renderer.begin_anew();
         let mut least: BTreeMap<String, f64> = BTreeMap::new();
         for i in 0..warm_up + FRAMES {
@@ -215,8 +241,9 @@ impl<'a> Calibration<'a> {
 
     /// A candidate with what its stages are taken to cost; its own time is not known yet.
     fn rung(&self, knobs: &Knobs, missing_light: f64) -> Rung {
-        let flip = guessed_error(knobs, missing_light, self.rows);
-        Rung { time_ms: f64::NAN, flip, relmse: None, knobs: knobs.clone(), stage_ms: self.stage_ms(knobs) }
+        let error = guessed_error(knobs, missing_light, self.rows);
+        let (knobs, stage_ms, time_ms) = (knobs.clone(), self.stage_ms(knobs), f64::NAN);
+        Rung { time_ms, error, flip: None, flicker: None, relmse: None, is_estimated: true, knobs, stage_ms }
     }
 
     /// Path tracing goes with the samples, from the same number of bounces if they were timed. The G-buffer takes a ray

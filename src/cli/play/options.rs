@@ -7,30 +7,30 @@ use diptych::control::{Budget, Knobs};
 use super::Failure;
 use super::ladder::Choice;
 use crate::cli::foveation::{FoveationOptions, Iterations};
-use crate::cli::options::{Denoiser, RenderOptions, RunOptions};
+use crate::cli::options::{DEVICES, Denoiser, QUALITY, RenderOptions, RunOptions, SCENE};
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct LoopOptions {
     #[command(flatten)]
     pub run: RunOptions,
     /// Virtual devices on each chosen adapter
-    #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64))]
+    #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = DEVICES)]
     pub virtual_devices: u16,
     /// What a frame's makespan is kept within, milliseconds
-    #[arg(long, default_value = "11..20", value_name = "LO..HI")]
+    #[arg(long, default_value = "11..20", value_name = "LO..HI", help_heading = QUALITY)]
     pub budget_ms: Budget,
-    /// A quality ladder that `diptych bench` measured [default: a built-in one: times and the light of bounces
-    /// measured at the start, noise estimated]
-    #[arg(long, value_name = "FILE")]
+    /// A quality ladder that `diptych bench` measured [default: a built-in one: some settings are timed at the start,
+    /// errors are estimated]
+    #[arg(long, value_name = "FILE", help_heading = QUALITY)]
     pub ladder: Option<PathBuf>,
     /// Of all frames [default: svgf; with --ladder the one that most rungs have]
-    #[arg(long)]
+    #[arg(long, help_heading = QUALITY)]
     pub denoiser: Option<Denoiser>,
     #[command(flatten)]
     pub foveated: FoveationOptions,
     /// Frames per second, of the clock and of the camera path, which is walked to its end and back again [default: as
     /// many as the upper end of the budget allows]
-    #[arg(long)]
+    #[arg(long, help_heading = SCENE)]
     pub fps: Option<f64>,
 }
 
@@ -80,6 +80,8 @@ pub struct Prepared {
     pub options: LoopOptions,
     pub choice: Choice,
     pub render: RenderOptions,
+    /// Whether a smaller size is taken where no rung fits the budget; none: the command has no such option.
+    pub fits_size: Option<bool>,
     /// How many there are to be; none: until it is ended.
     pub frames: Option<u32>,
 }
@@ -89,7 +91,7 @@ impl Prepared {
         let choice = Choice::new(options)?;
         let render = options.render_options(&choice, frames.unwrap_or(u32::MAX));
         options.check(&choice, &render)?;
-        Ok(Self { options: options.clone(), choice, render, frames })
+        Ok(Self { options: options.clone(), choice, render, fits_size: None, frames })
     }
 }
 

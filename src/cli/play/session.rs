@@ -4,15 +4,16 @@ use std::cell::RefCell;
 use std::collections::HashMap;
 use std::time::Instant;
 
-use diptych::control::{Budget, Controller, Decision, ESTIMATES_EV, Ladder, Origin};
+use diptych::control::{Budget, Controller, Decision, ESTIMATES_EV, Ladder, Measure, Origin};
 use diptych::device::GpuDevice;
 use diptych::exec::{FrameReport, Quality, Renderer};
-use diptych::report::play::ControlRow;
+use diptych::report::play::{ControlRow, SizeFit};
 use diptych::report::run::{FrameRow, Quality as QualityRow};
 use diptych::scene::rig::Rig;
 use diptych::trace::frames::{ControlKnobs, FrameKnobs, record_devices};
 
 use super::Failure;
+use super::fit;
 use super::ladder::{Calibration, qualities};
 use super::live::Live;
 use super::options::Prepared;
@@ -25,6 +26,8 @@ pub struct Session {
     pub ladder: Ladder,
     pub tracing: Tracing,
     pub progress: Progress,
+    /// Where no rung fits the size that was asked for.
+    pub fit: Option<SizeFit>,
     /// How long it took until the first frame could begin.
     pub warm_up_s: f64,
     qualities: Vec<Quality>,
@@ -44,26 +47,27 @@ pub struct Decided {
 }
 
 impl Session {
-    /// Makes the renderer on these devices and finds its ladder.
+    /// Makes the renderer on these devices, of a smaller size where that is wanted and needed, and finds its ladder.
     pub fn start(
-        prepared: &Prepared,
+        prepared: &mut Prepared,
         loaded: &Loaded,
         gpus: Vec<GpuDevice>,
         tracing: Tracing,
         progress: Progress,
     ) -> Result<Self, Failure> {
-        let Prepared { options, choice, render, .. } = prepared;
         progress.phase("warming up");
         let begin = Instant::now();
-        let mut renderer =
-            setup::varying_renderer(render, loaded, gpus, tracing.recorder.origin(), choice.mixes_spp())?;
+        let (mut renderer, fit) = fit::start(prepared, loaded, gpus, &tracing, &progress)?;
         record_devices(&tracing.recorder, renderer.devices());
         let ladder = find_ladder(prepared, loaded, &mut renderer, &progress)?;
+        let Prepared { options, choice, .. } = prepared;
+        let denoiser = setup::name(&choice.denoiser);
         Ok(Self {
+            fit,
             warm_up_s: begin.elapsed().as_secs_f64(),
             qualities: qualities(&ladder, &options.layers()),
             controller: Controller::new(&ladder, options.budget_ms),
-            live: Live::new(options.budget_ms, renderer.devices(), ladder.rungs().len(), prepared.frames),
+            live: Live::new(options.budget_ms, renderer.devices(), denoiser, ladder.rungs().len(), prepared.frames),
             budget: options.budget_ms,
             lost: renderer.faults().len(),
             renderer,
@@ -153,8 +157,9 @@ fn find_ladder(
         shot: render.shot.clone(),
         size: render.size.to_string(),
         exposure_ev: ESTIMATES_EV,
+        measure: Measure::Estimate,
         devices: Vec::new(),
-        version: concat!(env!("CARGO_PKG_VERSION"), "; flip is estimated").to_owned(),
+        version: env!("CARGO_PKG_VERSION").to_owned(),
     };
     let (rig, rows) = (&loaded.shot.rig, render.size.height);
     let ladder = Calibration::new(renderer, rig, render.time, rows, &options.layers()).ladder(choice, origin);

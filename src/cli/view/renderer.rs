@@ -29,8 +29,8 @@ pub struct Start {
 /// Renders until the window ends, Ctrl-C is pressed, or all frames that were asked for are there; `wake` is called after
 /// each.
 pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure> {
-    let Start { prepared, loaded, gpus, tracing, progress } = start;
-    let mut session = Session::start(&prepared, &loaded, gpus, tracing, progress)?;
+    let Start { mut prepared, loaded, gpus, tracing, progress } = start;
+    let mut session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
     let options = &prepared.render;
     let mut camera = Camera::new(&loaded.shot.rig, options.time, speed_per_s(&loaded.scene));
     let mut pace = Pace::new(options.fps);

@@ -163,3 +163,18 @@ fn images_of_different_sizes_are_refused() {
     let (a, b) = (of(&small), of(&large));
     assert!(a.history(&b).is_err());
 }
+
+#[test]
+fn at_rest_the_sky_counts_and_what_is_always_wrong_alike_does_not() {
+    let reference = grey(|_, _| 0.5);
+    let [before, now] = [0.0, 0.1].map(|step| {
+        let image = grey(|x, y| 0.02 * (x + y) as f64 + if x < 6 { step } else { 0.0 });
+        Pair::new(&reference, &image, 0.0).unwrap()
+    });
+    let flicker = |a: &Pair, b: &Pair| TemporalError::from(a.change_at_rest(b).unwrap()).flicker;
+    // A quarter of the columns changed by a tenth.
+    assert_near(flicker(&now, &before), 0.025);
+    assert_eq!(flicker(&now, &now), Some(0.0));
+    let small = RgbImage::filled(Extent::new(3, 3), [0.5; 3]);
+    assert!(now.change_at_rest(&Pair::new(&small, &small, 0.0).unwrap()).is_err());
+}

@@ -11,11 +11,11 @@ use crate::report::Table;
 pub struct Regret {
     pub knobs: Knobs,
     pub time_ms: f64,
-    /// Mean of both eyes.
-    pub flip: f64,
-    /// Least FLIP of the settings that take no longer, within [`MIN_STEP`].
-    pub best_flip: f64,
-    /// How much more FLIP the rung has, as a share of the least.
+    /// FLIP + flicker, mean of both eyes.
+    pub error: f64,
+    /// The least of the settings that take no longer, within [`MIN_STEP`].
+    pub best_error: f64,
+    /// By how much the rung's is above it, as a share of it.
     pub regret: f64,
 }
 
@@ -26,9 +26,9 @@ pub fn regrets(rungs: &[Knobs], rows: &[Row]) -> Vec<Regret> {
     found.sort_by(|a, b| a.time_ms.total_cmp(&b.time_ms));
     let of = |rung: &&Rung| {
         let no_longer = all.iter().filter(|r| r.time_ms <= rung.time_ms * (1.0 + MIN_STEP));
-        let best_flip = no_longer.map(|r| r.flip).fold(rung.flip, f64::min);
-        let regret = rung.flip / best_flip.max(1e-9) - 1.0;
-        Regret { knobs: rung.knobs.clone(), time_ms: rung.time_ms, flip: rung.flip, best_flip, regret }
+        let best_error = no_longer.map(|r| r.error).fold(rung.error, f64::min);
+        let regret = rung.error / best_error.max(1e-9) - 1.0;
+        Regret { knobs: rung.knobs.clone(), time_ms: rung.time_ms, error: rung.error, best_error, regret }
     };
     found.iter().map(of).collect()
 }
@@ -37,12 +37,12 @@ pub fn regret_table(regrets: &[Regret]) -> Table {
     let line = |r: &Regret| {
         let mut line = knob_cells(&r.knobs).to_vec();
         line.push(format!("{:.1}", r.time_ms));
-        line.extend([r.flip, r.best_flip].map(|flip| format!("{flip:.4}")));
+        line.extend([r.error, r.best_error].map(|error| format!("{error:.4}")));
         line.push(format!("{:.1} %", 100.0 * r.regret));
         line
     };
     let mut headers = KNOBS.to_vec();
-    headers.extend(["ms", "FLIP", "best FLIP", "regret"]);
+    headers.extend(["ms", "FLIP + flicker", "best", "regret"]);
     Table { headers, rows: regrets.iter().map(line).collect() }
 }
 
@@ -59,7 +59,7 @@ mod tests {
         let found = regrets(&rungs, &rows);
         assert_eq!(found.iter().map(|r| r.time_ms).collect::<Vec<_>>(), [1.0, 2.0, 2.5]);
         assert_eq!((found[0].regret, found[1].regret), (0.0, 0.0));
-        assert_eq!(found[2].best_flip, found[1].flip);
+        assert_eq!(found[2].best_error, found[1].error);
         assert!(found[2].regret > 0.1, "{:?}", found[2]);
         assert_eq!(regret_table(&found).rows.len(), 3);
     }

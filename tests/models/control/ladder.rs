@@ -1,7 +1,7 @@
 //! Ladders and their files: what is written is read again, what is no ladder is refused with its reason, and fronts are
 //! what nothing beats.
 
-use diptych::control::{Ladder, MIN_STEP, Rung, STEEPEST};
+use diptych::control::{Ladder, MIN_STEP, Measure, Origin, Rung, STEEPEST};
 use proptest::prelude::*;
 
 use super::hold;
@@ -29,6 +29,46 @@ fn a_ladder_is_read_as_it_was_written() {
 }
 
 #[test]
+fn what_was_not_measured_is_named_so_in_the_file() {
+    let mut rungs = three().rungs().to_vec();
+    rungs.iter_mut().for_each(|r| (r.flip, r.flicker, r.relmse, r.is_estimated) = (None, None, None, true));
+    rungs[0].stage_ms.insert("path_trace".into(), 1.5);
+    let origin = Origin { measure: Measure::Estimate, ..three().origin().clone() };
+    let estimated = Ladder::new(origin, rungs).unwrap();
+    let text = estimated.text().unwrap();
+    for key in ["measure = \"estimate\"", "estimated = true", "estimated_ms = 10.0", "estimated_error = 0.9"] {
+        assert!(text.contains(key), "{key}: {text}");
+    }
+    for key in ["\ntime_ms", "\nerror", "flip", "flicker", "relmse", ".stage_ms"] {
+        assert!(!text.contains(key), "{key}: {text}");
+    }
+    assert_eq!(Ladder::parse(&text).unwrap(), estimated);
+}
+
+/// Ladders from before rungs were judged over frames: FLIP alone, of `bench`, or as `play` left its estimates.
+#[test]
+fn ladders_of_before_are_read_for_what_they_are() {
+    let text = |version: &str| {
+        format!(
+            "[origin]\nshot = 's'\nsize = '8x8'\ndevices = []\nversion = '{version}'\n\
+             [[rung]]\ntime_ms = 10.0\nflip = 0.4\nrelmse = 0.3\n\
+             knobs = {{ spp = 1, bounces = 2, denoiser = 'svgf', iterations = 5, scale = 1.0 }}\n\
+             [[rung]]\ntime_ms = 20.0\nflip = 0.2\n\
+             knobs = {{ spp = 2, bounces = 2, denoiser = 'none', iterations = 0, scale = 1.0 }}\n"
+        )
+    };
+    let measured = Ladder::parse(&text("0.1.0")).unwrap();
+    let rung = &measured.rungs()[0];
+    assert_eq!((measured.origin().measure, rung.error, rung.flip, rung.flicker), (Measure::Flip, 0.4, Some(0.4), None));
+    assert!(!rung.is_estimated && rung.relmse == Some(0.3));
+    assert_eq!(measured.denoisers(), [("svgf", 1), ("none", 1)]);
+    let estimated = Ladder::parse(&text("0.1.0; flip is estimated")).unwrap();
+    let rung = &estimated.rungs()[1];
+    assert_eq!((estimated.origin().measure, rung.error, rung.flip), (Measure::Estimate, 0.2, None));
+    assert!(rung.is_estimated);
+}
+
+#[test]
 fn what_is_no_ladder_is_refused_with_its_reason() {
     let text = three().text().unwrap();
     assert!(Ladder::parse(&text).is_ok());
@@ -41,14 +81,19 @@ fn what_is_no_ladder_is_refused_with_its_reason() {
         ("time_ms = 15.0", "time_ms = nan", "rung 2: time_ms NaN is out of range"),
         ("time_ms = 10.0", "time_ms = -1.0", "rung 1: time_ms -1 is out of range"),
         ("time_ms = 10.0", "time_ms = inf", "rung 1: time_ms inf is out of range"),
-        ("flip = 0.9", "flip = 0.2", "rung 2: its FLIP, 0.45, is not below the 0.2 of the rung before"),
-        ("flip = 0.9", "flip = 1.5", "rung 1: flip 1.5 is out of range"),
+        ("error = 0.9", "error = 0.2", "rung 2: its error, 0.45, is not below the 0.2 of the rung before"),
+        ("error = 0.9", "error = 2.5", "rung 1: error 2.5 is out of range"),
+        ("flip = 0.8", "flip = 1.5", "rung 1: flip 1.5 is out of range"),
+        ("flicker = 0.1", "flicker = -0.1", "rung 1: flicker -0.1 is out of range"),
         ("spp = 1", "spp = 0", "rung 1: spp 0 is out of range"),
         ("spp = 1", "spp = -1", "spp"),
         ("scale = 1.0", "scale = 0.0", "rung 1: scale 0 is out of range"),
         ("scale = 1.0", "scale = 1.0\nfovea = [0.3, 0.15]", "rung 1: fovea's outer radius 0.15 is out of range"),
         ("spp = 1", "spp = 1\nssp = 2", "unknown field `ssp`"),
-        ("flip = 0.9", "", "missing field `flip`"),
+        ("error = 0.9", "", "rung 1: it has no error"),
+        ("time_ms = 15.0", "", "rung 2: it has no time_ms"),
+        ("error = 0.9", "estimated = true", "rung 1: it has no estimated_ms"),
+        ("flip_flicker", "beauty", "unknown variant `beauty`"),
         ("relmse = 0.1", "relmse = -1.0", "rung 1: relmse -1 is out of range"),
         ("denoiser = \"none\"", "denoiser = \"\"", "rung 1: denoiser is empty"),
         ("[origin]", "[origin", "form"),
@@ -67,21 +112,21 @@ fn a_front_has_nothing_that_is_beaten_or_hardly_told_apart_and_leaves_out_nothin
     let template = three().rungs()[0].clone();
     let points = prop::collection::vec((1.0f64..20.0, 0.01f64..1.0), 1..60);
     hold(points, |points| {
-        let rung = |&(time_ms, flip): &(f64, f64)| Rung { time_ms, flip, ..template.clone() };
+        let rung = |&(time_ms, error): &(f64, f64)| Rung { time_ms, error, ..template.clone() };
         let measured: Vec<Rung> = points.iter().map(rung).collect();
         let front = Ladder::of_measured(three().origin().clone(), &measured).unwrap();
         let rungs = front.rungs();
         for step in rungs.windows(2) {
-            let (saved, lost) = (step[1].time_ms / step[0].time_ms, step[0].flip / step[1].flip);
+            let (saved, lost) = (step[1].time_ms / step[0].time_ms, step[0].error / step[1].error);
             assert!(saved >= 1.0 + MIN_STEP && lost > 1.0 && lost <= saved.powf(STEEPEST), "{step:?}");
         }
         for other in &measured {
-            assert!(!rungs.iter().any(|r| other.time_ms < r.time_ms && other.flip <= r.flip));
+            assert!(!rungs.iter().any(|r| other.time_ms < r.time_ms && other.error <= r.error));
             // What is not on the ladder is no better than a rung that costs no more, but for the step, or saves too
             // little against a better one.
             let reach_ms = other.time_ms * (1.0 + MIN_STEP);
-            let is_beaten = rungs.iter().any(|r| r.time_ms <= reach_ms && r.flip <= other.flip);
-            let is_steep = |r: &Rung| other.flip / r.flip > (r.time_ms / other.time_ms).powf(STEEPEST);
+            let is_beaten = rungs.iter().any(|r| r.time_ms <= reach_ms && r.error <= other.error);
+            let is_steep = |r: &Rung| other.error / r.error > (r.time_ms / other.time_ms).powf(STEEPEST);
             let mut better = rungs.iter().filter(|r| r.time_ms > other.time_ms);
             assert!(is_beaten || better.any(is_steep), "{other:?} is missing");
         }
@@ -92,7 +137,7 @@ fn a_front_has_nothing_that_is_beaten_or_hardly_told_apart_and_leaves_out_nothin
 fn settings_without_finite_numbers_are_on_no_front() {
     let mut measured = three().rungs().to_vec();
     measured[0].time_ms = f64::NAN;
-    measured[1].flip = f64::INFINITY;
+    measured[1].error = f64::INFINITY;
     let origin = three().origin().clone();
     assert_eq!(Ladder::of_measured(origin.clone(), &measured).unwrap().rungs(), &measured[2..]);
     let message = Ladder::of_measured(origin, &measured[..2]).unwrap_err().to_string();

@@ -2,7 +2,7 @@
 
 use std::collections::VecDeque;
 
-use diptych::control::{Budget, Controller, Decision, Knobs, Ladder, Origin, Rung};
+use diptych::control::{Budget, Controller, Decision, Knobs, Ladder, Measure, Origin, Rung};
 
 pub const LO_MS: f64 = 11.0;
 pub const HI_MS: f64 = 20.0;
@@ -11,13 +11,17 @@ pub const HI_MS: f64 = 20.0;
 pub fn ladder(times_ms: &[f64]) -> Ladder {
     let rung = |(i, &time_ms): (usize, &f64)| Rung {
         time_ms,
-        flip: 0.9 / (i + 1) as f64,
+        error: 0.9 / (i + 1) as f64,
+        flip: Some(0.8 / (i + 1) as f64),
+        flicker: Some(0.1 / (i + 1) as f64),
         relmse: Some(0.1),
+        is_estimated: false,
         knobs: Knobs { spp: i as u32 + 1, bounces: 6, denoiser: "none".into(), iterations: 0, fovea: None, scale: 1.0 },
         stage_ms: Default::default(),
     };
     let (shot, size, devices, version) = ("s".into(), "8x8".into(), vec!["d".into()], "0".into());
-    let origin = Origin { shot, size, exposure_ev: -0.5, devices, version };
+    let measure = Measure::FlipFlicker;
+    let origin = Origin { shot, size, exposure_ev: -0.5, measure, devices, version };
     Ladder::new(origin, times_ms.iter().enumerate().map(rung).collect()).unwrap()
 }
 

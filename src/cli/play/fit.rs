@@ -1,0 +1,278 @@
+//! Whether the budget can be kept at the size that was asked for. Where the cheapest rung alone takes longer, smaller sizes
+//! of the same shape are timed until one fits.
+
+use std::time::{Duration, Instant};
+
+use diptych::control::Budget;
+use diptych::device::GpuDevice;
+use diptych::exec::Renderer;
+use diptych::image::Extent;
+use diptych::report::median_of;
+use diptych::report::play::SizeFit;
+
+use super::Failure;
+use super::ladder::FIRST_FRAME;
+use super::options::Prepared;
+use crate::cli::faults::refuse_faults;
+use crate::cli::interrupt;
+use crate::cli::options::{RenderOptions, RunOptions};
+use crate::cli::progress::Progress;
+use crate::cli::setup::{self, Loaded, Tracing};
+
+/// Frames that are timed at a size, after a cold one, as long as they take no longer than this in all; one at least.
+const FRAMES: u32 = 5;
+const TIME_LIMIT: Duration = Duration::from_millis(500);
+/// Sizes that are tried at most.
+const PROBES: usize = 6;
+/// What the cheapest rung may take at a size that fits, at least and at most, as a share of the budget's upper end: it
+/// leaves room for better rungs, and for devices that slow down.
+const TARGET: [f64; 2] = [0.5, 0.8];
+/// A size whose cheapest rung takes this share of what it may is not bettered.
+const GOOD_ENOUGH: f64 = 0.85;
+/// Where the cheapest rung takes this many times the budget, it is said how long the run will take.
+const FAR: f64 = 2.0;
+
+/// A renderer of the size that was asked for. Where no rung fits the budget there, says so and which size does, and takes
+/// that one if that is wanted: `prepared` then has it. Fails if it is wanted and there is none.
+pub fn start(
+    prepared: &mut Prepared,
+    loaded: &Loaded,
+    gpus: Vec<GpuDevice>,
+    tracing: &Tracing,
+    progress: &Progress,
+) -> Result<(Renderer, Option<SizeFit>), Failure> {
+    let of_size = |prepared: &Prepared, size: Extent, gpus: Vec<GpuDevice>| {
+        let run = RunOptions { size, ..prepared.render.run.clone() };
+        let options = RenderOptions { run, ..prepared.render.clone() };
+        setup::varying_renderer(&options, loaded, gpus, tracing.recorder.origin(), prepared.choice.mixes_spp())
+    };
+    let (asked, budget) = (prepared.render.size, prepared.options.budget_ms);
+    let mut renderer = of_size(prepared, asked, gpus)?;
+    let cheapest_ms = cheapest_ms(prepared, loaded, &mut renderer)?;
+    if cheapest_ms <= budget.hi_ms() {
+        return Ok((renderer, None));
+    }
+    progress.phase("looking for a size that fits");
+    let mut gpus = renderer.into_devices();
+    let fitting = search(asked, cheapest_ms, budget, |size| -> Result<f64, Failure> {
+        let mut renderer = of_size(prepared, size, std::mem::take(&mut gpus))?;
+        let ms = self::cheapest_ms(prepared, loaded, &mut renderer)?;
+        refuse_faults(&renderer)?;
+        gpus = renderer.into_devices();
+        Ok(ms)
+    })?;
+    if prepared.fits_size == Some(true) {
+        let nothing = || {
+            let [lo_ms, hi_ms] = [budget.lo_ms(), budget.hi_ms()];
+            anyhow::anyhow!(
+                "--fit: no size of the shape of {asked} fits the budget of {lo_ms} to {hi_ms} ms: give a larger one"
+            )
+        };
+        prepared.render.run.size = fitting.ok_or_else(nothing)?.0;
+    }
+    let played = prepared.render.size;
+    let fit = SizeFit {
+        asked_size: asked.to_string(),
+        asked_ms: cheapest_ms,
+        fitting_size: fitting.map(|(size, _)| size.to_string()),
+        fitting_ms: fitting.map(|(_, ms)| ms),
+        played_size: played.to_string(),
+    };
+    tell(&fit, prepared, progress);
+    Ok((of_size(prepared, played, gpus)?, Some(fit)))
+}
+
+/// Median makespan of frames of the cheapest rung. The next frame finds no history of theirs.
+fn cheapest_ms(prepared: &Prepared, loaded: &Loaded, renderer: &mut Renderer) -> Result<f64, Failure> {
+    if let Some(quality) = prepared.choice.cheapest(&prepared.options.layers()) {
+        renderer.set_quality(quality)?;
+    }
+    let (begin, mut makespans_ms) = (Instant::now(), Vec::new());
+    for i in 0..=FRAMES {
+        if i > 1 && begin.elapsed() > TIME_LIMIT {
+            break;
+        }
+        interrupt::check()?;
+        makespans_ms.push(renderer.render(&loaded.shot.rig, prepared.render.time, FIRST_FRAME + i)?.makespan_ms);
+    }
+    renderer.begin_anew();
+    Ok(median_of(makespans_ms.split_off(1)))
+}
+
+/// The largest size found below `asked` whose cheapest rung leaves room for others, or else just fits the budget, and how
+/// long it takes; `time` tells that of a size.
+fn search<E>(
+    asked: Extent,
+    asked_ms: f64,
+    budget: Budget,
+    mut time: impl FnMut(Extent) -> Result<f64, E>,
+) -> Result<Option<(Extent, f64)>, E> {
+    let [least, most] = TARGET.map(|share| share * budget.hi_ms());
+    let target_ms = budget.lo_ms().clamp(least, most);
+    let mut sizes = smaller(asked);
+    let mut timed = vec![(asked.area() as f64, asked_ms)];
+    let mut best: Option<(Extent, f64)> = None;
+    for _ in 0..PROBES {
+        let area = fitting_area(&timed, target_ms);
+        let within = sizes.iter().rposition(|size| size.area() as f64 <= area).unwrap_or(0);
+        let Some(&size) = sizes.get(within) else { break };
+        let ms = time(size)?;
+        timed.push((size.area() as f64, ms));
+        if ms > target_ms {
+            if ms <= budget.hi_ms() && best.is_none_or(|(_, least_ms)| least_ms > ms) {
+                best = Some((size, ms));
+            }
+            sizes.truncate(within);
+            continue;
+        }
+        best = Some((size, ms));
+        if ms >= GOOD_ENOUGH * target_ms {
+            break;
+        }
+        sizes.drain(..=within);
+    }
+    Ok(best)
+}
+
+/// Pixels at which a frame takes `target_ms`, by a straight line through the two of these (pixels, ms) that took the time
+/// closest to it; by proportion where there is one.
+fn fitting_area(timed: &[(f64, f64)], target_ms: f64) -> f64 {
+    let mut timed = timed.to_vec();
+    timed.sort_by(|a, b| (a.1 - target_ms).abs().total_cmp(&(b.1 - target_ms).abs()));
+    let (near, far) = (timed[0], timed.get(1).copied().unwrap_or((0.0, 0.0)));
+    let slope = (near.1 - far.1) / (near.0 - far.0);
+    if slope > 0.0 { near.0 + (target_ms - near.1) / slope } else { near.0 * target_ms / near.1 }
+}
+
+/// Smaller sizes of the same shape, from the smallest: whole multiples of the shape where it is one of small numbers, as 16
+/// to 9, else multiples of 8 pixels in width.
+fn smaller(asked: Extent) -> Vec<Extent> {
+    let Extent { width, height } = asked;
+    let divisor = gcd(width, height);
+    let (columns, rows) = (width / divisor, height / divisor);
+    let size = |i: u32| match columns.max(rows) <= 64 {
+        true => {
+            let step = 8u32.div_ceil(columns.min(rows));
+            Extent::new(i * step * columns, i * step * rows)
+        }
+        false => {
+            let columns = 8 * i;
+            let rows = (f64::from(columns) * f64::from(height) / f64::from(width)).round() as u32;
+            Extent::new(columns, rows)
+        }
+    };
+    (1..)
+        .map(size)
+        .take_while(|s| s.width < width && s.height < height)
+        .filter(|s| s.width.min(s.height) >= 8)
+        .collect()
+}
+
+fn gcd(a: u32, b: u32) -> u32 {
+    if b == 0 { a.max(1) } else { gcd(b, a % b) }
+}
+
+/// What was found, and how long the run will take where that is long.
+fn tell(fit: &SizeFit, prepared: &Prepared, progress: &Progress) {
+    let budget = prepared.options.budget_ms;
+    progress.event(|| serde_json::json!({ "event": "fit", "fit": fit }));
+    let is_taken = fit.played_size != fit.asked_size;
+    let mut text = format!(
+        "at {} the cheapest rung takes {}, above the budget of {} to {} ms",
+        fit.asked_size,
+        duration(fit.asked_ms),
+        budget.lo_ms(),
+        budget.hi_ms()
+    );
+    match (&fit.fitting_size, fit.fitting_ms) {
+        (Some(size), Some(ms)) if is_taken => {
+            text += &format!(": playing at {size} instead, where it takes {}", duration(ms));
+        }
+        (Some(size), Some(_)) => {
+            let takes_it = if prepared.fits_size.is_some() { "; --fit takes it" } else { "" };
+            text += &format!(": --size {size} should fit{takes_it}");
+        }
+        _ => text += ", and no smaller size of this shape fits it",
+    }
+    if let Some(frames) = prepared.frames.filter(|_| !is_taken && fit.asked_ms > FAR * budget.hi_ms()) {
+        text += &format!("; {frames} frames will take about {}", duration(f64::from(frames) * fit.asked_ms));
+    }
+    match is_taken {
+        true if prepared.render.quiet || prepared.render.json => {}
+        true => progress.tell(&text),
+        false => progress.warn(&text),
+    }
+}
+
+/// In a unit that suits it.
+fn duration(ms: f64) -> String {
+    match ms / 1e3 {
+        s if s < 0.1 => format!("{ms:.1} ms"),
+        s if s < 1.0 => format!("{ms:.0} ms"),
+        s if s < 10.0 => format!("{s:.1} s"),
+        s if s < 120.0 => format!("{s:.0} s"),
+        s if s < 7200.0 => format!("{:.0} minutes", s / 60.0),
+        s => format!("{:.1} hours", s / 3600.0),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::convert::Infallible;
+
+    use super::*;
+
+    /// What is found where frames take `fixed_ms` and `ms_per_pixel`, and how many sizes were timed.
+    fn found(asked: Extent, fixed_ms: f64, ms_per_pixel: f64, budget: &str) -> (Option<Extent>, usize) {
+        let ms = |size: Extent| fixed_ms + ms_per_pixel * size.area() as f64;
+        let mut probes = 0;
+        let time = |size: Extent| {
+            probes += 1;
+            Ok::<_, Infallible>(ms(size))
+        };
+        let Ok(fitting) = search(asked, ms(asked), budget.parse().unwrap(), time);
+        (fitting.map(|(size, _)| size), probes)
+    }
+
+    #[test]
+    fn the_largest_size_that_leaves_room_is_found_whatever_frames_take_beside_pixels() {
+        let hd = Extent::new(640, 360);
+        // 1.7 s a frame; 11 ms are 1490 pixels.
+        assert_eq!(found(hd, 0.0, 1.7e3 / 230_400.0, "11..20").0, Some(Extent::new(48, 27)));
+        // ... of which 5 ms are there for any size.
+        assert_eq!(found(hd, 5.0, 1.7e3 / 230_400.0, "11..20").0, Some(Extent::new(32, 18)));
+        for fixed_ms in [0.0, 2.0, 8.0] {
+            for per_pixel in [1e-4, 1e-3, 7e-3] {
+                let (size, probes) = found(Extent::new(1280, 720), fixed_ms, per_pixel, "11..20");
+                let took_ms = fixed_ms + per_pixel * size.unwrap().area() as f64;
+                assert!((0.7 * 11.0..=11.0).contains(&took_ms) || per_pixel > 5e-3, "{size:?}: {took_ms}");
+                assert!(probes <= PROBES);
+            }
+        }
+        // A band that begins at nothing does not ask for frames that take nothing, and a narrow one leaves room.
+        assert_eq!(found(hd, 0.0, 1e-3, "0.01..20").0, Some(Extent::new(128, 72)));
+        assert_eq!(found(hd, 0.0, 1e-3, "19.9..20").0, Some(Extent::new(160, 90)));
+        assert_eq!(found(hd, 30.0, 1e-3, "11..20").0, None);
+        // Without room, what just fits.
+        assert_eq!(found(hd, 12.0, 1e-3, "11..20").0, Some(Extent::new(16, 9)));
+        assert_eq!(found(Extent::new(16, 9), 0.0, 1.0, "11..20"), (None, 0));
+    }
+
+    #[test]
+    fn smaller_sizes_have_the_shape_that_was_asked_for() {
+        let sizes = smaller(Extent::new(640, 360));
+        assert_eq!((sizes[0], sizes[2], sizes.len()), (Extent::new(16, 9), Extent::new(48, 27), 39));
+        assert_eq!(smaller(Extent::new(96, 64))[0], Extent::new(12, 8));
+        assert_eq!(smaller(Extent::new(48, 48))[1], Extent::new(16, 16));
+        // 1000 to 701 is no shape of small numbers.
+        let odd = smaller(Extent::new(1000, 701));
+        assert!(odd.iter().all(|s| s.width % 8 == 0 && s.height.abs_diff(s.width * 701 / 1000) <= 1), "{odd:?}");
+        assert!(smaller(Extent::new(8, 8)).is_empty() && smaller(Extent::new(1, 4000)).is_empty());
+    }
+
+    #[test]
+    fn durations_are_said_in_units_that_suit_them() {
+        let said = [9.96, 250.0, 1700.0, 59_000.0, 1_020_000.0, 9e6].map(duration);
+        assert_eq!(said, ["10.0 ms", "250 ms", "1.7 s", "59 s", "17 minutes", "2.5 hours"]);
+    }
+}

@@ -1,0 +1,184 @@
+//! A rung of the quality ladder: settings with what they cost and how wrong they are, in memory and in a file.
+
+use std::collections::BTreeMap;
+use std::ops::RangeInclusive;
+
+use serde::{Deserialize, Serialize};
+
+/// Render scales that may be asked for.
+pub const SCALES: RangeInclusive<f64> = 0.1..=1.0;
+
+/// What a frame's quality and cost hang on.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Knobs {
+    /// Samples per pixel.
+    pub spp: u32,
+    pub bounces: u32,
+    /// As the command line names it.
+    pub denoiser: String,
+    /// Of the denoiser; 0 with `none`.
+    pub iterations: u32,
+    /// Radii of the foveal layers as shares of the eye's width; none: the whole image alike.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fovea: Option<[f64; 2]>,
+    /// Of the image's edges, 1: full size.
+    pub scale: f64,
+}
+
+/// What the errors of a ladder's rungs are.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub enum Measure {
+    /// FLIP of frames, each by itself. Ladders that do not name their measure have this one.
+    #[default]
+    Flip,
+    /// FLIP of frames plus the flicker between them: means over frames that follow one another, as `play` shows them.
+    FlipFlicker,
+    /// A formula's, which orders settings; nothing was compared with anything.
+    Estimate,
+}
+
+impl Measure {
+    /// In words.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Flip => "FLIP",
+            Self::FlipFlicker => "FLIP + flicker",
+            Self::Estimate => "estimate",
+        }
+    }
+}
+
+/// Settings with what they cost and how wrong they are.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rung {
+    /// Median makespan; of estimated rungs, what the cost model foretells.
+    pub time_ms: f64,
+    /// By the ladder's [`Measure`], mean over both eyes, 0 ..= 2: rungs are ordered by it.
+    pub error: f64,
+    /// Means over both eyes; `None` where they were not measured.
+    pub flip: Option<f64>,
+    pub flicker: Option<f64>,
+    pub relmse: Option<f64>,
+    /// Whether time and error were worked out from those of other settings.
+    pub is_estimated: bool,
+    pub knobs: Knobs,
+    /// Busy time by stage, summed over views and devices: what a cost model can scale.
+    pub stage_ms: BTreeMap<String, f64>,
+}
+
+/// As it is in a file: what was not measured is named so.
+#[derive(Debug, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct FileRung {
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    estimated: bool,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    time_ms: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    estimated_ms: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    estimated_error: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    flip: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    flicker: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    relmse: Option<f64>,
+    knobs: Option<Knobs>,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    stage_ms: BTreeMap<String, f64>,
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    estimated_stage_ms: BTreeMap<String, f64>,
+}
+
+impl FileRung {
+    pub fn of(rung: &Rung) -> Self {
+        let Rung { time_ms, error, flip, flicker, relmse, is_estimated, knobs, stage_ms } = rung.clone();
+        let shared = Self { knobs: Some(knobs), flip, flicker, relmse, ..Self::default() };
+        let (time_ms, error) = (Some(time_ms), Some(error));
+        match is_estimated {
+            true => Self {
+                estimated: true,
+                estimated_ms: time_ms,
+                estimated_error: error,
+                estimated_stage_ms: stage_ms,
+                ..shared
+            },
+            false => Self { time_ms, error, stage_ms, ..shared },
+        }
+    }
+
+    /// The rung, of a ladder with this measure. Ladders that do not name theirs have the error as `flip` alone.
+    pub fn rung(self, measure: Measure) -> Result<Rung, String> {
+        let Self { estimated, flip, flicker, relmse, .. } = self;
+        let missing = |name: &str| format!("it has no {name}");
+        let (time_ms, error, stage_ms) = match estimated {
+            true => (
+                self.estimated_ms.ok_or_else(|| missing("estimated_ms"))?,
+                self.estimated_error.ok_or_else(|| missing("estimated_error"))?,
+                self.estimated_stage_ms,
+            ),
+            false => (
+                self.time_ms.ok_or_else(|| missing("time_ms"))?,
+                match measure {
+                    Measure::Flip => self.error.or(flip).ok_or_else(|| missing("flip"))?,
+                    _ => self.error.ok_or_else(|| missing("error"))?,
+                },
+                self.stage_ms,
+            ),
+        };
+        let knobs = self.knobs.ok_or_else(|| missing("knobs"))?;
+        Ok(Rung { time_ms, error, flip, flicker, relmse, is_estimated: estimated, knobs, stage_ms })
+    }
+}
+
+impl Rung {
+    pub(super) fn check(&self) -> Result<(), String> {
+        let Knobs { spp, bounces, denoiser, iterations, fovea, scale } = &self.knobs;
+        within("spp", *spp, 1..=1 << 20)?;
+        within("bounces", *bounces, 0..=1024)?;
+        within("iterations", *iterations, 0..=10)?;
+        within("scale", *scale, SCALES)?;
+        if denoiser.is_empty() {
+            return Err("denoiser is empty".to_owned());
+        }
+        if let Some([inner, outer]) = *fovea {
+            within("fovea's inner radius", inner, f64::MIN_POSITIVE..=1.0)?;
+            within("fovea's outer radius", outer, inner..=1.0)?;
+        }
+        let [time_ms, error] = match self.is_estimated {
+            true => ["estimated_ms", "estimated_error"],
+            false => ["time_ms", "error"],
+        };
+        within(time_ms, self.time_ms, f64::MIN_POSITIVE..=f64::MAX)?;
+        within(error, self.error, 0.0..=2.0)?;
+        for (name, value, most) in
+            [("flip", self.flip, 1.0), ("flicker", self.flicker, 1.0), ("relmse", self.relmse, f64::MAX)]
+        {
+            value.map_or(Ok(()), |value| within(name, value, 0.0..=most))?;
+        }
+        self.stage_ms.iter().try_for_each(|(stage, &ms)| within(stage, ms, 0.0..=f64::MAX))
+    }
+
+    pub(super) fn check_above(&self, below: &Self) -> Result<(), String> {
+        if self.time_ms <= below.time_ms {
+            return Err(format!(
+                "its {} ms are not more than the {} ms of the rung before",
+                self.time_ms, below.time_ms
+            ));
+        }
+        if self.error >= below.error {
+            return Err(format!("its error, {}, is not below the {} of the rung before", self.error, below.error));
+        }
+        Ok(())
+    }
+}
+
+fn within<T: PartialOrd + std::fmt::Display>(name: &str, value: T, range: RangeInclusive<T>) -> Result<(), String> {
+    if range.contains(&value) { Ok(()) } else { Err(format!("{name} {value} is out of range")) }
+}

@@ -1,0 +1,67 @@
+//! Quality ladders: drawn among the fronts that they are of, and as a table.
+
+use super::{ERROR, KNOBS, Row, Series, fronts, knob_cells, time_chart};
+use crate::control::{Ladder, Rung};
+use crate::report::peers::{self, Peer};
+use crate::report::study::cell;
+use crate::report::{ReportError, Table};
+
+/// Time against both eyes' FLIP + flicker: the front of each denoiser and the ladder. With other renderers, whose flicker
+/// nobody knows, against FLIP alone.
+///
+/// # Errors
+/// [`ReportError`] if there is nothing to draw.
+pub fn ladder_svg(title: String, rows: &[Row], peers: &[Peer], ladder: &Ladder) -> Result<String, ReportError> {
+    let is_alone = peers.is_empty();
+    let (error, label) = if is_alone { (ERROR, "FLIP + flicker") } else { ("flip", "FLIP") };
+    let mut series = fronts(rows, error);
+    series.extend(peers::series(peers));
+    let point = |r: &Rung| Some((r.time_ms, if is_alone { r.error } else { r.flip? }));
+    let points = ladder.rungs().iter().filter_map(point).collect();
+    series.push(Series { name: "ladder".into(), points, band: None, guide: true });
+    time_chart(title, &format!("{label}, mean of both eyes"), &series)
+}
+
+/// A line per rung, from the cheapest.
+pub fn ladder_table(ladder: &Ladder) -> Table {
+    let mut headers = vec!["rung"];
+    headers.extend(KNOBS);
+    headers.extend(["ms", ladder.origin().measure.name(), "FLIP", "flicker", "relMSE"]);
+    let cells = |(i, rung): (usize, &Rung)| {
+        let mut cells = vec![i.to_string()];
+        cells.extend(knob_cells(&rung.knobs));
+        cells.extend([format!("{:.1}", rung.time_ms), format!("{:.4}", rung.error)]);
+        cells.extend([rung.flip, rung.flicker, rung.relmse].map(|error| cell(error, 4)));
+        cells
+    };
+    Table { headers, rows: ladder.rungs().iter().enumerate().map(cells).collect() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::row;
+    use super::*;
+    use crate::control::{Measure, Origin};
+
+    #[test]
+    fn each_denoiser_has_a_ladder_and_the_best_comes_first() {
+        // By time of the fastest alone "a" would be best.
+        let rows = [
+            row("a", 1, 1.0, &[0.4]),
+            row("a", 2, 2.0, &[0.5]),
+            row("a", 4, 3.0, &[0.3]),
+            row("b", 1, 1.2, &[0.1]),
+            row("b", 2, 3.0, &[0.05]),
+        ];
+        let rungs: Vec<Rung> = rows.iter().map(Row::rung).collect();
+        let (shot, size, version) = ("s".into(), "8x8".into(), "0".into());
+        let measure = Measure::FlipFlicker;
+        let origin = Origin { shot, size, exposure_ev: 0.0, measure, devices: Vec::new(), version };
+        let [best, other] = Ladder::by_denoiser(&origin, &rungs).unwrap().try_into().unwrap();
+        assert_eq!((best.denoisers(), other.denoisers()), (vec![("b", 2)], vec![("a", 2)]));
+        assert_eq!(other.rungs().iter().map(|r| r.time_ms).collect::<Vec<_>>(), [1.0, 3.0]);
+        assert_eq!(other.rungs()[1].stage_ms["atrous"], 0.75);
+        assert!(ladder_svg("t".into(), &rows, &[], &other).unwrap().contains("FLIP + flicker"));
+        assert_eq!(ladder_table(&best).headers[8], "FLIP + flicker");
+    }
+}
