@@ -108,7 +108,7 @@ fn a_scene_alone_is_seen_and_what_shows_nothing_is_told() {
     let (_, said) = case.render(&file, "exposed", &[&bright[..], &["--exposure", "-14"]].concat());
     assert!(!said.contains("very bright"), "{said}");
     let (_, said) = case.render(&file, "dark", &[&away[..], &["--environment", "0,0,0"]].concat());
-    assert!(said.contains("right eye's picture is black"), "{said}");
+    assert!(said.contains("left eye's picture is black"), "{said}");
 }
 
 #[test]
