@@ -167,7 +167,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         Page { args, loaded, reference, devices, peers, rows, slopes, regrets, ladder }.write(&grid, figure, shared)?;
     }
     frames(&rows).write(&options.out.join("frames.csv"))?;
-    let settings = settings::of_command_line(exposure_ev);
+    let settings = settings::of_command_line(exposure_ev, args.measured());
     let mut report = RunReport::new(settings, &devices, &loaded.scene, loaded.needs, !options.no_skip, Vec::new());
     report.warm_up_s = warm_up_s;
     report.write(&options.out.join("run.json"))?;

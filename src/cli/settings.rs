@@ -102,20 +102,23 @@ fn scalar(text: &str) -> Value {
     whole.or_else(|| text.parse().ok().filter(|n: &f64| n.is_finite()).map(Value::from)).unwrap_or_else(|| text.into())
 }
 
-/// Every option of this command line, as it was typed or is by default.
-pub fn of_command_line(exposure_ev: f64) -> RunSettings {
-    RunSettings { exposure_ev, options: Given::here().map_or_else(Map::new, Given::values) }
+/// Every option of this command line, as it was typed or is by default, but for those, by their fields' names, of which it
+/// is known what they came to.
+pub fn of_command_line(exposure_ev: f64, known: impl IntoIterator<Item = (&'static str, Value)>) -> RunSettings {
+    let Some(given) = Given::here() else { return RunSettings { exposure_ev, options: Map::new() } };
+    let mut settings = RunSettings { exposure_ev, options: given.values() };
+    known.into_iter().for_each(|(id, value)| given.set(&mut settings, id, value));
+    settings
 }
 
 /// The same with what presets, references and other options make of them, in frames that are rendered with `options` on
 /// these devices, where they are the same for all frames.
 pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo]) -> RunSettings {
-    let mut settings = of_command_line(exposure_ev);
-    let Some(given) = Given::here() else { return settings };
     let is_filtered = options.iterations() > 0;
     let layers = options.layer_iterations();
     let is_layered = options.foveated.foveation == FoveationMode::Layers;
-    for (id, value) in [
+    let mut known = vec![
+        ("size", json!(options.size.to_string())),
         ("spp", json!(options.spp)),
         ("bounces", json!(options.bounces)),
         ("scale", json!(options.scale)),
@@ -125,15 +128,13 @@ pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo
         ("reproject", json!(name(&options.reproject))),
         ("balance", json!(name(&options.balance()))),
         ("fps", json!(options.fps)),
-    ] {
-        given.set(&mut settings, id, value);
-    }
+    ];
     if !devices.is_empty() {
         let threads: Vec<Option<usize>> = devices.iter().map(|d| d.threads).collect();
-        given.set(&mut settings, "devices", json!(once(devices.iter().map(|d| d.adapter))));
-        given.set(&mut settings, "threads_per_device", json!(threads));
+        known.push(("devices", json!(once(devices.iter().map(|d| d.adapter)))));
+        known.push(("threads_per_device", json!(threads)));
     }
-    settings
+    of_command_line(exposure_ev, known)
 }
 
 #[cfg(test)]

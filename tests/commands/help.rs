@@ -131,8 +131,9 @@ fn defaults_in_help_are_those_that_run() {
                 continue;
             }
             let ran = &run["settings"][name.replace('-', "_")];
-            let number = |text: &str| text.parse::<f64>().ok();
-            let is_same = written(ran) == default || number(&default).is_some_and(|n| ran.as_f64() == Some(n));
+            let numbers = |text: &str| text.split(',').map(|n| n.parse().ok()).collect::<Option<Vec<f64>>>();
+            let is_same =
+                written(ran) == default || numbers(&default).is_some_and(|n| numbers(&written(ran)) == Some(n));
             assert!(is_same, "{command} --{name}: {default} in help, {ran} ran");
             compared += 1;
         }

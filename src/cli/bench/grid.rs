@@ -5,6 +5,7 @@ use std::time::Instant;
 
 use anyhow::Context;
 use clap::ValueEnum;
+use serde_json::{Value, json};
 
 use diptych::control::Knobs;
 use diptych::device::GpuDevice;
@@ -62,6 +63,18 @@ impl Args {
 
     fn scales(&self) -> Vec<f64> {
         chosen(&self.scale, if self.quick { &[1.0, 0.5] } else { &[1.0, 0.7, 0.5] })
+    }
+
+    /// What is measured, by the names of the options' fields.
+    pub fn measured(&self) -> [(&'static str, Value); 6] {
+        [
+            ("spp", json!(self.spp())),
+            ("bounces", json!(self.bounces())),
+            ("iterations", json!(self.iterations())),
+            ("denoiser", json!(self.denoisers().iter().map(setup::name).collect::<Vec<_>>())),
+            ("foveation", json!(self.foveations().iter().map(setup::name).collect::<Vec<_>>())),
+            ("scale", json!(self.scales())),
+        ]
     }
 
     /// Frames of a setting that are compared: flicker is between two.
