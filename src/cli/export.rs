@@ -3,10 +3,10 @@
 use std::path::PathBuf;
 
 use diptych::scene::export::export;
-use diptych::scene::load::load_shot;
 
 use super::failure::Failure;
 use super::output;
+use super::scene_options::SceneOptions;
 
 #[derive(clap::Args)]
 pub struct Args {
@@ -15,10 +15,12 @@ pub struct Args {
     /// Where NAME.glb and NAME.toml go; made if it is not there
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+    #[command(flatten)]
+    scene: SceneOptions,
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let (shot, scene) = load_shot(&args.shot)?;
+    let (shot, scene) = args.scene.load(&args.shot, &args.scene.budget())?;
     for warning in &scene.warnings {
         eprintln!("warning: {warning}");
     }

@@ -136,6 +136,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let Run { renderer, rows, stale, .. } = run;
     let devices = renderer.devices();
     let mut settings = settings::in_force(options, loaded.exposure_ev(), devices);
+    settings.options.insert("warm_up".to_owned(), warm_up_frames.into());
     if let Some(plan) = &plan {
         settings.options.insert("spp".to_owned(), plan.spp().into());
     }
