@@ -8,6 +8,7 @@ mod albedo_table;
 mod alias;
 mod aov;
 mod atrous;
+mod compile;
 mod compose;
 mod emitters;
 mod foveation;
@@ -28,9 +29,10 @@ mod tonemap;
 mod variance;
 
 pub use aov::Aov;
+pub use compile::StageError;
 pub use foveation::Foveation;
 pub use images::{Images, Place, TooLarge};
-pub use pipeline::{DeviceStages, StageError, StageTask, Stamps};
+pub use pipeline::{DeviceStages, StageTask, Stamps};
 #[doc(hidden)] // For benchmarks.
 pub use scene_tables::{SceneBuffers, layout_entries as scene_layout_entries};
 pub use scene_tables::{SceneTables, TableError};
