@@ -1,0 +1,64 @@
+#!/bin/sh
+# Hashes of the images of many kinds of frames, to hold one build against another: golden.sh DIPTYCH FILE
+#
+# Writes FILE, one line per image of every run: SHA-256, run, image. Images depend on the Vulkan driver, so files of the
+# same driver are compared. What may differ from run to run of one build is left out: the division is even or stated.
+set -eu
+diptych=$1
+file=$2
+size=${GOLDEN_SIZE:-96x54}
+folder=$(mktemp -d)
+trap 'rm -rf "$folder"' EXIT
+: >"$file.part"
+
+# NAME OPTIONS...: renders, and notes the hashes of all images of scene-referred light and auxiliary values.
+run() {
+    name=$1
+    shift
+    "$diptych" render "$@" --size "$size" --out "$folder/$name" --quiet >/dev/null
+    (cd "$folder/$name" && find . -name '*.exr' | sort | while read -r image; do
+        printf '%s  %s %s\n' "$(sha256sum <"$image" | cut -d' ' -f1)" "$name" "$image"
+    done) >>"$file.part"
+    rm -rf "${folder:?}/$name"
+}
+
+for count in 1 2 3; do
+    divided="--virtual $count --threads-per-device 1 --balance even"
+    for scene in cornell atrium; do
+        for denoiser in none atrous svgf; do
+            for frames in 1 4; do
+                # shellcheck disable=SC2086
+                run "$scene-$denoiser-x$frames-d$count" "builtin:$scene" $divided --denoiser "$denoiser" --frames "$frames" --warm-up 0
+            done
+        done
+    done
+    atrium="builtin:atrium $divided"
+    # shellcheck disable=SC2086
+    {
+        run "spp3-d$count" $atrium --spp 3 --frames 2 --warm-up 0
+        run "spp3-none-d$count" $atrium --spp 3 --denoiser none
+        run "traced-d$count" $atrium --reproject off --frames 2 --warm-up 0
+        run "scale-d$count" $atrium --render-scale 0.6 --frames 2 --warm-up 0
+        run "scale-atrous-d$count" $atrium --render-scale 0.6 --denoiser atrous
+        run "foveation-d$count" $atrium --foveation layers --gaze 0.4,0.6 --frames 2 --warm-up 0
+        run "foveation-atrous-d$count" $atrium --foveation layers --denoiser atrous --spp 3
+        run "iterations-d$count" $atrium --iterations 2 --frames 2 --warm-up 0
+        run "recompute-d$count" $atrium --halo recompute --frames 2 --warm-up 0
+        run "exchange-d$count" $atrium --halo exchange --frames 2 --warm-up 0
+        run "exchange-atrous-d$count" $atrium --halo exchange --denoiser atrous
+        run "seam-none-d$count" $atrium --seam none --frames 2 --warm-up 0
+        run "seam-none-atrous-d$count" $atrium --seam none --denoiser atrous
+        run "seam-filter-d$count" $atrium --seam filter --frames 2 --warm-up 0
+        run "seam-filter-atrous-d$count" $atrium --seam filter --denoiser atrous
+        run "aov-d$count" $atrium --aov albedo,normal,position,depth,motion,roughness,holes,spp,base_color,diffuse_albedo,specular_albedo --frames 2 --warm-up 0
+        run "forest-d$count" builtin:forest $divided --frames 2 --warm-up 0
+        run "towers-d$count" builtin:towers $divided --frames 2 --warm-up 0
+        run "checker-d$count" builtin:checker $divided --frames 2 --warm-up 0
+        run "furnace-d$count" builtin:furnace $divided --frames 2 --warm-up 0
+    }
+done
+run "flight" builtin:cornell --virtual 2 --threads-per-device 1 --frames 4 --frames-in-flight 2 --warm-up 0
+run "static" builtin:cornell --virtual 2 --threads-per-device 1 --ratios 5,3 --frames 2 --warm-up 0
+run "uneven" builtin:cornell --virtual 2 --threads-per-device 1 --ratios 1,1 --ratios atrous=3,1 --ratios tonemap=1,4 --ratios path_trace.left=2,3 --frames 3 --warm-up 0
+mv "$file.part" "$file"
+wc -l "$file"
