@@ -31,7 +31,7 @@ fn ladder(rungs: usize) -> Ladder {
         flicker: None,
         relmse: None,
         is_estimated: false,
-        knobs: Knobs { spp: 1, bounces: 6, denoiser: "none".into(), iterations: 0, fovea: None, scale: 1.0 },
+        knobs: Knobs { spp: 1, bounces: 6, denoiser: None, iterations: 0, fovea: None, scale: 1.0 },
         stage_ms: Default::default(),
     };
     let (shot, size, devices, version, measure) = Default::default();

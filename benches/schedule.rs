@@ -9,8 +9,9 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use diptych::graph::{Assignment, Filter, FrameGraph, FrameSpec, HaloPlan, Seam, TaskKind, Views};
+use diptych::graph::{Assignment, FrameGraph, FrameSpec, HaloPlan, Seam, TaskKind, Views};
 use diptych::image::Extent;
+use diptych::quality::Denoiser;
 use diptych::schedule::{
     CostModel, FrameCosts, Heft, Measured, Policy, StageCost, TransferCost, choose_halo, simulate,
 };
@@ -77,7 +78,7 @@ fn main() {
         extent: Extent::new(height * 16 / 9, height),
         devices,
         views: Views::Reprojected,
-        filter: Filter::Atrous,
+        filter: Some(Denoiser::Atrous),
         sparse: false,
         iterations,
         history_rows: None,

@@ -4,6 +4,7 @@
 
 pub mod image;
 pub mod scene;
+pub mod quality;
 pub mod accel;
 pub mod graph;
 pub mod schedule;

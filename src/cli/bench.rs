@@ -16,6 +16,7 @@ use anyhow::Context;
 use diptych::accumulation::hash_of;
 use diptych::control::{Knobs, Ladder, Measure, Origin};
 use diptych::device::{DeviceInfo, all_wgsl};
+use diptych::quality::Denoiser;
 use diptych::report::Table;
 use diptych::report::bench::{
     ERROR, ERROR_NOTE, Row, Shared, csv, exposure_note, frames, knobs_name, ladder_svg, mark_front, regret_table,
@@ -27,7 +28,7 @@ use diptych::report::run::RunReport;
 use super::failure::Failure;
 use super::foveation::FoveationMode;
 use super::interrupt;
-use super::options::{self, Denoiser, RunOptions, Switch, render_scale};
+use super::options::{self, DenoiserChoice, RunOptions, Switch, render_scale};
 use super::output;
 use super::page::and_page;
 use super::reference::{PASS_SPP, seconds};
@@ -52,10 +53,10 @@ pub struct Args {
     #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(0..=1024), help_heading = options::QUALITY)]
     bounces: Vec<u32>,
     /// Denoisers to measure [default: all]
-    #[arg(long, value_delimiter = ',', value_name = "LIST", help_heading = options::QUALITY)]
-    denoiser: Vec<Denoiser>,
+    #[arg(long, value_delimiter = ',', value_name = "LIST", value_parser = Denoiser::value_parser(), help_heading = options::QUALITY)]
+    denoiser: Vec<DenoiserChoice>,
     /// Iterations of denoisers to measure [default: 3,5]
-    #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=10), help_heading = options::QUALITY)]
+    #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=i64::from(Denoiser::MAX_ITERATIONS)), help_heading = options::QUALITY)]
     iterations: Vec<u32>,
     /// What follows the gaze, to measure [default: none]
     #[arg(long, value_delimiter = ',', value_name = "LIST", conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
@@ -245,7 +246,7 @@ fn write_results(
     let best = &ladders[0];
     best.write(&options.out.join("ladder.toml")).context("cannot keep the ladder")?;
     for ladder in ladders.iter().filter(|_| ladders.len() > 1) {
-        let name = format!("ladder.{}.toml", ladder.rungs()[0].knobs.denoiser);
+        let name = format!("ladder.{}.toml", Denoiser::name_of(ladder.rungs()[0].knobs.denoiser));
         ladder.write(&options.out.join(name)).context("cannot keep the ladder")?;
     }
     let climb = ladder_svg(format!("Quality ladder, {} at {}", options.shot, options.size), rows, &[], best)
@@ -280,8 +281,8 @@ fn ladders(
 /// Which denoiser the ladder is of, and where those of others are.
 fn ladders_note(ladders: &[Ladder]) -> String {
     let of = |ladder: &Ladder| {
-        let (denoiser, rungs) = (&ladder.rungs()[0].knobs.denoiser, ladder.rungs().len());
-        (denoiser.clone(), format!("{rungs} rung{}", if rungs == 1 { "" } else { "s" }))
+        let (denoiser, rungs) = (ladder.rungs()[0].knobs.denoiser, ladder.rungs().len());
+        (Denoiser::name_of(denoiser), format!("{rungs} rung{}", if rungs == 1 { "" } else { "s" }))
     };
     let (best, rungs) = of(&ladders[0]);
     if ladders.len() == 1 {

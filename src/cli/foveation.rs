@@ -4,6 +4,7 @@ use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 
+use diptych::quality::Denoiser;
 use diptych::scene::shot::Gaze;
 use diptych::stages::Foveation;
 
@@ -51,7 +52,7 @@ impl FoveationOptions {
         match (&self.iterations, self.foveation) {
             (Some(Iterations::All(all)), _) => [*all; 3],
             (Some(Iterations::Layers(layers)), _) => *layers,
-            (None, FoveationMode::None) => [5; 3],
+            (None, FoveationMode::None) => [Denoiser::DEFAULT_ITERATIONS; 3],
             (None, FoveationMode::Layers) => LAYER_ITERATIONS,
         }
     }
@@ -106,15 +107,13 @@ impl FromStr for Iterations {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        match numbers(text, |n: &u32| *n <= MOST_ITERATIONS).as_deref() {
+        match numbers(text, |n: &u32| *n <= Denoiser::MAX_ITERATIONS).as_deref() {
             Some(&[all]) => Ok(Self::All(all)),
             Some(&[inner, middle, outer]) => Ok(Self::Layers([inner, middle, outer])),
-            _ => Err(format!("give one or three numbers from 0 to {MOST_ITERATIONS}")),
+            _ => Err(format!("give one or three numbers from 0 to {}", Denoiser::MAX_ITERATIONS)),
         }
     }
 }
-
-const MOST_ITERATIONS: u32 = 10;
 
 fn numbers<T: FromStr>(text: &str, is_allowed: fn(&T) -> bool) -> Option<Vec<T>> {
     text.split(',').map(|n| n.trim().parse().ok().filter(is_allowed)).collect()

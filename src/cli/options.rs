@@ -7,8 +7,9 @@ use clap::{Args, ValueEnum};
 
 use diptych::control::SCALES;
 use diptych::device::ShaderChecks;
-use diptych::graph::{Filter, HaloPlan, Seam};
+use diptych::graph::{HaloPlan, Seam};
 use diptych::image::Extent;
+use diptych::quality::Denoiser;
 use diptych::report::once;
 use diptych::schedule::RatioRule;
 use diptych::stages::{Aov, Sampler};
@@ -37,15 +38,8 @@ pub enum Balance {
     Heft,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, serde::Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Denoiser {
-    None,
-    /// On each frame alone
-    Atrous,
-    /// Over frames, guided by variance
-    Svgf,
-}
+/// A denoiser or none. clap takes an `Option` by that name for an option that may be left out.
+pub type DenoiserChoice = Option<Denoiser>;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum SeamOption {
@@ -195,8 +189,8 @@ pub struct RenderOptions {
     /// light to the others
     #[arg(long = "render-scale", default_value_t = 1.0, value_name = "F", value_parser = render_scale, help_heading = QUALITY)]
     pub scale: f64,
-    #[arg(long, default_value = "svgf", help_heading = QUALITY)]
-    pub denoiser: Denoiser,
+    #[arg(long, default_value = "svgf", value_parser = Denoiser::value_parser(), help_heading = QUALITY)]
+    pub denoiser: DenoiserChoice,
     #[command(flatten)]
     pub foveated: FoveationOptions,
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000), help_heading = SCENE)]
@@ -236,18 +230,7 @@ impl RenderOptions {
 
     /// Of the inner, middle and outer layer.
     pub fn layer_iterations(&self) -> [u32; 3] {
-        match self.denoiser {
-            Denoiser::None => [0; 3],
-            Denoiser::Atrous | Denoiser::Svgf => self.foveated.layer_iterations(),
-        }
-    }
-
-    pub fn filter(&self) -> Filter {
-        match self.denoiser {
-            Denoiser::None => Filter::None,
-            Denoiser::Atrous => Filter::Atrous,
-            Denoiser::Svgf => Filter::Svgf,
-        }
+        self.denoiser.map_or([0; 3], |_| self.foveated.layer_iterations())
     }
 
     /// The auxiliary images asked for, each once.

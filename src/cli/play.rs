@@ -12,6 +12,7 @@ mod session;
 
 use diptych::control::{Ladder, Measure, Origin};
 use diptych::exec::TaskTiming;
+use diptych::quality::Denoiser;
 use diptych::report::frames::FrameLine;
 use diptych::report::play::{Play, PlaySummary};
 use diptych::report::run::{FrameRow, RunReport};
@@ -77,7 +78,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     Disturbances(&args.disturb).check(args.frames, gpus.len())?;
     let session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
     let options = &prepared.render;
-    let denoiser = setup::name(&prepared.choice.denoiser);
+    let denoiser = Denoiser::name_of(prepared.choice.denoiser);
     let ladder = ladder_name(&args.options, &session.ladder);
     if !options.quiet && !options.json {
         let rungs = session.ladder.rungs().len();

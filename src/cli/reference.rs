@@ -12,7 +12,7 @@ use diptych::report::run::{ReferenceRow, aov_ms};
 use super::failure::Failure;
 use super::foveation::FoveationOptions;
 use super::interrupt::INTERRUPTED;
-use super::options::{Denoiser, RenderOptions, RunOptions, Switch};
+use super::options::{RenderOptions, RunOptions, Switch};
 use super::output;
 use super::progress::Progress;
 use super::settings::Given;
@@ -69,7 +69,7 @@ pub fn asked_for(options: &RenderOptions) -> Result<RenderOptions, Failure> {
     let Some(given) = Given::here() else { return Ok(options.clone()) };
     for (id, why) in OVERRULED {
         let agrees = match id {
-            "denoiser" => options.denoiser == Denoiser::None,
+            "denoiser" => options.denoiser.is_none(),
             "foveation" => !options.foveated.is_on(),
             "scale" => options.scale == 1.0,
             "reproject" => !options.reprojects(),
@@ -105,14 +105,8 @@ impl Plan {
         }
         let foveated = FoveationOptions::none(0);
         let run = RunOptions { reproject: Switch::Off, ..options.run.clone() };
-        let unbiased = RenderOptions {
-            run,
-            foveated,
-            scale: 1.0,
-            denoiser: Denoiser::None,
-            spp: passes.pass_spp,
-            ..options.clone()
-        };
+        let unbiased =
+            RenderOptions { run, foveated, scale: 1.0, denoiser: None, spp: passes.pass_spp, ..options.clone() };
         let PassOptions { time_limit, passes_out, .. } = passes;
         Ok(Self { options: unbiased, spp: options.spp, time_limit, folder: passes_out })
     }

@@ -3,8 +3,8 @@
 use std::time::Instant;
 
 use diptych::exec::{FrameReport, Renderer, Stereo};
-use diptych::graph::Filter;
 use diptych::image::RgbImage;
+use diptych::quality::Denoiser;
 use diptych::report::frames::FrameLine;
 use diptych::report::run::{FrameRow, Quality, ReferenceRow, RunReport};
 use diptych::scene::rig::Rig;
@@ -61,7 +61,7 @@ impl Args {
     /// Frames before the first one kept.
     fn warm_up_frames(&self) -> u32 {
         let options = &self.options;
-        let is_still = options.frames == 1 && options.filter() == Filter::Svgf && options.iterations() > 0;
+        let is_still = options.frames == 1 && options.denoiser == Some(Denoiser::Svgf) && options.iterations() > 0;
         let default = if is_still && !self.reference { STILL_SPP.div_ceil(options.spp) - 1 } else { 0 };
         self.warm_up.unwrap_or(default)
     }

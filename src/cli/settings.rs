@@ -10,6 +10,7 @@ use clap::{Arg, ArgAction, ArgMatches, Command, CommandFactory};
 use serde_json::{Map, Value, json};
 
 use diptych::device::DeviceInfo;
+use diptych::quality::Denoiser;
 use diptych::report::once;
 use diptych::report::run::RunSettings;
 
@@ -122,7 +123,7 @@ pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo
         ("spp", json!(options.spp)),
         ("bounces", json!(options.bounces)),
         ("scale", json!(options.scale)),
-        ("denoiser", json!(if is_filtered { name(&options.denoiser) } else { "none".to_owned() })),
+        ("denoiser", json!(Denoiser::name_of(options.denoiser.filter(|_| is_filtered)))),
         ("iterations", if is_layered { json!(layers) } else { json!(layers[0]) }),
         ("foveation", json!(name(&options.foveated.foveation))),
         ("reproject", json!(name(&options.reproject))),

@@ -106,7 +106,7 @@ pub fn varying_renderer(
         sampler: options.sampler,
         spp: options.spp,
         mixes_spp,
-        filter: options.filter(),
+        filter: options.denoiser,
         iterations: options.iterations(),
         reproject: options.reprojects(),
         sparse: options.scale < 1.0,

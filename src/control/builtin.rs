@@ -4,6 +4,7 @@ use std::f64::consts::PI;
 
 use super::{Knobs, Rung};
 use crate::graph::Stage;
+use crate::quality::Denoiser;
 use crate::schedule::Effort;
 
 /// Samples per pixel and bounces of the candidates, and iterations of those that filter.
@@ -19,10 +20,9 @@ pub const FOVEAE: [[f64; 2]; 3] = [[0.3, 0.6], [0.15, 0.3], [0.1, 0.2]];
 /// have.
 pub const TRACING: [Stage; 3] = [Stage::Gbuffer, Stage::PathTrace, Stage::HoleFill];
 
-/// All settings that the built-in ladder may have; `denoiser` as the command line names it. Those with foveal layers, if
-/// `foveated`.
-pub fn candidates(denoiser: &str, foveated: bool) -> Vec<Knobs> {
-    let filters = denoiser != "none";
+/// All settings that the built-in ladder may have. Those with foveal layers, if `foveated`.
+pub fn candidates(denoiser: Option<Denoiser>, foveated: bool) -> Vec<Knobs> {
+    let filters = denoiser.is_some();
     let iterations: &[u32] = if filters { &ITERATIONS } else { &[0] };
     let foveae = if foveated { FOVEAE.map(Some).to_vec() } else { vec![None] };
     let mut all = Vec::new();
@@ -30,9 +30,7 @@ pub fn candidates(denoiser: &str, foveated: bool) -> Vec<Knobs> {
         for spp in SPP {
             let sparse = if spp == 1 && filters { &SPARSE_SCALES[..] } else { &[] };
             for &scale in sparse.iter().chain(&[1.0]) {
-                let denoiser = denoiser.to_owned();
-                let knobs = Knobs { spp, bounces: 0, denoiser, iterations, fovea, scale };
-                all.extend(BOUNCES.map(|bounces| Knobs { bounces, ..knobs.clone() }));
+                all.extend(BOUNCES.map(|bounces| Knobs { spp, bounces, denoiser, iterations, fovea, scale }));
             }
         }
     }
@@ -52,7 +50,7 @@ fn sampled_share(knobs: &Knobs) -> f64 {
 }
 
 /// FLIP that a setting is expected to have at so many rows, where `missing_light`, the share of the light that more
-/// bounces bring, is left out: noise, which samples average down, blur, and what is too dark. For `svgf` after some frames
+/// bounces bring, is left out: noise, which samples average down, blur, and what is too dark. For SVGF after some frames
 /// it follows what was measured of three scenes, at 64 and 180 rows, shown at [`ESTIMATES_EV`]; without history,
 /// samples and iterations are taken to count for more.
 pub fn guessed_error(knobs: &Knobs, missing_light: f64, rows: u32) -> f64 {
@@ -60,8 +58,8 @@ pub fn guessed_error(knobs: &Knobs, missing_light: f64, rows: u32) -> f64 {
     let unfiltered = 0.5f64.powi(knobs.iterations as i32 - 1);
     // By the filter's reach.
     let blur = 1.0 + 0.35 * (2f64.powi(knobs.iterations as i32) - 1.0) / f64::from(rows.max(1));
-    let noise = match (knobs.denoiser.as_str(), knobs.iterations) {
-        ("svgf", _) => blur * (0.97 + 0.06 * unfiltered) * (0.055 + 0.022 * samples.powf(-0.65)),
+    let noise = match (knobs.denoiser, knobs.iterations) {
+        (Some(Denoiser::Svgf), _) => blur * (0.97 + 0.06 * unfiltered) * (0.055 + 0.022 * samples.powf(-0.65)),
         (_, 0) => 0.3 * samples.powf(-0.35),
         _ => (0.55 + 0.45 * unfiltered) * 0.18 * samples.powf(-0.35),
     };
@@ -101,7 +99,7 @@ mod tests {
     use super::*;
 
     fn rung(spp: u32, bounces: u32, path_ms: Option<f64>) -> Rung {
-        let knobs = Knobs { spp, bounces, denoiser: "svgf".into(), iterations: 3, fovea: None, scale: 1.0 };
+        let knobs = Knobs { spp, bounces, denoiser: Some(Denoiser::Svgf), iterations: 3, fovea: None, scale: 1.0 };
         let stage_ms = path_ms.map(|ms| ("path_trace".to_owned(), ms)).into_iter().collect();
         let (flip, flicker, relmse, is_estimated) = (None, None, None, true);
         Rung { time_ms: 1.0, error: 0.1, flip, flicker, relmse, is_estimated, knobs, stage_ms }
@@ -109,7 +107,8 @@ mod tests {
 
     #[test]
     fn more_light_is_guessed_to_be_better_and_a_flip_that_files_may_have() {
-        for (all, count) in [(candidates("svgf", false), 375), (candidates("svgf", true), 1125)] {
+        let svgf = Some(Denoiser::Svgf);
+        for (all, count) in [(candidates(svgf, false), 375), (candidates(svgf, true), 1125)] {
             assert_eq!(all.len(), count);
             for a in &all {
                 let missing_light = |k: &Knobs| 0.2 * 0.5f64.powi(k.bounces as i32);
@@ -124,7 +123,7 @@ mod tests {
                 assert!(all.iter().filter(more).all(|b| error(b) < error(a)), "{a:?}");
             }
         }
-        assert!(candidates("none", false).iter().all(|k| k.iterations == 0 && k.scale == 1.0));
+        assert!(candidates(None, false).iter().all(|k| k.iterations == 0 && k.scale == 1.0));
     }
 
     #[test]

@@ -10,6 +10,7 @@ use super::rung::{FileRung, Measure, Rung};
 use super::{front, mean_error};
 use crate::image::ImageError;
 use crate::image::file::atomic_write;
+use crate::quality::Denoiser;
 
 /// Rungs of a front that are less than this apart in time, as a share, are not told apart by measurement.
 pub const MIN_STEP: f64 = 0.03;
@@ -121,9 +122,9 @@ impl Ladder {
         let fastest = all.iter().map(|p| p.0).fold(f64::INFINITY, f64::min);
         let slowest = all.iter().map(|p| p.0).fold(0.0, f64::max);
         let worst = all.iter().map(|p| p.1).fold(0.0, f64::max);
-        let mut denoisers: BTreeMap<&str, Vec<Rung>> = BTreeMap::new();
+        let mut denoisers: BTreeMap<Option<Denoiser>, Vec<Rung>> = BTreeMap::new();
         for rung in measured {
-            denoisers.entry(&rung.knobs.denoiser).or_default().push(rung.clone());
+            denoisers.entry(rung.knobs.denoiser).or_default().push(rung.clone());
         }
         let mut ladders: Vec<(f64, Self)> = Vec::new();
         for own in denoisers.into_values() {
@@ -181,12 +182,12 @@ impl Ladder {
     }
 
     /// The denoisers of its rungs, in the order in which they come first, with how many rungs each has.
-    pub fn denoisers(&self) -> Vec<(&str, usize)> {
-        let mut counts: Vec<(&str, usize)> = Vec::new();
+    pub fn denoisers(&self) -> Vec<(Option<Denoiser>, usize)> {
+        let mut counts: Vec<(Option<Denoiser>, usize)> = Vec::new();
         for rung in &self.rungs {
-            match counts.iter_mut().find(|(name, _)| *name == rung.knobs.denoiser) {
+            match counts.iter_mut().find(|(denoiser, _)| *denoiser == rung.knobs.denoiser) {
                 Some((_, count)) => *count += 1,
-                None => counts.push((&rung.knobs.denoiser, 1)),
+                None => counts.push((rung.knobs.denoiser, 1)),
             }
         }
         counts

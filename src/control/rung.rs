@@ -5,19 +5,21 @@ use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
+use crate::quality::{Denoiser, or_none};
+
 /// Render scales that may be asked for.
 pub const SCALES: RangeInclusive<f64> = 0.1..=1.0;
 
 /// What a frame's quality and cost hang on.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Knobs {
     /// Samples per pixel.
     pub spp: u32,
     pub bounces: u32,
-    /// As the command line names it.
-    pub denoiser: String,
-    /// Of the denoiser; 0 with `none`.
+    #[serde(with = "or_none")]
+    pub denoiser: Option<Denoiser>,
+    /// Of the denoiser; 0 without one.
     pub iterations: u32,
     /// Radii of the foveal layers as shares of the eye's width; none: the whole image alike.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -139,14 +141,11 @@ impl FileRung {
 
 impl Rung {
     pub(super) fn check(&self) -> Result<(), String> {
-        let Knobs { spp, bounces, denoiser, iterations, fovea, scale } = &self.knobs;
+        let Knobs { spp, bounces, iterations, fovea, scale, .. } = &self.knobs;
         within("spp", *spp, 1..=1 << 20)?;
         within("bounces", *bounces, 0..=1024)?;
-        within("iterations", *iterations, 0..=10)?;
+        within("iterations", *iterations, 0..=Denoiser::MAX_ITERATIONS)?;
         within("scale", *scale, SCALES)?;
-        if denoiser.is_empty() {
-            return Err("denoiser is empty".to_owned());
-        }
         if let Some([inner, outer]) = *fovea {
             within("fovea's inner radius", inner, f64::MIN_POSITIVE..=1.0)?;
             within("fovea's outer radius", outer, inner..=1.0)?;

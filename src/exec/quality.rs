@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::{ExecError, RenderSettings, Renderer};
-use crate::graph::{Filter, FrameGraph, FrameSpec};
+use crate::graph::{FrameGraph, FrameSpec};
 use crate::schedule::{CostModel, Effort, simulate};
 
 /// The knobs of a frame.
@@ -60,7 +60,7 @@ impl Quality {
         if self.fovea.is_some() && stages.foveation.is_none() {
             return Err("foveal layers, without the pipelines for them".to_owned());
         }
-        let least = u32::from(stages.filter != Filter::None && stages.iterations > 0);
+        let least = u32::from(stages.filter.is_some() && stages.iterations > 0);
         if !(least..=stages.iterations).contains(&self.iterations()) {
             return Err(format!("{} iterations, of {least} to {}", self.iterations(), stages.iterations));
         }

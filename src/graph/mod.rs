@@ -13,7 +13,7 @@ pub(crate) use build::tests as build_tests;
 pub use build::{FrameGraph, Key, Task, TaskKind};
 pub use resource::{PhysicalImage, Resource};
 pub use stripes::{Stripes, StripesError};
-pub use table::{Filter, FrameSpec, HaloPlan, Pass, Read, Seam, Stage, Views, atrous_step, passes, svgf_step};
+pub use table::{FrameSpec, HaloPlan, Pass, Read, Seam, Stage, Views, atrous_step, passes, svgf_step};
 
 use crate::scene::rig::Eye;
 

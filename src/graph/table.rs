@@ -6,6 +6,7 @@ use std::ops::Range;
 
 use super::resource::Resource::{self, *};
 use crate::image::Extent;
+use crate::quality::Denoiser;
 use crate::scene::rig::Eye;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
@@ -74,16 +75,6 @@ pub enum Views {
     Reprojected,
 }
 
-/// What denoises.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Filter {
-    None,
-    /// À-trous on the frame alone.
-    Atrous,
-    /// À-trous on what is accumulated over frames, guided by its variance.
-    Svgf,
-}
-
 /// How filtered rows come to agree with one device's: before which of the filter's passes rows come from neighbours. For
 /// those in between, a device filters a margin around its stripe as well, as wide as they reach together. The first one
 /// always receives.
@@ -132,7 +123,7 @@ pub struct FrameSpec {
     pub views: Views,
     /// Whether only listed pixels are path traced.
     pub sparse: bool,
-    pub filter: Filter,
+    pub filter: Option<Denoiser>,
     /// Of the filter; 0: no denoising.
     pub iterations: u32,
     /// How many rows up and down a surface may have moved since the frame before for its history to be found; none:
@@ -156,16 +147,16 @@ struct Link {
 }
 
 impl FrameSpec {
-    fn filter(&self) -> Filter {
-        if self.has_surfaces && self.iterations > 0 { self.filter } else { Filter::None }
+    fn filter(&self) -> Option<Denoiser> {
+        self.filter.filter(|_| self.has_surfaces && self.iterations > 0)
     }
 
     /// The filter's passes, one after another.
     fn chain(&self) -> Vec<Link> {
         let iterations = 0..self.iterations;
         match self.filter() {
-            Filter::None => Vec::new(),
-            Filter::Atrous => iterations
+            None => Vec::new(),
+            Some(Denoiser::Atrous) => iterations
                 .map(|index| Link {
                     stage: Stage::Atrous,
                     index,
@@ -174,7 +165,7 @@ impl FrameSpec {
                     target: filtered(index + 1),
                 })
                 .collect(),
-            Filter::Svgf => {
+            Some(Denoiser::Svgf) => {
                 let (source, target) = (filtered(1), filtered(2));
                 let variance =
                     Link { stage: Stage::Variance, index: 0, reach_rows: VARIANCE_REACH_ROWS, source, target };
@@ -197,7 +188,7 @@ impl FrameSpec {
 
     /// Rows that what comes after the filter reads beyond its own.
     fn last_reach_rows(&self) -> u32 {
-        if self.filter() == Filter::Svgf { RESOLVE_REACH_ROWS } else { 0 }
+        if self.filter() == Some(Denoiser::Svgf) { RESOLVE_REACH_ROWS } else { 0 }
     }
 
     /// The filter's passes in runs between which rows are exchanged; one run without any if nothing is filtered.
@@ -212,13 +203,13 @@ impl FrameSpec {
     /// What a frame leaves for the next one, with the stage that made it.
     pub fn kept(&self) -> &'static [(Resource, Stage)] {
         match self.filter() {
-            Filter::Svgf => &[
+            Some(Denoiser::Svgf) => &[
                 (Guide, Stage::Gbuffer),
                 (Moments, Stage::Accumulate),
                 (History, Stage::Svgf),
                 (Resolved, Stage::Resolve),
             ],
-            Filter::None | Filter::Atrous => &[],
+            None | Some(Denoiser::Atrous) => &[],
         }
     }
 }
@@ -316,7 +307,7 @@ pub fn passes(spec: &FrameSpec) -> Vec<Pass> {
             );
         }
     }
-    if spec.filter() == Filter::Svgf {
+    if spec.filter() == Some(Denoiser::Svgf) {
         out.extend(Eye::ALL.map(|view| accumulate(spec, view)));
     }
     let chain = spec.chain();
@@ -384,7 +375,7 @@ fn finish(spec: &FrameSpec, view: Eye, chain: &[Link], out: &mut Vec<Pass>) {
         out.push(pass);
         last = next;
     }
-    if spec.filter() == Filter::Svgf {
+    if spec.filter() == Some(Denoiser::Svgf) {
         resolve(spec, view, last, out);
     } else {
         let tonemap = Pass::new(Stage::Tonemap, view).reads(&[last, Albedo, Emission, Tally]);

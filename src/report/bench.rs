@@ -22,6 +22,7 @@ use crate::exec::{FrameReport, Stereo};
 use crate::metrics;
 use crate::metrics::rings::Viewing;
 use crate::metrics::temporal::{Change, TemporalError};
+use crate::quality::Denoiser;
 
 /// The metrics that tables show, in their order; others follow in files.
 const SHOWN: [&str; 9] = ["rmse", "relmse", "psnr", "ssim", "flip", FLICKER, ERROR, "flip_foveated", "mean_ratio"];
@@ -240,7 +241,8 @@ pub fn frames(rows: &[Row]) -> Csv {
 
 /// In a few words.
 pub fn knobs_name(knobs: &Knobs) -> String {
-    let Knobs { spp, bounces, denoiser, iterations, scale, fovea } = knobs;
+    let Knobs { spp, bounces, iterations, scale, fovea, .. } = knobs;
+    let denoiser = Denoiser::name_of(knobs.denoiser);
     let layers = fovea.map_or(String::new(), |[inner, outer]| format!(", layers to {inner} and {outer}"));
     let scale = if *scale < 1.0 { format!(", scale {scale}") } else { String::new() };
     format!("{denoiser} x{iterations}, {bounces} bounces, {spp} spp{scale}{layers}")
@@ -251,10 +253,10 @@ const KNOBS: [&str; 6] = ["denoiser", "iterations", "bounces", "foveation", "sca
 
 /// As the command line names them.
 fn knob_cells(knobs: &Knobs) -> [String; 6] {
-    let Knobs { spp, bounces, denoiser, iterations, fovea, scale } = knobs;
+    let Knobs { spp, bounces, denoiser, iterations, fovea, scale } = *knobs;
     let foveation = if fovea.is_some() { "layers" } else { "none" };
-    let [iterations, bounces, spp] = [iterations, bounces, spp].map(u32::to_string);
-    [denoiser.clone(), iterations, bounces, foveation.to_owned(), scale.to_string(), spp]
+    let [iterations, bounces, spp] = [iterations, bounces, spp].map(|n| n.to_string());
+    [Denoiser::name_of(denoiser).to_owned(), iterations, bounces, foveation.to_owned(), scale.to_string(), spp]
 }
 
 /// Time against both eyes' relMSE: the front of each denoiser, and the reference's noise below them.
@@ -280,11 +282,11 @@ fn time_chart(title: String, error: &str, series: &[Series]) -> Result<String, R
 
 /// Of each denoiser the settings that no other one of it beats.
 fn fronts(rows: &[Row], error: &str) -> Vec<Series> {
-    let denoisers = once(rows.iter().map(|r| r.knobs.denoiser.as_str()));
-    let series = |name: &&str| {
-        let points = points(&rows.iter().filter(|r| r.knobs.denoiser == *name).collect::<Vec<_>>(), error);
+    let denoisers = once(rows.iter().map(|r| r.knobs.denoiser));
+    let series = |denoiser: &Option<Denoiser>| {
+        let points = points(&rows.iter().filter(|r| r.knobs.denoiser == *denoiser).collect::<Vec<_>>(), error);
         let points = front(&points).into_iter().map(|i| points[i]).collect();
-        Series { name: (*name).to_owned(), points, band: None, guide: false }
+        Series { name: Denoiser::name_of(*denoiser).to_owned(), points, band: None, guide: false }
     };
     denoisers.iter().map(series).collect()
 }
@@ -336,17 +338,18 @@ mod tests {
         let repeats: Vec<Repeat> = rmse.iter().map(repeat).collect();
         let black = || Pair::new(&black, &black, 0.0).unwrap();
         let change = black().change_at_rest(&black()).unwrap();
-        let knobs = Knobs { spp, bounces: 6, denoiser: denoiser.into(), iterations: 0, fovea: None, scale: 1.0 };
+        let denoiser = Denoiser::from_name(denoiser).unwrap();
+        let knobs = Knobs { spp, bounces: 6, denoiser, iterations: 0, fovea: None, scale: 1.0 };
         Row::new(knobs, Measured::of(&repeats, Stereo { left: change, right: change }))
     }
 
     #[test]
     fn the_front_is_what_nothing_beats() {
         let mut rows = vec![
-            row("a", 1, 1.0, &[0.4]),
-            row("a", 2, 2.0, &[0.3]),
-            row("b", 1, 1.5, &[0.2]),
-            row("b", 2, 3.0, &[0.1]),
+            row("atrous", 1, 1.0, &[0.4]),
+            row("atrous", 2, 2.0, &[0.3]),
+            row("svgf", 1, 1.5, &[0.2]),
+            row("svgf", 2, 3.0, &[0.1]),
         ];
         mark_front(&mut rows);
         assert_eq!(rows.iter().map(|r| r.on_front).collect::<Vec<_>>(), [true, false, true, true]);
@@ -374,7 +377,7 @@ mod tests {
 
     #[test]
     fn charts_leave_out_what_is_on_no_front() {
-        let rows = [row("a", 1, 1.0, &[0.4]), row("a", 2, 2.0, &[0.5]), row("a", 4, 3.0, &[0.3])];
+        let rows = [row("atrous", 1, 1.0, &[0.4]), row("atrous", 2, 2.0, &[0.5]), row("atrous", 4, 3.0, &[0.3])];
         let svg = svg("t".into(), &rows, None).unwrap();
         assert_eq!(svg.matches("<circle").count(), 2);
     }

@@ -36,7 +36,7 @@ pub struct ControlRow {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RungUse {
     pub rung: usize,
-    pub denoiser: String,
+    pub denoiser: &'static str,
     #[serde(flatten)]
     pub quality: Quality,
     /// Median of what its frames were expected to take.
@@ -78,7 +78,7 @@ pub struct Excursion {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct PlaySummary {
     pub budget_ms: [f64; 2],
-    pub denoiser: String,
+    pub denoiser: &'static str,
     /// Where the ladder is from, what its errors are, and how many rungs it has.
     pub ladder: String,
     pub measure: Measure,
@@ -104,7 +104,7 @@ pub struct PlaySummary {
 #[derive(Clone, Debug)]
 pub struct Play {
     pub budget_ms: [f64; 2],
-    pub denoiser: String,
+    pub denoiser: &'static str,
     pub ladder: String,
     pub measure: Measure,
     pub rungs: Vec<Rung>,
@@ -130,7 +130,7 @@ impl PlaySummary {
         (!judged.is_empty()).then_some(())?;
         Some(Self {
             budget_ms: play.budget_ms,
-            denoiser: play.denoiser.clone(),
+            denoiser: play.denoiser,
             ladder: play.ladder.clone(),
             measure: play.measure,
             rungs: play.rungs.len(),
@@ -178,7 +178,7 @@ impl PlaySummary {
             let Quality { spp, bounces, iterations, scale, fovea } = u.quality;
             let mut line = vec![u.rung.to_string()];
             line.extend([spp, bounces].map(|n| n.to_string()));
-            line.extend([u.denoiser.clone(), iterations.to_string(), scale.to_string()]);
+            line.extend([u.denoiser.to_owned(), iterations.to_string(), scale.to_string()]);
             line.push(fovea.map_or("none".to_owned(), |[inner, outer]| format!("{inner}, {outer}")));
             line.extend([format!("{:.1}", u.expected_ms), cell(u.error.or(u.estimated_error), 4)]);
             line.push(if u.estimated { "estimated" } else { "measured" }.to_owned());
@@ -220,7 +220,7 @@ fn rung_uses(play: &Play, judged: &[(&FrameRow, &ControlRow)]) -> Vec<RungUse> {
         let error = known.map(|r| r.error);
         RungUse {
             rung,
-            denoiser: play.denoiser.clone(),
+            denoiser: play.denoiser,
             quality,
             expected_ms: median_of(frames.iter().map(|(_, c)| c.expected_ms).collect()),
             error: error.filter(|_| !estimated),

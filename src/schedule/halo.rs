@@ -128,15 +128,16 @@ fn rows(passes: &[FilterPass], plan: HaloPlan) -> Vec<Rows> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::graph::{Filter, Pass, Views};
+    use crate::graph::{Pass, Views};
     use crate::image::Extent;
+    use crate::quality::Denoiser;
 
     #[test]
     fn rows_are_those_of_the_frames_passes() {
         let (extent, views) = (Extent::new(64, 64), Views::Reprojected);
         for plan in HaloPlan::all(6) {
             let seam = Seam::Halo(plan);
-            for (filter, iterations) in [(Filter::Atrous, 6), (Filter::Svgf, 5)] {
+            for (filter, iterations) in [(Some(Denoiser::Atrous), 6), (Some(Denoiser::Svgf), 5)] {
                 let spec = FrameSpec {
                     extent,
                     devices: 2,

@@ -3,10 +3,9 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::graph::{
-    Assignment, Filter, FrameGraph, FrameSpec, HaloPlan, Seam, Stage, Stripes, TaskKind, Views, build_tests,
-};
+use crate::graph::{Assignment, FrameGraph, FrameSpec, HaloPlan, Seam, Stage, Stripes, TaskKind, Views, build_tests};
 use crate::image::Extent;
+use crate::quality::Denoiser;
 use crate::scene::rig::Eye;
 
 const WIDTH: u32 = 64;
@@ -18,7 +17,7 @@ fn spec(height: u32, devices: usize, iterations: u32, seam: Seam) -> FrameSpec {
         devices,
         views: Views::Reprojected,
         sparse: false,
-        filter: Filter::Atrous,
+        filter: Some(Denoiser::Atrous),
         iterations,
         history_rows: None,
         seam,

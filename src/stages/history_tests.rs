@@ -7,9 +7,10 @@ use super::{DeviceStages, Place, RowTally, Sampler, SceneTables, StageSettings, 
 use crate::accel::Accel;
 use crate::device::{self, GpuDevice, Selection, ShaderChecks};
 use crate::graph::{
-    Assignment, Filter, FrameGraph, FrameSpec, HaloPlan, PhysicalImage, Seam, Stage, Stripes, TaskKind, Views, passes,
+    Assignment, FrameGraph, FrameSpec, HaloPlan, PhysicalImage, Seam, Stage, Stripes, TaskKind, Views, passes,
 };
 use crate::image::Extent;
+use crate::quality::Denoiser;
 use crate::scene::builtin;
 use crate::scene::needs::SceneNeeds;
 use crate::scene::rig::{Eye, Rig, RigKey};
@@ -37,7 +38,7 @@ fn spec(history_rows: Option<u32>) -> FrameSpec {
         devices: 1,
         views: Views::Traced,
         sparse: false,
-        filter: Filter::Svgf,
+        filter: Some(Denoiser::Svgf),
         iterations: ITERATIONS,
         history_rows,
         seam: Seam::Halo(HaloPlan::RECOMPUTE),
@@ -58,7 +59,7 @@ impl Bench {
             sampler: Sampler::Sobol,
             spp: 1,
             mixes_spp: false,
-            filter: Filter::Svgf,
+            filter: Some(Denoiser::Svgf),
             iterations: ITERATIONS,
             reproject: false,
             sparse: false,

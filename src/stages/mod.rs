@@ -41,8 +41,9 @@ pub use tally::{HoleReason, RowTally};
 use glam::Vec2;
 
 use crate::device::ShaderChecks;
-use crate::graph::{Filter, PhysicalImage, Stage};
+use crate::graph::{PhysicalImage, Stage};
 use crate::image::Extent;
+use crate::quality::Denoiser;
 use crate::scene::needs::SceneNeeds;
 use crate::scene::rig::Eye;
 
@@ -68,7 +69,7 @@ pub struct StageSettings {
     /// Whether frames of one sample per pixel, which goes through its centre, are among frames of several. If not, all
     /// are of the same kind, also those that happen to take one sample of `spp`.
     pub mixes_spp: bool,
-    pub filter: Filter,
+    pub filter: Option<Denoiser>,
     /// Of the filter, at most.
     pub iterations: u32,
     /// Whether the right eye is reprojected.
@@ -116,7 +117,7 @@ impl StageSettings {
 
     /// Whether frames leave anything for the next.
     pub fn keeps_history(&self) -> bool {
-        self.filter == Filter::Svgf && self.iterations > 0
+        self.filter == Some(Denoiser::Svgf) && self.iterations > 0
     }
 
     fn constants(&self, jitter: bool) -> Vec<(&'static str, bool)> {

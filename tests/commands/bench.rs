@@ -8,6 +8,7 @@ use std::process::{Command, Stdio};
 
 use crate::common::{diptych, is_thorough};
 use diptych::control::{Knobs, Ladder, MIN_STEP, Measure, Rung};
+use diptych::quality::Denoiser;
 use serde_json::Value;
 
 fn bench(out: &Path, options: &[&str]) -> Vec<Value> {
@@ -199,18 +200,22 @@ fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
     assert_eq!((ladder.origin().shot.as_str(), ladder.origin().size.as_str()), ("builtin:cornell", "48x27"));
     for rung in rungs {
         let row = rows.iter().find(|r| r["time_ms"] == rung.time_ms).unwrap();
-        assert_eq!((&row["spp"], &row["denoiser"]), (&rung.knobs.spp.into(), &rung.knobs.denoiser.as_str().into()));
+        assert_eq!(
+            (&row["spp"], &row["denoiser"]),
+            (&rung.knobs.spp.into(), &Denoiser::name_of(rung.knobs.denoiser).into())
+        );
         for (name, found) in [("flip", rung.flip), ("flicker", rung.flicker), ("flip_flicker", Some(rung.error))] {
             let [left, right] = ["left", "right"].map(|eye| row["errors"][eye][name].as_f64().unwrap());
             assert!((found.unwrap() - (left + right) / 2.0).abs() < 1e-12, "{name}");
         }
         assert!((rung.error - rung.flip.unwrap() - rung.flicker.unwrap()).abs() < 1e-12);
-        let of = |denoiser: &str| rung.knobs.denoiser == denoiser;
-        assert!(rung.stage_ms["path_trace"] > 0.0 && rung.stage_ms.contains_key("atrous") == of("atrous"), "{rung:?}");
+        let is_atrous = rung.knobs.denoiser == Some(Denoiser::Atrous);
+        assert!(rung.stage_ms["path_trace"] > 0.0 && rung.stage_ms.contains_key("atrous") == is_atrous, "{rung:?}");
     }
     // Each denoiser has a ladder of its own, and one of them is the best.
-    let others = ["none", "atrous", "svgf"].map(|denoiser| {
-        let ladder = Ladder::read(&folder.path().join(format!("ladder.{denoiser}.toml"))).unwrap();
+    let others = Denoiser::CHOICES.map(|denoiser| {
+        let name = Denoiser::name_of(denoiser);
+        let ladder = Ladder::read(&folder.path().join(format!("ladder.{name}.toml"))).unwrap();
         assert!(ladder.rungs().iter().all(|r| r.knobs.denoiser == denoiser), "{ladder:?}");
         ladder
     });
@@ -221,7 +226,7 @@ fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
         rows.iter().find(is).unwrap()["errors"]["left"]["flicker"].as_f64().unwrap()
     };
     assert!(flicker("none") > 4.0 * flicker("svgf"), "{} and {}", flicker("none"), flicker("svgf"));
-    assert_ne!(ladder.rungs()[0].knobs.denoiser, "none");
+    assert_ne!(ladder.rungs()[0].knobs.denoiser, None);
     let path = folder.path().join("ladder.toml");
     let judged = bench(folder.path(), &[&options[..], &["--ladder", path.to_str().unwrap()]].concat());
     let regrets = event(&judged, "result")["regrets"].as_array().unwrap();
@@ -236,7 +241,7 @@ fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
     // A rung that the fastest setting of all beats has something to regret.
     let worst = rows.iter().max_by(|a, b| error(a).total_cmp(&error(b))).unwrap();
     let [spp, bounces, iterations] = ["spp", "bounces", "iterations"].map(|name| worst[name].as_u64().unwrap() as u32);
-    let denoiser = worst["denoiser"].as_str().unwrap().to_owned();
+    let denoiser = Denoiser::from_name(worst["denoiser"].as_str().unwrap()).unwrap();
     let knobs = Knobs { spp, bounces, iterations, denoiser, scale: worst["scale"].as_f64().unwrap(), fovea: None };
     let alone = Ladder::new(ladder.origin().clone(), vec![Rung { knobs, ..rungs[0].clone() }]).unwrap();
     alone.write(&path).unwrap();

@@ -11,8 +11,9 @@ use std::time::Instant;
 use diptych::accel::{Accel, Layout};
 use diptych::device::{self, GpuDevice, Selection, ShaderChecks};
 use diptych::exec::{FrameReport, RenderSettings, Renderer, Stereo};
-use diptych::graph::{Filter, HaloPlan, PhysicalImage, Seam};
+use diptych::graph::{HaloPlan, PhysicalImage, Seam};
 use diptych::image::{Extent, Image, RgbImage};
+use diptych::quality::Denoiser;
 use diptych::scene::Scene;
 use diptych::scene::load::load_shot;
 use diptych::scene::needs::SceneNeeds;
@@ -55,7 +56,7 @@ impl Subject {
             sampler: Sampler::Sobol,
             spp: 1,
             mixes_spp: false,
-            filter: Filter::Atrous,
+            filter: Some(Denoiser::Atrous),
             iterations: 0,
             reproject: false,
             sparse: false,
@@ -88,7 +89,7 @@ impl Subject {
     /// [`Self::denoised`] over frames.
     pub fn accumulated(&self, width: u32, height: u32) -> RenderSettings {
         let mut settings = self.denoised(width, height);
-        settings.stages.filter = Filter::Svgf;
+        settings.stages.filter = Some(Denoiser::Svgf);
         settings
     }
 }

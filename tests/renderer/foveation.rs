@@ -2,8 +2,8 @@
 
 use crate::common::{Stage, Subject};
 use diptych::exec::{RenderSettings, Stereo};
-use diptych::graph::Filter;
 use diptych::image::RgbImage;
+use diptych::quality::Denoiser;
 use diptych::scene::shot::Gaze;
 use diptych::stages::{Aov, Foveation};
 
@@ -115,7 +115,7 @@ fn foveation_that_skips_nothing_changes_no_byte_and_traces_every_pixel_once() {
 #[test]
 fn a_render_scale_samples_its_square_of_all_pixels_and_keeps_the_mean() {
     let subject = Subject::load("builtin:cornell");
-    for filter in [Filter::Svgf, Filter::Atrous] {
+    for filter in [Denoiser::Svgf, Denoiser::Atrous].map(Some) {
         let render = |scale: f64| {
             let mut settings = RenderSettings { scale, ..subject.denoised(WIDTH, HEIGHT) };
             (settings.stages.filter, settings.stages.sparse, settings.stages.aovs) = (filter, true, vec![Aov::Spp]);
@@ -144,7 +144,7 @@ fn a_render_scale_samples_its_square_of_all_pixels_and_keeps_the_mean() {
 #[test]
 fn a_full_render_scale_changes_no_byte_where_others_are_possible() {
     let subject = Subject::load("builtin:checker");
-    for filter in [Filter::Svgf, Filter::Atrous] {
+    for filter in [Denoiser::Svgf, Denoiser::Atrous].map(Some) {
         let render = |sparse: bool| {
             let mut settings = subject.denoised(WIDTH, HEIGHT);
             (settings.stages.filter, settings.stages.sparse) = (filter, sparse);
@@ -187,7 +187,7 @@ fn where_nothing_is_sampled_the_filter_leaves_no_hole_and_no_nan() {
 #[test]
 fn a_mask_that_turns_samples_every_pixel_in_three_frames() {
     let subject = Subject::load("builtin:cornell");
-    for filter in [Filter::Svgf, Filter::Atrous] {
+    for filter in [Denoiser::Svgf, Denoiser::Atrous].map(Some) {
         let mut settings = settings(&subject, Foveation::new(towards(0.5, 0.5), [1; 3]));
         (settings.stages.filter, settings.stages.iterations) = (filter, 1);
         let mut stage = Stage::alone(&subject, &settings);
@@ -197,6 +197,6 @@ fn a_mask_that_turns_samples_every_pixel_in_three_frames() {
             sampled.iter_mut().zip(&stage.aov(0).left[0]).for_each(|(sum, spp)| *sum += spp);
         }
         let never = sampled.iter().filter(|s| **s == 0.0).count();
-        assert_eq!(never == 0, filter == Filter::Svgf, "{never} pixels were never sampled");
+        assert_eq!(never == 0, filter == Some(Denoiser::Svgf), "{never} pixels were never sampled");
     }
 }

@@ -4,7 +4,6 @@ use std::cell::Cell;
 use std::time::Instant;
 
 use anyhow::Context;
-use clap::ValueEnum;
 use serde_json::{Value, json};
 
 use diptych::control::Knobs;
@@ -14,6 +13,7 @@ use diptych::image::RgbImage;
 use diptych::metrics::Pair;
 use diptych::metrics::rings::Viewing;
 use diptych::metrics::temporal::Change;
+use diptych::quality::Denoiser;
 use diptych::report::bench::{Measured, Repeat, Row, SeenErrors};
 use diptych::report::frames::FrameLine;
 use diptych::report::once;
@@ -29,7 +29,7 @@ use crate::cli::failure::Failure;
 use crate::cli::faults::refuse_faults;
 use crate::cli::foveation::{FoveationMode, FoveationOptions};
 use crate::cli::interrupt;
-use crate::cli::options::{Denoiser, RenderOptions};
+use crate::cli::options::{DenoiserChoice, RenderOptions};
 use crate::cli::progress::Progress;
 use crate::cli::setup::{self, Loaded, Tracing};
 
@@ -53,8 +53,8 @@ impl Args {
         chosen(&self.iterations, if self.quick { &[5] } else { &[3, 5] })
     }
 
-    fn denoisers(&self) -> Vec<Denoiser> {
-        chosen(&self.denoiser, Denoiser::value_variants())
+    fn denoisers(&self) -> Vec<DenoiserChoice> {
+        chosen(&self.denoiser, &Denoiser::CHOICES)
     }
 
     fn foveations(&self) -> Vec<FoveationMode> {
@@ -71,7 +71,7 @@ impl Args {
             ("spp", json!(self.spp())),
             ("bounces", json!(self.bounces())),
             ("iterations", json!(self.iterations())),
-            ("denoiser", json!(self.denoisers().iter().map(setup::name).collect::<Vec<_>>())),
+            ("denoiser", json!(self.denoisers().into_iter().map(Denoiser::name_of).collect::<Vec<_>>())),
             ("foveation", json!(self.foveations().iter().map(setup::name).collect::<Vec<_>>())),
             ("scale", json!(self.scales())),
         ]
@@ -86,7 +86,7 @@ impl Args {
     fn settings(&self) -> Vec<Setting> {
         let mut settings = Vec::new();
         for denoiser in self.denoisers() {
-            let filters = denoiser != Denoiser::None;
+            let filters = denoiser.is_some();
             let iterations = if filters { self.iterations() } else { vec![0] };
             let foveations = if filters { self.foveations() } else { vec![FoveationMode::None] };
             let scales = if filters { self.scales() } else { vec![1.0] };
@@ -124,7 +124,7 @@ fn chosen<T: Copy + PartialEq>(asked: &[T], default: &[T]) -> Vec<T> {
 
 #[derive(Clone, Copy)]
 pub struct Setting {
-    denoiser: Denoiser,
+    denoiser: DenoiserChoice,
     iterations: u32,
     foveation: FoveationMode,
     bounces: u32,
@@ -135,11 +135,10 @@ pub struct Setting {
 impl Setting {
     /// With these knobs; none where no options stand for them.
     pub fn of(knobs: &Knobs) -> Option<Self> {
-        let Knobs { spp, bounces, iterations, scale, .. } = *knobs;
-        let denoiser = Denoiser::from_str(&knobs.denoiser, false).ok()?;
+        let Knobs { spp, bounces, denoiser, iterations, scale, .. } = *knobs;
         let foveation = if knobs.fovea.is_some() { FoveationMode::Layers } else { FoveationMode::None };
         let setting = Self { denoiser, iterations, foveation, bounces, scale, spp };
-        let filters = denoiser != Denoiser::None;
+        let filters = denoiser.is_some();
         let is_whole = (iterations > 0) == filters && (filters || (scale == 1.0 && knobs.fovea.is_none()));
         (is_whole && setting.knobs() == *knobs).then_some(setting)
     }
@@ -147,7 +146,7 @@ impl Setting {
     fn knobs(&self) -> Knobs {
         let Self { denoiser, iterations, foveation, bounces, scale, spp } = *self;
         let fovea = (foveation == FoveationMode::Layers).then_some(Foveation::RADII);
-        Knobs { spp, bounces, denoiser: setup::name(&denoiser), iterations, fovea, scale }
+        Knobs { spp, bounces, denoiser, iterations, fovea, scale }
     }
 
     fn foveated(&self) -> FoveationOptions {
@@ -159,7 +158,7 @@ impl Setting {
 
     /// Frames of the camera's way before those that are measured: enough for a history to grow old, where there is one.
     fn warm_up(&self, args: &Args) -> u32 {
-        if self.denoiser == Denoiser::Svgf { args.warm_up.max(HISTORY_FRAMES) } else { args.warm_up }
+        if self.denoiser == Some(Denoiser::Svgf) { args.warm_up.max(HISTORY_FRAMES) } else { args.warm_up }
     }
 
     /// All its frames.
@@ -325,6 +324,7 @@ impl Ahead {
         let knobs = setting.knobs();
         let event = serde_json::json!({ "event": "frame", "knobs": knobs, "makespan_ms": makespan_ms });
         let Knobs { denoiser, iterations, bounces, spp, scale, .. } = knobs;
+        let denoiser = Denoiser::name_of(denoiser);
         let (number, settings, left_s) = (self.rows + 1, self.settings, self.left_s());
         let what =
             format!("{number} of {settings}: {denoiser} x{iterations}, {bounces} bounces, {spp} spp, scale {scale}");

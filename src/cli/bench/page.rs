@@ -6,6 +6,7 @@ use diptych::control::Ladder;
 use diptych::device::DeviceInfo;
 use diptych::exec::{FrameReport, Stereo};
 use diptych::image::RgbImage;
+use diptych::quality::Denoiser;
 use diptych::report::Table;
 use diptych::report::bench::{
     ERROR_NOTE, Regret, Row, Shared, Slope, exposure_note, ladder_svg, ladder_table, regret_table, table,
@@ -112,7 +113,7 @@ impl Page<'_> {
         let notes = format!(
             "{rungs} rungs, all of {}, the denoiser with the best front: without what is less than 3 % apart in time or saves \
              little for much error, in ladder.toml.",
-            self.ladder.rungs()[0].knobs.denoiser
+            Denoiser::name_of(self.ladder.rungs()[0].knobs.denoiser)
         );
         let table = Some(ladder_table(self.ladder));
         Ok(Section { heading: "Fronts and quality ladder", notes: vec![notes], table, figure: Some(figure) })

@@ -5,6 +5,7 @@ use anyhow::anyhow;
 use diptych::exec::Stereo;
 use diptych::image::{Extent, RgbImage};
 use diptych::metrics::Pair;
+use diptych::quality::Denoiser;
 use diptych::report::csv::{Column, Csv};
 use diptych::report::frames::FrameLine;
 use diptych::report::html::Section;
@@ -20,7 +21,7 @@ use super::timed::{Setting, Timed, TimedFrame};
 use crate::cli::failure::Failure;
 use crate::cli::foveation::{FoveationMode, FoveationOptions, Iterations};
 use crate::cli::interrupt;
-use crate::cli::options::{Denoiser, RenderOptions, RunOptions};
+use crate::cli::options::{RenderOptions, RunOptions};
 use crate::cli::output;
 use crate::cli::page::{self, and_page};
 use crate::cli::progress::Progress;
@@ -88,7 +89,7 @@ impl Configuration {
             layers => Iterations::Layers(layers),
         };
         let foveated = FoveationOptions { foveation, gaze: None, iterations: Some(iterations) };
-        RenderOptions { spp: SPP, foveated, ..single(run.clone(), Denoiser::Atrous) }
+        RenderOptions { spp: SPP, foveated, ..single(run.clone(), Some(Denoiser::Atrous)) }
     }
 }
 

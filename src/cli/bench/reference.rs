@@ -5,12 +5,13 @@ use std::path::Path;
 use diptych::accumulation::{Noise, hash_of};
 use diptych::exec::Stereo;
 use diptych::image::{RgbImage, exr};
+use diptych::quality::Denoiser;
 
 use super::Args;
 use super::journal::Journal;
 use crate::cli::failure::Failure;
 use crate::cli::foveation::FoveationOptions;
-use crate::cli::options::{Denoiser, RenderOptions, RunOptions};
+use crate::cli::options::{DenoiserChoice, RenderOptions, RunOptions};
 use crate::cli::output;
 use crate::cli::reference::{PASS_SPP, PassOptions, Plan};
 use crate::cli::setup::{self, Loaded, Tracing};
@@ -62,7 +63,7 @@ pub fn plan(args: &Args) -> Result<Plan, Failure> {
     let spp = args.reference_spp.unwrap_or(if args.quick { 256 } else { 1024 });
     let judged = args.judged()?;
     let bounces = args.bounces().into_iter().chain(judged.iter().map(|k| k.bounces)).max().unwrap_or(0);
-    Plan::new(&RenderOptions { spp, bounces, ..single(run, Denoiser::None) }, passes)
+    Plan::new(&RenderOptions { spp, bounces, ..single(run, None) }, passes)
 }
 
 /// The reference that is kept for this shot and these settings, made or gone on with where it has too few samples and
@@ -94,8 +95,8 @@ pub fn own(args: &Args, loaded: &Loaded, tracing: &Tracing, journal: Option<&Jou
 }
 
 /// One frame of one sample.
-pub fn single(run: RunOptions, denoiser: Denoiser) -> RenderOptions {
-    let (spp, bounces, foveated) = (1, 6, FoveationOptions::none(5));
+pub fn single(run: RunOptions, denoiser: DenoiserChoice) -> RenderOptions {
+    let (spp, bounces, foveated) = (1, 6, FoveationOptions::none(Denoiser::DEFAULT_ITERATIONS));
     RenderOptions {
         run,
         spp,

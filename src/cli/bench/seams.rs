@@ -8,6 +8,7 @@ use diptych::exec::Stereo;
 use diptych::graph::Stage;
 use diptych::image::{ImageError, RgbImage};
 use diptych::metrics::Pair;
+use diptych::quality::Denoiser;
 use diptych::report::frames::FrameLine;
 use diptych::report::html::Section;
 use diptych::report::run::{FrameRow, RunReport};
@@ -23,7 +24,7 @@ use super::timed::{Setting, Timed, TimedFrame, Warm};
 use crate::cli::failure::Failure;
 use crate::cli::foveation::FoveationOptions;
 use crate::cli::interrupt;
-use crate::cli::options::{Balance, Denoiser, RenderOptions, RunOptions, SeamOption};
+use crate::cli::options::{Balance, RenderOptions, RunOptions, SeamOption};
 use crate::cli::output::{self, same_bits};
 use crate::cli::page::{self, and_page};
 use crate::cli::progress::Progress;
@@ -82,10 +83,10 @@ fn settings(args: &Args) -> Result<RenderOptions, Failure> {
     if run.balance.is_none() && run.ratios.is_empty() {
         run.balance = Some(Balance::Even);
     }
-    let denoiser = args.denoiser.first().copied().unwrap_or(Denoiser::Atrous);
+    let denoiser = args.denoiser.first().copied().unwrap_or(Some(Denoiser::Atrous));
     let first = |asked: &[u32], default| asked.first().copied().unwrap_or(default);
     let (spp, bounces) = (first(&args.spp, 1), first(&args.bounces, 6));
-    let foveated = FoveationOptions::none(first(&args.iterations, 5));
+    let foveated = FoveationOptions::none(first(&args.iterations, Denoiser::DEFAULT_ITERATIONS));
     let options = RenderOptions { spp, bounces, foveated, ..single(run, denoiser) };
     options.check().map_err(Failure::Input)?;
     if options.iterations() == 0 {

@@ -5,7 +5,6 @@ use std::path::Path;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, ensure};
-use clap::ValueEnum;
 
 use diptych::control::{
     BOUNCES, Knobs, Ladder, Origin, Rung, TRACING, candidates, efforts, guessed_error, guessed_paths,
@@ -13,18 +12,18 @@ use diptych::control::{
 use diptych::exec::{FrameReport, Quality, Renderer, Stereo};
 use diptych::graph::Stage;
 use diptych::image::RgbImage;
+use diptych::quality::Denoiser;
 use diptych::scene::rig::Rig;
 use diptych::schedule::Effort;
 
 use super::Failure;
 use super::options::{Layers, LoopOptions};
 use crate::cli::interrupt;
-use crate::cli::options::Denoiser;
-use crate::cli::setup;
+use crate::cli::options::DenoiserChoice;
 
 /// Settings that a run may use, before it is known what they cost.
 pub struct Choice {
-    pub denoiser: Denoiser,
+    pub denoiser: DenoiserChoice,
     /// Those of a file that the run can have; none: the built-in candidates.
     pub ladder: Option<Ladder>,
     knobs: Vec<Knobs>,
@@ -33,12 +32,8 @@ pub struct Choice {
 impl Choice {
     pub fn new(args: &LoopOptions) -> Result<Self, Failure> {
         let Some(path) = &args.ladder else {
-            let denoiser = args.denoiser.unwrap_or(Denoiser::Svgf);
-            return Ok(Self {
-                denoiser,
-                ladder: None,
-                knobs: candidates(&setup::name(&denoiser), args.foveated.is_on()),
-            });
+            let denoiser = args.denoiser.unwrap_or(Some(Denoiser::Svgf));
+            return Ok(Self { denoiser, ladder: None, knobs: candidates(denoiser, args.foveated.is_on()) });
         };
         Self::from_file(args, path).map_err(Failure::Input)
     }
@@ -46,18 +41,16 @@ impl Choice {
     /// The filter is the same for all frames of a run.
     fn from_file(args: &LoopOptions, path: &Path) -> Result<Self, anyhow::Error> {
         let all = Ladder::read(path).context("cannot use --ladder")?;
-        let of = |denoiser: Denoiser| {
-            let name = setup::name(&denoiser);
-            let needs_iterations = denoiser != Denoiser::None;
-            let has = move |r: &&Rung| r.knobs.denoiser == name && (r.knobs.iterations > 0) == needs_iterations;
+        let of = |denoiser: DenoiserChoice| {
+            let has = move |r: &&Rung| r.knobs.denoiser == denoiser && (r.knobs.iterations > 0) == denoiser.is_some();
             all.rungs().iter().filter(has).cloned().collect::<Vec<_>>()
         };
-        let most = Denoiser::value_variants().iter().copied().max_by_key(|d| of(*d).len());
-        let denoiser = args.denoiser.or(most).unwrap_or(Denoiser::Svgf);
-        let (path, name) = (path.display(), setup::name(&denoiser));
+        let most = Denoiser::CHOICES.into_iter().max_by_key(|d| of(*d).len());
+        let denoiser = args.denoiser.or(most).unwrap_or(Some(Denoiser::Svgf));
+        let (path, name) = (path.display(), Denoiser::name_of(denoiser));
         if args.denoiser.is_none() && all.denoisers().len() > 1 {
             let counts: Vec<String> =
-                all.denoisers().iter().map(|(name, rungs)| format!("{rungs} of {name}")).collect();
+                all.denoisers().iter().map(|(d, rungs)| format!("{rungs} of {}", Denoiser::name_of(*d))).collect();
             eprintln!(
                 "warning: the rungs of {path} have several denoisers, {}: those of {name} are played; --denoiser chooses \
                  others, and `diptych bench` makes a ladder of each",

@@ -20,7 +20,7 @@ const BAR: usize = 24;
 /// Counts every frame; makes text only when it is time to draw.
 pub struct Live {
     band_ms: [f64; 2],
-    denoiser: String,
+    denoiser: &'static str,
     rungs: usize,
     /// How many there are to be, where that is known.
     wanted: Option<u32>,
@@ -32,7 +32,13 @@ pub struct Live {
 }
 
 impl Live {
-    pub fn new(band: Budget, devices: &[DeviceInfo], denoiser: String, rungs: usize, wanted: Option<u32>) -> Self {
+    pub fn new(
+        band: Budget,
+        devices: &[DeviceInfo],
+        denoiser: &'static str,
+        rungs: usize,
+        wanted: Option<u32>,
+    ) -> Self {
         let names = devices.iter().map(|d| format!("dev{} {}", d.index, d.name)).collect();
         let band_ms = [band.lo_ms(), band.hi_ms()];
         Self { band_ms, denoiser, rungs, wanted, names, recent_ms: VecDeque::new(), frames: 0, in_band: 0, drawn: None }
@@ -65,7 +71,7 @@ impl Live {
             100.0 * self.in_band as f64 / self.frames as f64,
         ));
         let rung = row.control.map_or(0, |c| c.rung);
-        let (last, denoiser) = (self.rungs.saturating_sub(1), &self.denoiser);
+        let (last, denoiser) = (self.rungs.saturating_sub(1), self.denoiser);
         lines.push(format!("rung {rung} of 0 to {last}: {denoiser}, {}", row.quality));
         lines.join("\n")
     }

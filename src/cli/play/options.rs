@@ -3,11 +3,12 @@
 use std::path::PathBuf;
 
 use diptych::control::{Budget, Knobs};
+use diptych::quality::Denoiser;
 
 use super::Failure;
 use super::ladder::Choice;
 use crate::cli::foveation::{FoveationOptions, Iterations};
-use crate::cli::options::{DEVICES, Denoiser, QUALITY, RenderOptions, RunOptions, SCENE};
+use crate::cli::options::{DEVICES, DenoiserChoice, QUALITY, RenderOptions, RunOptions, SCENE};
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct LoopOptions {
@@ -24,8 +25,8 @@ pub struct LoopOptions {
     #[arg(long, value_name = "FILE", help_heading = QUALITY)]
     pub ladder: Option<PathBuf>,
     /// Of all frames [default: svgf; with --ladder the one that most rungs have]
-    #[arg(long, help_heading = QUALITY)]
-    pub denoiser: Option<Denoiser>,
+    #[arg(long, value_parser = Denoiser::value_parser(), help_heading = QUALITY)]
+    pub denoiser: Option<DenoiserChoice>,
     #[command(flatten)]
     pub foveated: FoveationOptions,
     /// Frames per second, of the clock and of the camera path, which is walked to its end and back again [default: as
@@ -64,10 +65,10 @@ impl LoopOptions {
     /// What clap cannot see.
     fn check(&self, choice: &Choice, options: &RenderOptions) -> Result<(), Failure> {
         self.foveated.check().map_err(Failure::Input)?;
-        if choice.denoiser != Denoiser::None && options.iterations() == 0 {
+        if choice.denoiser.is_some() && options.iterations() == 0 {
             return Err(Failure::Input(anyhow::anyhow!("--iterations 0 filters nothing: choose --denoiser none")));
         }
-        if self.foveated.is_on() && choice.denoiser == Denoiser::None {
+        if self.foveated.is_on() && choice.denoiser.is_none() {
             let what = anyhow::anyhow!("--foveation layers leaves pixels to a denoiser: choose another than none");
             return Err(Failure::Input(what));
         }

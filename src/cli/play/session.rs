@@ -7,6 +7,7 @@ use std::time::Instant;
 use diptych::control::{Budget, Controller, Decision, ESTIMATES_EV, Ladder, Measure, Origin};
 use diptych::device::GpuDevice;
 use diptych::exec::{FrameReport, Quality, Renderer};
+use diptych::quality::Denoiser;
 use diptych::report::play::{ControlRow, SizeFit};
 use diptych::report::run::{FrameRow, Quality as QualityRow};
 use diptych::scene::rig::Rig;
@@ -19,7 +20,7 @@ use super::live::Live;
 use super::options::Prepared;
 use crate::cli::faults::FaultLog;
 use crate::cli::progress::Progress;
-use crate::cli::setup::{self, Loaded, Tracing};
+use crate::cli::setup::{Loaded, Tracing};
 
 pub struct Session {
     pub renderer: Renderer,
@@ -61,7 +62,7 @@ impl Session {
         record_devices(&tracing.recorder, renderer.devices());
         let ladder = find_ladder(prepared, loaded, &mut renderer, &progress)?;
         let Prepared { options, choice, .. } = prepared;
-        let denoiser = setup::name(&choice.denoiser);
+        let denoiser = Denoiser::name_of(choice.denoiser);
         Ok(Self {
             fit,
             warm_up_s: begin.elapsed().as_secs_f64(),

@@ -1,6 +1,7 @@
 use super::*;
-use crate::graph::{Filter, HaloPlan, Seam, Stripes, Views};
+use crate::graph::{HaloPlan, Seam, Stripes, Views};
 use crate::image::Extent;
+use crate::quality::Denoiser;
 
 fn spec(devices: usize, seam: Seam) -> FrameSpec {
     let extent = Extent::new(64, 180);
@@ -9,7 +10,7 @@ fn spec(devices: usize, seam: Seam) -> FrameSpec {
         devices,
         views: Views::Reprojected,
         sparse: false,
-        filter: Filter::Atrous,
+        filter: Some(Denoiser::Atrous),
         iterations: 5,
         history_rows: None,
         seam,
@@ -34,7 +35,7 @@ fn ragged(devices: usize) -> Assignment {
 fn with_history(spec: FrameSpec, rows: u32) -> (FrameSpec, Assignment) {
     let mut before = ragged(spec.devices);
     before.set(Stage::Atrous, Eye::Left, Stripes::even(180, spec.devices));
-    (FrameSpec { filter: Filter::Svgf, history_rows: Some(rows), ..spec }, before)
+    (FrameSpec { filter: Some(Denoiser::Svgf), history_rows: Some(rows), ..spec }, before)
 }
 
 /// Replays a graph in key order and checks that every read finds the newest version of its rows on its device.
@@ -156,7 +157,8 @@ fn equal_stripes_reproject_without_any_transfer() {
 #[test]
 fn history_crosses_by_as_many_rows_as_it_may_have_moved() {
     let stripes = Assignment::uniform(Stripes::even(180, 2));
-    let spec = FrameSpec { filter: Filter::Svgf, history_rows: Some(8), ..spec(2, Seam::Halo(HaloPlan::RECOMPUTE)) };
+    let spec =
+        FrameSpec { filter: Some(Denoiser::Svgf), history_rows: Some(8), ..spec(2, Seam::Halo(HaloPlan::RECOMPUTE)) };
     let graph = FrameGraph::build(&spec, &stripes, Some(&stripes));
     let mut rows: HashMap<Resource, u32> = HashMap::new();
     for task in graph.dag.node_weights() {

@@ -42,23 +42,27 @@ mod tests {
     use super::super::tests::row;
     use super::*;
     use crate::control::{Measure, Origin};
+    use crate::quality::Denoiser;
 
     #[test]
     fn each_denoiser_has_a_ladder_and_the_best_comes_first() {
-        // By time of the fastest alone "a" would be best.
+        // By time of the fastest alone à-trous would be best.
         let rows = [
-            row("a", 1, 1.0, &[0.4]),
-            row("a", 2, 2.0, &[0.5]),
-            row("a", 4, 3.0, &[0.3]),
-            row("b", 1, 1.2, &[0.1]),
-            row("b", 2, 3.0, &[0.05]),
+            row("atrous", 1, 1.0, &[0.4]),
+            row("atrous", 2, 2.0, &[0.5]),
+            row("atrous", 4, 3.0, &[0.3]),
+            row("svgf", 1, 1.2, &[0.1]),
+            row("svgf", 2, 3.0, &[0.05]),
         ];
         let rungs: Vec<Rung> = rows.iter().map(Row::rung).collect();
         let (shot, size, version) = ("s".into(), "8x8".into(), "0".into());
         let measure = Measure::FlipFlicker;
         let origin = Origin { shot, size, exposure_ev: 0.0, measure, devices: Vec::new(), version };
         let [best, other] = Ladder::by_denoiser(&origin, &rungs).unwrap().try_into().unwrap();
-        assert_eq!((best.denoisers(), other.denoisers()), (vec![("b", 2)], vec![("a", 2)]));
+        assert_eq!(
+            (best.denoisers(), other.denoisers()),
+            (vec![(Some(Denoiser::Svgf), 2)], vec![(Some(Denoiser::Atrous), 2)])
+        );
         assert_eq!(other.rungs().iter().map(|r| r.time_ms).collect::<Vec<_>>(), [1.0, 3.0]);
         assert_eq!(other.rungs()[1].stage_ms["atrous"], 0.75);
         assert!(ladder_svg("t".into(), &rows, &[], &other).unwrap().contains("FLIP + flicker"));

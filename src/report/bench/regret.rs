@@ -53,8 +53,12 @@ mod tests {
 
     #[test]
     fn regret_is_over_the_best_that_takes_no_longer() {
-        let rows =
-            [row("a", 1, 1.0, &[0.4]), row("a", 2, 2.0, &[0.1]), row("b", 1, 2.5, &[0.2]), row("b", 2, 9.0, &[0.05])];
+        let rows = [
+            row("atrous", 1, 1.0, &[0.4]),
+            row("atrous", 2, 2.0, &[0.1]),
+            row("svgf", 1, 2.5, &[0.2]),
+            row("svgf", 2, 9.0, &[0.05]),
+        ];
         let rungs: Vec<Knobs> = rows[..3].iter().rev().map(|r| r.knobs.clone()).collect();
         let found = regrets(&rungs, &rows);
         assert_eq!(found.iter().map(|r| r.time_ms).collect::<Vec<_>>(), [1.0, 2.0, 2.5]);

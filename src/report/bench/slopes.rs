@@ -7,12 +7,13 @@ use serde::Serialize;
 use super::{Measured, NOISE_MARGIN, Row};
 use crate::accumulation::Noise;
 use crate::exec::Stereo;
+use crate::quality::Denoiser;
 use crate::report::once;
 
 /// Exponent of the error, √relMSE, over samples per pixel: −0.5 for independent samples.
 #[derive(Clone, Debug, Serialize)]
 pub struct Slope {
-    pub denoiser: String,
+    pub denoiser: &'static str,
     pub iterations: u32,
     pub eye: &'static str,
     /// Mean over the repeats' slopes.
@@ -50,7 +51,7 @@ pub fn slopes(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Vec<Slope> {
     let bounces = rows.iter().map(|r| r.knobs.bounces).max();
     let rows: Vec<&Row> = rows.into_iter().filter(|r| Some(r.knobs.bounces) == bounces).collect();
     let filters = once(rows.iter().map(|r| filter(r)));
-    let of = |name: &(&str, u32)| {
+    let of = |name: &(&'static str, u32)| {
         let own = || rows.iter().filter(|r| filter(r) == *name && r.knobs.spp > 1);
         let eye = |of: fn(&Measured) -> &Vec<f64>| own().map(|r| (r.knobs.spp, of(&r.measured).as_slice())).collect();
         let noises = noise.map_or([0.0; 2], |n| [n.left.relmse, n.right.relmse]);
@@ -62,13 +63,13 @@ pub fn slopes(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Vec<Slope> {
     filters.iter().flat_map(of).flatten().collect()
 }
 
-fn filter(row: &Row) -> (&str, u32) {
-    (&row.knobs.denoiser, row.knobs.iterations)
+fn filter(row: &Row) -> (&'static str, u32) {
+    (Denoiser::name_of(row.knobs.denoiser), row.knobs.iterations)
 }
 
 /// Through the relMSE of each repeat, by samples per pixel.
 fn slope(
-    (denoiser, iterations): (&str, u32),
+    (denoiser, iterations): (&'static str, u32),
     eye: &'static str,
     mut settings: Vec<(u32, &[f64])>,
     noise: f64,
@@ -80,7 +81,7 @@ fn slope(
     };
     let fits: Vec<f64> = (0..settings.first()?.1.len()).map_while(fit).collect();
     let (slope, standard_error) = mean_and_error(&fits)?;
-    Some(Slope { denoiser: denoiser.to_owned(), iterations, eye, slope, standard_error, points: settings.len() })
+    Some(Slope { denoiser, iterations, eye, slope, standard_error, points: settings.len() })
 }
 
 /// Mean and its standard error, which takes two values; none of no values.

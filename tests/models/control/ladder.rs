@@ -2,6 +2,7 @@
 //! what nothing beats.
 
 use diptych::control::{Ladder, MIN_STEP, Measure, Origin, Rung, STEEPEST};
+use diptych::quality::Denoiser;
 use proptest::prelude::*;
 
 use super::hold;
@@ -61,7 +62,7 @@ fn ladders_of_before_are_read_for_what_they_are() {
     let rung = &measured.rungs()[0];
     assert_eq!((measured.origin().measure, rung.error, rung.flip, rung.flicker), (Measure::Flip, 0.4, Some(0.4), None));
     assert!(!rung.is_estimated && rung.relmse == Some(0.3));
-    assert_eq!(measured.denoisers(), [("svgf", 1), ("none", 1)]);
+    assert_eq!(measured.denoisers(), [(Some(Denoiser::Svgf), 1), (None, 1)]);
     let estimated = Ladder::parse(&text("0.1.0; flip is estimated")).unwrap();
     let rung = &estimated.rungs()[1];
     assert_eq!((estimated.origin().measure, rung.error, rung.flip), (Measure::Estimate, 0.2, None));
@@ -95,7 +96,7 @@ fn what_is_no_ladder_is_refused_with_its_reason() {
         ("error = 0.9", "estimated = true", "rung 1: it has no estimated_ms"),
         ("flip_flicker", "beauty", "unknown variant `beauty`"),
         ("relmse = 0.1", "relmse = -1.0", "rung 1: relmse -1 is out of range"),
-        ("denoiser = \"none\"", "denoiser = \"\"", "rung 1: denoiser is empty"),
+        ("denoiser = \"none\"", "denoiser = \"\"", "the denoiser \"\" is unknown"),
         ("[origin]", "[origin", "form"),
     ] {
         let message = changed(from, to);

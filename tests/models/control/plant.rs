@@ -16,7 +16,7 @@ pub fn ladder(times_ms: &[f64]) -> Ladder {
         flicker: Some(0.1 / (i + 1) as f64),
         relmse: Some(0.1),
         is_estimated: false,
-        knobs: Knobs { spp: i as u32 + 1, bounces: 6, denoiser: "none".into(), iterations: 0, fovea: None, scale: 1.0 },
+        knobs: Knobs { spp: i as u32 + 1, bounces: 6, denoiser: None, iterations: 0, fovea: None, scale: 1.0 },
         stage_ms: Default::default(),
     };
     let (shot, size, devices, version) = ("s".into(), "8x8".into(), vec!["d".into()], "0".into());
