@@ -90,7 +90,7 @@ pub struct FrameReply {
 }
 
 /// What workers send one another.
-pub enum Parcel {
+pub enum Message {
     Rows {
         ticket: u64,
         transfer: u32,

@@ -3,11 +3,11 @@
 //! the protocol.
 
 mod costs;
-mod crew;
+mod worker_pool;
 mod faults;
 mod history;
 mod messages;
-mod post;
+mod mailbox;
 mod quality;
 mod read;
 mod renderer;
@@ -16,7 +16,7 @@ mod staging;
 mod watchdog;
 mod worker;
 
-pub use faults::{Fault, InjectedKind, Injection, Trouble};
+pub use faults::{Fault, InjectedFaults, InjectedKind, Injection};
 pub use quality::{Foresight, Quality};
 pub use renderer::Renderer;
 use report::resource_name;

@@ -20,9 +20,9 @@ impl Renderer {
             }
             let (primary, place, index) = (whole.primary, whole.inputs.place(), whole.inputs.index());
             let limit = self.limit(&whole.inputs);
-            let (_, injected) = self.trouble.take(primary, index);
-            let ticket = self.crew.ask(vec![(primary, Order::Read { image, place, injected })], limit);
-            match self.crew.answers(ticket, limit).pop() {
+            let (_, injected) = self.injected.take(primary, index);
+            let ticket = self.workers.ask(vec![(primary, Order::Read { image, place, injected })], limit);
+            match self.workers.answers(ticket, limit).pop() {
                 Some((_, Ok(Answer::Pixels(pixels)))) => return Ok(pixels),
                 Some((_, Err(Stop::Device(failure)))) => self.make_again(failure)?,
                 _ => return Err(ExecError::Stuck),

@@ -7,13 +7,13 @@ use std::time::{Duration, Instant};
 
 use crossbeam::channel::{Receiver, Sender, unbounded};
 
-use super::crew::Crew;
 use super::history::history_rows;
-use super::messages::{Answer, FrameJob, Order, Parcel, Pixels, Stop};
-use super::post::Post;
-use super::watchdog::Watchdog;
+use super::mailbox::Mailbox;
+use super::messages::{Answer, FrameJob, Message, Order, Pixels, Stop};
+use super::watchdog::Limits;
 use super::worker::Worker;
-use super::{ExecError, Fault, FrameReport, Injection, Quality, RenderSettings, Tally, Trouble, costs};
+use super::worker_pool::WorkerPool;
+use super::{ExecError, Fault, FrameReport, InjectedFaults, Injection, Quality, RenderSettings, Tally, costs};
 use crate::device::{DeviceFailure, DeviceInfo, GpuDevice};
 use crate::graph::{Assignment, FrameGraph, FrameSpec, PhysicalImage, Seam, Stage, Views, passes};
 use crate::image::Extent;
@@ -32,9 +32,9 @@ pub struct Renderer {
     policy: Box<dyn Policy>,
     pub(super) costs: CostModel,
     devices: Vec<DeviceInfo>,
-    pub(super) crew: Crew,
-    watchdog: Watchdog,
-    pub(super) trouble: Trouble,
+    pub(super) workers: WorkerPool,
+    limits: Limits,
+    pub(super) injected: InjectedFaults,
     faults: Vec<Fault>,
     /// The next frame is not to build on those before.
     begins_anew: bool,
@@ -130,16 +130,16 @@ impl Renderer {
         stages.sort();
         stages.dedup();
         let (reply, replies) = unbounded();
-        let parcels: Vec<(Sender<Parcel>, Receiver<Parcel>)> = gpus.iter().map(|_| unbounded()).collect();
-        let outboxes: Vec<_> = parcels.iter().map(|(s, _)| s.clone()).collect();
+        let messages: Vec<(Sender<Message>, Receiver<Message>)> = gpus.iter().map(|_| unbounded()).collect();
+        let outboxes: Vec<_> = messages.iter().map(|(s, _)| s.clone()).collect();
         let (mut devices, mut workers) = (Vec::new(), Vec::new());
-        for (gpu, (_, inbox)) in gpus.into_iter().zip(parcels) {
-            let post = Post::new(gpu.info.index, inbox, outboxes.clone());
-            let worker = Worker::new(gpu, &settings.stages, &tables, &stages, post, reply.clone(), origin)?;
+        for (gpu, (_, inbox)) in gpus.into_iter().zip(messages) {
+            let mailbox = Mailbox::new(gpu.info.index, inbox, outboxes.clone());
+            let worker = Worker::new(gpu, &settings.stages, &tables, &stages, mailbox, reply.clone(), origin)?;
             devices.push(worker.info().clone());
             workers.push(worker);
         }
-        let crew = Crew::start(workers, replies, outboxes)?;
+        let workers = WorkerPool::start(workers, replies, outboxes)?;
         Ok(Self {
             costs: CostModel::new(&spec),
             quality: Quality::of(&settings),
@@ -148,9 +148,9 @@ impl Renderer {
             tables,
             policy,
             devices,
-            crew,
-            watchdog: Watchdog::default(),
-            trouble: Trouble::default(),
+            workers,
+            limits: Limits::default(),
+            injected: InjectedFaults::default(),
             faults: Vec::new(),
             begins_anew: false,
             planned: None,
@@ -165,23 +165,23 @@ impl Renderer {
     /// The devices that have not failed, for another renderer, which need not compile again what it has in common with this
     /// one.
     pub fn into_devices(mut self) -> Vec<GpuDevice> {
-        self.crew.end()
+        self.workers.end()
     }
 
     /// Takes a device out that gives no sign of life for this long, instead of a limit that follows from what frames
     /// took.
     pub fn set_watchdog(&mut self, limit: Duration) {
-        self.watchdog.fixed = Some(limit);
+        self.limits.fixed = Some(limit);
     }
 
-    /// Trouble to come.
-    pub fn set_trouble(&mut self, trouble: Trouble) {
-        self.trouble = trouble;
+    /// Sets the faults that are injected from here on.
+    pub fn set_injected_faults(&mut self, injected: InjectedFaults) {
+        self.injected = injected;
     }
 
     /// How often each device runs its dispatches from here on; once where nothing is said.
     pub fn set_slowdown(&mut self, slowdown: Vec<u32>) {
-        self.trouble.slowdown = slowdown;
+        self.injected.slowdown = slowdown;
     }
 
     /// The next frame finds no history.
@@ -297,9 +297,9 @@ impl Renderer {
         let index = frame.report.index;
         let mut failed: BTreeMap<usize, DeviceFailure> = failures.into_iter().collect();
         let behind: Vec<InFlight> = self.in_flight.drain(..).collect();
-        behind.iter().for_each(|f| self.crew.call_off(f.ticket));
+        behind.iter().for_each(|f| self.workers.call_off(f.ticket));
         for other in &behind {
-            for (device, answer) in self.crew.answers(other.ticket, other.limit) {
+            for (device, answer) in self.workers.answers(other.ticket, other.limit) {
                 if let Err(Stop::Device(failure)) = answer {
                     failed.entry(device).or_insert(failure);
                 }
@@ -307,11 +307,11 @@ impl Renderer {
         }
         let (first_fault, attempts, begin_ms) = (frame.first_fault, frame.attempts, frame.report.begin_ms);
         // What was to happen may not have come to pass when devices were called off.
-        self.trouble.injections.extend(frame.injections.into_iter().filter(|i| !failed.contains_key(&i.device)));
+        self.injected.injections.extend(frame.injections.into_iter().filter(|i| !failed.contains_key(&i.device)));
         self.take_out(index, failed)?;
         self.hand_out(frame.inputs, Some((first_fault, attempts + 1, begin_ms)));
         for frame in behind {
-            self.trouble.injections.extend(frame.injections);
+            self.injected.injections.extend(frame.injections);
             self.hand_out(frame.inputs, None);
         }
         Ok(())
@@ -344,21 +344,21 @@ impl Renderer {
             tasks: Vec::new(),
             tallies: Default::default(),
             row_tallies: Default::default(),
-            devices: self.crew.left(),
+            devices: self.workers.left(),
             assignment: plan.assignment,
             spec: FrameSpec { history_rows, ..self.spec.clone() },
             pixel_centre: inputs.constants.centre.to_array(),
         };
         let (mut orders, mut injections) = (Vec::new(), Vec::new());
-        for device in self.crew.left() {
-            let (runs, injected) = self.trouble.take(device, index);
+        for device in self.workers.left() {
+            let (runs, injected) = self.injected.take(device, index);
             injections.extend(injected.map(|kind| Injection { kind, device, frame: index }));
             let Inputs { constants, previous, place, reads, .. } = inputs.clone();
             let job = FrameJob { graph: Arc::clone(&graph), constants, previous, place, reads, runs, injected };
             orders.push((device, Order::Frame(Box::new(job))));
         }
         let limit = self.limit(&inputs);
-        let ticket = self.crew.ask(orders, limit);
+        let ticket = self.workers.ask(orders, limit);
         if let Some(before) = self.in_flight.back_mut() {
             (before.report.overlapped, before.report.predicted_ms) = (true, None);
         }
@@ -377,7 +377,7 @@ impl Renderer {
 
     /// What a device may take for one thing that is waited for. Frames that were begun before may come first.
     pub(super) fn limit(&self, inputs: &Inputs) -> Duration {
-        self.watchdog.limit(self.samples(inputs) * self.settings.stages.frames_in_flight as u64)
+        self.limits.limit(self.samples(inputs) * self.settings.stages.frames_in_flight as u64)
     }
 
     /// Of both eyes of a frame.
@@ -387,7 +387,7 @@ impl Renderer {
 
     /// Stripes and graph of the next frame; the graph is built anew only when something of its plan has changed.
     fn plan(&mut self, quality: &Quality, history_rows: Option<u32>) -> (Plan, Arc<FrameGraph>) {
-        let left = self.crew.left();
+        let left = self.workers.left();
         self.spec.iterations = quality.iterations();
         self.costs.set_quality(self.spec.iterations, &quality.effort);
         self.plan_halo(&left);
@@ -425,7 +425,7 @@ impl Renderer {
 
     /// Collects a frame's answers; returns the devices that failed. A whole frame is learned from.
     fn take_in(&mut self, frame: &mut InFlight) -> Result<Vec<(usize, DeviceFailure)>, ExecError> {
-        let answers = self.crew.answers(frame.ticket, frame.limit);
+        let answers = self.workers.answers(frame.ticket, frame.limit);
         let (mut failures, mut is_whole, mut begin_ms, mut end_ms) = (Vec::new(), true, f64::INFINITY, 0.0);
         let mut images = HashMap::new();
         for (device, answer) in answers {
@@ -476,7 +476,7 @@ impl Renderer {
         self.costs.learn(&FrameCosts { effort, ..costs::frame_costs(report, self.devices.len(), begun_ms) });
         if frame.attempts == 1 {
             let makespan_ms = report.makespan_ms;
-            self.watchdog.learn(self.samples(&frame.inputs), makespan_ms);
+            self.limits.learn(self.samples(&frame.inputs), makespan_ms);
         }
         self.recovered(frame.first_fault, frame.attempts);
         self.whole = Some(Whole { inputs: frame.inputs.clone(), primary: frame.primary, end_ms, images });
@@ -486,8 +486,8 @@ impl Renderer {
         let _span = tracing::info_span!("take devices out", frame).entered();
         let noticed_ms = self.origin.elapsed().as_secs_f64() * 1e3;
         for (device, DeviceFailure { kind, what }) in failures {
-            let left = self.crew.left();
-            self.crew.take_out(device);
+            let left = self.workers.left();
+            self.workers.take_out(device);
             if left.len() == 1 {
                 return Err(ExecError::NoneLeft { device, what });
             }

@@ -93,10 +93,10 @@ impl Worker {
         self.stamps.reset();
         self.stages.set_frame(&self.gpu, &part.job.constants, &part.job.previous, part.job.place);
         for (i, task) in tasks.iter().enumerate() {
-            self.pulse.beat();
+            self.heartbeat.beat();
             if i == tasks.len() / 2 && part.job.injected.is_some() {
                 self.flush(part)?;
-                self.befall(part.job.injected);
+                self.inject(part.job.injected);
             }
             // Copies leave together, as soon as the last of a run of them is recorded.
             if !part.copies.is_empty() && !matches!(task.kind, TaskKind::Download { .. }) {
@@ -113,7 +113,7 @@ impl Worker {
             }
         }
         if tasks.is_empty() {
-            self.befall(part.job.injected);
+            self.inject(part.job.injected);
         }
         self.copy_stamps(part);
         self.flush(part)
@@ -208,15 +208,15 @@ impl Worker {
         let slice = self.gpu.patience / WAIT_SLICES;
         let mut slices = 0;
         loop {
-            self.post.look(part.ticket)?;
-            if let Some(bytes) = self.post.take(part.ticket, transfer) {
+            self.mailbox.look(part.ticket)?;
+            if let Some(bytes) = self.mailbox.take(part.ticket, transfer) {
                 return Ok(bytes);
             }
             if self.send_oldest(Some(part))? {
                 continue;
             }
-            let post = &mut self.post;
-            match self.pulse.depending(|| post.wait(slice))? {
+            let mailbox = &mut self.mailbox;
+            match self.heartbeat.depending(|| mailbox.wait(slice))? {
                 true => {}
                 false if slices < DEPENDENT_SLICES => slices += 1,
                 false => return Err(Stop::Aborted),
@@ -232,11 +232,11 @@ impl Worker {
             let _span = tracing::info_span!("wait for own rows").entered();
             self.gpu.wait(Some(out.back.submission()))?;
         }
-        self.pulse.beat();
+        self.heartbeat.beat();
         out.timing.begin_ms = self.now_ms();
         let bytes = self.pool.finish(&self.gpu, out.back)?;
         out.timing.bytes = Some(bytes.len() as u64);
-        self.post.send(out.to, out.ticket, out.transfer, bytes)?;
+        self.mailbox.send(out.to, out.ticket, out.transfer, bytes)?;
         out.timing.end_ms = self.now_ms();
         let mut parts = self.open.iter_mut().chain(part);
         if let Some(part) = parts.find(|p| p.ticket == out.ticket) {
@@ -257,7 +257,7 @@ impl Worker {
             State::Submitted(_) => self.end(&mut part, wait),
             State::Read { .. } => match self.conclude(&mut part, wait) {
                 Ok(Some(reply)) => {
-                    self.post.forget_below(part.ticket + 1);
+                    self.mailbox.forget_below(part.ticket + 1);
                     self.answer(part.ticket, Ok(Answer::Frame(reply)));
                     return Ok(true);
                 }
@@ -278,8 +278,8 @@ impl Worker {
                 self.send_oldest(Some(part))?;
             }
         }
-        self.post.look(part.ticket)?;
-        let is_here = |(_, _, transfer): &(_, _, u32)| self.post.has(part.ticket, *transfer);
+        self.mailbox.look(part.ticket)?;
+        let is_here = |(_, _, transfer): &(_, _, u32)| self.mailbox.has(part.ticket, *transfer);
         let has_sent = self.outgoing.front().is_none_or(|o| o.ticket != part.ticket);
         let need_not_wait = has_sent && uploads.iter().all(is_here);
         if !(wait || need_not_wait) {
