@@ -2,12 +2,14 @@
 //! memory, and the whole images end up on the primary, the first device that is left. README.md beside this file has
 //! the protocol.
 
+mod constants;
 mod costs;
-mod worker_pool;
 mod faults;
+mod frames;
 mod history;
-mod messages;
 mod mailbox;
+mod messages;
+mod planner;
 mod quality;
 mod read;
 mod renderer;
@@ -15,6 +17,7 @@ mod report;
 mod staging;
 mod watchdog;
 mod worker;
+mod worker_pool;
 
 pub use faults::{Fault, InjectedFaults, InjectedKind, Injection};
 pub use quality::{Foresight, Quality};

@@ -14,6 +14,7 @@ use super::ExecError;
 use super::faults::InjectedKind;
 use super::mailbox::Mailbox;
 use super::messages::{Answer, Command, Order, Pixels, Reply, Stop};
+use super::planner::Graphs;
 use super::staging::{Pool, ReadBack};
 use super::watchdog::Heartbeat;
 use crate::device::{DeviceFailure, DeviceInfo, GpuClock, GpuDevice};
@@ -29,6 +30,7 @@ pub struct Worker {
     stamp_buffer: wgpu::Buffer,
     clock: GpuClock,
     pool: Pool,
+    graphs: Arc<Graphs>,
     mailbox: Mailbox,
     replies: Sender<Reply>,
     /// Attempts that are not answered for, oldest first.
@@ -52,6 +54,7 @@ impl Worker {
         settings: &StageSettings,
         tables: &SceneTables,
         stages: &[Stage],
+        graphs: Arc<Graphs>,
         mailbox: Mailbox,
         replies: Sender<Reply>,
         origin: Instant,
@@ -79,6 +82,7 @@ impl Worker {
             stamp_buffer,
             clock,
             pool: Pool::default(),
+            graphs,
             mailbox,
             replies,
             unanswered: Vec::new(),
@@ -160,7 +164,7 @@ impl Worker {
         match order {
             Order::Frame(job) => {
                 let begin_ms = self.now_ms();
-                self.open.push_back(Part::new(ticket, *job, begin_ms));
+                self.open.push_back(Part::new(ticket, *job, &self.graphs, begin_ms));
                 self.carry_out()
             }
             Order::Read { image, place, injected } => {

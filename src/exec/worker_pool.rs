@@ -2,15 +2,18 @@
 
 use std::sync::Arc;
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, unbounded};
 
 use super::ExecError;
+use super::mailbox::Mailbox;
 use super::messages::{Answer, Command, Message, Order, Reply, Stop};
+use super::planner::Graphs;
 use super::watchdog::{Heartbeat, Watchdog};
 use super::worker::Worker;
-use crate::device::{DeviceFailure, FailureKind, GpuDevice};
+use crate::device::{DeviceFailure, DeviceInfo, FailureKind, GpuDevice};
+use crate::stages::{SceneTables, StageSettings};
 
 /// How long a worker's end is waited for, when all has been said.
 const END_LIMIT: Duration = Duration::from_secs(5);
@@ -61,13 +64,30 @@ struct Asked {
 }
 
 impl WorkerPool {
+    /// Warms every device up and starts its worker; also returns what is known of the devices. Times are counted from
+    /// `origin`.
+    ///
+    /// # Errors
+    /// A device that fails at once, has too little memory or cannot compile a stage, and threads that cannot be started.
     pub fn start(
-        workers: Vec<Worker>,
-        replies: Receiver<Reply>,
-        inboxes: Vec<Sender<Message>>,
-    ) -> Result<Self, ExecError> {
+        gpus: Vec<GpuDevice>,
+        settings: &StageSettings,
+        tables: &SceneTables,
+        graphs: &Arc<Graphs>,
+        origin: Instant,
+    ) -> Result<(Self, Vec<DeviceInfo>), ExecError> {
+        let stages = graphs.stages();
+        let (reply, replies) = unbounded();
+        let (inboxes, receivers): (Vec<_>, Vec<_>) = gpus.iter().map(|_| unbounded()).unzip();
+        let mut workers = Vec::new();
+        for (gpu, inbox) in gpus.into_iter().zip(receivers) {
+            let mailbox = Mailbox::new(gpu.info.index, inbox, inboxes.clone());
+            let graphs = Arc::clone(graphs);
+            workers.push(Worker::new(gpu, settings, tables, &stages, graphs, mailbox, reply.clone(), origin)?);
+        }
+        let devices = workers.iter().map(|w| w.info().clone()).collect();
         let members = workers.into_iter().map(Member::start).collect::<Result<_, _>>()?;
-        Ok(Self { members, replies, inboxes, asked: Vec::new(), ticket: 0 })
+        Ok((Self { members, replies, inboxes, asked: Vec::new(), ticket: 0 }, devices))
     }
 
     /// The devices that were not taken out.

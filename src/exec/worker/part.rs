@@ -5,15 +5,17 @@ use std::sync::Arc;
 use super::Worker;
 use crate::device::WAIT_SLICES;
 use crate::exec::messages::{Answer, FrameJob, FrameReply, Stop};
+use crate::exec::planner::Graphs;
 use crate::exec::staging::{ReadBack, Recorded};
 use crate::exec::{TaskTiming, TimedTask, resource_name};
-use crate::graph::{PhysicalImage, Resource, Stage, Task, TaskKind};
+use crate::graph::{FrameGraph, PhysicalImage, Resource, Stage, Task, TaskKind};
 use crate::stages::StageTask;
 
 /// What a worker knows of a frame until it has answered.
 pub struct Part {
     pub ticket: u64,
     job: FrameJob,
+    graph: Arc<FrameGraph>,
     begin_ms: f64,
     encoder: Option<wgpu::CommandEncoder>,
     /// In the encoder: rows for others, and the timestamps.
@@ -51,9 +53,10 @@ pub struct Outgoing {
 const DEPENDENT_SLICES: u32 = 32;
 
 impl Part {
-    pub fn new(ticket: u64, job: FrameJob, begin_ms: f64) -> Self {
+    pub fn new(ticket: u64, job: FrameJob, graphs: &Graphs, begin_ms: f64) -> Self {
         Self {
             ticket,
+            graph: graphs.of(&job.plan),
             job,
             begin_ms,
             encoder: None,
@@ -88,7 +91,7 @@ impl Worker {
 
     fn submit_tasks(&mut self, part: &mut Part) -> Result<(), Stop> {
         let _span = tracing::info_span!("device frame", frame = part.frame()).entered();
-        let graph = Arc::clone(&part.job.graph);
+        let graph = Arc::clone(&part.graph);
         let (tasks, _) = graph.parts_of(self.gpu.info.index);
         self.stamps.reset();
         self.stages.set_frame(&self.gpu, &part.job.constants, &part.job.previous, part.job.place);
@@ -271,7 +274,7 @@ impl Worker {
 
     /// Sends what others wait for, and takes in what the whole images lack.
     fn stitch(&mut self, part: &mut Part, wait: bool) -> Result<bool, Stop> {
-        let graph = Arc::clone(&part.job.graph);
+        let graph = Arc::clone(&part.graph);
         let uploads: Vec<_> = graph.parts_of(self.gpu.info.index).1.iter().filter_map(as_upload).collect();
         if wait {
             while self.outgoing.front().is_some_and(|o| o.ticket == part.ticket) {
@@ -316,7 +319,7 @@ impl Worker {
             part.timings.extend(part.stamped.iter().map(timing));
         }
         let mut backs = Vec::new();
-        if self.gpu.info.index == part.job.graph.primary {
+        if self.gpu.info.index == part.graph.primary {
             for image in [PhysicalImage::RowTally].into_iter().chain(part.job.reads.iter().copied()) {
                 backs.push((image, self.request(image, part.job.place)));
             }
