@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use diptych::exec::{Renderer, Trouble};
+use diptych::exec::{InjectedFaults, Renderer};
 use diptych::trace::frames::record_fault;
 
 use super::failure::Failure;
@@ -24,8 +24,8 @@ pub struct FaultOptions {
 }
 
 impl FaultOptions {
-    /// The trouble to make on so many devices.
-    pub fn trouble(&self, devices: usize) -> Result<Trouble, Failure> {
+    /// The faults to inject into so many devices.
+    pub fn injected(&self, devices: usize) -> Result<InjectedFaults, Failure> {
         let refuse = |what: String| Err(Failure::Input(anyhow::anyhow!(what)));
         if let Some(i) = self.injections.iter().find(|i| i.device >= devices) {
             return refuse(format!("--inject: there is no device {}, but only {devices}, from 0 on", i.device));
@@ -36,7 +36,7 @@ impl FaultOptions {
             each if each.len() == devices => each.to_vec(),
             each => return refuse(format!("--slowdown: {} numbers for {devices} devices: give one each", each.len())),
         };
-        Ok(Trouble { injections: self.injections.clone(), slowdown })
+        Ok(InjectedFaults { injections: self.injections.clone(), slowdown })
     }
 
     pub fn watchdog(&self) -> Option<Duration> {

@@ -99,7 +99,7 @@ pub fn varying_renderer(
     mixes_spp: bool,
 ) -> Result<Renderer, Failure> {
     let policy = policy(options, gpus.len())?;
-    let trouble = options.faults.trouble(gpus.len())?;
+    let injected = options.faults.injected(gpus.len())?;
     let stages = StageSettings {
         extent: options.size,
         needs: if options.no_skip { SceneNeeds { gloss: loaded.needs.gloss, ..SceneNeeds::ALL } } else { loaded.needs },
@@ -127,7 +127,7 @@ pub fn varying_renderer(
     };
     let _span = tracing::info_span!("start renderer").entered();
     let mut renderer = Renderer::new(gpus, Arc::clone(&loaded.tables), settings, policy, origin)?;
-    renderer.set_trouble(trouble);
+    renderer.set_injected_faults(injected);
     if let Some(limit) = options.faults.watchdog() {
         renderer.set_watchdog(limit);
     }

@@ -1,4 +1,4 @@
-//! What befalls devices: the record of a fault, and faults made on purpose to see a frame survive them.
+//! Faults of devices: the record of those that happened, and those that are injected to test recovery.
 
 use std::str::FromStr;
 
@@ -64,18 +64,18 @@ impl FromStr for Injection {
     }
 }
 
-/// Trouble made on purpose.
+/// The faults to inject into devices.
 #[derive(Clone, Debug, Default)]
-pub struct Trouble {
+pub struct InjectedFaults {
     /// Each happens once.
     pub injections: Vec<Injection>,
     /// How often each device runs its dispatches, in every frame; once where nothing is said.
     pub slowdown: Vec<u32>,
 }
 
-impl Trouble {
-    /// How often a device runs its dispatches of a frame, and what else is to happen to it there. What has happened is
-    /// forgotten.
+impl InjectedFaults {
+    /// How often a device runs its dispatches of a frame, and which other fault is injected into it there. Each
+    /// injection is taken once.
     pub fn take(&mut self, device: usize, frame: u32) -> (u32, Option<InjectedKind>) {
         let mut runs = self.slowdown.get(device).copied().unwrap_or(1);
         let mut fault = None;
@@ -109,12 +109,12 @@ mod tests {
     fn each_injection_happens_once() {
         let all = ["loss:dev1@frame3", "slow:dev1@frame3", "oom:dev1@frame3", "hang:dev0@frame3"];
         let injections = all.iter().map(|i| i.parse().unwrap()).collect();
-        let mut trouble = Trouble { injections, slowdown: vec![1, 3] };
-        assert_eq!(trouble.take(1, 2), (3, None));
-        assert_eq!(trouble.take(1, 3), (6, Some(InjectedKind::Loss)));
-        assert_eq!(trouble.take(1, 3), (3, Some(InjectedKind::Oom)));
-        assert_eq!(trouble.take(1, 3), (3, None));
-        assert_eq!(trouble.take(0, 3), (1, Some(InjectedKind::Hang)));
-        assert_eq!(trouble.take(2, 3), (1, None));
+        let mut injected = InjectedFaults { injections, slowdown: vec![1, 3] };
+        assert_eq!(injected.take(1, 2), (3, None));
+        assert_eq!(injected.take(1, 3), (6, Some(InjectedKind::Loss)));
+        assert_eq!(injected.take(1, 3), (3, Some(InjectedKind::Oom)));
+        assert_eq!(injected.take(1, 3), (3, None));
+        assert_eq!(injected.take(0, 3), (1, Some(InjectedKind::Hang)));
+        assert_eq!(injected.take(2, 3), (1, None));
     }
 }

@@ -21,15 +21,16 @@ pub fn history_rows(frame: &Frame, previous: &[View; 2], tables: &SceneTables) -
         return None;
     }
     let nearest = frame.views.each_ref().map(|v| 1.0 / f64::from(tables.clearance(v.origin)));
-    let rows = most_rows(frame, previous, nearest).map_or(largest, |rows| rows.min(f64::from(largest)) as u32);
+    let near = most_rows(frame, previous, nearest).unwrap_or(f64::INFINITY);
+    let rows = far.max(near).min(f64::from(largest)) as u32;
     Some(rows.next_multiple_of(STEP_ROWS).min(largest))
 }
 
-/// The most rows between where a point is seen and where it was, for points at an inverse distance of at most
-/// `nearness` from each eye; none if some may have been behind the eyes.
+/// The most rows between where a point is seen and where it was, for points whose inverse distance from each eye is
+/// `nearness`; none if some may have been behind the eyes.
 ///
 /// Where a point was is a quotient of two functions, each linear in the column and in the inverse depth, so that it is
-/// largest and smallest at the ends of both.
+/// largest and smallest at the ends of both: at infinity and at the nearest that a point may be.
 fn most_rows(frame: &Frame, previous: &[View; 2], nearness: [f64; 2]) -> Option<f64> {
     let mut most: f64 = 0.0;
     let centre = frame.centre.as_dvec2();
@@ -37,16 +38,15 @@ fn most_rows(frame: &Frame, previous: &[View; 2], nearness: [f64; 2]) -> Option<
         let (eye, last) = (&frame.views[now], &previous[before]);
         // Depth is shorter than distance by at most the cosine at the corners.
         let corner = f64::from(eye.tan_half_x).hypot(f64::from(eye.tan_half_y)).hypot(1.0);
-        for inverse_depth in [0.0, nearness[now] * corner] {
-            for row in 0..frame.height {
-                for column in [0, frame.width - 1] {
-                    let at = centre + DVec2::new(f64::from(column), f64::from(row));
-                    most = most.max((seen_row(frame, eye, last, at, inverse_depth)? - at.y).abs());
-                }
+        let inverse_depth = nearness[now] * corner;
+        for row in 0..frame.height {
+            for column in [0, frame.width - 1] {
+                let at = centre + DVec2::new(f64::from(column), f64::from(row));
+                most = most.max((seen_row(frame, eye, last, at, inverse_depth)? - at.y).abs());
             }
         }
     }
-    // Room for rounding on the device.
+    // A margin for rounding on the device.
     Some((most + 0.02).ceil())
 }
 
@@ -93,7 +93,8 @@ mod tests {
             let frame =
                 Frame { views: now, width: 160, height: 90, centre: glam::Vec2::splat(0.5), ..Default::default() };
             let clearance = 0.7;
-            let bound = most_rows(&frame, &before, [1.0 / clearance; 2]).unwrap();
+            let bounds = [0.0, 1.0 / clearance].map(|n| most_rows(&frame, &before, [n; 2]).unwrap());
+            let bound = bounds[0].max(bounds[1]);
             let mut most: f64 = 0.0;
             for i in 0..20_000 {
                 let part = |k: f64| (f64::from(i) * k).fract();

@@ -5,8 +5,9 @@ use std::time::Duration;
 
 use super::TaskTiming;
 use super::faults::InjectedKind;
+use super::planner::Plan;
 use crate::device::DeviceFailure;
-use crate::graph::{FrameGraph, PhysicalImage};
+use crate::graph::PhysicalImage;
 use crate::stages::{Place, layout};
 
 /// What the renderer tells a worker.
@@ -30,7 +31,7 @@ pub enum Order {
 
 #[derive(Clone)]
 pub struct FrameJob {
-    pub graph: Arc<FrameGraph>,
+    pub plan: Plan,
     pub constants: layout::Frame,
     pub previous: [layout::View; 2],
     /// Where it leaves its images.
@@ -90,7 +91,7 @@ pub struct FrameReply {
 }
 
 /// What workers send one another.
-pub enum Parcel {
+pub enum Message {
     Rows {
         ticket: u64,
         transfer: u32,

@@ -2,12 +2,14 @@
 //! memory, and the whole images end up on the primary, the first device that is left. README.md beside this file has
 //! the protocol.
 
+mod constants;
 mod costs;
-mod crew;
 mod faults;
+mod frames;
 mod history;
+mod mailbox;
 mod messages;
-mod post;
+mod planner;
 mod quality;
 mod read;
 mod renderer;
@@ -15,8 +17,9 @@ mod report;
 mod staging;
 mod watchdog;
 mod worker;
+mod worker_pool;
 
-pub use faults::{Fault, InjectedKind, Injection, Trouble};
+pub use faults::{Fault, InjectedFaults, InjectedKind, Injection};
 pub use quality::{Foresight, Quality};
 pub use renderer::Renderer;
 use report::resource_name;

@@ -1,6 +1,10 @@
-//! Images of the last whole frame, off the primary.
+//! Images of the last whole frame, read from the primary.
 
-use super::messages::{Answer, Order, Pixels, Stop};
+use std::borrow::Cow;
+
+use bytemuck::Pod;
+
+use super::messages::Pixels;
 use super::{ExecError, Renderer, Stereo};
 use crate::graph::PhysicalImage;
 use crate::image::{Image, RgbImage};
@@ -8,55 +12,59 @@ use crate::stages::Aov;
 
 impl Renderer {
     /// Raw, both eyes. If the primary fails, others make the frame again.
-    fn read(&mut self, image: PhysicalImage) -> Result<Pixels, ExecError> {
+    fn read(&mut self, image: PhysicalImage) -> Result<Cow<'_, Pixels>, ExecError> {
         loop {
-            let whole = self.whole.as_ref().ok_or(ExecError::NoFrame)?;
-            if let Some(pixels) = whole.images.get(&image) {
-                return Ok(pixels.clone());
+            let is_here = self.frames.whole.as_ref().is_some_and(|w| w.images.contains_key(&image));
+            if is_here {
+                let found = self.frames.whole.as_ref().and_then(|w| w.images.get(&image));
+                return found.map(Cow::Borrowed).ok_or(ExecError::NoFrame);
             }
-            // What is on the devices is the next frames'.
-            if self.in_flight() > 0 {
-                return Err(ExecError::NoFrame);
-            }
-            let (primary, place, index) = (whole.primary, whole.inputs.place(), whole.inputs.index());
-            let limit = self.limit(&whole.inputs);
-            let (_, injected) = self.trouble.take(primary, index);
-            let ticket = self.crew.ask(vec![(primary, Order::Read { image, place, injected })], limit);
-            match self.crew.answers(ticket, limit).pop() {
-                Some((_, Ok(Answer::Pixels(pixels)))) => return Ok(pixels),
-                Some((_, Err(Stop::Device(failure)))) => self.make_again(failure)?,
-                _ => return Err(ExecError::Stuck),
+            match self.frames.fetch(image)? {
+                Ok(pixels) => return Ok(Cow::Owned(pixels)),
+                Err(failure) => self.make_again(failure)?,
             }
         }
     }
 
     /// The last frame, scene-referred.
+    ///
+    /// # Errors
+    /// [`ExecError::NoFrame`] if no frame is whole, or frames are in flight and the image was not asked for;
+    /// [`ExecError::NoneLeft`] if the last device failed.
     pub fn read_linear(&mut self) -> Result<Stereo<RgbImage>, ExecError> {
-        let extent = self.spec.extent;
-        let image = |bytes: Vec<u8>| {
-            let pixels = bytemuck::pod_collect_to_vec::<u8, [f32; 4]>(&bytes);
-            Image { extent, pixels: pixels.iter().map(|p| [p[0], p[1], p[2]]).collect() }
-        };
-        let [left, right] = self.read(PhysicalImage::Linear)?.map(image);
+        let extent = self.settings.stages.extent;
+        let pixels = self.read(PhysicalImage::Linear)?;
+        let image = |bytes| Image { extent, pixels: values(bytes).map(|[r, g, b, _]: [f32; 4]| [r, g, b]).collect() };
+        let [left, right] = pixels.each_ref().map(image);
         Ok(Stereo { left, right })
     }
 
     /// The last frame, tonemapped and encoded on the devices.
+    ///
+    /// # Errors
+    /// Those of [`Self::read_linear`].
     pub fn read_display(&mut self) -> Result<Stereo<Image<[u8; 4]>>, ExecError> {
-        let extent = self.spec.extent;
-        let image = |bytes: Vec<u8>| Image { extent, pixels: bytemuck::pod_collect_to_vec(&bytes) };
-        let [left, right] = self.read(PhysicalImage::Display)?.map(image);
+        let extent = self.settings.stages.extent;
+        let pixels = self.read(PhysicalImage::Display)?;
+        let [left, right] = pixels.each_ref().map(|bytes| Image { extent, pixels: values(bytes).collect() });
         Ok(Stereo { left, right })
     }
 
     /// The i-th auxiliary image, as many channels as [`Aov::channels`] names.
+    ///
+    /// # Errors
+    /// Those of [`Self::read_linear`].
     pub fn read_aov(&mut self, i: usize) -> Result<Stereo<Vec<Vec<f32>>>, ExecError> {
         let aov: Aov = self.settings.stages.aovs[i];
-        let channels = |bytes: Vec<u8>| {
-            let pixels = bytemuck::pod_collect_to_vec::<u8, [f32; 4]>(&bytes);
-            (0..aov.channels().len()).map(|c| pixels.iter().map(|p| p[c]).collect()).collect()
-        };
-        let [left, right] = self.read(PhysicalImage::Aov(i as u8))?.map(channels);
+        let pixels = self.read(PhysicalImage::Aov(i as u8))?;
+        let channel = |bytes: &Vec<u8>, c: usize| values(bytes).map(|pixel: [f32; 4]| pixel[c]).collect();
+        let channels = |bytes| (0..aov.channels().len()).map(|c| channel(bytes, c)).collect();
+        let [left, right] = pixels.each_ref().map(channels);
         Ok(Stereo { left, right })
     }
+}
+
+/// The pixels of an image, whose bytes need not be aligned.
+fn values<T: Pod>(bytes: &Vec<u8>) -> impl Iterator<Item = T> {
+    bytes.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned)
 }

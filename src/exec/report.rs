@@ -52,7 +52,7 @@ pub struct FrameReport {
     pub slot: usize,
     /// Whether others were on the devices with it.
     pub overlapped: bool,
-    /// The makespan that the cost model foretold; none before it has learned from a frame, and none for frames that
+    /// The makespan that the cost model predicted; none before it has learned from a frame, and none for frames that
     /// overlap.
     pub predicted_ms: Option<f64>,
     /// Host time to make stripes and graph, milliseconds.

@@ -14,14 +14,14 @@ const FLOOR: Duration = Duration::from_secs(10);
 
 /// Limit of the time that a device takes for its part of a frame.
 #[derive(Clone, Debug, Default)]
-pub struct Watchdog {
+pub struct Limits {
     /// Asked for; else it follows from what frames took.
     pub fixed: Option<Duration>,
     /// Of the slowest frame.
     ms_per_sample: Option<f64>,
 }
 
-impl Watchdog {
+impl Limits {
     /// For a frame of so many samples, both eyes.
     pub fn limit(&self, samples: u64) -> Duration {
         self.fixed.unwrap_or_else(|| match self.ms_per_sample {
@@ -39,13 +39,13 @@ impl Watchdog {
 
 /// Signs of life of a worker.
 #[derive(Debug, Default)]
-pub struct Pulse {
+pub struct Heartbeat {
     beats: AtomicU64,
     /// Its silence is another's.
     depends: AtomicBool,
 }
 
-impl Pulse {
+impl Heartbeat {
     pub fn beat(&self) {
         self.beats.fetch_add(1, Ordering::Relaxed);
     }
@@ -66,16 +66,16 @@ const SILENT_SLICES: u32 = WAIT_SLICES + 2;
 
 /// Watches over workers while their answers are awaited. Time is counted in slices, so that a stop of the whole process
 /// counts as one.
-pub struct Vigil {
+pub struct Watchdog {
     slice: Duration,
     slice_begin: Instant,
     /// Per worker: beats seen last, and for how many slices.
     seen: Vec<(u64, u32)>,
 }
 
-impl Vigil {
-    pub fn new(limit: Duration, pulses: &[&Pulse]) -> Self {
-        let seen = pulses.iter().map(|p| (p.beats.load(Ordering::Relaxed), 0)).collect();
+impl Watchdog {
+    pub fn new(limit: Duration, heartbeats: &[&Heartbeat]) -> Self {
+        let seen = heartbeats.iter().map(|p| (p.beats.load(Ordering::Relaxed), 0)).collect();
         Self { slice: limit / WAIT_SLICES, slice_begin: Instant::now(), seen }
     }
 
@@ -84,16 +84,16 @@ impl Vigil {
         self.slice
     }
 
-    /// The workers, by their place in `pulses`, that have been silent for too long on their own account.
-    pub fn silent(&mut self, pulses: &[&Pulse]) -> Vec<usize> {
+    /// The workers, by their place in `heartbeats`, that have been silent for too long on their own account.
+    pub fn silent(&mut self, heartbeats: &[&Heartbeat]) -> Vec<usize> {
         if self.slice_begin.elapsed() < self.slice {
             return Vec::new();
         }
         self.slice_begin = Instant::now();
         let mut silent = Vec::new();
-        for (i, (pulse, (beats, slices))) in pulses.iter().zip(&mut self.seen).enumerate() {
-            let now = pulse.beats.load(Ordering::Relaxed);
-            *slices = if now != *beats || pulse.depends.load(Ordering::Relaxed) { 0 } else { *slices + 1 };
+        for (i, (heartbeat, (beats, slices))) in heartbeats.iter().zip(&mut self.seen).enumerate() {
+            let now = heartbeat.beats.load(Ordering::Relaxed);
+            *slices = if now != *beats || heartbeat.depends.load(Ordering::Relaxed) { 0 } else { *slices + 1 };
             *beats = now;
             if *slices >= SILENT_SLICES {
                 silent.push(i);
@@ -109,28 +109,28 @@ mod tests {
 
     #[test]
     fn limits_follow_the_slowest_frame() {
-        let mut dog = Watchdog::default();
-        assert_eq!(dog.limit(1_000_000), Duration::from_secs(50));
-        dog.learn(1000, 100.0);
-        dog.learn(1000, 50.0);
-        assert_eq!(dog.limit(1000), FLOOR);
-        assert_eq!(dog.limit(1_000_000), Duration::from_secs(1600));
-        dog.fixed = Some(Duration::from_millis(5));
-        assert_eq!(dog.limit(1_000_000), Duration::from_millis(5));
+        let mut limits = Limits::default();
+        assert_eq!(limits.limit(1_000_000), Duration::from_secs(50));
+        limits.learn(1000, 100.0);
+        limits.learn(1000, 50.0);
+        assert_eq!(limits.limit(1000), FLOOR);
+        assert_eq!(limits.limit(1_000_000), Duration::from_secs(1600));
+        limits.fixed = Some(Duration::from_millis(5));
+        assert_eq!(limits.limit(1_000_000), Duration::from_millis(5));
     }
 
     #[test]
     fn only_who_stands_still_on_his_own_account_is_hung() {
-        let pulses = [Pulse::default(), Pulse::default(), Pulse::default()];
-        let all: Vec<&Pulse> = pulses.iter().collect();
-        let mut vigil = Vigil::new(Duration::from_millis(8), &all);
-        pulses[1].depends.store(true, Ordering::Relaxed);
+        let heartbeats = [Heartbeat::default(), Heartbeat::default(), Heartbeat::default()];
+        let all: Vec<&Heartbeat> = heartbeats.iter().collect();
+        let mut watchdog = Watchdog::new(Duration::from_millis(8), &all);
+        heartbeats[1].depends.store(true, Ordering::Relaxed);
         let mut found = Vec::new();
         for _ in 0..SILENT_SLICES {
             assert_eq!(found, [0; 0]);
-            pulses[2].beat();
-            std::thread::sleep(vigil.slice());
-            found = vigil.silent(&all);
+            heartbeats[2].beat();
+            std::thread::sleep(watchdog.slice());
+            found = watchdog.silent(&all);
         }
         assert_eq!(found, [0]);
     }

@@ -12,10 +12,11 @@ use crossbeam::channel::{Receiver, Sender};
 
 use super::ExecError;
 use super::faults::InjectedKind;
+use super::mailbox::Mailbox;
 use super::messages::{Answer, Command, Order, Pixels, Reply, Stop};
-use super::post::Post;
+use super::planner::Graphs;
 use super::staging::{Pool, ReadBack};
-use super::watchdog::Pulse;
+use super::watchdog::Heartbeat;
 use crate::device::{DeviceFailure, DeviceInfo, GpuClock, GpuDevice};
 use crate::graph::{PhysicalImage, Stage};
 use crate::scene::rig::Eye;
@@ -29,7 +30,8 @@ pub struct Worker {
     stamp_buffer: wgpu::Buffer,
     clock: GpuClock,
     pool: Pool,
-    post: Post,
+    graphs: Arc<Graphs>,
+    mailbox: Mailbox,
     replies: Sender<Reply>,
     /// Attempts that are not answered for, oldest first.
     unanswered: Vec<u64>,
@@ -39,7 +41,7 @@ pub struct Worker {
     outgoing: VecDeque<Outgoing>,
     /// Why the device can no longer be used.
     failure: Option<DeviceFailure>,
-    pulse: Arc<Pulse>,
+    heartbeat: Arc<Heartbeat>,
     origin: Instant,
     /// Lavapipe's queue takes no second submission while the first one runs, but holds its caller up. Rows that others
     /// wait for are sent before that happens, at the price of a short gap; hardware queues need no gap.
@@ -52,7 +54,8 @@ impl Worker {
         settings: &StageSettings,
         tables: &SceneTables,
         stages: &[Stage],
-        post: Post,
+        graphs: Arc<Graphs>,
+        mailbox: Mailbox,
         replies: Sender<Reply>,
         origin: Instant,
     ) -> Result<Self, ExecError> {
@@ -79,13 +82,14 @@ impl Worker {
             stamp_buffer,
             clock,
             pool: Pool::default(),
-            post,
+            graphs,
+            mailbox,
             replies,
             unanswered: Vec::new(),
             open: VecDeque::new(),
             outgoing: VecDeque::new(),
             failure: None,
-            pulse: Arc::default(),
+            heartbeat: Arc::default(),
             origin,
             submit_blocks,
         })
@@ -95,8 +99,8 @@ impl Worker {
         &self.gpu.info
     }
 
-    pub fn pulse(&self) -> Arc<Pulse> {
-        Arc::clone(&self.pulse)
+    pub fn heartbeat(&self) -> Arc<Heartbeat> {
+        Arc::clone(&self.heartbeat)
     }
 
     /// Carries out commands until nobody can give any more; returns the device, if it has not failed. A new frame goes
@@ -108,7 +112,7 @@ impl Worker {
                 None => commands.recv().ok(),
                 Some(_) => commands.try_recv().ok(),
             };
-            self.pulse.beat();
+            self.heartbeat.beat();
             match (command, oldest) {
                 (Some(command), _) => {
                     self.unanswered.push(command.ticket);
@@ -141,7 +145,7 @@ impl Worker {
             self.failure = Some(failure.clone());
             // Not those of `open`, which lacks a frame that was being worked at when the worker panicked.
             lost = self.unanswered.clone();
-            lost.iter().for_each(|t| self.post.call_off(*t));
+            lost.iter().for_each(|t| self.mailbox.call_off(*t));
         }
         self.open.retain(|p| !lost.contains(&p.ticket));
         self.outgoing.retain(|o| !lost.contains(&o.ticket));
@@ -156,15 +160,15 @@ impl Worker {
 
     fn obey(&mut self, Command { ticket, limit, order }: Command) -> Result<(), Stop> {
         self.gpu.patience = limit;
-        self.post.forget_below(self.open.front().map_or(ticket, |p| p.ticket));
+        self.mailbox.forget_below(self.open.front().map_or(ticket, |p| p.ticket));
         match order {
             Order::Frame(job) => {
                 let begin_ms = self.now_ms();
-                self.open.push_back(Part::new(ticket, *job, begin_ms));
+                self.open.push_back(Part::new(ticket, *job, &self.graphs, begin_ms));
                 self.carry_out()
             }
             Order::Read { image, place, injected } => {
-                self.befall(injected);
+                self.inject(injected);
                 let pixels = self.read(image, place)?;
                 self.answer(ticket, Ok(Answer::Pixels(pixels)));
                 Ok(())
@@ -177,7 +181,7 @@ impl Worker {
     }
 
     /// What is to happen to the device, happens.
-    fn befall(&self, injected: Option<InjectedKind>) {
+    fn inject(&self, injected: Option<InjectedKind>) {
         match injected {
             Some(InjectedKind::Loss) => self.gpu.device.destroy(),
             Some(InjectedKind::Hang) => loop {

@@ -5,16 +5,16 @@ use std::time::{Duration, Instant};
 
 use crate::common::{Stage, Subject, devices, diptych};
 use diptych::device::{FailureKind, GpuDevice};
-use diptych::exec::{ExecError, Injection, Trouble};
+use diptych::exec::{ExecError, InjectedFaults, Injection};
 use diptych::schedule::{Even, Measured};
 use serde_json::Value;
 
 const WIDTH: u32 = 96;
 const HEIGHT: u32 = 54;
 
-fn trouble(injections: &[&str], slowdown: &[u32]) -> Trouble {
+fn injected(injections: &[&str], slowdown: &[u32]) -> InjectedFaults {
     let injections: Vec<Injection> = injections.iter().map(|i| i.parse().unwrap()).collect();
-    Trouble { injections, slowdown: slowdown.to_vec() }
+    InjectedFaults { injections, slowdown: slowdown.to_vec() }
 }
 
 /// One device after another fails in a way of its own while stripes move, each time in the frame after.
@@ -30,7 +30,7 @@ fn frames_keep_their_bytes_until_no_device_is_left() {
     let mut four = Stage::with(&subject, &settings, 4, Box::new(Measured::new(HEIGHT, 4)));
     four.renderer().set_watchdog(Duration::from_secs(3));
     let fates = ["loss:dev0@frame1", "oom:dev2@frame2", "hang:dev1@frame3", "loss:dev3@frame5"];
-    four.renderer().set_trouble(trouble(&fates, &[]));
+    four.renderer().set_injected_faults(injected(&fates, &[]));
     let mut rows = Vec::new();
     for (i, expected) in (0..5).zip(&one) {
         let frame = four.frame_at(time_s(i), i);
@@ -73,7 +73,7 @@ fn devices_come_back_with_what_was_compiled_on_them_unless_they_failed() {
     assert_eq!(compiled(&gpus), before);
 
     let mut failing = Stage::on(gpus, &subject, &settings, policy());
-    failing.renderer().set_trouble(trouble(&["loss:dev1@frame0"], &[]));
+    failing.renderer().set_injected_faults(injected(&["loss:dev1@frame0"], &[]));
     failing.frame(0);
     let left = failing.into_devices();
     assert_eq!(left.iter().map(|gpu| gpu.info.index).collect::<Vec<_>>(), [0]);
@@ -89,7 +89,7 @@ fn frames_in_flight_keep_their_bytes_when_devices_fail() {
     settings.stages.frames_in_flight = 3;
     let mut four = Stage::with(&subject, &settings, 4, Box::new(Measured::new(HEIGHT, 4)));
     four.renderer().set_watchdog(Duration::from_secs(3));
-    four.renderer().set_trouble(trouble(&["loss:dev0@frame1", "hang:dev2@frame4", "oom:dev1@frame5"], &[]));
+    four.renderer().set_injected_faults(injected(&["loss:dev0@frame1", "hang:dev2@frame4", "oom:dev1@frame5"], &[]));
     let frames = four.frames_in_flight(&times_s);
     assert_eq!(frames.len(), alone.len());
     for (one, other) in alone.iter().zip(&frames) {
@@ -117,7 +117,7 @@ fn history_begins_anew_when_a_device_fails() {
     for in_flight in [1, 2] {
         settings.stages.frames_in_flight = in_flight;
         let mut three = Stage::with(&subject, &settings, 3, Box::new(Measured::new(HEIGHT, 3)));
-        three.renderer().set_trouble(trouble(&["loss:dev1@frame3"], &[]));
+        three.renderer().set_injected_faults(injected(&["loss:dev1@frame3"], &[]));
         let frames = three.frames_in_flight(&times_s);
         for (one, other) in before.iter().chain(&after).zip(&frames) {
             assert!(one.linear == other.linear, "frame {} differs", one.report.index);
@@ -134,7 +134,7 @@ fn two_devices_may_fail_in_one_frame() {
     let one = Stage::alone(&subject, &settings).frame(0).linear;
     let mut three = Stage::even(&subject, &settings, 3);
     let fates = ["loss:dev0@frame0", "oom:dev0@frame0", "loss:dev1@frame0"];
-    three.renderer().set_trouble(trouble(&fates, &[]));
+    three.renderer().set_injected_faults(injected(&fates, &[]));
     let limit = Duration::from_secs(20);
     three.renderer().set_watchdog(limit);
     let begin = Instant::now();
@@ -154,7 +154,7 @@ fn a_frame_whose_primary_is_lost_before_it_was_read_is_made_again() {
     let settings = subject.denoised(WIDTH, HEIGHT);
     let mut two = Stage::even(&subject, &settings, 2);
     let expected = two.frame(0).linear;
-    two.renderer().set_trouble(trouble(&["loss:dev0@frame0"], &[]));
+    two.renderer().set_injected_faults(injected(&["loss:dev0@frame0"], &[]));
     assert!(two.renderer().read_linear().unwrap() == expected);
     let seen: Vec<_> = two.renderer().faults().iter().map(|f| (f.device, f.kind, f.attempts)).collect();
     assert_eq!(seen, [(0, FailureKind::Loss, 2)]);
@@ -169,7 +169,7 @@ fn slow_devices_change_neither_bytes_nor_counts() {
     let one = Stage::alone(&subject, &settings).frame(0);
     let mut two = Stage::even(&subject, &settings, 2);
     let mut busy_ms = |slowdown: &[u32], injections: &[&str]| {
-        two.renderer().set_trouble(trouble(injections, slowdown));
+        two.renderer().set_injected_faults(injected(injections, slowdown));
         let frame = two.frame(0);
         assert!(frame.linear == one.linear, "{slowdown:?} {injections:?}");
         assert_eq!(frame.report.tallies, one.report.tallies, "{slowdown:?} {injections:?}");

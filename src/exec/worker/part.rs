@@ -5,15 +5,17 @@ use std::sync::Arc;
 use super::Worker;
 use crate::device::WAIT_SLICES;
 use crate::exec::messages::{Answer, FrameJob, FrameReply, Stop};
+use crate::exec::planner::Graphs;
 use crate::exec::staging::{ReadBack, Recorded};
 use crate::exec::{TaskTiming, TimedTask, resource_name};
-use crate::graph::{PhysicalImage, Resource, Stage, Task, TaskKind};
+use crate::graph::{FrameGraph, PhysicalImage, Resource, Stage, Task, TaskKind};
 use crate::stages::StageTask;
 
 /// What a worker knows of a frame until it has answered.
 pub struct Part {
     pub ticket: u64,
     job: FrameJob,
+    graph: Arc<FrameGraph>,
     begin_ms: f64,
     encoder: Option<wgpu::CommandEncoder>,
     /// In the encoder: rows for others, and the timestamps.
@@ -51,9 +53,10 @@ pub struct Outgoing {
 const DEPENDENT_SLICES: u32 = 32;
 
 impl Part {
-    pub fn new(ticket: u64, job: FrameJob, begin_ms: f64) -> Self {
+    pub fn new(ticket: u64, job: FrameJob, graphs: &Graphs, begin_ms: f64) -> Self {
         Self {
             ticket,
+            graph: graphs.of(&job.plan),
             job,
             begin_ms,
             encoder: None,
@@ -88,15 +91,15 @@ impl Worker {
 
     fn submit_tasks(&mut self, part: &mut Part) -> Result<(), Stop> {
         let _span = tracing::info_span!("device frame", frame = part.frame()).entered();
-        let graph = Arc::clone(&part.job.graph);
+        let graph = Arc::clone(&part.graph);
         let (tasks, _) = graph.parts_of(self.gpu.info.index);
         self.stamps.reset();
         self.stages.set_frame(&self.gpu, &part.job.constants, &part.job.previous, part.job.place);
         for (i, task) in tasks.iter().enumerate() {
-            self.pulse.beat();
+            self.heartbeat.beat();
             if i == tasks.len() / 2 && part.job.injected.is_some() {
                 self.flush(part)?;
-                self.befall(part.job.injected);
+                self.inject(part.job.injected);
             }
             // Copies leave together, as soon as the last of a run of them is recorded.
             if !part.copies.is_empty() && !matches!(task.kind, TaskKind::Download { .. }) {
@@ -113,7 +116,7 @@ impl Worker {
             }
         }
         if tasks.is_empty() {
-            self.befall(part.job.injected);
+            self.inject(part.job.injected);
         }
         self.copy_stamps(part);
         self.flush(part)
@@ -208,15 +211,15 @@ impl Worker {
         let slice = self.gpu.patience / WAIT_SLICES;
         let mut slices = 0;
         loop {
-            self.post.look(part.ticket)?;
-            if let Some(bytes) = self.post.take(part.ticket, transfer) {
+            self.mailbox.look(part.ticket)?;
+            if let Some(bytes) = self.mailbox.take(part.ticket, transfer) {
                 return Ok(bytes);
             }
             if self.send_oldest(Some(part))? {
                 continue;
             }
-            let post = &mut self.post;
-            match self.pulse.depending(|| post.wait(slice))? {
+            let mailbox = &mut self.mailbox;
+            match self.heartbeat.depending(|| mailbox.wait(slice))? {
                 true => {}
                 false if slices < DEPENDENT_SLICES => slices += 1,
                 false => return Err(Stop::Aborted),
@@ -232,11 +235,11 @@ impl Worker {
             let _span = tracing::info_span!("wait for own rows").entered();
             self.gpu.wait(Some(out.back.submission()))?;
         }
-        self.pulse.beat();
+        self.heartbeat.beat();
         out.timing.begin_ms = self.now_ms();
         let bytes = self.pool.finish(&self.gpu, out.back)?;
         out.timing.bytes = Some(bytes.len() as u64);
-        self.post.send(out.to, out.ticket, out.transfer, bytes)?;
+        self.mailbox.send(out.to, out.ticket, out.transfer, bytes)?;
         out.timing.end_ms = self.now_ms();
         let mut parts = self.open.iter_mut().chain(part);
         if let Some(part) = parts.find(|p| p.ticket == out.ticket) {
@@ -257,7 +260,7 @@ impl Worker {
             State::Submitted(_) => self.end(&mut part, wait),
             State::Read { .. } => match self.conclude(&mut part, wait) {
                 Ok(Some(reply)) => {
-                    self.post.forget_below(part.ticket + 1);
+                    self.mailbox.forget_below(part.ticket + 1);
                     self.answer(part.ticket, Ok(Answer::Frame(reply)));
                     return Ok(true);
                 }
@@ -271,15 +274,15 @@ impl Worker {
 
     /// Sends what others wait for, and takes in what the whole images lack.
     fn stitch(&mut self, part: &mut Part, wait: bool) -> Result<bool, Stop> {
-        let graph = Arc::clone(&part.job.graph);
+        let graph = Arc::clone(&part.graph);
         let uploads: Vec<_> = graph.parts_of(self.gpu.info.index).1.iter().filter_map(as_upload).collect();
         if wait {
             while self.outgoing.front().is_some_and(|o| o.ticket == part.ticket) {
                 self.send_oldest(Some(part))?;
             }
         }
-        self.post.look(part.ticket)?;
-        let is_here = |(_, _, transfer): &(_, _, u32)| self.post.has(part.ticket, *transfer);
+        self.mailbox.look(part.ticket)?;
+        let is_here = |(_, _, transfer): &(_, _, u32)| self.mailbox.has(part.ticket, *transfer);
         let has_sent = self.outgoing.front().is_none_or(|o| o.ticket != part.ticket);
         let need_not_wait = has_sent && uploads.iter().all(is_here);
         if !(wait || need_not_wait) {
@@ -316,7 +319,7 @@ impl Worker {
             part.timings.extend(part.stamped.iter().map(timing));
         }
         let mut backs = Vec::new();
-        if self.gpu.info.index == part.job.graph.primary {
+        if self.gpu.info.index == part.graph.primary {
             for image in [PhysicalImage::RowTally].into_iter().chain(part.job.reads.iter().copied()) {
                 backs.push((image, self.request(image, part.job.place)));
             }

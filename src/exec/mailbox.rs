@@ -5,14 +5,14 @@ use std::time::Duration;
 
 use crossbeam::channel::{Receiver, RecvTimeoutError, Sender};
 
-use super::messages::{Parcel, Stop};
+use super::messages::{Message, Stop};
 
 /// One worker's end of it.
-pub struct Post {
+pub struct Mailbox {
     device: usize,
-    inbox: Receiver<Parcel>,
+    inbox: Receiver<Message>,
     /// Of all workers.
-    outboxes: Vec<Sender<Parcel>>,
+    outboxes: Vec<Sender<Message>>,
     /// Rows that came before they were asked for, by ticket and transfer.
     early: HashMap<(u64, u32), Vec<u8>>,
     /// Attempts that were called off.
@@ -21,8 +21,8 @@ pub struct Post {
     floor: u64,
 }
 
-impl Post {
-    pub fn new(device: usize, inbox: Receiver<Parcel>, outboxes: Vec<Sender<Parcel>>) -> Self {
+impl Mailbox {
+    pub fn new(device: usize, inbox: Receiver<Message>, outboxes: Vec<Sender<Message>>) -> Self {
         Self { device, inbox, outboxes, early: HashMap::new(), aborted: BTreeSet::new(), floor: 0 }
     }
 
@@ -34,14 +34,14 @@ impl Post {
     }
 
     pub fn send(&self, to: usize, ticket: u64, transfer: u32, bytes: Vec<u8>) -> Result<(), Stop> {
-        self.outboxes[to].send(Parcel::Rows { ticket, transfer, bytes }).map_err(|_| Stop::Aborted)
+        self.outboxes[to].send(Message::Rows { ticket, transfer, bytes }).map_err(|_| Stop::Aborted)
     }
 
     /// Tells all others that this device sends nothing more for this attempt.
     pub fn call_off(&self, ticket: u64) {
         for (_, outbox) in self.outboxes.iter().enumerate().filter(|(i, _)| *i != self.device) {
             // A worker that is gone waits for nothing.
-            let _ = outbox.send(Parcel::Abort { ticket });
+            let _ = outbox.send(Message::Abort { ticket });
         }
     }
 
@@ -50,8 +50,8 @@ impl Post {
     /// # Errors
     /// [`Stop::Aborted`] if this attempt was called off.
     pub fn look(&mut self, ticket: u64) -> Result<(), Stop> {
-        while let Ok(parcel) = self.inbox.try_recv() {
-            self.take_in(parcel);
+        while let Ok(message) = self.inbox.try_recv() {
+            self.take_in(message);
         }
         if self.aborted.contains(&ticket) { Err(Stop::Aborted) } else { Ok(()) }
     }
@@ -59,8 +59,8 @@ impl Post {
     /// Waits for something to come; returns whether it did.
     pub fn wait(&mut self, limit: Duration) -> Result<bool, Stop> {
         match self.inbox.recv_timeout(limit) {
-            Ok(parcel) => {
-                self.take_in(parcel);
+            Ok(message) => {
+                self.take_in(message);
                 Ok(true)
             }
             Err(RecvTimeoutError::Timeout) => Ok(false),
@@ -76,12 +76,12 @@ impl Post {
         self.early.remove(&(ticket, transfer))
     }
 
-    fn take_in(&mut self, parcel: Parcel) {
-        match parcel {
+    fn take_in(&mut self, message: Message) {
+        match message {
             // Rows of an attempt that was given up come late.
-            Parcel::Rows { ticket, .. } | Parcel::Abort { ticket } if ticket < self.floor => {}
-            Parcel::Rows { ticket, transfer, bytes } => drop(self.early.insert((ticket, transfer), bytes)),
-            Parcel::Abort { ticket } => drop(self.aborted.insert(ticket)),
+            Message::Rows { ticket, .. } | Message::Abort { ticket } if ticket < self.floor => {}
+            Message::Rows { ticket, transfer, bytes } => drop(self.early.insert((ticket, transfer), bytes)),
+            Message::Abort { ticket } => drop(self.aborted.insert(ticket)),
         }
     }
 }

@@ -2,25 +2,28 @@
 
 use std::sync::Arc;
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, unbounded};
 
 use super::ExecError;
-use super::messages::{Answer, Command, Order, Parcel, Reply, Stop};
-use super::watchdog::{Pulse, Vigil};
+use super::mailbox::Mailbox;
+use super::messages::{Answer, Command, Message, Order, Reply, Stop};
+use super::planner::Graphs;
+use super::watchdog::{Heartbeat, Watchdog};
 use super::worker::Worker;
-use crate::device::{DeviceFailure, FailureKind, GpuDevice};
+use crate::device::{DeviceFailure, DeviceInfo, FailureKind, GpuDevice};
+use crate::stages::{SceneTables, StageSettings};
 
 /// How long a worker's end is waited for, when all has been said.
 const END_LIMIT: Duration = Duration::from_secs(5);
 
 /// One worker per device, those that were taken out included.
-pub struct Crew {
+pub struct WorkerPool {
     members: Vec<Member>,
     replies: Receiver<Reply>,
     /// Of the workers, to call a frame off.
-    inboxes: Vec<Sender<Parcel>>,
+    inboxes: Vec<Sender<Message>>,
     /// Oldest first.
     asked: Vec<Asked>,
     ticket: u64,
@@ -32,7 +35,7 @@ struct Member {
     thread: JoinHandle<Option<GpuDevice>>,
     /// Disconnected once the worker has done its last.
     ended: Receiver<()>,
-    pulse: Arc<Pulse>,
+    heartbeat: Arc<Heartbeat>,
     is_hung: bool,
 }
 
@@ -40,13 +43,13 @@ impl Member {
     fn start(worker: Worker) -> Result<Self, ExecError> {
         let (commands, orders) = unbounded();
         let (here, ended) = unbounded();
-        let pulse = worker.pulse();
+        let heartbeat = worker.heartbeat();
         let name = format!("device {}", worker.info().index);
         let thread = std::thread::Builder::new().name(name).spawn(move || {
             let _here: Sender<()> = here;
             worker.run(orders)
         })?;
-        Ok(Self { commands: Some(commands), thread, ended, pulse, is_hung: false })
+        Ok(Self { commands: Some(commands), thread, ended, heartbeat, is_hung: false })
     }
 }
 
@@ -60,14 +63,31 @@ struct Asked {
     answers: Answers,
 }
 
-impl Crew {
+impl WorkerPool {
+    /// Warms every device up and starts its worker; also returns what is known of the devices. Times are counted from
+    /// `origin`.
+    ///
+    /// # Errors
+    /// A device that fails at once, has too little memory or cannot compile a stage, and threads that cannot be started.
     pub fn start(
-        workers: Vec<Worker>,
-        replies: Receiver<Reply>,
-        inboxes: Vec<Sender<Parcel>>,
-    ) -> Result<Self, ExecError> {
+        gpus: Vec<GpuDevice>,
+        settings: &StageSettings,
+        tables: &SceneTables,
+        graphs: &Arc<Graphs>,
+        origin: Instant,
+    ) -> Result<(Self, Vec<DeviceInfo>), ExecError> {
+        let stages = graphs.stages();
+        let (reply, replies) = unbounded();
+        let (inboxes, receivers): (Vec<_>, Vec<_>) = gpus.iter().map(|_| unbounded()).unzip();
+        let mut workers = Vec::new();
+        for (gpu, inbox) in gpus.into_iter().zip(receivers) {
+            let mailbox = Mailbox::new(gpu.info.index, inbox, inboxes.clone());
+            let graphs = Arc::clone(graphs);
+            workers.push(Worker::new(gpu, settings, tables, &stages, graphs, mailbox, reply.clone(), origin)?);
+        }
+        let devices = workers.iter().map(|w| w.info().clone()).collect();
         let members = workers.into_iter().map(Member::start).collect::<Result<_, _>>()?;
-        Ok(Self { members, replies, inboxes, asked: Vec::new(), ticket: 0 })
+        Ok((Self { members, replies, inboxes, asked: Vec::new(), ticket: 0 }, devices))
     }
 
     /// The devices that were not taken out.
@@ -104,23 +124,23 @@ impl Crew {
     pub fn call_off(&self, ticket: u64) {
         for inbox in &self.inboxes {
             // Who is gone waits for nothing.
-            let _ = inbox.send(Parcel::Abort { ticket });
+            let _ = inbox.send(Message::Abort { ticket });
         }
     }
 
     /// Waits for the answers to what was asked under this ticket. A device that shows no sign of life for longer than
     /// `limit` is answered for, and the others are told not to wait for it.
     pub fn answers(&mut self, ticket: u64, limit: Duration) -> Answers {
-        let pulses: Vec<_> = self.members.iter().map(|m| Arc::clone(&m.pulse)).collect();
-        let pulses: Vec<&Pulse> = pulses.iter().map(|p| &**p).collect();
-        let mut vigil = Vigil::new(limit, &pulses);
+        let heartbeats: Vec<_> = self.members.iter().map(|m| Arc::clone(&m.heartbeat)).collect();
+        let heartbeats: Vec<&Heartbeat> = heartbeats.iter().map(|p| &**p).collect();
+        let mut watchdog = Watchdog::new(limit, &heartbeats);
         loop {
             let Some(place) = self.asked.iter().position(|a| a.ticket == ticket) else { return Answers::new() };
             if self.asked[place].awaited.is_empty() {
                 return self.asked.remove(place).answers;
             }
             let awaited = self.asked[place].awaited.clone();
-            match self.replies.recv_timeout(vigil.slice()) {
+            match self.replies.recv_timeout(watchdog.slice()) {
                 Ok(reply) => self.take_in(reply),
                 Err(RecvTimeoutError::Timeout) => {
                     let ended: Vec<_> =
@@ -131,7 +151,7 @@ impl Crew {
             }
             // Who has answered just now is not hung.
             let awaited = self.asked[place].awaited.clone();
-            for device in vigil.silent(&pulses).into_iter().filter(|d| awaited.contains(d)) {
+            for device in watchdog.silent(&heartbeats).into_iter().filter(|d| awaited.contains(d)) {
                 self.members[device].is_hung = true;
                 let what = format!("its worker gave no sign of life for more than {} ms", limit.as_millis());
                 self.answer_for(device, DeviceFailure { kind: FailureKind::Hang, what });
@@ -172,7 +192,7 @@ fn gone() -> DeviceFailure {
     "its worker has ended".to_owned().into()
 }
 
-impl Drop for Crew {
+impl Drop for WorkerPool {
     fn drop(&mut self) {
         self.end();
     }
