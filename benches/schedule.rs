@@ -9,8 +9,9 @@
 use std::sync::Arc;
 use std::time::Instant;
 
-use diptych::graph::{Assignment, FrameGraph, FrameSpec, HaloPlan, Seam, TaskKind, Views};
+use diptych::graph::{Assignment, FrameGraph, HaloPlan, Seam, TaskKind};
 use diptych::image::Extent;
+use diptych::passes::{Declarations, FrameSpec, Views};
 use diptych::quality::Denoiser;
 use diptych::schedule::{
     CostModel, FrameCosts, Heft, Measured, Policy, StageCost, TransferCost, choose_halo, simulate,
@@ -51,7 +52,8 @@ fn costs(spec: &FrameSpec, graph: &FrameGraph, frame: usize) -> FrameCosts {
         for task in graph.tasks_of(device) {
             let (view, rows) = (task.view, task.rows.clone());
             match task.kind {
-                TaskKind::Dispatch { stage, .. } => {
+                TaskKind::Dispatch { pass, .. } => {
+                    let stage = graph.program.passes()[pass].pass.stage;
                     let busy_ms = 0.01 * rows.len() as f64 * slowness;
                     costs.stages.push(StageCost { stage, view, device, rows, busy_ms });
                 }
@@ -83,7 +85,7 @@ fn main() {
         iterations,
         history_rows: None,
         seam: Seam::Halo(HaloPlan::RECOMPUTE),
-        aovs: 0,
+        aovs: Vec::new(),
         has_surfaces: true,
     };
     println!("ms per frame, medians of {reps} frames, {devices} devices, {height} rows, {iterations} iterations");
@@ -95,7 +97,7 @@ fn main() {
 }
 
 fn measure(mut policy: Box<dyn Policy>, spec: &FrameSpec, reps: usize) {
-    let mut model = CostModel::new(spec);
+    let mut model = CostModel::new(spec, &Declarations::default());
     let mut halo = HaloPlan::RECOMPUTE;
     let mut planned: Option<(Assignment, Arc<FrameGraph>)> = None;
     let [mut learn, mut choose, mut assign, mut predict, mut plan, mut build] = [const { Vec::new() }; 6];
@@ -116,7 +118,7 @@ fn measure(mut policy: Box<dyn Policy>, spec: &FrameSpec, reps: usize) {
         let graph = match planned.take() {
             Some((old, graph)) if old == assignment => graph,
             _ => {
-                let graph = Arc::new(FrameGraph::build(model.spec(), &assignment, None));
+                let graph = Arc::new(FrameGraph::build(model.program(), &assignment, None));
                 build.push(ms(begin));
                 graph
             }

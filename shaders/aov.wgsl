@@ -77,7 +77,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             value = vec3<f32>(select(f32(frame.spp), 0.0, (tally_image[at] >> 28u) == SKIPPED));
         }
         case STRIPES: {
-            value = vec3<f32>(f32(pass_.arg1));
+            value = vec3<f32>(f32(pass_.device));
         }
         default: {
             let centre = vec2<f32>(pixel) + frame.centre;

@@ -1,7 +1,13 @@
 // Primary visibility of one view: the surface behind each pixel's centre. Where later stages need the mean over the
 // pixel (several samples, and no path tracing to bring it), it is taken here too.
 
-//!include frame rng scene light_tree environment lights trace surface bsdf split path pack pixel foveation
+//!include frame rng scene light_tree environment lights trace surface bsdf split path pack footprint foveation
+
+@group(1) @binding(0) var<storage, read_write> hit_image: array<vec4<u32>>;
+@group(1) @binding(1) var<storage, read_write> albedo_image: array<vec4<u32>>;
+@group(1) @binding(2) var<storage, read_write> emission_image: array<vec4<f32>>;
+@group(1) @binding(3) var<storage, read_write> tally_image: array<u32>;
+@group(1) @binding(4) var<storage, read_write> guide_image: array<vec4<u32>>;
 
 // As pass_.arg2: path tracing brings the means of the pixels that it samples.
 const UNSAMPLED_ONLY: u32 = 1u;

@@ -2,7 +2,14 @@
 // from their compacted list, so that no lane idles: the divergence that Leria et al. name as the limit of their
 // hole-filling. One pipeline for both, since drivers take seconds to compile it.
 
-//!include frame rng scene light_tree environment lights trace surface bsdf split path pack pixel
+//!include frame rng scene light_tree environment lights trace surface bsdf split path pack footprint pixel
+
+@group(1) @binding(0) var<storage, read_write> hit_image: array<vec4<u32>>;
+@group(1) @binding(1) var<storage, read_write> albedo_image: array<vec4<u32>>;
+@group(1) @binding(2) var<storage, read_write> emission_image: array<vec4<f32>>;
+@group(1) @binding(3) var<storage, read_write> radiance_image: array<vec4<u32>>;
+@group(1) @binding(4) var<storage, read_write> tally_image: array<u32>;
+@group(1) @binding(5) var<storage, read> guide_image: array<vec4<u32>>;
 
 // Count of holes, then the dispatch's three workgroup counts, then pixel indices.
 @group(1) @binding(6) var<storage, read> holes: array<u32>;

@@ -7,6 +7,7 @@ pub mod scene;
 pub mod quality;
 pub mod accel;
 pub mod graph;
+pub mod passes;
 pub mod schedule;
 pub mod control;
 pub mod device;

@@ -70,10 +70,15 @@ struct Pass {
     // Rows that may be read: the stripe plus what was received or recomputed around it.
     valid_begin: u32,
     valid_end: u32,
-    // What these mean is the stage's own business.
+    // What these mean is the pass's own business.
     arg0: u32,
     arg1: u32,
     arg2: u32,
+    // Columns and rows of the pass's grid.
+    width: u32,
+    height: u32,
+    // Number of the device.
+    device: u32,
 }
 
 @group(0) @binding(0) var<uniform> frame: Frame;

@@ -9,10 +9,11 @@ use diptych::control::SCALES;
 use diptych::device::ShaderChecks;
 use diptych::graph::{HaloPlan, Seam};
 use diptych::image::Extent;
+use diptych::passes::Aov;
 use diptych::quality::Denoiser;
 use diptych::report::once;
 use diptych::schedule::RatioRule;
-use diptych::stages::{Aov, Sampler};
+use diptych::stages::Sampler;
 
 use super::faults::FaultOptions;
 use super::foveation::FoveationOptions;

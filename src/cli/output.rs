@@ -7,15 +7,18 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 
 use diptych::exec::{Renderer, Stereo};
-use diptych::graph::PhysicalImage;
+use diptych::graph::Resource;
 use diptych::image::display::{DisplayImage, write_png};
 use diptych::image::exr::{self, Tags};
 use diptych::image::file::atomic_write;
 use diptych::image::key::{Entry, with_key};
 use diptych::image::{Extent, Image, RgbImage, stereo};
 use diptych::metrics::heatmap::number_colour;
+use diptych::passes::Aov;
+use diptych::passes::aov_image;
+use diptych::passes::tonemap::{DISPLAY, LINEAR};
 use diptych::scene::rig::Eye;
-use diptych::stages::{Aov, Foveation};
+use diptych::stages::Foveation;
 
 use super::failure::Failure;
 use super::setup::Loaded;
@@ -76,9 +79,9 @@ pub fn tags(loaded: &Loaded, extent: Extent, time_s: f64, frame: u32) -> Stereo<
 
 impl FrameImages {
     /// What [`Self::read`] reads.
-    pub fn on_devices(aovs: &[Aov]) -> Vec<PhysicalImage> {
-        let aovs = (0..aovs.len()).map(|i| PhysicalImage::Aov(i as u8));
-        [PhysicalImage::Linear, PhysicalImage::Display].into_iter().chain(aovs).collect()
+    pub fn on_devices(aovs: &[Aov]) -> Vec<Resource> {
+        let aovs = (0..aovs.len()).map(|i| aov_image(i as u8));
+        [LINEAR, DISPLAY].into_iter().chain(aovs).collect()
     }
 
     pub fn read(renderer: &mut Renderer, aovs: &[Aov]) -> Result<Self, Failure> {

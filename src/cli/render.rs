@@ -4,11 +4,11 @@ use std::time::Instant;
 
 use diptych::exec::{FrameReport, Renderer, Stereo};
 use diptych::image::RgbImage;
+use diptych::passes::Aov;
 use diptych::quality::Denoiser;
 use diptych::report::frames::FrameLine;
 use diptych::report::run::{FrameRow, Quality, ReferenceRow, RunReport};
 use diptych::scene::rig::Rig;
-use diptych::stages::Aov;
 use diptych::trace::frames::record_devices;
 
 use super::failure::Failure;

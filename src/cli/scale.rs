@@ -7,8 +7,8 @@ use anyhow::Context;
 
 use diptych::device::{DeviceInfo, GpuDevice};
 use diptych::exec::{FrameReport, Renderer, Stereo};
-use diptych::graph::PhysicalImage;
 use diptych::image::RgbImage;
+use diptych::passes::tonemap::LINEAR;
 use diptych::report::Table;
 use diptych::report::frames::FrameLine;
 use diptych::report::html::Section;
@@ -173,7 +173,7 @@ impl Measuring<'_> {
                 let time_s = args.time_s(begun);
                 begun += 1;
                 let is_last = begun == timed.end + followers(options);
-                let reads = if args.report && is_last { &[PhysicalImage::Linear][..] } else { &[] };
+                let reads = if args.report && is_last { &[LINEAR][..] } else { &[] };
                 renderer.begin(&loaded.shot.rig, time_s, begun - 1, reads)?;
             }
             let Some(frame) = renderer.finish()? else { break };

@@ -6,6 +6,7 @@ use std::time::Instant;
 use diptych::accel::{Accel, Layout};
 use diptych::device::{self, GpuDevice, Selection};
 use diptych::exec::{FrameReport, RenderSettings, Renderer};
+use diptych::passes::Declarations;
 use diptych::report::run::Quality;
 use diptych::scene::Scene;
 use diptych::scene::needs::SceneNeeds;
@@ -112,6 +113,7 @@ pub fn varying_renderer(
         sparse: options.scale < 1.0,
         foveation: foveation(options, loaded),
         aovs: options.aovs(),
+        declarations: Declarations::default(),
         frames_in_flight: usize::from(options.frames_in_flight),
         checks: options.shader_checks,
     };

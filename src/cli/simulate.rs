@@ -71,5 +71,5 @@ fn predict(options: &RenderOptions, model: &CostModel) -> Result<Prediction, Fai
         }
         assignment = next;
     }
-    simulate(&FrameGraph::build(model.spec(), &assignment, None), model).map_err(|e| Failure::Run(e.into()))
+    simulate(&FrameGraph::build(model.program(), &assignment, None), model).map_err(|e| Failure::Run(e.into()))
 }

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use clap::ValueEnum;
 
-use diptych::stages::Aov;
+use diptych::passes::Aov;
 
 use super::failure::Failure;
 

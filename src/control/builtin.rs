@@ -4,6 +4,8 @@ use std::f64::consts::PI;
 
 use super::{Knobs, Rung};
 use crate::graph::Stage;
+use crate::passes::gbuffer::STAGE as GBUFFER;
+use crate::passes::path_trace::{HOLE_FILL, STAGE as PATH_TRACE};
 use crate::quality::Denoiser;
 use crate::schedule::Effort;
 
@@ -18,7 +20,7 @@ pub const FOVEAE: [[f64; 2]; 3] = [[0.3, 0.6], [0.15, 0.3], [0.1, 0.2]];
 
 /// Stages whose cost changes with samples and bounces. Those of filters go with the number of iterations, which graphs
 /// have.
-pub const TRACING: [Stage; 3] = [Stage::Gbuffer, Stage::PathTrace, Stage::HoleFill];
+pub const TRACING: [Stage; 3] = [GBUFFER, PATH_TRACE, HOLE_FILL];
 
 /// All settings that the built-in ladder may have. Those with foveal layers, if `foveated`.
 pub fn candidates(denoiser: Option<Denoiser>, foveated: bool) -> Vec<Knobs> {
@@ -75,17 +77,17 @@ pub fn guessed_paths(knobs: &Knobs) -> f64 {
 /// What tracing costs on each rung: from the rungs' own times if all have them, else guessed. Efforts of paths are the
 /// same for a rung whatever the others are, so that what was learned with one choice of rungs holds for another.
 pub fn efforts(rungs: &[Rung]) -> Vec<Effort> {
-    let paths = Stage::PathTrace.name();
+    let paths = PATH_TRACE.name();
     let are_timed = rungs.iter().all(|r| r.stage_ms.get(paths).is_some_and(|ms| *ms > 0.0));
     let Some(first) = rungs.first() else { return Vec::new() };
     let measured = |rung: &Rung, stage: Stage| {
         let ms = |r: &Rung| r.stage_ms.get(stage.name()).copied().filter(|ms| *ms > 0.0);
-        let unit = if stage == Stage::Gbuffer { ms(first)? } else { 1.0 };
+        let unit = if stage == GBUFFER { ms(first)? } else { 1.0 };
         Some((stage, ms(rung)? / unit))
     };
     let guessed = |rung: &Rung| {
         let paths = guessed_paths(&rung.knobs);
-        Effort::new([(Stage::PathTrace, paths), (Stage::HoleFill, paths)])
+        Effort::new([(PATH_TRACE, paths), (HOLE_FILL, paths)])
     };
     let of = |rung: &Rung| match are_timed {
         true => Effort::new(TRACING.into_iter().filter_map(|stage| measured(rung, stage))),
@@ -128,7 +130,7 @@ mod tests {
 
     #[test]
     fn efforts_are_measured_where_all_rungs_are() {
-        let of = |rungs: &[Rung]| efforts(rungs).iter().map(|e| e.of(Stage::PathTrace)).collect::<Vec<_>>();
+        let of = |rungs: &[Rung]| efforts(rungs).iter().map(|e| e.of(PATH_TRACE)).collect::<Vec<_>>();
         assert_eq!(of(&[rung(1, 1, Some(2.0)), rung(4, 1, Some(9.0))]), [2.0, 9.0]);
         assert_eq!(of(&[rung(1, 1, Some(2.0)), rung(4, 2, None)]), [2.0, 12.0]);
     }

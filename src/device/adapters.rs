@@ -13,7 +13,7 @@ const MAX_DEVICES: usize = 64;
 
 /// Of the largest stage, hole-filling: 11 of the scene and 7 of its own.
 const STORAGE_BUFFERS_PER_STAGE: u32 = 18;
-const IMMEDIATE_BYTES: u32 = 32;
+const IMMEDIATE_BYTES: u32 = 64;
 
 /// The oldest release of Mesa whose software driver is known to be faster than 22.3's, by 1.3 to 2.5 times for a frame.
 const FAST_MESA: u32 = 25;

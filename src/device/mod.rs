@@ -17,7 +17,6 @@ pub use failure::{DeviceFailure, FailureKind};
 pub use pipelines::{Pipeline, PipelineKey};
 #[cfg(feature = "view")]
 pub use screen::ScreenDevice;
-#[cfg(test)]
 pub(crate) use shader::expand;
 pub use shader::{ShaderChecks, all_wgsl, override_names, wgsl};
 

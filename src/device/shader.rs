@@ -23,46 +23,8 @@ impl ShaderChecks {
     }
 }
 
-macro_rules! shader_files {
-    ($($name:literal),* $(,)?) => {
-        &[$(($name, include_str!(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/", $name, ".wgsl")))),*]
-    };
-}
-
-const FILES: &[(&str, &str)] = shader_files![
-    "shared/frame.inc",
-    "shared/rng.inc",
-    "shared/scene.inc",
-    "shared/lights.inc",
-    "shared/light_tree.inc",
-    "shared/environment.inc",
-    "shared/trace.inc",
-    "shared/surface.inc",
-    "shared/bsdf.inc",
-    "shared/path.inc",
-    "shared/split.inc",
-    "shared/pack.inc",
-    "shared/pixel.inc",
-    "shared/edges.inc",
-    "shared/motion.inc",
-    "shared/variance.inc",
-    "shared/display.inc",
-    "shared/foveation.inc",
-    "gbuffer",
-    "select",
-    "path_trace",
-    "reproject",
-    "accumulate",
-    "variance",
-    "svgf",
-    "atrous",
-    "seam_filter",
-    "compose",
-    "resolve",
-    "tonemap",
-    "tally",
-    "aov",
-];
+/// Names without extension, and texts, of all files in `shaders/`: made by the build script.
+const FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/shader_files.rs"));
 
 fn file(name: &str) -> Option<&'static str> {
     FILES.iter().find(|(n, _)| *n == name).map(|(_, text)| *text)
@@ -76,7 +38,7 @@ pub fn all_wgsl() -> String {
 /// The whole text of a stage's shader.
 ///
 /// # Panics
-/// On a name or an include that is not in the table above; a test goes through them all.
+/// On a name or an include that no file has; a test goes through them all.
 pub fn wgsl(name: &str) -> String {
     expand(name, file(name).unwrap_or_else(|| panic!("no shader '{name}'")))
 }
@@ -88,7 +50,7 @@ pub(crate) fn expand(name: &str, text: &str) -> String {
         match line.strip_prefix("//!include ") {
             Some(names) => {
                 for include in names.split_whitespace() {
-                    let path = format!("shared/{include}.inc");
+                    let path = format!("{include}.inc");
                     out += file(&path).unwrap_or_else(|| panic!("shader '{name}' includes unknown '{include}'"));
                     out.push('\n');
                 }

@@ -37,7 +37,8 @@ pub fn frame_costs(report: &FrameReport, devices: usize, begun_ms: Option<f64>) 
         costs.lead_ms.extend(lead_ms.map(|ms| (device, ms)));
         costs.gap_ms.extend(queue.median_gap_ms().map(|ms| (device, ms)));
         if let Seam::Halo(plan) = report.spec.seam {
-            let wait_ms = queue.exchange_wait_ms(|iteration| plan.receives_before(iteration));
+            let filters = |stage| report.program.passes().iter().any(|p| p.link.is_some() && p.pass.stage == stage);
+            let wait_ms = queue.exchange_wait_ms(filters, |iteration| plan.receives_before(iteration));
             costs.wait_ms.extend(wait_ms.map(|ms| (device, ms)));
         }
     }
@@ -86,13 +87,13 @@ impl<'a> Queue<'a> {
         gaps_ms.get(gaps_ms.len() / 2).copied()
     }
 
-    /// Mean time for which the queue stood still before those passes of the filter that `receives` names, for rows
-    /// of neighbours; not before the first one, where it waits for tracing to end elsewhere.
-    fn exchange_wait_ms(&self, receives: impl Fn(usize) -> bool) -> Option<f64> {
+    /// Mean time for which the queue stood still before those passes of stages that filter that `receives` names, for
+    /// rows of neighbours; not before the first one, where it waits for tracing to end elsewhere.
+    fn exchange_wait_ms(&self, filters: impl Fn(Stage) -> bool, receives: impl Fn(usize) -> bool) -> Option<f64> {
         let mut passes = [0; 2];
         let mut waits_ms = Vec::new();
-        let filters = |t: &TaskTiming| matches!(t.kind, TimedTask::Gpu(Stage::Variance | Stage::Svgf | Stage::Atrous));
-        for (gap, stage) in self.gaps().filter(|(_, s)| filters(s)) {
+        let is_filter = |t: &TaskTiming| matches!(t.kind, TimedTask::Gpu(stage) if filters(stage));
+        for (gap, stage) in self.gaps().filter(|(_, s)| is_filter(s)) {
             let pass = &mut passes[stage.view as usize];
             if *pass > 0 && receives(*pass) {
                 waits_ms.push(if self.receives_in(&gap) { gap.end - gap.start } else { 0.0 });
@@ -111,7 +112,7 @@ mod tests {
 
     fn timing(kind: TimedTask, begin_ms: f64, end_ms: f64) -> TaskTiming {
         TaskTiming {
-            stage: "",
+            stage: "".into(),
             kind,
             view: Eye::Left,
             device: 0,
@@ -127,18 +128,19 @@ mod tests {
     /// and before the fourth none come.
     #[test]
     fn gaps_are_the_hosts_and_waits_are_for_rows() {
-        let atrous = |begin_ms, end_ms| timing(TimedTask::Gpu(Stage::Atrous), begin_ms, end_ms);
+        let atrous = |begin_ms, end_ms| timing(TimedTask::Gpu(Stage("atrous")), begin_ms, end_ms);
         let stages = [
-            timing(TimedTask::Gpu(Stage::PathTrace), 0.0, 10.0),
+            timing(TimedTask::Gpu(Stage("path_trace")), 0.0, 10.0),
             atrous(15.0, 16.0),
             atrous(16.25, 17.0),
             atrous(21.0, 22.0),
             atrous(22.25, 23.0),
         ];
         let queue = Queue { stages: stages.iter().collect(), uploads_ms: vec![14.0, 15.5, 20.0] };
+        let filters = |stage| stage == Stage("atrous");
         assert_eq!(queue.median_gap_ms(), Some(0.25));
-        assert_eq!(queue.exchange_wait_ms(|iteration| iteration < 3), Some(2.0));
-        assert_eq!(queue.exchange_wait_ms(|iteration| iteration == 1), Some(0.0));
-        assert_eq!(queue.exchange_wait_ms(|_| false), None);
+        assert_eq!(queue.exchange_wait_ms(filters, |iteration| iteration < 3), Some(2.0));
+        assert_eq!(queue.exchange_wait_ms(filters, |iteration| iteration == 1), Some(0.0));
+        assert_eq!(queue.exchange_wait_ms(filters, |_| false), None);
     }
 }

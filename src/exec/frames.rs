@@ -10,7 +10,8 @@ use super::watchdog::Limits;
 use super::worker_pool::WorkerPool;
 use super::{ExecError, Fault, FrameReport, InjectedFaults, Injection, Quality, Tally};
 use crate::device::DeviceFailure;
-use crate::graph::PhysicalImage;
+use crate::graph::Resource;
+use crate::passes::ROW_TALLY;
 use crate::stages::{Place, layout};
 
 /// What a frame is made of.
@@ -22,7 +23,7 @@ pub struct Inputs {
     pub previous: [layout::View; 2],
     pub place: Place,
     /// The images that come back with its answer.
-    pub reads: Arc<[PhysicalImage]>,
+    pub reads: Arc<[Resource]>,
 }
 
 impl Inputs {
@@ -62,7 +63,7 @@ pub struct Whole {
     pub primary: usize,
     pub end_ms: f64,
     /// Those that came with it.
-    pub images: HashMap<PhysicalImage, Pixels>,
+    pub images: HashMap<Resource, Pixels>,
 }
 
 /// What became of the frame that was begun first.
@@ -82,7 +83,7 @@ struct Collected {
     is_whole: bool,
     begin_ms: f64,
     end_ms: f64,
-    images: HashMap<PhysicalImage, Pixels>,
+    images: HashMap<Resource, Pixels>,
 }
 
 /// The workers with the frames that they are at.
@@ -239,7 +240,7 @@ impl Frames {
         }
         report.makespan_ms = end_ms - report.begin_ms;
         report.interval_ms = self.whole.as_ref().map(|w| end_ms - w.end_ms);
-        if let Some(tallies) = images.remove(&PhysicalImage::RowTally) {
+        if let Some(tallies) = images.remove(&ROW_TALLY) {
             report.row_tallies = tallies.map(|bytes| bytemuck::pod_collect_to_vec(&bytes));
             report.tallies = report.row_tallies.each_ref().map(|rows| Tally::of(rows));
         }
@@ -289,7 +290,7 @@ impl Frames {
     /// # Errors
     /// [`ExecError::NoFrame`] if there is no such frame or its images may be those of later ones already;
     /// [`ExecError::Stuck`] if the worker gave no answer of this kind.
-    pub fn fetch(&mut self, image: PhysicalImage) -> Result<Result<Pixels, DeviceFailure>, ExecError> {
+    pub fn fetch(&mut self, image: Resource) -> Result<Result<Pixels, DeviceFailure>, ExecError> {
         let whole = self.whole.as_ref().filter(|_| self.in_flight.is_empty()).ok_or(ExecError::NoFrame)?;
         let Whole { primary, inputs: Inputs { place, .. }, .. } = *whole;
         let limit = self.limit(&whole.inputs);

@@ -7,7 +7,7 @@ use super::TaskTiming;
 use super::faults::InjectedKind;
 use super::planner::Plan;
 use crate::device::DeviceFailure;
-use crate::graph::PhysicalImage;
+use crate::graph::Resource;
 use crate::stages::{Place, layout};
 
 /// What the renderer tells a worker.
@@ -23,7 +23,7 @@ pub enum Order {
     Frame(Box<FrameJob>),
     /// Send both eyes' image in this place back, once what is to happen to the device has happened.
     Read {
-        image: PhysicalImage,
+        image: Resource,
         place: Place,
         injected: Option<InjectedKind>,
     },
@@ -37,7 +37,7 @@ pub struct FrameJob {
     /// Where it leaves its images.
     pub place: Place,
     /// Outputs that the primary sends back with its answer, beside the row tallies.
-    pub reads: Arc<[PhysicalImage]>,
+    pub reads: Arc<[Resource]>,
     /// How often dispatches run; more than once only to try slow devices out.
     pub runs: u32,
     /// What is to happen to the device half-way.
@@ -87,7 +87,7 @@ pub struct FrameReply {
     pub begin_ms: f64,
     pub end_ms: f64,
     /// From the primary: the row tallies of the whole frame, and what was to be read.
-    pub images: Vec<(PhysicalImage, Pixels)>,
+    pub images: Vec<(Resource, Pixels)>,
 }
 
 /// What workers send one another.

@@ -22,7 +22,6 @@ mod worker_pool;
 pub use faults::{Fault, InjectedFaults, InjectedKind, Injection};
 pub use quality::{Foresight, Quality};
 pub use renderer::Renderer;
-use report::resource_name;
 pub use report::{FrameReport, RightEye, Stereo, Tally, TaskTiming, TimedTask};
 
 use crate::graph::Seam;

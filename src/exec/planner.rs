@@ -3,7 +3,8 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::{Quality, RenderSettings};
-use crate::graph::{Assignment, FrameGraph, FrameSpec, Seam, Stage, passes};
+use crate::graph::{Assignment, FrameGraph, Program, ProgramError, Seam};
+use crate::passes::{Declarations, FrameSpec};
 use crate::schedule::{CostModel, Policy, choose_halo};
 
 /// What distinguishes the graphs of a run from one another.
@@ -20,6 +21,7 @@ pub struct Plan {
 pub struct Graphs {
     /// What the frames of the run have in common.
     spec: FrameSpec,
+    declarations: Declarations,
     /// Newest last.
     built: Mutex<Vec<(Plan, Arc<FrameGraph>)>>,
     capacity: usize,
@@ -27,16 +29,17 @@ pub struct Graphs {
 
 impl Graphs {
     /// `capacity` is the number of graphs that are kept, at least as many as there are frames in flight.
-    pub fn new(spec: FrameSpec, capacity: usize) -> Self {
-        Self { spec, built: Mutex::default(), capacity }
+    ///
+    /// # Errors
+    /// [`ProgramError`] where the declared passes of some frame contradict one another.
+    pub fn new(spec: FrameSpec, declarations: Declarations, capacity: usize) -> Result<Self, ProgramError> {
+        declarations.programs(&spec)?;
+        Ok(Self { spec, declarations, built: Mutex::default(), capacity })
     }
 
-    /// The stages that some frame may need.
-    pub fn stages(&self) -> Vec<Stage> {
-        let mut stages: Vec<Stage> = passes(&self.spec).iter().map(|p| p.stage).collect();
-        stages.sort();
-        stages.dedup();
-        stages
+    /// Programs that have every pass that some frame may need.
+    pub fn programs(&self) -> Vec<Program> {
+        self.declarations.programs(&self.spec).unwrap_or_default()
     }
 
     /// What a frame of this plan must do.
@@ -52,7 +55,11 @@ impl Graphs {
             return Arc::clone(graph);
         }
         let before = plan.history.as_ref().map(|(before, _)| before);
-        let graph = Arc::new(FrameGraph::build(&self.spec(plan), &plan.assignment, before));
+        let spec = self.spec(plan);
+        let is_same = |(old, _): &&(Plan, _)| self.spec(old) == spec;
+        let program = built.iter().rev().find(is_same).map(|(_, graph)| Arc::clone(&graph.program));
+        let program = program.unwrap_or_else(|| self.declarations.program(&spec));
+        let graph = Arc::new(FrameGraph::build(&program, &plan.assignment, before));
         if built.len() == self.capacity {
             built.remove(0);
         }

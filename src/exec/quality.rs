@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use super::{ExecError, RenderSettings, Renderer};
-use crate::graph::{FrameGraph, FrameSpec};
+use crate::graph::FrameGraph;
 use crate::schedule::{CostModel, Effort, simulate};
 
 /// The knobs of a frame.
@@ -107,9 +107,8 @@ impl Foresight<'_> {
                 return (model, Arc::clone(graph));
             }
             let history_rows = plan.history.as_ref().map(|(_, rows)| *rows);
-            let spec = FrameSpec { history_rows, ..model.spec().clone() };
             let before = history_rows.map(|_| &plan.assignment);
-            let graph = FrameGraph::build(&spec, &plan.assignment, before);
+            let graph = FrameGraph::build(&model.program_with(history_rows), &plan.assignment, before);
             (model, Arc::new(graph))
         });
         model.set_quality(iterations, &quality.effort);

@@ -11,11 +11,12 @@ use super::planner::{Graphs, Plan, Planner};
 use super::worker_pool::WorkerPool;
 use super::{ExecError, Fault, FrameReport, InjectedFaults, Quality, RenderSettings, costs};
 use crate::device::{DeviceFailure, DeviceInfo, GpuDevice};
-use crate::graph::{FrameGraph, FrameSpec, PhysicalImage, Views};
+use crate::graph::{FrameGraph, Resource};
+use crate::passes::{FrameSpec, Views};
 use crate::scene::rig::Rig;
 use crate::scene::shot::Gaze;
 use crate::schedule::{CostModel, FrameCosts, Policy, simulate};
-use crate::stages::{Foveation, Place, SceneTables, layout};
+use crate::stages::{Foveation, Place, SceneTables, StageError, layout};
 
 /// Renders frames on a set of devices.
 pub struct Renderer {
@@ -58,12 +59,13 @@ impl Renderer {
             iterations: stages.iterations,
             history_rows: stages.keeps_history().then_some(0),
             seam: settings.seam,
-            aovs: stages.aovs.len() as u8,
+            aovs: stages.aovs.clone(),
             has_surfaces: tables.has_surfaces(),
         };
-        let costs = CostModel::new(&spec);
         let frames_in_flight = stages.frames_in_flight;
-        let graphs = Arc::new(Graphs::new(spec, frames_in_flight + 1));
+        let graphs = Graphs::new(spec.clone(), stages.declarations.clone(), frames_in_flight + 1);
+        let graphs = Arc::new(graphs.map_err(StageError::Program)?);
+        let costs = CostModel::new(&spec, &stages.declarations);
         let planner = Planner::new(policy, &settings, gpus.len(), Arc::clone(&graphs));
         let (workers, devices) = WorkerPool::start(gpus, stages, &tables, &graphs, origin)?;
         Ok(Self {
@@ -172,7 +174,7 @@ impl Renderer {
     ///
     /// # Errors
     /// Those of [`Self::finish`], if the oldest frame is finished first.
-    pub fn begin(&mut self, rig: &Rig, time_s: f64, index: u32, reads: &[PhysicalImage]) -> Result<(), ExecError> {
+    pub fn begin(&mut self, rig: &Rig, time_s: f64, index: u32, reads: &[Resource]) -> Result<(), ExecError> {
         let spp = self.quality.spp;
         let curve_shift = curve_shift(self.settings.stages.extent, spp);
         let constants = layout::Frame { curve_shift, ..self.constants(rig, time_s, index, 0..spp) };
@@ -183,7 +185,7 @@ impl Renderer {
         constants(&self.settings, &self.quality, &self.tables, rig, time_s, index, samples)
     }
 
-    fn begin_with(&mut self, constants: layout::Frame, reads: &[PhysicalImage]) -> Result<(), ExecError> {
+    fn begin_with(&mut self, constants: layout::Frame, reads: &[Resource]) -> Result<(), ExecError> {
         if self.frames.is_full() {
             self.finish()?;
         }
@@ -296,6 +298,7 @@ impl Renderer {
             devices: left,
             assignment: plan.assignment.clone(),
             spec: self.planner.spec(&plan),
+            program: Arc::clone(&graph.program),
             pixel_centre: inputs.constants.centre.to_array(),
         };
         self.frames.hand_out(inputs, &plan, report, attempt);

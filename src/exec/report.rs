@@ -1,19 +1,23 @@
 //! What a frame took and found.
 
+use std::borrow::Cow;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
+use std::sync::Arc;
 
-use crate::graph::{Assignment, FrameSpec, Resource, Stage, Views};
+use crate::graph::{Assignment, Program, Stage};
 use crate::image::Extent;
+use crate::passes::path_trace::CUT;
+use crate::passes::{FrameSpec, HoleReason, RowTally, Views};
 use crate::scene::rig::Eye;
-use crate::stages::{HoleReason, RowTally};
 
 /// Time of one task on one device, milliseconds since the renderer's origin.
 #[derive(Clone, Debug, serde::Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct TaskTiming {
-    pub stage: &'static str,
+    /// The stage, or the image that is transferred.
+    pub stage: Cow<'static, str>,
     #[serde(skip)]
     pub kind: TimedTask,
     pub view: Eye,
@@ -68,6 +72,8 @@ pub struct FrameReport {
     pub assignment: Assignment,
     /// What it had to do.
     pub spec: FrameSpec,
+    /// Its passes.
+    pub program: Arc<Program>,
     /// The point of each pixel, from its top left corner, that its auxiliary images are of.
     pub pixel_centre: [f32; 2],
 }
@@ -75,21 +81,21 @@ pub struct FrameReport {
 impl FrameReport {
     /// Rows at which one device's part of the left eye's path tracing ends and the next one's begins.
     pub fn stripe_edges(&self) -> &[u32] {
-        self.assignment.stripes(Stage::PathTrace, Eye::Left).inner_edges()
+        self.assignment.stripes(CUT, Eye::Left).inner_edges()
     }
 
     /// Busy time by stage, summed over views and devices.
     pub fn stage_ms(&self) -> BTreeMap<String, f64> {
         let mut sums = BTreeMap::new();
         for task in self.tasks.iter().filter(|t| matches!(t.kind, TimedTask::Gpu(_))) {
-            *sums.entry(task.stage.to_owned()).or_default() += task.end_ms - task.begin_ms;
+            *sums.entry(task.stage.to_string()).or_default() += task.end_ms - task.begin_ms;
         }
         sums
     }
 
     /// Per device of the run, the time in which its queue ran stages, milliseconds.
     pub fn busy_ms(&self) -> Vec<f64> {
-        let mut busy = vec![0.0; self.assignment.stripes(Stage::PathTrace, Eye::Left).devices()];
+        let mut busy = vec![0.0; self.assignment.devices()];
         for task in self.tasks.iter().filter(|t| matches!(t.kind, TimedTask::Gpu(_))) {
             busy[task.device] += task.end_ms - task.begin_ms;
         }
@@ -119,7 +125,7 @@ impl FrameReport {
 pub struct Tally {
     pub rays: u64,
     pub nonfinite: u64,
-    /// By [`crate::stages::HoleReason`].
+    /// By [`crate::passes::HoleReason`].
     pub holes: [u64; 6],
     /// Pixels left to the filter.
     pub unsampled: u64,
@@ -197,29 +203,4 @@ impl fmt::Display for RightEye {
 pub struct Stereo<T> {
     pub left: T,
     pub right: T,
-}
-
-/// Name of a resource in reports.
-pub(super) fn resource_name(resource: Resource) -> &'static str {
-    match resource {
-        Resource::Hit => "hit",
-        Resource::Guide => "guide",
-        Resource::Albedo => "albedo",
-        Resource::Emission => "emission",
-        Resource::Radiance => "radiance",
-        Resource::Filtered(_) => "filtered",
-        Resource::Moments => "moments",
-        Resource::History => "history",
-        Resource::Resolved => "resolved",
-        Resource::LastResolved => "last_resolved",
-        Resource::LastGuide => "last_guide",
-        Resource::LastMoments => "last_moments",
-        Resource::LastHistory => "last_history",
-        Resource::Tally => "tally",
-        Resource::Holes => "holes",
-        Resource::RowTally => "row_tally",
-        Resource::Linear => "linear",
-        Resource::Display => "display",
-        Resource::Aov(_) => "aov",
-    }
 }

@@ -18,7 +18,7 @@ use super::planner::Graphs;
 use super::staging::{Pool, ReadBack};
 use super::watchdog::Heartbeat;
 use crate::device::{DeviceFailure, DeviceInfo, GpuClock, GpuDevice};
-use crate::graph::{PhysicalImage, Stage};
+use crate::graph::{Bound, Program, Resource};
 use crate::scene::rig::Eye;
 use crate::stages::{DeviceStages, Place, SceneTables, StageSettings, Stamps};
 use part::{Outgoing, Part};
@@ -53,7 +53,7 @@ impl Worker {
         mut gpu: GpuDevice,
         settings: &StageSettings,
         tables: &SceneTables,
-        stages: &[Stage],
+        programs: &[Program],
         graphs: Arc<Graphs>,
         mailbox: Mailbox,
         replies: Sender<Reply>,
@@ -64,9 +64,9 @@ impl Worker {
         let failed = |failure: DeviceFailure| ExecError::Device { device, what: failure.what };
         let clock = GpuClock::calibrate(&gpu, origin).map_err(failed)?;
         gpu.info.clock_residual_us = clock.residual_us;
-        let mut stages = DeviceStages::new(&mut gpu, settings.clone(), tables, stages)?;
+        let mut stages = DeviceStages::new(&mut gpu, settings.clone(), tables, programs)?;
         let mut stamps = Stamps::new(&gpu.device);
-        stages.warm_up(&gpu, &mut stamps);
+        stages.warm_up(&gpu, &mut stamps, programs.to_vec());
         gpu.wait(None).map_err(failed)?;
         let stamp_buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("stamps"),
@@ -194,12 +194,12 @@ impl Worker {
     }
 
     /// Asks for an image, both eyes.
-    fn request(&mut self, image: PhysicalImage, place: Place) -> [ReadBack; 2] {
-        let rows = 0..self.stages.extent().height;
-        let (offset, size) = self.stages.images.span(image, &rows);
+    fn request(&mut self, resource: Resource, place: Place) -> [ReadBack; 2] {
+        let bound = Bound { resource, buffer: 0, is_before: false };
+        let (offset, size) = self.stages.images.whole(&resource);
         Eye::ALL.map(|eye| {
             let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
-            let source = self.stages.images.buffer(image, eye, place);
+            let source = self.stages.images.buffer(&bound, eye, place);
             let copy = self.pool.record(&self.gpu, &mut encoder, source, offset, size);
             copy.submitted(self.gpu.queue.submit([encoder.finish()]))
         })
@@ -209,7 +209,7 @@ impl Worker {
         Ok([self.pool.finish(&self.gpu, left)?, self.pool.finish(&self.gpu, right)?])
     }
 
-    fn read(&mut self, image: PhysicalImage, place: Place) -> Result<Pixels, DeviceFailure> {
+    fn read(&mut self, image: Resource, place: Place) -> Result<Pixels, DeviceFailure> {
         let backs = self.request(image, place);
         self.finish(backs)
     }

@@ -76,14 +76,14 @@ impl WorkerPool {
         graphs: &Arc<Graphs>,
         origin: Instant,
     ) -> Result<(Self, Vec<DeviceInfo>), ExecError> {
-        let stages = graphs.stages();
+        let programs = graphs.programs();
         let (reply, replies) = unbounded();
         let (inboxes, receivers): (Vec<_>, Vec<_>) = gpus.iter().map(|_| unbounded()).unzip();
         let mut workers = Vec::new();
         for (gpu, inbox) in gpus.into_iter().zip(receivers) {
             let mailbox = Mailbox::new(gpu.info.index, inbox, inboxes.clone());
             let graphs = Arc::clone(graphs);
-            workers.push(Worker::new(gpu, settings, tables, &stages, graphs, mailbox, reply.clone(), origin)?);
+            workers.push(Worker::new(gpu, settings, tables, &programs, graphs, mailbox, reply.clone(), origin)?);
         }
         let devices = workers.iter().map(|w| w.info().clone()).collect();
         let members = workers.into_iter().map(Member::start).collect::<Result<_, _>>()?;

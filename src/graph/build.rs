@@ -1,13 +1,13 @@
-//! From passes and stripes to the DAG of one frame.
+//! From a program and stripes to the DAG of one frame.
 
-use std::collections::HashMap;
 use std::ops::Range;
+use std::sync::Arc;
 
 use petgraph::graph::{DiGraph, NodeIndex};
 
-use super::Assignment;
-use super::resource::Resource;
-use super::table::{FrameSpec, Pass, Stage, passes};
+use super::program::{Linked, Program};
+use super::resource::Scope;
+use super::{Assignment, Dispatch};
 use crate::scene::rig::Eye;
 
 /// Position of a task in the one order that all devices keep to. Downloads follow their producer, uploads wait for their
@@ -25,20 +25,20 @@ pub struct Key {
 #[derive(Clone, Debug, PartialEq)]
 pub enum TaskKind {
     Dispatch {
-        stage: Stage,
-        index: u32,
-        /// Rows that may be read.
+        /// Index among the program's passes.
+        pass: usize,
+        /// Rows of the pass's grid that may be read.
         valid: Range<u32>,
-        filter: Option<(Resource, Resource)>,
     },
     /// Rows leave the device; `transfer` names the upload that takes them.
     Download {
-        resource: Resource,
+        /// Index among the program's images.
+        image: usize,
         transfer: u32,
         to: usize,
     },
     Upload {
-        resource: Resource,
+        image: usize,
         transfer: u32,
     },
     /// Both whole images are on the primary.
@@ -50,43 +50,46 @@ pub struct Task {
     pub kind: TaskKind,
     pub view: Eye,
     pub device: usize,
-    /// Rows computed or moved.
+    /// Rows computed or moved, of the pass's or the image's grid.
     pub rows: Range<u32>,
     pub key: Key,
 }
 
-/// The DAG of one frame.
+/// The DAG of one frame. An edge is the image, by its index, that one task leaves for another.
 #[derive(Debug)]
 pub struct FrameGraph {
-    pub dag: DiGraph<Task, Resource>,
+    pub dag: DiGraph<Task, usize>,
+    pub program: Arc<Program>,
     /// The device that ends up with the whole images.
     pub primary: usize,
     /// The pass that no other waits for, after all others.
     stitch_pass: u32,
+    /// All tasks in the order of keys, which is a topological one.
+    order: Vec<NodeIndex>,
     /// Per device, in the order of keys.
     orders: Vec<Vec<Task>>,
 }
 
 impl FrameGraph {
-    /// `before`: who had which rows in the frame before, if this one is to know its history
-    /// ([`FrameSpec::history_rows`]).
-    pub fn build(spec: &FrameSpec, assignment: &Assignment, before: Option<&Assignment>) -> Self {
-        let passes = passes(spec);
-        let mut builder = Builder::default();
+    /// `before`: who had which rows in the frame before, if this one is to know its history.
+    pub fn build(program: &Arc<Program>, assignment: &Assignment, before: Option<&Assignment>) -> Self {
+        let mut builder = Builder::new(program, assignment);
         if let Some(before) = before {
-            builder.know_history(spec, before);
+            builder.know_history(before);
         }
-        for (i, pass) in passes.iter().enumerate() {
-            builder.add_pass(i as u32, pass, spec, assignment);
+        for (number, linked) in program.passes().iter().enumerate() {
+            builder.add_pass(number as u32, linked, assignment);
         }
-        let stitch_pass = passes.len() as u32;
-        builder.stitch(stitch_pass, spec, assignment.primary());
-        let mut orders = vec![Vec::new(); spec.devices];
-        for task in builder.dag.node_weights() {
-            orders[task.device].push(task.clone());
+        let stitch_pass = program.passes().len() as u32;
+        builder.stitch(stitch_pass, assignment.primary());
+        let dag = builder.dag;
+        let mut order: Vec<NodeIndex> = dag.node_indices().collect();
+        order.sort_by_key(|&node| dag[node].key);
+        let mut orders = vec![Vec::new(); assignment.devices()];
+        for &node in &order {
+            orders[dag[node].device].push(dag[node].clone());
         }
-        orders.iter_mut().for_each(|tasks| tasks.sort_by_key(|t| t.key));
-        Self { dag: builder.dag, primary: assignment.primary(), stitch_pass, orders }
+        Self { dag, program: Arc::clone(program), primary: assignment.primary(), stitch_pass, order, orders }
     }
 
     /// A device's tasks in the order it carries them out: first those that others may wait for, then those of the
@@ -100,6 +103,34 @@ impl FrameGraph {
     pub fn tasks_of(&self, device: usize) -> &[Task] {
         &self.orders[device]
     }
+
+    /// All tasks, each after those that it depends on; every device's in the order it carries them out.
+    pub fn order(&self) -> &[NodeIndex] {
+        &self.order
+    }
+
+    pub fn devices(&self) -> usize {
+        self.orders.len()
+    }
+
+    /// The pass that a task runs, if it runs one.
+    pub fn pass(&self, task: &Task) -> Option<&Linked> {
+        match task.kind {
+            TaskKind::Dispatch { pass, .. } => self.program.passes().get(pass),
+            _ => None,
+        }
+    }
+
+    /// Bytes that a transfer moves.
+    pub fn bytes(&self, task: &Task) -> u64 {
+        match task.kind {
+            TaskKind::Download { image, .. } | TaskKind::Upload { image, .. } => {
+                let row_bytes = self.program.images()[image].resource.row_bytes(self.program.extent);
+                row_bytes * u64::from(task.rows.end - task.rows.start)
+            }
+            TaskKind::Dispatch { .. } | TaskKind::Stitch => 0,
+        }
+    }
 }
 
 /// Rows that a device holds in their newest version, and the task that left them there; none: the frame before did.
@@ -110,63 +141,97 @@ struct Holding {
     node: Option<NodeIndex>,
 }
 
-/// Newest version of one resource of one view.
+/// Newest version of one image of one view.
 #[derive(Clone, Debug, Default)]
 struct Version {
-    /// Covers the frame without overlap.
+    /// Covers the image without overlap; of what is made for each device, covers it for each.
     owned: Vec<Holding>,
     /// Rows that devices hold beside their own.
     copies: Vec<Holding>,
 }
 
-#[derive(Default)]
-struct Builder {
-    dag: DiGraph<Task, Resource>,
-    versions: HashMap<(Resource, Eye), Version>,
+struct Builder<'a> {
+    program: &'a Program,
+    dag: DiGraph<Task, usize>,
+    /// By image and view.
+    versions: Vec<[Version; 2]>,
+    /// Whether a device has any rows.
+    works: Vec<bool>,
     transfers: u32,
     serial: u32,
+    /// Of the consumer that is at hand.
+    downloads: Vec<NodeIndex>,
 }
 
 const UPLOAD: u8 = 0;
 const DISPATCH: u8 = 1;
 const DOWNLOAD: u8 = 2;
 
-impl Builder {
+impl<'a> Builder<'a> {
+    fn new(program: &'a Program, assignment: &Assignment) -> Self {
+        Self {
+            program,
+            dag: DiGraph::new(),
+            versions: vec![Default::default(); program.images().len()],
+            works: assignment.works(),
+            transfers: 0,
+            serial: 0,
+            downloads: Vec::new(),
+        }
+    }
+
     fn key(&mut self, pass: u32, phase: u8) -> Key {
         self.serial += 1;
         Key { pass, phase, serial: self.serial }
     }
 
-    fn know_history(&mut self, spec: &FrameSpec, before: &Assignment) {
-        for (resource, stage) in spec.kept() {
-            for (last, view) in resource.next_frames().into_iter().flat_map(|last| Eye::ALL.map(|view| (last, view))) {
-                let stripes = before.stripes(*stage, view);
-                let owned = stripes.iter().map(|(device, rows)| Holding { rows, device, node: None }).collect();
-                self.versions.insert((last, view), Version { owned, copies: Vec::new() });
+    fn know_history(&mut self, before: &Assignment) {
+        for (number, bound) in self.program.images().iter().enumerate().filter(|(_, b)| b.is_before) {
+            for view in Eye::ALL {
+                let Some(group) = self.program.writer(&bound.resource, view) else { continue };
+                let (from, to) = (before.height(), bound.resource.extent(self.program.extent).height);
+                let holding = |(device, rows)| Holding { rows: share(&rows, from, to), device, node: None };
+                self.versions[number][view as usize].owned = before.stripes(group, view).iter().map(holding).collect();
             }
         }
     }
 
-    fn add_pass(&mut self, number: u32, pass: &Pass, spec: &FrameSpec, assignment: &Assignment) {
-        let stripes = assignment.stripes(pass.stage, pass.view);
+    fn add_pass(&mut self, number: u32, linked: &Linked, assignment: &Assignment) {
+        let pass = &linked.pass;
+        let stripes = assignment.stripes(pass.cut_group, pass.view);
+        let height = pass.grid.extent(self.program.extent).height;
         let mut written = Version::default();
-        for (device, own) in stripes.iter() {
-            let rows = widen(&own, pass.margin_rows, spec);
-            let reach = pass.reads.iter().map(|r| r.halo_rows).max().unwrap_or(0);
-            let kind = TaskKind::Dispatch {
-                stage: pass.stage,
-                index: pass.index,
-                valid: widen(&own, reach, spec),
-                filter: pass.filter,
+        for device in 0..stripes.devices() {
+            let own = match pass.dispatch {
+                Dispatch::Once(_) if self.works[device] => 0..1,
+                Dispatch::Once(_) => continue,
+                _ => share(&stripes.rows(device), stripes.height(), height),
             };
-            let key = self.key(number, DISPATCH);
-            let node = self.dag.add_node(Task { kind, view: pass.view, device, rows: rows.clone(), key });
-            let first_transfer = self.transfers;
-            for read in &pass.reads {
-                let wanted = widen(&own, read.halo_rows, spec);
-                self.need((read.resource, read.view), wanted, node, number);
+            if own.is_empty() {
+                continue;
             }
-            self.join_downloads(first_transfer);
+            let rows = widen(&own, linked.margin_rows, height);
+            let key = self.key(number, DISPATCH);
+            let kind = TaskKind::Dispatch { pass: number as usize, valid: own.clone() };
+            let node = self.dag.add_node(Task { kind, view: pass.view, device, rows: rows.clone(), key });
+            let mut valid = own.clone();
+            self.downloads.clear();
+            for (used, &image) in pass.uses.iter().zip(&linked.images).filter(|(u, _)| u.is_read()) {
+                let image_height = used.image.resource.extent(self.program.extent).height;
+                let wanted = used.reach.rows(&scale(&rows, height, image_height), image_height);
+                if image_height == height {
+                    valid = valid.start.min(wanted.start)..valid.end.max(wanted.end);
+                }
+                let view = pass.eye_of(used);
+                match used.image.resource.scope {
+                    Scope::View => self.need(image, view, wanted, node, number),
+                    Scope::Device => self.need_own(image, node),
+                }
+            }
+            self.join_downloads();
+            if let TaskKind::Dispatch { valid: rows, .. } = &mut self.dag[node].kind {
+                *rows = valid;
+            }
             written.owned.push(Holding { rows: own.clone(), device, node: Some(node) });
             for margin in [rows.start..own.start, own.end..rows.end] {
                 if !margin.is_empty() {
@@ -174,48 +239,64 @@ impl Builder {
                 }
             }
         }
-        for &resource in &pass.writes {
-            self.versions.insert((resource, pass.view), written.clone());
+        for (used, &image) in pass.uses.iter().zip(&linked.images).filter(|(u, _)| u.access.writes()) {
+            self.versions[image][pass.eye_of(used) as usize].clone_from(&written);
         }
     }
 
-    /// Makes `consumer` follow whatever brings `rows` of a resource to its device.
-    fn need(&mut self, what: (Resource, Eye), rows: Range<u32>, consumer: NodeIndex, pass: u32) {
+    /// Makes `consumer` follow the task that made a table on its own device.
+    fn need_own(&mut self, image: usize, consumer: NodeIndex) {
         let device = self.dag[consumer].device;
-        let version = self.versions.get(&what).cloned().unwrap_or_default();
+        let own = self.versions[image][Eye::Left as usize].owned.iter().find(|h| h.device == device);
+        if let Some(node) = own.and_then(|h| h.node) {
+            self.dag.update_edge(node, consumer, image);
+        }
+    }
+
+    /// Makes `consumer` follow whatever brings `rows` of an image to its device.
+    fn need(&mut self, image: usize, view: Eye, rows: Range<u32>, consumer: NodeIndex, pass: u32) {
+        let device = self.dag[consumer].device;
+        let mut version = std::mem::take(&mut self.versions[image][view as usize]);
         let mut missing = vec![rows.clone()];
         let here = |h: &&Holding| h.device == device && overlap(&h.rows, &rows).is_some();
         for held in version.owned.iter().chain(&version.copies).filter(here) {
             if let Some(node) = held.node {
-                self.dag.update_edge(node, consumer, what.0);
+                self.dag.update_edge(node, consumer, image);
             }
             missing = missing.iter().flat_map(|m| subtract(m, &held.rows)).collect();
         }
         for gap in missing {
             for owner in &version.owned {
                 if let Some(part) = overlap(&owner.rows, &gap) {
-                    self.transfer(what, part, owner, consumer, pass);
+                    version.copies.push(self.transfer((image, view), part, owner, consumer, pass));
                 }
             }
         }
+        self.versions[image][view as usize] = version;
     }
 
-    fn transfer(&mut self, what: (Resource, Eye), rows: Range<u32>, owner: &Holding, consumer: NodeIndex, pass: u32) {
-        let (resource, view) = what;
+    fn transfer(
+        &mut self,
+        (image, view): (usize, Eye),
+        rows: Range<u32>,
+        owner: &Holding,
+        consumer: NodeIndex,
+        pass: u32,
+    ) -> Holding {
         let to = self.dag[consumer].device;
         let transfer = self.transfers;
         self.transfers += 1;
         // What the frame before left can go at once.
         let produced = owner.node.map_or(0, |node| self.dag[node].key.pass);
         let down = Task {
-            kind: TaskKind::Download { resource, transfer, to },
+            kind: TaskKind::Download { image, transfer, to },
             view,
             device: owner.device,
             rows: rows.clone(),
             key: self.key(produced, DOWNLOAD),
         };
         let up = Task {
-            kind: TaskKind::Upload { resource, transfer },
+            kind: TaskKind::Upload { image, transfer },
             view,
             device: to,
             rows: rows.clone(),
@@ -223,49 +304,59 @@ impl Builder {
         };
         let (down, up) = (self.dag.add_node(down), self.dag.add_node(up));
         if let Some(node) = owner.node {
-            self.dag.update_edge(node, down, resource);
+            self.dag.update_edge(node, down, image);
         }
-        self.dag.update_edge(down, up, resource);
-        self.dag.update_edge(up, consumer, resource);
-        let version = self.versions.entry(what).or_default();
-        version.copies.push(Holding { rows, device: to, node: Some(up) });
+        self.dag.update_edge(down, up, image);
+        self.dag.update_edge(up, consumer, image);
+        self.downloads.push(down);
+        Holding { rows, device: to, node: Some(up) }
     }
 
     /// Brings what leaves the frame to the primary.
-    fn stitch(&mut self, pass: u32, spec: &FrameSpec, primary: usize) {
+    fn stitch(&mut self, pass: u32, primary: usize) {
         let key = Key { pass, phase: DISPATCH, serial: u32::MAX };
-        let rows = spec.extent.rows();
-        let task = Task { kind: TaskKind::Stitch, view: Eye::Left, device: primary, rows: rows.clone(), key };
+        let rows = self.program.extent.rows();
+        let task = Task { kind: TaskKind::Stitch, view: Eye::Left, device: primary, rows, key };
         let node = self.dag.add_node(task);
-        let aovs = (0..spec.aovs).map(Resource::Aov);
-        let outputs: Vec<_> =
-            [Resource::Linear, Resource::Display, Resource::RowTally].into_iter().chain(aovs).collect();
+        let outputs: Vec<usize> = self.program.outputs().collect();
         for view in Eye::ALL {
-            let first_transfer = self.transfers;
-            for &resource in &outputs {
-                self.need((resource, view), rows.clone(), node, pass);
+            self.downloads.clear();
+            for &image in &outputs {
+                let rows = self.program.images()[image].resource.extent(self.program.extent).rows();
+                self.need(image, view, rows, node, pass);
             }
-            self.join_downloads(first_transfer);
+            self.join_downloads();
         }
     }
 
     /// Lets the downloads that one consumer waits for leave a device together, when the last of them is there: a
     /// submission each would gain nothing.
-    fn join_downloads(&mut self, first_transfer: u32) {
-        let is_new = |t: &Task| matches!(t.kind, TaskKind::Download { transfer, .. } if transfer >= first_transfer);
-        let mut last: HashMap<usize, u32> = HashMap::new();
-        for task in self.dag.node_weights().filter(|t| is_new(t)) {
-            let pass = last.entry(task.device).or_default();
-            *pass = task.key.pass.max(*pass);
-        }
-        for task in self.dag.node_weights_mut().filter(|t| is_new(t)) {
-            task.key.pass = last[&task.device];
+    fn join_downloads(&mut self) {
+        for &node in &self.downloads {
+            let device = self.dag[node].device;
+            let of_device = self.downloads.iter().filter(|&&other| self.dag[other].device == device);
+            let last = of_device.map(|&other| self.dag[other].key.pass).max().unwrap_or(0);
+            self.dag[node].key.pass = last;
         }
     }
 }
 
-fn widen(rows: &Range<u32>, by: u32, spec: &FrameSpec) -> Range<u32> {
-    rows.start.saturating_sub(by)..(rows.end + by).min(spec.extent.height)
+fn widen(rows: &Range<u32>, by: u32, height: u32) -> Range<u32> {
+    rows.start.saturating_sub(by)..(rows.end + by).min(height)
+}
+
+/// A share of `from` rows as one of `to` rows: shares that join go on joining.
+fn share(rows: &Range<u32>, from: u32, to: u32) -> Range<u32> {
+    let edge = |row: u32| (u64::from(row) * u64::from(to)).div_ceil(u64::from(from.max(1))) as u32;
+    edge(rows.start)..edge(rows.end)
+}
+
+/// The rows, of an image of `to` rows, that these of `from` rows lie on.
+fn scale(rows: &Range<u32>, from: u32, to: u32) -> Range<u32> {
+    let (from, to) = (u64::from(from.max(1)), u64::from(to));
+    let begin = u64::from(rows.start) * to / from;
+    let end = (u64::from(rows.end) * to).div_ceil(from);
+    begin as u32..end as u32
 }
 
 fn overlap(a: &Range<u32>, b: &Range<u32>) -> Option<Range<u32>> {

@@ -1,65 +1,79 @@
-//! What must happen: the stages of a frame, what they read and write, and the DAG of tasks that follows.
+//! What must happen in a frame: passes as plain data, the program that they make, and the DAG of tasks that follows from
+//! it and from who has which rows.
 //!
-//! A node is a task: a stage on one view and one stripe, or a transfer between devices. An edge is a resource that one
-//! task leaves for another. Nothing here knows of wgpu; [`crate::exec`] carries the graph out.
+//! A node is a task: a pass on one view and one stripe, or a transfer between devices. An edge is an image that one task
+//! leaves for another. Nothing here knows what a pass computes, nor of wgpu: [`crate::passes`] declares the renderer's
+//! own, and [`crate::exec`] carries the graph out.
 
 mod build;
+mod halo;
+mod pass;
+mod program;
 mod resource;
 mod stripes;
-mod table;
 
-#[cfg(test)]
-pub(crate) use build::tests as build_tests;
 pub use build::{FrameGraph, Key, Task, TaskKind};
-pub use resource::{PhysicalImage, Resource};
+pub use halo::{HaloPlan, Seam};
+pub use pass::{Access, Chain, CutGroup, Dispatch, Kernel, Launch, Pass, Reach, Stage, Use, Work};
+pub use program::{Bound, Linked, Program, ProgramError};
+pub use resource::{Format, Grid, Image, Life, Projection, Resource, Scope, Size};
 pub use stripes::{Stripes, StripesError};
-pub use table::{FrameSpec, HaloPlan, Pass, Read, Seam, Stage, Views, atrous_step, passes, svgf_step};
 
 use crate::scene::rig::Eye;
 
-/// Who owns which rows of a view at a stage.
-///
-/// Stages that leave device-local lists behind (reprojection's holes) hand their stripes on; see [`Stage::ratio_group`].
+/// Who owns which rows of a view in each group of passes that are cut together.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Assignment {
     /// The device that ends up with the whole images.
     primary: usize,
-    stripes: Vec<((Stage, Eye), Stripes)>,
+    /// Of groups that have none of their own.
+    common: Stripes,
+    own: Vec<((CutGroup, Eye), Stripes)>,
 }
 
 impl Assignment {
     /// The same stripes everywhere.
     pub fn uniform(stripes: Stripes) -> Self {
-        let all = Stage::RATIO_GROUPS.iter().flat_map(|&s| Eye::ALL.map(|e| ((s, e), stripes.clone())));
-        Self { primary: 0, stripes: all.collect() }
+        Self { primary: 0, common: stripes, own: Vec::new() }
     }
 
     pub fn primary(&self) -> usize {
         self.primary
     }
 
+    pub fn devices(&self) -> usize {
+        self.common.devices()
+    }
+
+    /// Rows of the frame.
+    pub fn height(&self) -> u32 {
+        self.common.height()
+    }
+
+    /// By device, whether it has any rows.
+    pub(crate) fn works(&self) -> Vec<bool> {
+        let all = || std::iter::once(&self.common).chain(self.own.iter().map(|(_, s)| s));
+        (0..self.devices()).map(|d| all().any(|s| !s.rows(d).is_empty())).collect()
+    }
+
     /// The same rows for other numbers: device i becomes `devices[i]` of `count`, those between have no rows, and
     /// `devices[0]` is the primary. `devices` rise.
     pub fn renumbered(&self, devices: &[usize], count: usize) -> Self {
-        let spread = |(key, s): &((Stage, Eye), Stripes)| (*key, s.renumbered(devices, count));
-        Self { primary: devices.first().copied().unwrap_or(0), stripes: self.stripes.iter().map(spread).collect() }
+        let own = self.own.iter().map(|(key, s)| (*key, s.renumbered(devices, count))).collect();
+        let common = self.common.renumbered(devices, count);
+        Self { primary: devices.first().copied().unwrap_or(0), common, own }
     }
 
-    pub fn set(&mut self, stage: Stage, view: Eye, stripes: Stripes) {
-        let key = (stage.ratio_group(), view);
-        for (k, s) in &mut self.stripes {
-            if *k == key {
-                *s = stripes;
-                return;
-            }
+    pub fn set(&mut self, group: CutGroup, view: Eye, stripes: Stripes) {
+        let key = (group, view);
+        match self.own.iter_mut().find(|(k, _)| *k == key) {
+            Some((_, own)) => *own = stripes,
+            None => self.own.push((key, stripes)),
         }
     }
 
-    /// # Panics
-    /// Never: both constructors fill every ratio group.
-    pub fn stripes(&self, stage: Stage, view: Eye) -> &Stripes {
-        let key = (stage.ratio_group(), view);
-        let found = self.stripes.iter().find(|(k, _)| *k == key);
-        &found.expect("an assignment covers every ratio group").1
+    pub fn stripes(&self, group: CutGroup, view: Eye) -> &Stripes {
+        let key = (group, view);
+        self.own.iter().find(|(k, _)| *k == key).map_or(&self.common, |(_, own)| own)
     }
 }

@@ -1,127 +1,201 @@
-//! What stages leave for one another, a row-major image per view each.
+//! What passes leave for one another: images, lists and constants, as plain data.
 
-/// A resource as the graph sees it. `Filtered(i)` is the radiance after i filter passes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
-pub enum Resource {
-    /// Triangle, barycentrics, material and flags behind a pixel's centre.
-    Hit,
-    /// Position and packed shading normal.
-    Guide,
-    /// Albedo and roughness; where gloss is filtered apart, also the matte part of albedo.
-    Albedo,
-    /// Emitted radiance and depth.
-    Emission,
-    /// Reflected light over albedo; where gloss is filtered apart, matte light and gloss, each over its own.
-    Radiance,
-    Filtered(u8),
-    /// Of the light accumulated over frames: mean and variance, how much of it there is, material.
-    Moments,
-    /// Accumulated light after the filter's first iteration.
-    History,
-    /// Antialiased over frames, scene-referred RGB.
-    Resolved,
-    /// What the frame before left of these.
-    LastGuide,
-    LastMoments,
-    LastHistory,
-    LastResolved,
-    /// Rays, dropped samples and hole reason, packed.
-    Tally,
-    /// Pixels to trace; lives and dies on its device.
-    Holes,
-    /// `Tally`, summed by rows.
-    RowTally,
-    /// Scene-referred RGB.
-    Linear,
-    /// Encoded RGBA8.
-    Display,
-    /// The i-th auxiliary image asked for.
-    Aov(u8),
+use crate::image::Extent;
+
+/// How many columns and rows of texels there are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Size {
+    /// As many as the frame has.
+    Frame,
+    /// The frame's columns and rows over this number, rounded up.
+    FrameOver(u32),
+    /// One column, as many rows as the frame has.
+    FrameRows,
+    /// So many, whatever the frame has.
+    Fixed(Extent),
 }
 
-/// The buffer a resource lives in. Filter passes alternate between two.
+/// How a texel becomes a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum PhysicalImage {
-    Hit,
-    Guide,
-    Albedo,
-    Emission,
-    Radiance,
-    Ping,
-    Pong,
-    Moments,
-    History,
-    Resolved,
-    LastGuide,
-    LastMoments,
-    LastHistory,
-    LastResolved,
-    Tally,
-    Holes,
-    RowTally,
-    Linear,
-    Display,
-    Aov(u8),
+pub enum Projection {
+    /// Through an image plane in front of the eye.
+    Perspective,
+    /// It stands for no direction: sums, lists, tables.
+    None,
+}
+
+/// Where the texels of a resource or the invocations of a pass are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Grid {
+    pub size: Size,
+    pub projection: Projection,
+}
+
+impl Grid {
+    /// The image of an eye at full size.
+    pub const FRAME: Self = Self { size: Size::Frame, projection: Projection::Perspective };
+
+    pub const fn table(size: Size) -> Self {
+        Self { size, projection: Projection::None }
+    }
+
+    /// Columns and rows in a frame of this extent, 1 each at least.
+    pub fn extent(self, frame: Extent) -> Extent {
+        match self.size {
+            Size::Frame => frame,
+            Size::FrameOver(n) => Extent::new(frame.width.div_ceil(n.max(1)), frame.height.div_ceil(n.max(1))),
+            Size::FrameRows => Extent::new(1, frame.height),
+            Size::Fixed(extent) => extent,
+        }
+    }
+}
+
+/// What a resource is to shaders.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Format {
+    /// A row-major array in a storage buffer, so many bytes a texel.
+    Texels(u32),
+    /// Indices of texels, 4 bytes each, behind the count and the three numbers of workgroups that go through them all.
+    List,
+    /// Constants in a uniform buffer, so many bytes.
+    Uniform(u32),
+}
+
+/// Of which there is one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Scope {
+    /// For each eye, shared out in stripes.
+    View,
+    /// For each device, which makes all of it itself.
+    Device,
+}
+
+/// How long its contents last. What a pass reads of the frame before is kept until then, whatever else is said here.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Life {
+    /// Until the next frame's take their place.
+    Frame,
+    /// It leaves the frame: whole on the primary, and one for each frame in flight.
+    Output,
+    /// As `Frame`; its rows never leave the device that made them.
+    Local,
+    /// Set by the host.
+    Input,
+}
+
+/// What passes leave for one another.
+///
+/// Two with the same name and number are the same.
+#[derive(Clone, Copy, Debug)]
+pub struct Resource {
+    /// In reports and traces, and of its buffer.
+    pub name: &'static str,
+    /// Which of several alike.
+    pub number: u8,
+    pub format: Format,
+    pub grid: Grid,
+    pub scope: Scope,
+    pub life: Life,
+}
+
+impl PartialEq for Resource {
+    fn eq(&self, other: &Self) -> bool {
+        self.name == other.name && self.number == other.number
+    }
+}
+
+impl Eq for Resource {}
+
+impl std::hash::Hash for Resource {
+    fn hash<H: std::hash::Hasher>(&self, state: &mut H) {
+        self.name.hash(state);
+        self.number.hash(state);
+    }
 }
 
 impl Resource {
-    /// What the next frame knows this as, if it is kept for it.
-    pub fn next_frames(self) -> Option<Self> {
-        match self {
-            Self::Guide => Some(Self::LastGuide),
-            Self::Moments => Some(Self::LastMoments),
-            Self::History => Some(Self::LastHistory),
-            Self::Resolved => Some(Self::LastResolved),
-            _ => None,
-        }
+    /// An image of each eye at full size.
+    pub const fn image(name: &'static str, texel_bytes: u32) -> Self {
+        let (format, grid) = (Format::Texels(texel_bytes), Grid::FRAME);
+        Self { name, number: 0, format, grid, scope: Scope::View, life: Life::Frame }
     }
 
-    pub fn physical(self) -> PhysicalImage {
-        match self {
-            Self::Hit => PhysicalImage::Hit,
-            Self::Guide => PhysicalImage::Guide,
-            Self::Albedo => PhysicalImage::Albedo,
-            Self::Emission => PhysicalImage::Emission,
-            Self::Radiance => PhysicalImage::Radiance,
-            Self::Filtered(0) => PhysicalImage::Radiance,
-            Self::Filtered(i) if i % 2 == 1 => PhysicalImage::Ping,
-            Self::Filtered(_) => PhysicalImage::Pong,
-            Self::Moments => PhysicalImage::Moments,
-            Self::History => PhysicalImage::History,
-            Self::Resolved => PhysicalImage::Resolved,
-            Self::LastResolved => PhysicalImage::LastResolved,
-            Self::LastGuide => PhysicalImage::LastGuide,
-            Self::LastMoments => PhysicalImage::LastMoments,
-            Self::LastHistory => PhysicalImage::LastHistory,
-            Self::Tally => PhysicalImage::Tally,
-            Self::Holes => PhysicalImage::Holes,
-            Self::RowTally => PhysicalImage::RowTally,
-            Self::Linear => PhysicalImage::Linear,
-            Self::Display => PhysicalImage::Display,
-            Self::Aov(i) => PhysicalImage::Aov(i),
-        }
+    /// ... of another size.
+    pub const fn on(self, grid: Grid) -> Self {
+        Self { grid, ..self }
     }
-}
 
-impl PhysicalImage {
-    /// Bytes of one row of an image `width` pixels wide.
-    pub fn row_bytes(self, width: u32) -> u64 {
-        let per_pixel = match self {
-            Self::Tally | Self::Display | Self::Holes => 4,
-            Self::RowTally => return 36,
-            _ => 16,
+    /// Pixels of an eye, listed on the device that has their rows.
+    pub const fn list(name: &'static str) -> Self {
+        let grid = Grid::table(Size::Frame);
+        Self { name, number: 0, format: Format::List, grid, scope: Scope::View, life: Life::Local }
+    }
+
+    /// Constants that the host sets with every frame.
+    pub const fn constants(name: &'static str, bytes: u32) -> Self {
+        let grid = Grid::table(Size::Fixed(Extent::new(1, 1)));
+        Self { name, number: 0, format: Format::Uniform(bytes), grid, scope: Scope::Device, life: Life::Input }
+    }
+
+    /// What every device makes for itself.
+    pub const fn table(name: &'static str, texel_bytes: u32, texels: Extent) -> Self {
+        let (format, grid) = (Format::Texels(texel_bytes), Grid::table(Size::Fixed(texels)));
+        Self { name, number: 0, format, grid, scope: Scope::Device, life: Life::Frame }
+    }
+
+    pub const fn output(self) -> Self {
+        Self { life: Life::Output, ..self }
+    }
+
+    pub const fn numbered(self, number: u8) -> Self {
+        Self { number, ..self }
+    }
+
+    /// Its columns and rows in a frame of this extent.
+    pub fn extent(&self, frame: Extent) -> Extent {
+        self.grid.extent(frame)
+    }
+
+    /// Bytes of one row.
+    pub fn row_bytes(&self, frame: Extent) -> u64 {
+        let texel_bytes = match self.format {
+            Format::Texels(bytes) | Format::Uniform(bytes) => bytes,
+            Format::List => 4,
         };
-        per_pixel * u64::from(width)
-    }
-
-    /// Whether it leaves the frame. Frames in flight have such images each for itself; all others they follow one
-    /// another in.
-    pub fn is_output(self) -> bool {
-        matches!(self, Self::RowTally | Self::Linear | Self::Display | Self::Aov(_))
+        u64::from(texel_bytes) * u64::from(self.extent(frame).width)
     }
 
     /// Bytes before the first row.
-    pub fn header_bytes(self) -> u64 {
-        if self == Self::Holes { 16 } else { 0 }
+    pub fn header_bytes(&self) -> u64 {
+        if self.format == Format::List { 16 } else { 0 }
+    }
+
+    /// Bytes of all of it.
+    pub fn bytes(&self, frame: Extent) -> u64 {
+        self.header_bytes() + self.row_bytes(frame) * u64::from(self.extent(frame).height)
+    }
+}
+
+/// One state of a resource in a frame: passes that cannot write in place read one version and write the next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Image {
+    pub resource: Resource,
+    pub version: u8,
+}
+
+impl From<Resource> for Image {
+    fn from(resource: Resource) -> Self {
+        Self { resource, version: 0 }
+    }
+}
+
+impl Image {
+    pub fn next(self) -> Self {
+        Self { version: self.version + 1, ..self }
+    }
+
+    /// Which of its resource's buffers it is in: versions take turns.
+    pub fn buffer(self) -> u8 {
+        self.version % 2
     }
 }

@@ -1,5 +1,7 @@
 //! Swimlanes of frames for a page: a lane per device and eye, a box per task, one frame at a time.
 
+use std::borrow::Cow;
+
 use std::collections::HashMap;
 
 use serde::Serialize;
@@ -33,7 +35,7 @@ type Shape = (usize, usize, usize, usize, u32, u32, u64);
 #[derive(Default, Serialize)]
 struct Data {
     /// Names of stages and of what is transferred.
-    names: Vec<&'static str>,
+    names: Vec<Cow<'static, str>>,
     shapes: Vec<Shape>,
     frames: Vec<Frame>,
     /// Place of the one that is shown first.
@@ -86,7 +88,7 @@ fn data(frames: &[LaneFrame<'_>], shown: usize, tasks_max: usize) -> Data {
 impl Data {
     fn shape(&mut self, task: &TaskTiming) -> Shape {
         let name = self.names.iter().position(|name| *name == task.stage).unwrap_or_else(|| {
-            self.names.push(task.stage);
+            self.names.push(task.stage.clone());
             self.names.len() - 1
         });
         let kind = match task.kind {
@@ -122,8 +124,8 @@ mod tests {
 
     fn task(begin_ms: f64, device: usize) -> TaskTiming {
         TaskTiming {
-            stage: "gbuffer",
-            kind: TimedTask::Gpu(Stage::Gbuffer),
+            stage: "gbuffer".into(),
+            kind: TimedTask::Gpu(Stage("gbuffer")),
             view: Eye::Right,
             device,
             rows: 4..9,

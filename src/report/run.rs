@@ -14,6 +14,8 @@ use crate::exec::{Fault, FrameReport, RightEye, Stereo, TaskTiming, TimedTask};
 use crate::graph::{Seam, Stage};
 use crate::image::ImageError;
 use crate::image::file::atomic_write;
+use crate::passes::AOV;
+use crate::passes::path_trace::CUT;
 use crate::scene::Scene;
 use crate::scene::needs::SceneNeeds;
 use crate::scene::projection::Matrices;
@@ -159,9 +161,9 @@ impl StageSum {
     /// In the order in which tasks come first.
     fn of(tasks: &[TaskTiming]) -> Vec<Self> {
         let mut sums: Vec<Self> = Vec::new();
-        for &TaskTiming { stage, kind, view, device, begin_ms, end_ms, bytes, .. } in tasks {
+        for &TaskTiming { kind, view, device, begin_ms, end_ms, bytes, .. } in tasks {
             let stage = match kind {
-                TimedTask::Gpu(_) => stage,
+                TimedTask::Gpu(stage) => stage.name(),
                 TimedTask::Download => "download",
                 TimedTask::Upload => "upload",
             };
@@ -182,7 +184,7 @@ impl StageSum {
 /// Time of auxiliary images: their passes and transfers on the device that had most of them, milliseconds.
 pub fn aov_ms(tasks: &[TaskTiming]) -> f64 {
     let of = |device: usize| {
-        let own = tasks.iter().filter(|t| t.device == device && t.stage == Stage::Aov.name());
+        let own = tasks.iter().filter(|t| t.device == device && t.stage == AOV.name());
         intervals::length(&intervals::union(own.map(|t| (t.begin_ms, t.end_ms)).collect()))
     };
     once(tasks.iter().map(|t| t.device)).into_iter().map(of).fold(0.0, f64::max)
@@ -239,15 +241,18 @@ impl FrameRow {
     /// Of a frame that `rig` sees at `time_s`.
     pub fn new(frame: &FrameReport, quality: &Quality, rig: &Rig, time_s: f64) -> Self {
         let matrices = |eye| rig.matrices(time_s, eye, frame.spec.extent);
-        let rows_of = |stage, view| {
-            let stripes = frame.assignment.stripes(stage, view);
+        let rows_of = |group, view| {
+            let stripes = frame.assignment.stripes(group, view);
             (0..stripes.devices()).map(|d| stripes.rows(d).len() as u32).collect::<Vec<u32>>()
         };
         let ran = frame.tasks.iter().filter_map(|t| match t.kind {
             TimedTask::Gpu(stage) => Some((stage, t.view)),
             TimedTask::Download | TimedTask::Upload => None,
         });
-        let stage_stripes = once(ran).into_iter().map(|(s, v)| (format!("{}.{v}", s.name()), rows_of(s, v))).collect();
+        let passes = || frame.program.passes().iter().map(|p| &p.pass);
+        let group_of = |stage, view| passes().find(|p| (p.stage, p.view) == (stage, view)).map(|p| p.cut_group);
+        let rows = |(s, v): (Stage, Eye)| Some((format!("{}.{v}", s.name()), rows_of(group_of(s, v)?, v)));
+        let stage_stripes = once(ran).into_iter().filter_map(rows).collect();
         let aov_ms = aov_ms(&frame.tasks);
         Self {
             index: frame.index,
@@ -263,12 +268,12 @@ impl FrameRow {
             rays: frame.tallies.iter().map(|t| t.rays).sum(),
             right_eye: frame.right_eye(),
             nonfinite_samples: frame.tallies.iter().map(|t| t.nonfinite).sum(),
-            stripes: rows_of(Stage::PathTrace, Eye::Left),
+            stripes: rows_of(CUT, Eye::Left),
             stage_stripes,
             transferred_bytes: frame.uploaded_bytes(),
             history_rows: frame.spec.history_rows,
             halo_exchanges: match frame.spec.seam {
-                Seam::Halo(plan) => (0..frame.spec.filter_passes()).filter(|i| plan.receives_before(*i)).collect(),
+                Seam::Halo(plan) => (0..frame.program.links()).filter(|i| plan.receives_before(*i)).collect(),
                 Seam::None | Seam::Filter => Vec::new(),
             },
             stages: StageSum::of(&frame.tasks),

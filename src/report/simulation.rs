@@ -159,10 +159,10 @@ mod tests {
     fn row() -> Row {
         let step = |kind, begin_ms, end_ms| Step { kind, view: Eye::Left, device: 0, begin_ms, end_ms };
         let critical_path = vec![
-            step(StepKind::Stage(Stage::PathTrace), 0.0, 40.0),
+            step(StepKind::Stage(Stage("path_trace")), 0.0, 40.0),
             step(StepKind::Download, 40.0, 42.0),
             step(StepKind::Upload, 42.0, 43.0),
-            step(StepKind::Stage(Stage::Atrous), 43.0, 50.0),
+            step(StepKind::Stage(Stage("atrous")), 43.0, 50.0),
         ];
         let (makespan_ms, busy_ms, limit) = (50.0, vec![45.0, 15.0], Limit::Imbalance);
         Row::new(

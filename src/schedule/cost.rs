@@ -1,16 +1,17 @@
 //! What work costs: time per unit of counted work for each stage, view and device, learned from the frames before.
 //!
-//! Path tracing and hole filling count rays, which a row of the next frame is taken to need as many of as it did in the
-//! last one; all other stages count rows. A device's own time per unit is learned from its own stripes, so devices of
+//! Passes that trace paths count rays, which a row of the next frame is taken to need as many of as it did in the last
+//! one; others count rows. A device's own time per unit is learned from its own stripes, so devices of
 //! unequal speed need no description.
 
 use std::borrow::Cow;
-use std::collections::HashMap;
 use std::ops::Range;
+use std::sync::Arc;
 
 use super::effort::Effort;
 use super::learned::{Line, Mean};
-use crate::graph::{FrameSpec, Pass, Seam, Stage, Views, passes};
+use crate::graph::{CutGroup, Pass, Program, Seam, Stage, Work};
+use crate::passes::{Declarations, FrameSpec};
 use crate::scene::rig::Eye;
 
 /// What one task of a stage cost one device in a frame.
@@ -58,7 +59,10 @@ const RAYS_PER_IDLE_PIXEL: f64 = 1.0 / 32.0;
 #[derive(Clone, Debug)]
 pub struct CostModel {
     spec: FrameSpec,
-    passes: Vec<Pass>,
+    declarations: Declarations,
+    program: Arc<Program>,
+    /// Stages on a view that were ever planned; what is learned of them stands by their numbers.
+    stages: Vec<StageOfView>,
     /// Of the frames that are planned.
     effort: Effort,
     devices: Vec<DeviceCost>,
@@ -68,10 +72,18 @@ pub struct CostModel {
     frames: u32,
 }
 
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct StageOfView {
+    stage: Stage,
+    view: Eye,
+    work: Work,
+}
+
 /// One device's own times.
 #[derive(Clone, Debug, Default)]
 struct DeviceCost {
-    ms_per_unit: HashMap<(Stage, Eye), Mean>,
+    /// By number of the stage.
+    ms_per_unit: Vec<Mean>,
     download: Transfer,
     upload: Transfer,
     lead: Mean,
@@ -97,45 +109,43 @@ impl Transfer {
     }
 }
 
-/// Unit in which a stage's work is counted.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Unit {
-    Rays(Eye),
-    Rows,
-}
-
-impl Unit {
-    fn of(stage: Stage, view: Eye) -> Self {
-        match stage {
-            Stage::PathTrace | Stage::HoleFill => Self::Rays(view),
-            _ => Self::Rows,
-        }
-    }
-}
-
 impl CostModel {
-    /// A model that has learned nothing yet.
-    pub fn new(spec: &FrameSpec) -> Self {
+    /// A model that has learned nothing yet, of frames with the passes that are declared for them.
+    pub fn new(spec: &FrameSpec, declarations: &Declarations) -> Self {
         let height = spec.extent.height as usize;
-        Self {
+        let mut model = Self {
             spec: spec.clone(),
-            passes: passes(spec),
+            declarations: declarations.clone(),
+            program: declarations.program(spec),
+            stages: Vec::new(),
             effort: Effort::default(),
             devices: vec![DeviceCost::default(); spec.devices],
             rays_above: [vec![0.0; height + 1], vec![0.0; height + 1]],
             tail: Mean::default(),
             frames: 0,
-        }
+        };
+        model.know_stages();
+        model
     }
 
     pub fn spec(&self) -> &FrameSpec {
         &self.spec
     }
 
+    /// Of the frames that are planned.
+    pub fn program(&self) -> &Arc<Program> {
+        &self.program
+    }
+
+    /// The program of such a frame with rows of history.
+    pub fn program_with(&self, history_rows: Option<u32>) -> Arc<Program> {
+        self.declarations.program(&FrameSpec { history_rows, ..self.spec.clone() })
+    }
+
     /// Filters that come to agree in another way have other margins.
     pub fn set_seam(&mut self, seam: Seam) {
         self.spec.seam = seam;
-        self.passes = passes(&self.spec);
+        self.declare();
     }
 
     /// Frames are planned that have so many iterations and take this effort.
@@ -143,13 +153,33 @@ impl CostModel {
         self.effort.clone_from(effort);
         if iterations != self.spec.iterations {
             self.spec.iterations = iterations;
-            self.passes = passes(&self.spec);
+            self.declare();
         }
     }
 
+    fn declare(&mut self) {
+        self.program = self.declarations.program(&self.spec);
+        self.know_stages();
+    }
+
+    fn know_stages(&mut self) {
+        for pass in self.program.passes().iter().map(|p| &p.pass) {
+            let stage = StageOfView { stage: pass.stage, view: pass.view, work: pass.work };
+            if !self.stages.contains(&stage) {
+                self.stages.push(stage);
+            }
+        }
+        self.devices.iter_mut().for_each(|d| d.ms_per_unit.resize_with(self.stages.len(), Mean::default));
+    }
+
+    fn number_of(&self, stage: Stage, view: Eye) -> Option<usize> {
+        self.stages.iter().position(|s| s.stage == stage && s.view == view)
+    }
+
     /// The stage whose rays are counted of an eye, beside those of the G-buffer.
-    fn traces(&self, eye: Eye) -> Stage {
-        if eye == Eye::Right && self.spec.views == Views::Reprojected { Stage::HoleFill } else { Stage::PathTrace }
+    fn traces(&self, eye: Eye) -> Option<Stage> {
+        let counts = |p: &&Pass| p.view == eye && p.work == Work::Rays;
+        self.program.passes().iter().map(|p| &p.pass).find(counts).map(|p| p.stage)
     }
 
     /// Whether a frame has been learned from; before, all costs are 0.
@@ -159,17 +189,18 @@ impl CostModel {
 
     pub fn learn(&mut self, costs: &FrameCosts) {
         for (eye, rays) in Eye::ALL.into_iter().zip(&costs.rays) {
-            let effort = costs.effort.of(self.traces(eye));
+            let effort = self.traces(eye).map_or(1.0, |stage| costs.effort.of(stage));
             sum_rows(&mut self.rays_above[eye as usize], rays, self.spec.extent.width, effort);
         }
-        let mut sums: HashMap<(usize, Stage, Eye), (f64, f64)> = HashMap::new();
+        let mut sums = vec![(0.0, 0.0); self.devices.len() * self.stages.len()];
         for cost in &costs.stages {
-            let (ms, units) = sums.entry((cost.device, cost.stage, cost.view)).or_default();
+            let Some(number) = self.number_of(cost.stage, cost.view) else { continue };
+            let (ms, units) = &mut sums[cost.device * self.stages.len() + number];
             *ms += cost.busy_ms;
-            *units += self.units(Unit::of(cost.stage, cost.view), &cost.rows) * costs.effort.of(cost.stage);
+            *units += self.units(self.stages[number], &cost.rows) * costs.effort.of(cost.stage);
         }
-        for ((device, stage, view), (ms, units)) in sums {
-            self.devices[device].ms_per_unit.entry((stage, view)).or_default().learn(ms / units);
+        for (device, sums) in self.devices.iter_mut().zip(sums.chunks(self.stages.len().max(1))) {
+            device.ms_per_unit.iter_mut().zip(sums).for_each(|(mean, (ms, units))| mean.learn(ms / units));
         }
         self.learn_transfers(&costs.transfers);
         for &(device, ms) in &costs.lead_ms {
@@ -204,31 +235,23 @@ impl CostModel {
     /// A model of as many devices as there are `speeds`: each like the mean of the measured ones, times its speed.
     /// Transfers, which are the host's work, cost the same at any speed.
     pub fn on_devices(&self, speeds: &[f64]) -> Self {
-        let mut mean: HashMap<(Stage, Eye), (f64, f64)> = HashMap::new();
         let (mut down, mut up) = (Line::default(), Line::default());
         for device in &self.devices {
-            for (&key, rate) in &device.ms_per_unit {
-                if let Some(ms) = rate.value() {
-                    let (sum, count) = mean.entry(key).or_default();
-                    *sum += ms;
-                    *count += 1.0;
-                }
-            }
             down.add(&device.download.line);
             up.add(&device.upload.line);
         }
+        let means: Vec<Option<f64>> = (0..self.stages.len()).map(|n| self.known_mean(|d| d.ms_per_unit[n])).collect();
         let of: [fn(&DeviceCost) -> Mean; 3] = [|d| d.lead, |d| d.gap, |d| d.wait];
         let [lead, gap, wait] = of.map(|of| Mean::known(self.mean_ms(of)));
         let on = |speed: &f64| DeviceCost {
-            ms_per_unit: mean.iter().map(|(&k, (sum, count))| (k, Mean::known(sum / count / speed))).collect(),
+            ms_per_unit: means.iter().map(|m| m.map_or(Mean::default(), |ms| Mean::known(ms / speed))).collect(),
             download: Transfer::of(down),
             upload: Transfer::of(up),
             lead,
             gap,
             wait,
         };
-        let spec = FrameSpec { devices: speeds.len(), ..self.spec.clone() };
-        Self { passes: passes(&spec), spec, devices: speeds.iter().map(on).collect(), ..self.clone() }
+        self.with_devices(speeds.iter().map(on).collect())
     }
 
     /// The model of these devices alone, numbered anew in this order, which rises.
@@ -236,21 +259,31 @@ impl CostModel {
         if devices.len() == self.devices.len() {
             return Cow::Borrowed(self);
         }
+        Cow::Owned(self.with_devices(devices.iter().map(|&d| self.devices[d].clone()).collect()))
+    }
+
+    fn with_devices(&self, devices: Vec<DeviceCost>) -> Self {
         let spec = FrameSpec { devices: devices.len(), ..self.spec.clone() };
-        let devices = devices.iter().map(|&d| self.devices[d].clone()).collect();
-        Cow::Owned(Self { passes: passes(&spec), spec, devices, ..self.clone() })
+        Self { program: self.declarations.program(&spec), spec, devices, ..self.clone() }
+    }
+
+    /// Mean of the devices that it is known of.
+    fn known_mean(&self, of: impl Fn(&DeviceCost) -> Mean) -> Option<f64> {
+        let known = self.devices.iter().filter_map(|d| of(d).value());
+        let (sum, count) = known.fold((0.0, 0u32), |(sum, count), ms| (sum + ms, count + 1));
+        (count > 0).then(|| sum / f64::from(count))
     }
 
     fn mean_ms(&self, of: impl Fn(&DeviceCost) -> Mean) -> f64 {
-        let known: Vec<f64> = self.devices.iter().filter_map(|d| of(d).value()).collect();
-        known.iter().sum::<f64>() / known.len().max(1) as f64
+        self.known_mean(of).unwrap_or(0.0)
     }
 
-    fn units(&self, unit: Unit, rows: &Range<u32>) -> f64 {
-        match unit {
-            Unit::Rows => f64::from(rows.end - rows.start),
-            Unit::Rays(view) => {
-                let above = &self.rays_above[view as usize];
+    fn units(&self, stage: StageOfView, rows: &Range<u32>) -> f64 {
+        match stage.work {
+            Work::Once => 1.0,
+            Work::Rows => f64::from(rows.end - rows.start),
+            Work::Rays => {
+                let above = &self.rays_above[stage.view as usize];
                 above[rows.end as usize] - above[rows.start as usize]
             }
         }
@@ -258,18 +291,15 @@ impl CostModel {
 
     /// With the effort of frames that are planned. A device that never did this stage is taken to be like the mean of
     /// those that did.
-    fn ms_per_unit(&self, stage: Stage, view: Eye, device: usize) -> f64 {
-        let of = |d: &DeviceCost| d.ms_per_unit.get(&(stage, view)).and_then(Mean::value);
-        let ms = of(&self.devices[device]).unwrap_or_else(|| {
-            let known: Vec<f64> = self.devices.iter().filter_map(of).collect();
-            known.iter().sum::<f64>() / known.len().max(1) as f64
-        });
-        ms * self.effort.of(stage)
+    fn ms_per_unit(&self, number: usize, device: usize) -> f64 {
+        let ms = self.devices[device].ms_per_unit[number].value();
+        ms.unwrap_or_else(|| self.mean_ms(|d| d.ms_per_unit[number])) * self.effort.of(self.stages[number].stage)
     }
 
-    /// Predicted time of a stage on these rows.
-    pub fn stage_ms(&self, stage: Stage, view: Eye, device: usize, rows: &Range<u32>) -> f64 {
-        self.ms_per_unit(stage, view, device) * self.units(Unit::of(stage, view), rows)
+    /// Predicted time of a pass on these rows.
+    pub fn pass_ms(&self, pass: &Pass, device: usize, rows: &Range<u32>) -> f64 {
+        let number = self.number_of(pass.stage, pass.view);
+        number.map_or(0.0, |n| self.ms_per_unit(n, device) * self.units(self.stages[n], rows))
     }
 
     /// Predicted host time to take rows off a device.
@@ -303,15 +333,22 @@ impl CostModel {
         self.tail.value().unwrap_or(0.0)
     }
 
-    /// Costs of stripes that take all passes of these ratio groups, on both views.
-    pub fn stripes_of(&self, groups: &[Stage]) -> StripeCosts<'_> {
+    /// Costs of stripes that take all passes of these groups, on both views.
+    pub fn stripes_of(&self, groups: &[CutGroup]) -> StripeCosts<'_> {
         let mut parts: Vec<Part> = Vec::new();
-        for pass in self.passes.iter().filter(|p| groups.contains(&p.stage.ratio_group())) {
-            let unit = Unit::of(pass.stage, pass.view);
-            let ms = (0..self.spec.devices).map(|d| self.ms_per_unit(pass.stage, pass.view, d));
-            match parts.iter_mut().find(|p| p.unit == unit && p.margin_rows == pass.margin_rows) {
+        for linked in self.program.passes().iter().filter(|p| groups.contains(&p.pass.cut_group)) {
+            let Some(number) = self.number_of(linked.pass.stage, linked.pass.view) else { continue };
+            let (stage, margin_rows) = (self.stages[number], linked.margin_rows);
+            // Rays are counted by view.
+            let unit = StageOfView {
+                stage: Stage(""),
+                view: if stage.work == Work::Rays { stage.view } else { Eye::Left },
+                ..stage
+            };
+            let ms = (0..self.spec.devices).map(|d| self.ms_per_unit(number, d));
+            match parts.iter_mut().find(|p| p.unit == unit && p.margin_rows == margin_rows) {
                 Some(part) => part.ms_per_unit.iter_mut().zip(ms).for_each(|(sum, ms)| *sum += ms),
-                None => parts.push(Part { unit, margin_rows: pass.margin_rows, ms_per_unit: ms.collect() }),
+                None => parts.push(Part { unit, margin_rows, ms_per_unit: ms.collect() }),
             }
         }
         StripeCosts { model: self, parts }
@@ -335,7 +372,7 @@ pub struct StripeCosts<'a> {
 
 /// Passes that count the same unit on the same margin.
 struct Part {
-    unit: Unit,
+    unit: StageOfView,
     margin_rows: u32,
     /// Per device.
     ms_per_unit: Vec<f64>,

@@ -1,7 +1,7 @@
 //! Where to cut: contiguous stripes of even predicted cost, and edges that move towards them little by little.
 
 use super::cost::{CostModel, StripeCosts};
-use crate::graph::{Assignment, FrameSpec, Stage, Stripes};
+use crate::graph::{Assignment, Stripes};
 use crate::scene::rig::Eye;
 
 /// Most rows that an edge moves from one frame to the next: a sixteenth of the frame.
@@ -68,24 +68,15 @@ fn dearest_ms(costs: &StripeCosts<'_>, stripes: &Stripes) -> f64 {
     stripes.iter().map(|(device, rows)| costs.ms(device, &rows)).fold(0.0, f64::max)
 }
 
-const TRACING: [Stage; 3] = [Stage::Gbuffer, Stage::PathTrace, Stage::Reproject];
-const FILTER: [Stage; 2] = [Stage::Atrous, Stage::Tonemap];
-
-/// Stages that are cut together.
+/// Stripes per set of groups that are cut together ([`crate::graph::Program::cut_sets`]), from frame to frame.
 ///
-/// Filters read their neighbours' rows, so none ends before all have traced: tracing and filter are cut apart, that
-/// every device ends each of them at the same time. Left and right eye are cut together: a row's G-buffer, radiance
-/// and reprojection stay on one device, and stripes of their own for the right eye could even out nothing that the sum
-/// of both eyes does not. Without a filter a row has one owner from first to last.
-pub fn groups(spec: &FrameSpec) -> &'static [&'static [Stage]] {
-    if spec.iterations == 0 { &[&Stage::RATIO_GROUPS] } else { &[&TRACING, &FILTER] }
-}
-
-/// Stripes per group, from frame to frame.
+/// Left and right eye are cut together: a row's G-buffer, radiance and reprojection stay on one device, and stripes of
+/// their own for the right eye could even out nothing that the sum of both eyes does not. Without a filter a row has one
+/// owner from first to last.
 pub struct MovingStripes {
     height: u32,
     devices: usize,
-    /// One for each group; made when the groups are known.
+    /// One for each set; made when the sets are known.
     stripes: Vec<Stripes>,
 }
 
@@ -100,22 +91,22 @@ impl MovingStripes {
         *self = Self::new(self.height, self.devices - 1);
     }
 
-    /// Moves a group's edges towards `target` by at most [`step_rows`], unless that is not worth it.
+    /// Moves a set's edges towards `target` by at most [`step_rows`], unless that is not worth it.
     pub fn follow(&mut self, model: &CostModel, target: impl Fn(usize, &StripeCosts<'_>) -> Stripes) -> Assignment {
-        let groups = groups(model.spec());
-        self.stripes.resize(groups.len(), Stripes::even(self.height, self.devices));
+        let sets = model.program().cut_sets();
+        self.stripes.resize(sets.len(), Stripes::even(self.height, self.devices));
         let mut assignment = Assignment::uniform(Stripes::even(self.height, self.devices));
-        for (index, (group, stripes)) in groups.iter().zip(&mut self.stripes).enumerate() {
+        for (index, (set, stripes)) in sets.iter().zip(&mut self.stripes).enumerate() {
             if self.devices > 1 && model.has_learned() {
-                let costs = model.stripes_of(group);
+                let costs = model.stripes_of(set);
                 let target = target(index, &costs);
                 if dearest_ms(&costs, &target) < dearest_ms(&costs, stripes) * (1.0 - HYSTERESIS) {
                     *stripes = step(stripes, &target);
                 }
             }
-            for &stage in *group {
+            for &group in set {
                 for view in Eye::ALL {
-                    assignment.set(stage, view, stripes.clone());
+                    assignment.set(group, view, stripes.clone());
                 }
             }
         }

@@ -1,7 +1,7 @@
 //! Whether rows around a stripe are received or filtered by the device itself, by what either costs.
 
 use super::cost::CostModel;
-use crate::graph::{FrameSpec, HaloPlan, PhysicalImage, Resource, Seam, Stage, passes};
+use crate::graph::{Chain, HaloPlan, Pass, Program};
 use crate::scene::rig::Eye;
 
 /// A plan must promise to save this part of what the present one costs.
@@ -10,11 +10,12 @@ const HYSTERESIS: f64 = 0.2;
 /// The halo plan of the next frame.
 pub fn choose_halo(model: &CostModel, now: HaloPlan) -> HaloPlan {
     let spec = model.spec();
-    if !model.has_learned() || spec.devices < 2 || spec.filter_passes() < 2 {
+    let links = model.program().links();
+    if !model.has_learned() || spec.devices < 2 || links < 2 {
         return now;
     }
     let costs = HaloCosts::of(model);
-    let plans = HaloPlan::all(spec.filter_passes()).map(|plan| (plan, costs.ms(plan)));
+    let plans = HaloPlan::all(links).map(|plan| (plan, costs.ms(plan)));
     let Some((best, best_ms)) = plans.min_by(|a, b| a.1.total_cmp(&b.1)) else { return now };
     if best_ms < (1.0 - HYSTERESIS) * costs.ms(now) { best } else { now }
 }
@@ -36,8 +37,8 @@ struct FilterPass {
     /// Rows around its own that it computes for what comes after the filter.
     after_rows: u32,
     ms_per_row: f64,
-    /// Of a row of what it reads: the guide, which keeps, and all that is new with each pass.
-    guide_bytes: u64,
+    /// Of a row of what it reads: what keeps through the filter, and all that is new with each pass.
+    kept_bytes: u64,
     new_bytes: Vec<u64>,
 }
 
@@ -58,9 +59,9 @@ impl HaloCosts {
         let transfer_ms = |bytes| mean(&|d| model.download_ms(d, bytes) + model.upload_ms(d, bytes));
         const MANY_BYTES: u64 = 1 << 20;
         let latency_ms = transfer_ms(0);
-        let ms_per_row = |stage, view| mean(&|d| model.stage_ms(stage, view, d, &(0..1)));
+        let ms_per_row = |pass: &Pass| mean(&|d| model.pass_ms(pass, d, &(0..1)));
         Self {
-            views: filter_passes(spec, ms_per_row),
+            views: filter_passes(model.program(), ms_per_row),
             sides: 2.0 * (devices - 1) as f64 / devices as f64,
             transfer_ms: [latency_ms, (transfer_ms(MANY_BYTES) - latency_ms) / MANY_BYTES as f64],
             wait_ms: mean(&|d| model.wait_ms(d)),
@@ -78,13 +79,13 @@ impl HaloCosts {
             0 => 0.0,
             bytes => self.transfer_ms[0] + self.transfer_ms[1] * bytes as f64,
         };
-        let (mut ms, mut guide_rows) = (0.0, 0);
+        let (mut ms, mut kept_rows) = (0.0, 0);
         for (index, (pass, rows)) in passes.iter().zip(rows(passes, plan)).enumerate() {
             ms += self.sides * pass.ms_per_row * f64::from(rows.margin);
             let Some(halo) = rows.halo else { continue };
             let new_ms: f64 = pass.new_bytes.iter().map(|bytes| transfer_ms(halo, *bytes)).sum();
-            ms += self.sides * (new_ms + transfer_ms(halo.saturating_sub(guide_rows), pass.guide_bytes));
-            guide_rows = halo.max(guide_rows);
+            ms += self.sides * (new_ms + transfer_ms(halo.saturating_sub(kept_rows), pass.kept_bytes));
+            kept_rows = halo.max(kept_rows);
             if index > 0 {
                 ms += self.wait_ms;
             }
@@ -94,19 +95,31 @@ impl HaloCosts {
 }
 
 /// The filter's passes on each view; `ms_per_row` is what a row costs.
-fn filter_passes(spec: &FrameSpec, ms_per_row: impl Fn(Stage, Eye) -> f64) -> [Vec<FilterPass>; 2] {
-    let spec = FrameSpec { seam: Seam::Halo(HaloPlan::EXCHANGE), ..spec.clone() };
+fn filter_passes(program: &Program, ms_per_row: impl Fn(&Pass) -> f64) -> [Vec<FilterPass>; 2] {
+    let links = || program.passes().iter().filter(|p| p.link.is_some());
     let mut views = [Vec::new(), Vec::new()];
-    for pass in passes(&spec).iter().filter(|p| p.link.is_some()) {
-        let row_bytes = |image: PhysicalImage| image.row_bytes(spec.extent.width);
-        let new = pass.reads.iter().filter(|r| r.resource != Resource::Guide);
-        views[pass.view as usize].push(FilterPass {
-            reach_rows: pass.reads.iter().map(|r| r.halo_rows).max().unwrap_or(0) - pass.margin_rows,
-            after_rows: pass.margin_rows,
-            ms_per_row: ms_per_row(pass.stage, pass.view),
-            guide_bytes: row_bytes(PhysicalImage::Guide),
-            new_bytes: new.map(|r| row_bytes(r.resource.physical())).collect(),
-        });
+    for linked in links() {
+        let pass = &linked.pass;
+        // What several passes read and none of them writes is received once.
+        let keeps = |image: usize| {
+            let of = || links().filter(|l| l.pass.view == pass.view).flat_map(|l| l.pass.uses.iter().zip(&l.images));
+            let uses = || of().filter(|(_, i)| **i == image);
+            uses().count() > 1 && uses().all(|(u, _)| !u.access.writes())
+        };
+        let (mut kept_bytes, mut new_bytes) = (0, Vec::new());
+        for (used, image) in pass.uses.iter().zip(&linked.images).filter(|(u, _)| u.is_read()) {
+            let row_bytes = used.image.resource.row_bytes(program.extent);
+            if keeps(*image) { kept_bytes += row_bytes } else { new_bytes.push(row_bytes) }
+        }
+        let ms_per_row = ms_per_row(pass);
+        let reach_rows = pass.halo_rows();
+        views[pass.view as usize].push(FilterPass { reach_rows, after_rows: 0, ms_per_row, kept_bytes, new_bytes });
+    }
+    for (view, passes) in Eye::ALL.into_iter().zip(&mut views) {
+        let after = program.passes().iter().map(|p| &p.pass).filter(|p| p.view == view && p.chain == Chain::Margin);
+        if let Some(last) = passes.last_mut() {
+            last.after_rows = after.map(Pass::halo_rows).sum();
+        }
     }
     views
 }
@@ -128,36 +141,26 @@ fn rows(passes: &[FilterPass], plan: HaloPlan) -> Vec<Rows> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::graph::{Pass, Views};
-    use crate::image::Extent;
+    use crate::graph::{Linked, Seam};
+    use crate::passes::tests::spec;
+    use crate::passes::{Declarations, FrameSpec};
     use crate::quality::Denoiser;
 
     #[test]
     fn rows_are_those_of_the_frames_passes() {
-        let (extent, views) = (Extent::new(64, 64), Views::Reprojected);
         for plan in HaloPlan::all(6) {
-            let seam = Seam::Halo(plan);
-            for (filter, iterations) in [(Some(Denoiser::Atrous), 6), (Some(Denoiser::Svgf), 5)] {
-                let spec = FrameSpec {
-                    extent,
-                    devices: 2,
-                    views,
-                    sparse: false,
-                    filter,
-                    iterations,
-                    history_rows: Some(4),
-                    seam,
-                    aovs: 0,
-                    has_surfaces: true,
-                };
-                let found = filter_passes(&spec, |_, _| 0.0).map(|passes| rows(&passes, plan));
+            for (filter, iterations) in [(Denoiser::Atrous, 6), (Denoiser::Svgf, 5)] {
+                let spec = FrameSpec { filter: Some(filter), iterations, ..spec(2, Seam::Halo(plan)) };
+                let program = Declarations::default().program(&spec);
+                let found = filter_passes(&program, |_| 0.0).map(|passes| rows(&passes, plan));
                 for eye in Eye::ALL {
-                    let mut expected = passes(&spec);
-                    expected.retain(|p| p.link.is_some() && p.view == eye);
-                    let receives = |p: &Pass| plan.receives_before(p.link.unwrap_or(0));
-                    let of =
-                        |p: &Pass| Rows { margin: p.margin_rows, halo: receives(p).then_some(p.reads[0].halo_rows) };
-                    let expected: Vec<Rows> = expected.iter().map(of).collect();
+                    let links = program.passes().iter().filter(|p| p.link.is_some() && p.pass.view == eye);
+                    let of = |p: &Linked| Rows {
+                        margin: p.margin_rows,
+                        halo: p.link.filter(|l| plan.receives_before(*l)).map(|_| p.margin_rows + p.pass.halo_rows()),
+                    };
+                    let expected: Vec<Rows> = links.map(of).collect();
+                    assert_eq!(expected.len(), 6);
                     assert_eq!(found[eye as usize], expected, "{plan:?} {eye}");
                 }
             }

@@ -10,9 +10,9 @@
 use std::ops::Range;
 
 use super::cost::{CostModel, StripeCosts};
-use super::cut::{MovingStripes, cut, groups};
+use super::cut::{MovingStripes, cut};
 use super::policy::Policy;
-use crate::graph::{Assignment, Pass, PhysicalImage, Stripes, passes};
+use crate::graph::{Assignment, Program, Stripes};
 
 pub struct Heft {
     stripes: MovingStripes,
@@ -63,9 +63,9 @@ impl Block {
 /// Milliseconds that blocks of each group take on each device, by HEFT.
 fn place(model: &CostModel) -> Vec<Vec<f64>> {
     let spec = model.spec();
-    let costs: Vec<StripeCosts<'_>> = groups(spec).iter().map(|g| model.stripes_of(g)).collect();
+    let costs: Vec<StripeCosts<'_>> = model.program().cut_sets().iter().map(|s| model.stripes_of(s)).collect();
     let count = (spec.devices * BLOCKS_PER_DEVICE).max(LEAST_BLOCKS).min(spec.extent.height as usize);
-    let reach_rows = filter_reach_rows(&passes(spec));
+    let reach_rows = filter_reach_rows(model.program());
     let reach = (reach_rows as usize * count).div_ceil(spec.extent.height as usize);
     let transfer_ms = crossing_ms(model, reach_rows);
     let mut blocks = ranked(&costs, count, reach, transfer_ms);
@@ -127,15 +127,19 @@ fn ready_ms(blocks: &[Block], index: usize, count: usize, reach: usize, devices:
 }
 
 /// Rows that the filter reads beyond its own.
-fn filter_reach_rows(passes: &[Pass]) -> u32 {
-    let filter = passes.iter().filter(|p| p.link.is_some());
-    filter.flat_map(|p| &p.reads).map(|r| r.halo_rows).max().unwrap_or(0)
+fn filter_reach_rows(program: &Program) -> u32 {
+    let links = program.passes().iter().filter(|p| p.link.is_some());
+    links.map(|p| p.pass.halo_rows() + p.margin_rows).max().unwrap_or(0)
 }
 
-/// Mean time to bring the filter's halo, position and radiance, from one device to another.
+/// Mean time to bring so many rows of what the filter's first pass reads from one device to another.
 fn crossing_ms(model: &CostModel, rows: u32) -> f64 {
     let spec = model.spec();
-    let bytes = PhysicalImage::Radiance.row_bytes(spec.extent.width) * u64::from(rows);
-    let image_ms = |d| model.download_ms(d, bytes) + model.upload_ms(d, bytes);
-    2.0 * (0..spec.devices).map(image_ms).sum::<f64>() / spec.devices as f64
+    let first = model.program().passes().iter().find(|p| p.link == Some(0));
+    let images = first.iter().flat_map(|p| p.pass.uses.iter().filter(|u| u.is_read()));
+    let image_ms = |bytes: u64| {
+        let ends_ms = |d| model.download_ms(d, bytes) + model.upload_ms(d, bytes);
+        (0..spec.devices).map(ends_ms).sum::<f64>() / spec.devices as f64
+    };
+    images.map(|u| image_ms(u.image.resource.row_bytes(spec.extent) * u64::from(rows))).sum()
 }

@@ -3,7 +3,8 @@
 use std::str::FromStr;
 
 use super::cost::CostModel;
-use crate::graph::{Assignment, Stage, Stripes, StripesError};
+use crate::graph::{Assignment, CutGroup, Stripes, StripesError};
+use crate::passes::cut_groups;
 use crate::scene::rig::Eye;
 
 /// Cuts frames into stripes.
@@ -43,10 +44,10 @@ impl Policy for Even {
     }
 }
 
-/// Ratios of one rule: `5,1,2`, or narrowed to a stage and a view as in `atrous=1,1,2`, `path_trace.left=5,1,2`.
+/// Ratios of one rule: `5,1,2`, or narrowed to a group of passes and a view as in `atrous=1,1,2`, `path_trace.left=5,1,2`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RatioRule {
-    pub stage: Option<Stage>,
+    pub group: Option<CutGroup>,
     pub view: Option<Eye>,
     pub ratios: Vec<f64>,
 }
@@ -59,22 +60,22 @@ impl FromStr for RatioRule {
             Some((place, numbers)) => (Some(place), numbers),
             None => (None, text),
         };
-        let (stage, view) = match place.map(|p| p.split_once('.').unwrap_or((p, ""))) {
+        let (group, view) = match place.map(|p| p.split_once('.').unwrap_or((p, ""))) {
             None => (None, None),
-            Some((stage, view)) => (Some(parse_stage(stage)?), parse_view(view)?),
+            Some((group, view)) => (Some(parse_group(group)?), parse_view(view)?),
         };
         let ratios = numbers
             .split(',')
             .map(|n| n.trim().parse::<f64>().map_err(|_| format!("'{n}' in ratios '{text}' is not a number")))
             .collect::<Result<_, _>>()?;
-        Ok(Self { stage, view, ratios })
+        Ok(Self { group, view, ratios })
     }
 }
 
-fn parse_stage(name: &str) -> Result<Stage, String> {
-    let found = Stage::RATIO_GROUPS.into_iter().find(|s| s.name() == name);
-    found.ok_or_else(|| {
-        let known: Vec<_> = Stage::RATIO_GROUPS.iter().map(|s| s.name()).collect();
+fn parse_group(name: &str) -> Result<CutGroup, String> {
+    let known = cut_groups();
+    known.iter().find(|g| g.0 == name).copied().ok_or_else(|| {
+        let known: Vec<_> = known.iter().map(|g| g.0).collect();
         format!("'{name}' is no stage with ratios of its own: choose one of {}", known.join(", "))
     })
 }
@@ -88,7 +89,7 @@ fn parse_view(name: &str) -> Result<Option<Eye>, String> {
     }
 }
 
-/// Fixed ratios, per stage and view where rules say so; later rules win.
+/// Fixed ratios, per group of passes and view where rules say so; later rules win.
 pub struct Static {
     height: u32,
     devices: usize,
@@ -99,14 +100,15 @@ pub struct Static {
 impl Static {
     pub fn new(height: u32, devices: usize, rules: &[RatioRule]) -> Result<Self, StripesError> {
         let mut assignment = Assignment::uniform(Stripes::even(height, devices));
+        let groups = cut_groups();
         for rule in rules {
             if rule.ratios.len() != devices {
                 return Err(StripesError::Count { given: rule.ratios.len(), devices });
             }
             let stripes = Stripes::from_weights(height, &rule.ratios)?;
-            for stage in Stage::RATIO_GROUPS.into_iter().filter(|s| rule.stage.is_none_or(|r| r == *s)) {
+            for group in groups.iter().copied().filter(|g| rule.group.is_none_or(|r| r == *g)) {
                 for view in Eye::ALL.into_iter().filter(|v| rule.view.is_none_or(|r| r == *v)) {
-                    assignment.set(stage, view, stripes.clone());
+                    assignment.set(group, view, stripes.clone());
                 }
             }
         }

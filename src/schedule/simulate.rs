@@ -5,6 +5,9 @@
 //! before it hands them to the queue, and holds later stages up meanwhile. Where exec would look for rows of others
 //! between two downloads, here all downloads go first, so uploads may be predicted a little late.
 
+use petgraph::Direction;
+use petgraph::graph::NodeIndex;
+
 use super::cost::CostModel;
 use crate::graph::{FrameGraph, Stage, Task, TaskKind};
 use crate::scene::rig::Eye;
@@ -70,7 +73,7 @@ impl Limit {
 /// Part of a frame's time that may be lost before something else than work limits it.
 pub const LOSS_SHARE: f64 = 0.05;
 
-/// The graph makes devices wait for one another in a circle.
+/// A device waits for rows that are sent later.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
 #[error("device {device} waits for ever for the rows of transfer {transfer}")]
 pub struct Stuck {
@@ -81,19 +84,11 @@ pub struct Stuck {
 /// Predicts how a frame with this graph will go.
 ///
 /// # Errors
-/// When tasks wait for one another in a circle; graphs that [`FrameGraph::build`] makes have none.
+/// When a task depends on one that comes after it; graphs that [`FrameGraph::build`] makes have none.
 pub fn simulate(graph: &FrameGraph, model: &CostModel) -> Result<Prediction, Stuck> {
     let mut play = Play::new(graph, model);
-    let mut moved = true;
-    while moved {
-        moved = false;
-        for device in 0..play.clocks.len() {
-            while play.advance(device) {
-                moved = true;
-            }
-        }
-    }
-    play.conclude()
+    graph.order().iter().try_for_each(|&node| play.play(node))?;
+    Ok(play.conclude())
 }
 
 /// A task that has been played.
@@ -101,15 +96,15 @@ pub fn simulate(graph: &FrameGraph, model: &CostModel) -> Result<Prediction, Stu
 struct Played {
     begin_ms: f64,
     end_ms: f64,
-    /// The task whose end let this one begin, as device and position; none: the frame's begin.
-    cause: Option<(usize, usize)>,
+    /// The task whose end let this one begin; none: the frame's begin.
+    cause: Option<NodeIndex>,
 }
 
 /// When something is free again, and which task makes it wait until then.
 #[derive(Clone, Copy)]
 struct Free {
     at_ms: f64,
-    cause: Option<(usize, usize)>,
+    cause: Option<NodeIndex>,
 }
 
 impl Free {
@@ -123,15 +118,16 @@ struct Clock {
     host: Free,
     /// Last upload, before which nothing later is submitted.
     gate: Free,
-    played: Vec<Played>,
+    /// The task played last.
+    last: Option<NodeIndex>,
 }
 
 struct Play<'a> {
     graph: &'a FrameGraph,
     model: &'a CostModel,
     clocks: Vec<Clock>,
-    /// By number of transfer: when its rows have left.
-    sent: Vec<Option<Free>>,
+    /// By node.
+    played: Vec<Option<Played>>,
     busy_ms: Vec<f64>,
     transfer_ms: f64,
 }
@@ -140,43 +136,44 @@ impl<'a> Play<'a> {
     fn new(graph: &'a FrameGraph, model: &'a CostModel) -> Self {
         let clock = |device| {
             let begin = Free { at_ms: model.lead_ms(device), cause: None };
-            Clock { queue: begin, host: begin, gate: begin, played: Vec::new() }
+            Clock { queue: begin, host: begin, gate: begin, last: None }
         };
-        let devices = model.spec().devices;
+        let devices = graph.devices();
         let clocks = (0..devices).map(clock).collect();
-        Self { graph, model, clocks, sent: Vec::new(), busy_ms: vec![0.0; devices], transfer_ms: 0.0 }
+        let played = vec![None; graph.dag.node_count()];
+        Self { graph, model, clocks, played, busy_ms: vec![0.0; devices], transfer_ms: 0.0 }
     }
 
-    /// Plays the device's next task, if there is one that can begin.
-    fn advance(&mut self, device: usize) -> bool {
-        let position = self.clocks[device].played.len();
-        let Some(task) = self.graph.tasks_of(device).get(position) else { return false };
+    /// When the rows of an upload have left the device that had them.
+    fn sent(&self, node: NodeIndex) -> Option<Free> {
+        let download = self.graph.dag.neighbors_directed(node, Direction::Incoming).next()?;
+        self.played[download.index()].map(|p| Free { at_ms: p.end_ms, cause: Some(download) })
+    }
+
+    fn play(&mut self, node: NodeIndex) -> Result<(), Stuck> {
+        let task = &self.graph.dag[node];
+        let device = task.device;
         let Clock { queue, host, gate, .. } = self.clocks[device];
-        let from = match &task.kind {
+        let from = match task.kind {
             TaskKind::Dispatch { .. } => queue.or_later(gate),
             TaskKind::Download { .. } | TaskKind::Stitch => queue.or_later(host),
-            TaskKind::Upload { transfer, .. } => match self.sent.get(*transfer as usize).copied().flatten() {
-                Some(sent) => sent.or_later(host),
-                None => return false,
-            },
+            TaskKind::Upload { transfer, .. } => self.sent(node).ok_or(Stuck { device, transfer })?.or_later(host),
         };
-        let ms = self.task_ms(device, task);
+        let ms = self.task_ms(task);
         let gap_ms = if matches!(task.kind, TaskKind::Dispatch { .. }) { self.model.gap_ms(device) } else { 0.0 };
         let end_ms = from.at_ms + gap_ms + ms;
-        let end = Free { at_ms: end_ms, cause: Some((device, position)) };
+        let end = Free { at_ms: end_ms, cause: Some(node) };
+        self.played[node.index()] = Some(Played { begin_ms: from.at_ms, end_ms, cause: from.cause });
         let clock = &mut self.clocks[device];
-        clock.played.push(Played { begin_ms: from.at_ms, end_ms, cause: from.cause });
+        clock.last = Some(node);
         match task.kind {
             TaskKind::Dispatch { .. } => {
                 clock.queue = end;
                 self.busy_ms[device] += ms;
             }
-            TaskKind::Download { transfer, .. } => {
+            TaskKind::Download { .. } => {
                 clock.host = end;
                 self.transfer_ms += ms;
-                let sent = transfer as usize;
-                self.sent.resize(self.sent.len().max(sent + 1), None);
-                self.sent[sent] = Some(end);
             }
             TaskKind::Upload { .. } => {
                 clock.host = end;
@@ -185,54 +182,41 @@ impl<'a> Play<'a> {
             }
             TaskKind::Stitch => {}
         }
-        true
+        Ok(())
     }
 
-    fn task_ms(&self, device: usize, task: &Task) -> f64 {
-        match &task.kind {
-            TaskKind::Dispatch { stage, .. } => self.model.stage_ms(*stage, task.view, device, &task.rows),
-            TaskKind::Download { resource, .. } | TaskKind::Upload { resource, .. } => {
-                let image = resource.physical();
-                let rows = u64::from(task.rows.end - task.rows.start);
-                let bytes = image.row_bytes(self.model.spec().extent.width) * rows;
-                match task.kind {
-                    TaskKind::Download { .. } => self.model.download_ms(device, bytes),
-                    _ => self.model.upload_ms(device, bytes),
-                }
+    fn task_ms(&self, task: &Task) -> f64 {
+        match task.kind {
+            TaskKind::Dispatch { pass, .. } => {
+                self.model.pass_ms(&self.graph.program.passes()[pass].pass, task.device, &task.rows)
             }
+            TaskKind::Download { .. } => self.model.download_ms(task.device, self.graph.bytes(task)),
+            TaskKind::Upload { .. } => self.model.upload_ms(task.device, self.graph.bytes(task)),
             TaskKind::Stitch => 0.0,
         }
     }
 
-    fn conclude(self) -> Result<Prediction, Stuck> {
-        for (device, clock) in self.clocks.iter().enumerate() {
-            if let Some(Task { kind: TaskKind::Upload { transfer, .. }, .. }) =
-                self.graph.tasks_of(device).get(clock.played.len())
-            {
-                return Err(Stuck { device, transfer: *transfer });
-            }
-        }
-        let primary = self.graph.primary;
-        let stitch = self.clocks[primary].played.len().checked_sub(1).map(|last| (primary, last));
+    fn conclude(self) -> Prediction {
+        let stitch = self.clocks[self.graph.primary].last;
         let critical_path = self.path_to(stitch);
-        let end_ms = stitch.map_or(0.0, |(device, last)| self.clocks[device].played[last].end_ms);
+        let end_ms = critical_path.last().map_or(0.0, |step| step.end_ms);
         let makespan_ms = end_ms + self.model.tail_ms();
         let limit = self.limit(makespan_ms, &critical_path);
-        Ok(Prediction { makespan_ms, busy_ms: self.busy_ms, transfer_ms: self.transfer_ms, critical_path, limit })
+        Prediction { makespan_ms, busy_ms: self.busy_ms, transfer_ms: self.transfer_ms, critical_path, limit }
     }
 
-    fn path_to(&self, mut at: Option<(usize, usize)>) -> Vec<Step> {
+    fn path_to(&self, mut at: Option<NodeIndex>) -> Vec<Step> {
         let mut path = Vec::new();
-        while let Some((device, position)) = at {
-            let task = &self.graph.tasks_of(device)[position];
-            let Played { begin_ms, end_ms, cause } = self.clocks[device].played[position];
+        while let Some((node, played)) = at.and_then(|node| Some((node, self.played[node.index()]?))) {
+            let task = &self.graph.dag[node];
             let kind = match task.kind {
-                TaskKind::Dispatch { stage, .. } => StepKind::Stage(stage),
+                TaskKind::Dispatch { pass, .. } => StepKind::Stage(self.graph.program.passes()[pass].pass.stage),
                 TaskKind::Download { .. } => StepKind::Download,
                 TaskKind::Upload { .. } => StepKind::Upload,
                 TaskKind::Stitch => StepKind::Stitch,
             };
-            path.push(Step { kind, view: task.view, device, begin_ms, end_ms });
+            let Played { begin_ms, end_ms, cause } = played;
+            path.push(Step { kind, view: task.view, device: task.device, begin_ms, end_ms });
             at = cause;
         }
         path.reverse();
@@ -263,17 +247,14 @@ impl<'a> Play<'a> {
 
     /// Time of all devices in rows that another device computes as well.
     fn margins_ms(&self) -> f64 {
-        let height = f64::from(self.model.spec().extent.height);
-        let mut passes: Vec<(f64, f64)> = Vec::new();
-        for (device, clock) in self.clocks.iter().enumerate() {
-            for (task, played) in self.graph.tasks_of(device).iter().zip(&clock.played) {
-                let TaskKind::Dispatch { .. } = task.kind else { continue };
-                let pass = task.key.pass as usize;
-                passes.resize(passes.len().max(pass + 1), (0.0, 0.0));
-                passes[pass].0 += f64::from(task.rows.end - task.rows.start);
-                passes[pass].1 += played.end_ms - played.begin_ms;
-            }
+        let program = &self.graph.program;
+        let mut passes = vec![(0.0, 0.0); program.passes().len()];
+        for (task, played) in self.graph.dag.node_weights().zip(&self.played) {
+            let (TaskKind::Dispatch { pass, .. }, Some(played)) = (&task.kind, played) else { continue };
+            passes[*pass].0 += f64::from(task.rows.end - task.rows.start);
+            passes[*pass].1 += played.end_ms - played.begin_ms;
         }
-        passes.iter().map(|(rows, ms)| ms * (1.0 - height / rows.max(height))).sum()
+        let heights = program.passes().iter().map(|p| f64::from(p.pass.grid.extent(program.extent).height));
+        passes.iter().zip(heights).map(|((rows, ms), height)| ms * (1.0 - height / f64::max(*rows, height))).sum()
     }
 }

@@ -3,8 +3,11 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::graph::{Assignment, FrameGraph, FrameSpec, HaloPlan, Seam, Stage, Stripes, TaskKind, Views, build_tests};
+use crate::graph::{Assignment, CutGroup, FrameGraph, HaloPlan, Pass, Seam, Stripes, TaskKind};
 use crate::image::Extent;
+use crate::passes::graph_tests::{check_order, graph, replay};
+use crate::passes::path_trace::CUT;
+use crate::passes::{Declarations, FrameSpec, Views, cut_groups, denoise};
 use crate::quality::Denoiser;
 use crate::scene::rig::Eye;
 
@@ -21,7 +24,7 @@ fn spec(height: u32, devices: usize, iterations: u32, seam: Seam) -> FrameSpec {
         iterations,
         history_rows: None,
         seam,
-        aovs: 0,
+        aovs: Vec::new(),
         has_surfaces: true,
     }
 }
@@ -55,17 +58,17 @@ impl World {
         Self { spec, rays: [rays(8), rays(2)], ms_per_ray, speeds: speeds.to_vec() }
     }
 
-    fn stage_ms(&self, stage: Stage, view: Eye, device: usize, rows: &std::ops::Range<u32>) -> f64 {
-        let ms: f64 = match stage {
-            Stage::PathTrace | Stage::HoleFill => {
+    fn pass_ms(&self, pass: &Pass, device: usize, rows: &std::ops::Range<u32>) -> f64 {
+        let ms: f64 = match pass.stage.name() {
+            "path_trace" | "hole_fill" => {
                 let row_ms = |y: u32| {
-                    let paths = f64::from(self.rays[view as usize][y as usize] - WIDTH);
+                    let paths = f64::from(self.rays[pass.view as usize][y as usize] - WIDTH);
                     (paths + f64::from(WIDTH) / 32.0) * self.ms_per_ray[y as usize]
                 };
                 rows.clone().map(row_ms).sum()
             }
-            Stage::Gbuffer => 0.01 * rows.len() as f64,
-            Stage::Atrous => 0.02 * rows.len() as f64,
+            "gbuffer" => 0.01 * rows.len() as f64,
+            "atrous" => 0.02 * rows.len() as f64,
             _ => 0.002 * rows.len() as f64,
         };
         ms / self.speeds[device]
@@ -80,12 +83,13 @@ impl World {
             for task in graph.tasks_of(device) {
                 let rows = task.rows.clone();
                 match task.kind {
-                    TaskKind::Dispatch { stage, .. } => {
-                        let busy_ms = self.stage_ms(stage, task.view, device, &rows);
-                        costs.stages.push(StageCost { stage, view: task.view, device, rows, busy_ms });
+                    TaskKind::Dispatch { pass, .. } => {
+                        let pass = &graph.program.passes()[pass].pass;
+                        let busy_ms = self.pass_ms(pass, device, &rows);
+                        costs.stages.push(StageCost { stage: pass.stage, view: task.view, device, rows, busy_ms });
                     }
-                    TaskKind::Download { resource, .. } | TaskKind::Upload { resource, .. } => {
-                        let bytes = resource.physical().row_bytes(WIDTH) * rows.len() as u64;
+                    TaskKind::Download { .. } | TaskKind::Upload { .. } => {
+                        let bytes = graph.bytes(task);
                         let is_upload = matches!(task.kind, TaskKind::Upload { .. });
                         let ms = LATENCY_MS + MS_PER_BYTE * bytes as f64;
                         costs.transfers.push(TransferCost { device, is_upload, bytes, ms });
@@ -106,11 +110,11 @@ impl World {
 
     /// Renders frames, learning from each; returns the assignments and the model.
     fn play(&self, policy: &mut dyn Policy, frames: usize) -> (Vec<Assignment>, CostModel) {
-        let mut model = CostModel::new(&self.spec);
+        let mut model = CostModel::new(&self.spec, &Declarations::default());
         let mut assignments = Vec::new();
         for _ in 0..frames {
             let assignment = policy.assign(&model);
-            model.learn(&self.costs(&FrameGraph::build(&self.spec, &assignment, None)));
+            model.learn(&self.costs(&graph(&self.spec, &assignment, None)));
             assignments.push(assignment);
         }
         (assignments, model)
@@ -118,7 +122,7 @@ impl World {
 }
 
 fn all_policies(height: u32, devices: usize) -> Vec<Box<dyn Policy>> {
-    let rules = [RatioRule { stage: None, view: None, ratios: (1..=devices).map(|i| i as f64).collect() }];
+    let rules = [RatioRule { group: None, view: None, ratios: (1..=devices).map(|i| i as f64).collect() }];
     vec![
         Box::new(Even::new(height, devices)),
         Box::new(Static::new(height, devices, &rules).unwrap()),
@@ -153,8 +157,8 @@ prop_compose! {
     }
 }
 
-fn edges(assignment: &Assignment, stage: Stage, view: Eye) -> &[u32] {
-    assignment.stripes(stage, view).inner_edges()
+fn edges(assignment: &Assignment, group: CutGroup, view: Eye) -> &[u32] {
+    assignment.stripes(group, view).inner_edges()
 }
 
 proptest! {
@@ -168,20 +172,20 @@ proptest! {
             let (assignments, model) = world.play(policy.as_mut(), 5);
             prop_assert_eq!(&assignments, &world.play(twin.as_mut(), 5).0, "{} is not deterministic", policy.name());
             for (frame, assignment) in assignments.iter().enumerate() {
-                for (stage, view) in Stage::RATIO_GROUPS.into_iter().flat_map(|s| Eye::ALL.map(|v| (s, v))) {
-                    let stripes = assignment.stripes(stage, view);
+                for (group, view) in cut_groups().into_iter().flat_map(|g| Eye::ALL.map(|v| (g, v))) {
+                    let stripes = assignment.stripes(group, view);
                     prop_assert_eq!((stripes.devices(), stripes.height()), (devices, extent.height));
                     let rows: Vec<u32> = (0..devices).flat_map(|d| stripes.rows(d)).collect();
-                    prop_assert!(rows.into_iter().eq(extent.rows()), "{}: rows of {stage:?}", policy.name());
-                    let before = edges(&assignments[frame.saturating_sub(1)], stage, view);
+                    prop_assert!(rows.into_iter().eq(extent.rows()), "{}: rows of {group:?}", policy.name());
+                    let before = edges(&assignments[frame.saturating_sub(1)], group, view);
                     for (old, new) in before.iter().zip(stripes.inner_edges()) {
                         prop_assert!(old.abs_diff(*new) <= step_rows(extent.height), "{}: {old} to {new}", policy.name());
                     }
                 }
             }
-            let graph = FrameGraph::build(&world.spec, &assignments[4], None);
-            build_tests::check_order(&graph);
-            build_tests::replay(&world.spec, &graph, None);
+            let graph = graph(&world.spec, &assignments[4], None);
+            check_order(&graph);
+            replay(&graph, None);
             let played = simulate(&graph, &model);
             prop_assert!(played.as_ref().is_ok_and(|p| p.makespan_ms.is_finite()), "{}: {played:?}", policy.name());
             prop_assert_eq!(played, simulate(&graph, &model));
@@ -198,7 +202,7 @@ fn learning_policies_even_out_scenes_and_devices() {
             let world = World::sky_over_city(spec(HEIGHT, speeds.len(), iterations, halo), speeds);
             for mut policy in learning_policies(HEIGHT, speeds.len()) {
                 let (assignments, _) = world.play(policy.as_mut(), 9);
-                let graph = FrameGraph::build(&world.spec, &assignments[8], None);
+                let graph = graph(&world.spec, &assignments[8], None);
                 let imbalance = world.imbalance(&graph);
                 assert!(imbalance <= 1.05, "{} on {speeds:?}, {iterations} iterations: {imbalance}", policy.name());
             }
@@ -219,7 +223,7 @@ fn stripes_come_to_rest() {
 fn one_device_takes_the_sum_of_its_work() {
     let world = World::sky_over_city(spec(180, 1, 5, Seam::None), &[2.0]);
     let (assignments, model) = world.play(&mut Even::new(180, 1), 3);
-    let graph = FrameGraph::build(&world.spec, &assignments[2], None);
+    let graph = graph(&world.spec, &assignments[2], None);
     let work_ms: f64 = world.costs(&graph).stages.iter().map(|c| c.busy_ms + GAP_MS).sum();
     let played = simulate(&graph, &model).unwrap();
     assert!((played.makespan_ms - work_ms - LEAD_MS - TAIL_MS).abs() < 1e-9 * work_ms, "{played:?}");
@@ -230,7 +234,7 @@ fn one_device_takes_the_sum_of_its_work() {
 fn a_critical_path_has_no_gaps_and_spans_the_makespan() {
     let world = World::sky_over_city(spec(180, 3, 5, Seam::Halo(HaloPlan::EXCHANGE)), &[1.0, 2.0, 1.0]);
     let (assignments, model) = world.play(&mut Even::new(180, 3), 3);
-    let played = simulate(&FrameGraph::build(&world.spec, &assignments[2], None), &model).unwrap();
+    let played = simulate(&graph(&world.spec, &assignments[2], None), &model).unwrap();
     let path = &played.critical_path;
     assert_eq!((path[0].begin_ms, path[path.len() - 1].kind), (LEAD_MS, StepKind::Stitch));
     assert!(path.windows(2).all(|pair| pair[0].end_ms == pair[1].begin_ms), "{path:?}");
@@ -244,8 +248,8 @@ fn a_frame_without_its_first_device_ends_on_the_next_one() {
     let (_, model) = world.play(&mut Even::new(180, 3), 3);
     let two = model.of_devices(&[1, 2]);
     let assignment = Assignment::uniform(Stripes::even(180, 2));
-    let expected = simulate(&FrameGraph::build(two.spec(), &assignment, None), &two).unwrap();
-    let graph = FrameGraph::build(&world.spec, &assignment.renumbered(&[1, 2], 3), None);
+    let expected = simulate(&graph(two.spec(), &assignment, None), &two).unwrap();
+    let graph = graph(&world.spec, &assignment.renumbered(&[1, 2], 3), None);
     let played = simulate(&graph, &model).unwrap();
     assert!((played.makespan_ms - expected.makespan_ms).abs() < 1e-9, "{played:?} instead of {expected:?}");
     assert_eq!(played.critical_path.last().map(|step| step.device), Some(1));
@@ -255,13 +259,13 @@ fn a_frame_without_its_first_device_ends_on_the_next_one() {
 fn dear_transfers_limit_a_frame() {
     let world = World::sky_over_city(spec(180, 2, 5, Seam::Halo(HaloPlan::EXCHANGE)), &[1.0, 1.0]);
     let mut policy = Measured::new(180, 2);
-    let mut model = CostModel::new(&world.spec);
+    let mut model = CostModel::new(&world.spec, &Declarations::default());
     for _ in 0..8 {
-        let mut costs = world.costs(&FrameGraph::build(&world.spec, &policy.assign(&model), None));
+        let mut costs = world.costs(&graph(&world.spec, &policy.assign(&model), None));
         costs.transfers.iter_mut().for_each(|t| t.ms *= 200.0);
         model.learn(&costs);
     }
-    let played = simulate(&FrameGraph::build(&world.spec, &policy.assign(&model), None), &model).unwrap();
+    let played = simulate(&graph(&world.spec, &policy.assign(&model), None), &model).unwrap();
     assert_eq!(played.limit, Limit::Transfers);
 }
 
@@ -274,7 +278,7 @@ fn simulated_devices_take_as_long_as_real_ones() {
     for speeds in [&[1.0][..], &[1.0, 1.0], &[1.0, 2.0], &[1.0, 1.0, 2.0, 0.5]] {
         let world = World { speeds: speeds.to_vec(), ..uniform(spec(360, speeds.len(), 5, halo)) };
         let (assignments, own) = world.play(&mut Measured::new(360, speeds.len()), 12);
-        let graph = FrameGraph::build(&world.spec, &assignments[11], None);
+        let graph = graph(&world.spec, &assignments[11], None);
         let expected = simulate(&graph, &own).unwrap().makespan_ms;
         let foretold = simulate(&graph, &measured.on_devices(speeds)).unwrap().makespan_ms;
         assert!((foretold / expected - 1.0).abs() < 0.01, "{speeds:?}: {foretold} for {expected}");
@@ -284,22 +288,26 @@ fn simulated_devices_take_as_long_as_real_ones() {
 #[test]
 fn a_device_without_a_stripe_is_taken_to_be_like_the_others() {
     let world = World::sky_over_city(spec(40, 2, 0, Seam::None), &[1.0, 1.0]);
-    let mut model = CostModel::new(&world.spec);
+    let mut model = CostModel::new(&world.spec, &Declarations::default());
     assert!(!model.has_learned());
     let all_to_one = Assignment::uniform(Stripes::from_edges(40, &[40]));
-    model.learn(&world.costs(&FrameGraph::build(&world.spec, &all_to_one, None)));
+    model.learn(&world.costs(&graph(&world.spec, &all_to_one, None)));
     assert!(model.has_learned());
-    let ms = |device| model.stage_ms(Stage::PathTrace, Eye::Left, device, &(0..40));
+    let passes = model.program().passes();
+    let path_trace = &passes.iter().find(|p| p.pass.cut_group == CUT).expect("it is in every frame").pass;
+    let ms = |device| model.pass_ms(path_trace, device, &(0..40));
     assert!(ms(0) > 0.0 && ms(0) == ms(1));
 }
 
 #[test]
 fn ratio_rules_narrow_to_stage_and_view() {
     let rule: RatioRule = "path_trace.left=5,1,2".parse().unwrap();
-    assert_eq!((rule.stage, rule.view), (Some(Stage::PathTrace), Some(Eye::Left)));
-    let a = Static::new(80, 3, &[rule]).unwrap().assign(&CostModel::new(&spec(80, 3, 5, Seam::None)));
-    assert_eq!(a.stripes(Stage::PathTrace, Eye::Left).inner_edges(), &[50, 60]);
-    assert_eq!(a.stripes(Stage::PathTrace, Eye::Right).inner_edges(), &[26, 53]);
+    assert_eq!((rule.group, rule.view), (Some(CUT), Some(Eye::Left)));
+    let a = Static::new(80, 3, &[rule])
+        .unwrap()
+        .assign(&CostModel::new(&spec(80, 3, 5, Seam::None), &Declarations::default()));
+    assert_eq!(a.stripes(CUT, Eye::Left).inner_edges(), &[50, 60]);
+    assert_eq!(a.stripes(CUT, Eye::Right).inner_edges(), &[26, 53]);
     assert!("shade=1,2".parse::<RatioRule>().is_err());
     assert!("1,x".parse::<RatioRule>().is_err());
     assert!(Static::new(80, 2, &["1,2,3".parse().unwrap()]).is_err());
@@ -316,16 +324,16 @@ fn devices_that_are_left_cover_every_row_and_even_out_again() {
             let others: Vec<usize> = (0..left.len() + 1).filter(|d| *d != gone).collect();
             model = model.of_devices(&others).into_owned();
             world = of(left.len(), &left);
-            let mut graph = FrameGraph::build(&world.spec, &policy.assign(&model), None);
+            let mut built = graph(&world.spec, &policy.assign(&model), None);
             for _ in 0..8 {
-                model.learn(&world.costs(&graph));
+                model.learn(&world.costs(&built));
                 let assignment = policy.assign(&model);
-                let stripes = assignment.stripes(Stage::PathTrace, Eye::Left);
+                let stripes = assignment.stripes(CUT, Eye::Left);
                 assert_eq!((stripes.devices(), stripes.height()), (left.len(), 160), "{}", policy.name());
-                graph = FrameGraph::build(&world.spec, &assignment, None);
+                built = graph(&world.spec, &assignment, None);
             }
             let learns = ["measured", "heft"].contains(&policy.name());
-            let imbalance = world.imbalance(&graph);
+            let imbalance = world.imbalance(&built);
             assert!(!learns || imbalance < 1.1, "{}: {imbalance} on {left:?}", policy.name());
         }
     }
@@ -335,20 +343,20 @@ fn devices_that_are_left_cover_every_row_and_even_out_again() {
 fn ratios_of_those_left_stay() {
     let mut policy = Static::new(80, 3, &["5,1,2".parse().unwrap(), "atrous=0,1,0".parse().unwrap()]).unwrap();
     policy.remove_device(1);
-    let assignment = policy.assign(&CostModel::new(&spec(80, 2, 0, Seam::None)));
-    assert_eq!(assignment.stripes(Stage::PathTrace, Eye::Left).inner_edges(), &[57]);
-    assert_eq!(assignment.stripes(Stage::Atrous, Eye::Left).inner_edges(), &[40]);
+    let assignment = policy.assign(&CostModel::new(&spec(80, 2, 0, Seam::None), &Declarations::default()));
+    assert_eq!(assignment.stripes(CUT, Eye::Left).inner_edges(), &[57]);
+    assert_eq!(assignment.stripes(denoise::CUT, Eye::Left).inner_edges(), &[40]);
 }
 
 #[test]
 fn halo_rows_are_received_where_that_costs_less() {
     let world = World::sky_over_city(spec(360, 4, 5, Seam::Halo(HaloPlan::RECOMPUTE)), &[1.0; 4]);
-    let costs = world.costs(&FrameGraph::build(&world.spec, &Assignment::uniform(Stripes::even(360, 4)), None));
+    let costs = world.costs(&graph(&world.spec, &Assignment::uniform(Stripes::even(360, 4)), None));
     let model_at = |factor: f64| {
         let mut costs = costs.clone();
         costs.transfers.iter_mut().for_each(|t| t.ms *= factor);
         costs.wait_ms = (0..4).map(|d| (d, GAP_MS * factor)).collect();
-        let mut model = CostModel::new(&world.spec);
+        let mut model = CostModel::new(&world.spec, &Declarations::default());
         (0..2).for_each(|_| model.learn(&costs));
         model
     };
@@ -362,5 +370,8 @@ fn halo_rows_are_received_where_that_costs_less() {
     assert_eq!(exchanges(100.0), [0]);
     let between: Vec<usize> = [1e-6, 0.1, 1.0, 10.0, 100.0].map(|f| exchanges(f).len()).into();
     assert!(between.is_sorted_by(|a, b| a >= b) && between.iter().any(|n| (2..5).contains(n)), "{between:?}");
-    assert_eq!(choose_halo(&CostModel::new(&world.spec), HaloPlan::EXCHANGE), HaloPlan::EXCHANGE);
+    assert_eq!(
+        choose_halo(&CostModel::new(&world.spec, &Declarations::default()), HaloPlan::EXCHANGE),
+        HaloPlan::EXCHANGE
+    );
 }

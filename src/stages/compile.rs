@@ -1,11 +1,12 @@
-//! Rooms made into pipelines on a device.
+//! Pipelines of passes on a device.
 
-use super::layout::Pass;
+use super::StageSettings;
+use super::layout::PassConstants;
 use super::scene_tables::TableError;
-use super::{Room, Slot, StageSettings};
-use crate::device::{GpuDevice, Pipeline, PipelineKey, override_names, wgsl};
+use crate::device::{GpuDevice, Pipeline, PipelineKey, expand, override_names, wgsl};
+use crate::graph::{Access, Format, Kernel, Pass, ProgramError, Use};
 
-const PASS_BYTES: u32 = size_of::<Pass>() as u32;
+const PASS_BYTES: u32 = size_of::<PassConstants>() as u32;
 
 #[derive(Debug, thiserror::Error)]
 pub enum StageError {
@@ -13,45 +14,46 @@ pub enum StageError {
     Tables(#[from] TableError),
     #[error(transparent)]
     Images(#[from] super::TooLarge),
-    #[error("device {device} refused the shader of stage {stage}: {what}")]
-    Pipeline { device: usize, stage: &'static str, what: String },
+    #[error(transparent)]
+    Program(#[from] ProgramError),
+    #[error("device {device} refused the shader {shader}: {what}")]
+    Pipeline { device: usize, shader: &'static str, what: String },
 }
 
-/// A room with its pipeline.
+/// A kernel's pipeline.
 pub struct Built {
-    pub room: &'static Room,
+    pub kernel: Kernel,
     /// Whether it is for frames whose samples are spread over pixels; none: for any.
     pub jitter: Option<bool>,
     pub pipeline: Pipeline,
 }
 
-impl Built {
-    /// The same pipeline for another room.
-    pub fn with(&self, room: &'static Room) -> Self {
-        Self { room, jitter: self.jitter, pipeline: self.pipeline.clone() }
-    }
+/// The whole text of a kernel's shader.
+pub fn text(kernel: &Kernel) -> String {
+    kernel.text.map_or_else(|| wgsl(kernel.name), |text| expand(kernel.name, text))
 }
 
-/// A room's pipelines for all frames that there may be.
+/// The pipelines of a pass for all frames that there may be.
 pub fn build(
     gpu: &mut GpuDevice,
-    room: &'static Room,
+    pass: &Pass,
     group0: &wgpu::BindGroupLayout,
     settings: &StageSettings,
 ) -> Result<Vec<Built>, StageError> {
-    let source = wgsl(room.shader);
+    let kernel = pass.kernel;
+    let source = text(&kernel);
     let declared = override_names(&source);
     let mut one = |kind: Option<bool>, jitter| {
         let constants = settings.constants(jitter).into_iter().filter(|(n, _)| declared.contains(n)).collect();
-        let key = PipelineKey { shader: room.shader, checks: settings.checks, constants };
+        let key = PipelineKey { shader: kernel.name, checks: settings.checks, constants };
         let pipeline = match gpu.pipelines.get(&key) {
             Some(kept) => kept.clone(),
             None => {
-                let new = compile(gpu, room, group0, &key, &source)?;
+                let new = compile(gpu, pass, group0, &key, &source)?;
                 gpu.pipelines.entry(key).or_insert(new).clone()
             }
         };
-        Ok(Built { room, jitter: kind, pipeline })
+        Ok(Built { kernel, jitter: kind, pipeline })
     };
     match settings.jitters() {
         &[jitter] => Ok(vec![one(None, jitter)?]),
@@ -62,28 +64,29 @@ pub fn build(
 
 fn compile(
     gpu: &GpuDevice,
-    room: &Room,
+    pass: &Pass,
     group0: &wgpu::BindGroupLayout,
     key: &PipelineKey,
     source: &str,
 ) -> Result<Pipeline, StageError> {
+    let shader = pass.kernel.name;
     let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::Validation);
     let descriptor =
-        wgpu::ShaderModuleDescriptor { label: Some(room.shader), source: wgpu::ShaderSource::Wgsl(source.into()) };
+        wgpu::ShaderModuleDescriptor { label: Some(shader), source: wgpu::ShaderSource::Wgsl(source.into()) };
     // SAFETY: the shader is part of this crate. Its loops end, its integer divisors are not zero; bounds stay checked.
     let module = unsafe { gpu.device.create_shader_module_trusted(descriptor, key.checks.runtime_checks()) };
-    let entries: Vec<_> = room.slots.iter().enumerate().map(|(i, s)| slot_layout(i as u32, *s)).collect();
+    let entries: Vec<_> = pass.uses.iter().enumerate().map(|(i, used)| layout_entry(i as u32, used)).collect();
     let layout = gpu
         .device
-        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(room.shader), entries: &entries });
+        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(shader), entries: &entries });
     let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: Some(room.shader),
+        label: Some(shader),
         bind_group_layouts: &[Some(group0), Some(&layout)],
         immediate_size: PASS_BYTES,
     });
     let constants: Vec<_> = key.constants.iter().map(|&(name, on)| (name, f64::from(u8::from(on)))).collect();
     let compute = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: Some(room.shader),
+        label: Some(shader),
         layout: Some(&pipeline_layout),
         module: &module,
         entry_point: Some("main"),
@@ -94,22 +97,18 @@ fn compile(
         cache: None,
     });
     if let Some(error) = pollster::block_on(scope.pop()) {
-        let (device, stage, what) = (gpu.info.index, room.stage.name(), error.to_string());
-        return Err(StageError::Pipeline { device, stage, what });
+        let (device, what) = (gpu.info.index, error.to_string());
+        return Err(StageError::Pipeline { device, shader, what });
     }
     Ok(Pipeline { compute, layout })
 }
 
-fn slot_layout(binding: u32, slot: Slot) -> wgpu::BindGroupLayoutEntry {
-    let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
-    buffer_entry(
-        binding,
-        match slot {
-            Slot::Read(..) | Slot::FilterSource => storage(true),
-            Slot::Write(_) | Slot::FilterTarget | Slot::AovTarget => storage(false),
-            Slot::PreviousViews => wgpu::BufferBindingType::Uniform,
-        },
-    )
+fn layout_entry(binding: u32, used: &Use) -> wgpu::BindGroupLayoutEntry {
+    let ty = match used.image.resource.format {
+        Format::Uniform(_) => wgpu::BufferBindingType::Uniform,
+        Format::Texels(_) | Format::List => wgpu::BufferBindingType::Storage { read_only: used.access == Access::Read },
+    };
+    buffer_entry(binding, ty)
 }
 
 pub fn buffer_entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLayoutEntry {

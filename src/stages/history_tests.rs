@@ -1,15 +1,16 @@
 //! What is not finite in a frame's history goes no further, and is counted: put there between two frames, on a device.
 
+use std::sync::Arc;
+
 use glam::{DVec3, Vec2};
 
 use super::layout::{Frame, NO_CURVE, NO_HISTORY, View};
-use super::{DeviceStages, Place, RowTally, Sampler, SceneTables, StageSettings, StageTask, Stamps};
+use super::{DeviceStages, Place, Sampler, SceneTables, StageSettings, StageTask, Stamps};
 use crate::accel::Accel;
 use crate::device::{self, GpuDevice, Selection, ShaderChecks};
-use crate::graph::{
-    Assignment, FrameGraph, FrameSpec, HaloPlan, PhysicalImage, Seam, Stage, Stripes, TaskKind, Views, passes,
-};
+use crate::graph::{Assignment, Bound, FrameGraph, HaloPlan, Program, Seam, Stripes, TaskKind};
 use crate::image::Extent;
+use crate::passes::{Declarations, FrameSpec, RowTally, Views};
 use crate::quality::Denoiser;
 use crate::scene::builtin;
 use crate::scene::needs::SceneNeeds;
@@ -42,9 +43,18 @@ fn spec(history_rows: Option<u32>) -> FrameSpec {
         iterations: ITERATIONS,
         history_rows,
         seam: Seam::Halo(HaloPlan::RECOMPUTE),
-        aovs: 0,
+        aovs: Vec::new(),
         has_surfaces: true,
     }
+}
+
+fn program(history_rows: Option<u32>) -> Program {
+    Declarations::default().check(&spec(history_rows)).unwrap()
+}
+
+/// As reports name it.
+fn image(name: &str) -> Bound {
+    *program(Some(0)).images().iter().find(|b| b.name() == name).expect(name)
 }
 
 impl Bench {
@@ -65,11 +75,11 @@ impl Bench {
             sparse: false,
             foveation: None,
             aovs: Vec::new(),
+            declarations: Declarations::default(),
             frames_in_flight: 1,
             checks: ShaderChecks::Fast,
         };
-        let needed: Vec<Stage> = passes(&spec(Some(0))).iter().map(|p| p.stage).collect();
-        let stages = DeviceStages::new(&mut gpu, settings, &tables, &needed).unwrap();
+        let stages = DeviceStages::new(&mut gpu, settings, &tables, &[program(Some(0))]).unwrap();
         let stamps = Stamps::new(&gpu.device);
         Self { gpu, stages, stamps, tables, frames: 0, before: None }
     }
@@ -80,20 +90,21 @@ impl Bench {
         let (frame, place) = (self.constants(step), Place::of(u64::from(self.frames), 1));
         let before = self.before.replace(frame.views);
         let assignment = Assignment::uniform(Stripes::even(EXTENT.height, 1));
-        let graph = FrameGraph::build(&spec(before.map(|_| HISTORY_ROWS)), &assignment, before.map(|_| &assignment));
-        self.stages.set_frame(&self.gpu, &frame, &before.unwrap_or(frame.views), place);
+        let program = Arc::new(program(before.map(|_| HISTORY_ROWS)));
+        let graph = FrameGraph::build(&program, &assignment, before.map(|_| &assignment));
+        self.stages.set_frame(&self.gpu, &program, &frame, &before.unwrap_or(frame.views), place);
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         for task in graph.tasks_of(0) {
-            if let TaskKind::Dispatch { stage, index, valid, filter } = task.kind.clone() {
-                let task = StageTask { stage, view: task.view, index, rows: task.rows.clone(), valid, filter };
+            if let TaskKind::Dispatch { pass, valid } = task.kind.clone() {
+                let task = StageTask { pass, rows: task.rows.clone(), valid };
                 self.stages.record(&self.gpu, &mut encoder, &mut self.stamps, &task, 1);
             }
         }
         self.gpu.queue.submit([encoder.finish()]);
         self.stamps.reset();
         self.frames += 1;
-        let [colors, rows] = [PhysicalImage::Linear, PhysicalImage::RowTally]
-            .map(|image| Eye::ALL.map(|eye| self.read(image, eye, place)).concat());
+        let [colors, rows] =
+            ["linear", "row_tally"].map(|name| Eye::ALL.map(|eye| self.read(&image(name), eye, place)).concat());
         let rows: &[RowTally] = bytemuck::cast_slice(&rows);
         (bytemuck::cast_slice(&colors).to_vec(), rows.iter().map(|row| row.nonfinite).sum())
     }
@@ -121,7 +132,7 @@ impl Bench {
         frame
     }
 
-    fn read(&self, image: PhysicalImage, eye: Eye, place: Place) -> Vec<u8> {
+    fn read(&self, image: &Bound, eye: Eye, place: Place) -> Vec<u8> {
         let from = self.stages.images.buffer(image, eye, place);
         let to = self.gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: None,
@@ -138,7 +149,7 @@ impl Bench {
     }
 
     /// Overwrites words `words` of a pixel in the middle of what the last frame left.
-    fn poison(&self, image: PhysicalImage, words: std::ops::Range<u64>) {
+    fn poison(&self, image: &Bound, words: std::ops::Range<u64>) {
         let pixel = u64::from(EXTENT.height / 2 * EXTENT.width + EXTENT.width / 2);
         let last = self.stages.images.buffer(image, Eye::Left, Place::of(u64::from(self.frames), 1));
         for word in words {
@@ -151,21 +162,21 @@ impl Bench {
 #[test]
 fn history_that_is_not_finite_is_dropped_and_counted() {
     let places = [
-        (PhysicalImage::LastHistory, 0..4),
-        (PhysicalImage::LastHistory, 1..2),
-        (PhysicalImage::LastMoments, 0..2),
-        (PhysicalImage::LastMoments, 2..3),
-        (PhysicalImage::LastResolved, 0..4),
-        (PhysicalImage::LastResolved, 2..3),
-        (PhysicalImage::LastResolved, 3..4),
+        ("last_history", 0..4),
+        ("last_history", 1..2),
+        ("last_moments", 0..2),
+        ("last_moments", 2..3),
+        ("last_resolved", 0..4),
+        ("last_resolved", 2..3),
+        ("last_resolved", 3..4),
     ];
     for gloss in [false, true] {
         let mut bench = Bench::new(gloss);
         for step in [0.0, 1e-4, 0.01] {
             assert_eq!(bench.frame(step).1, 0);
-            for (image, words) in places.clone() {
-                let what = format!("gloss {gloss}, step {step}, {image:?} {words:?}");
-                bench.poison(image, words);
+            for (name, words) in places.clone() {
+                let what = format!("gloss {gloss}, step {step}, {name} {words:?}");
+                bench.poison(&image(name), words);
                 let [(first, dropped), (second, later)] = [0, 1].map(|_| bench.frame(step));
                 let is_sound = |colors: &[f32]| colors.iter().all(|c| c.is_finite() && *c >= 0.0);
                 assert!(is_sound(&first) && is_sound(&second), "{what}: it is still there");

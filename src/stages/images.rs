@@ -2,20 +2,35 @@
 //! move from frame to frame, and a row has the same address everywhere. What leaves a frame is there once per frame in
 //! flight, in slots; what a frame keeps for the next is there twice, and frames take turns.
 
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 
-use super::StageSettings;
 use crate::device::GpuDevice;
-use crate::graph::PhysicalImage;
+use crate::graph::{Bound, Format, Life, Program, Resource, Scope};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
 
+/// The buffers of all resources of a run.
 pub struct Images {
     extent: Extent,
-    /// Whether a frame keeps anything for the next.
-    keeps: bool,
-    buffers: HashMap<(PhysicalImage, Eye, usize), wgpu::Buffer>,
+    buffers: HashMap<(Resource, u8), Copies>,
+}
+
+/// The buffers of one resource, or of one of its two versions.
+struct Copies {
+    kind: Kind,
+    /// By eye, one for what devices have once, and by slot or turn.
+    buffers: Vec<Vec<wgpu::Buffer>>,
+}
+
+/// Which frames share a buffer.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    All,
+    /// Every other one.
+    Turns,
+    /// Those that cannot be in flight together.
+    Slots,
 }
 
 /// Which of the images that are there several times are a frame's.
@@ -34,24 +49,6 @@ impl Place {
     }
 }
 
-const PER_VIEW: [PhysicalImage; 12] = [
-    PhysicalImage::Hit,
-    PhysicalImage::Guide,
-    PhysicalImage::Albedo,
-    PhysicalImage::Emission,
-    PhysicalImage::Radiance,
-    PhysicalImage::Ping,
-    PhysicalImage::Pong,
-    PhysicalImage::Tally,
-    PhysicalImage::Holes,
-    PhysicalImage::RowTally,
-    PhysicalImage::Linear,
-    PhysicalImage::Display,
-];
-
-/// What a frame leaves for the next, beside its guide.
-const KEPT: [PhysicalImage; 3] = [PhysicalImage::Moments, PhysicalImage::History, PhysicalImage::Resolved];
-
 #[derive(Debug, thiserror::Error)]
 #[error(
     "one image at {extent} takes {mib} MiB, more than the {limit} MiB that device {device} lets a shader read at once: choose a smaller --size"
@@ -64,70 +61,80 @@ pub struct TooLarge {
 }
 
 impl Images {
-    pub fn new(gpu: &GpuDevice, settings: &StageSettings) -> Result<Self, TooLarge> {
-        let extent = settings.extent;
-        let keeps = settings.keeps_history();
-        let kept: &[PhysicalImage] = if keeps { &KEPT } else { &[] };
-        let aovs = (0..settings.aovs.len()).map(|i| PhysicalImage::Aov(i as u8));
-        let all = PER_VIEW.iter().chain(kept).copied().chain(aovs);
+    /// What any of these programs binds, with `slots` frames in flight.
+    pub fn new(gpu: &GpuDevice, programs: &[Program], extent: Extent, slots: usize) -> Result<Self, TooLarge> {
+        let bound = || programs.iter().flat_map(Program::images);
+        let kept: HashSet<Resource> = bound().filter(|b| b.is_before).map(|b| b.resource).collect();
         let mut buffers = HashMap::new();
-        for image in all {
-            let size = image.header_bytes() + image.row_bytes(extent.width) * u64::from(extent.height);
+        for Bound { resource, buffer, .. } in bound() {
+            if buffers.contains_key(&(*resource, *buffer)) {
+                continue;
+            }
             let limit = gpu.info.max_storage_bytes;
+            let size = resource.bytes(extent);
             if size > limit {
                 return Err(TooLarge { extent, mib: size >> 20, limit: limit >> 20, device: gpu.info.index });
             }
-            let slots = match image {
-                PhysicalImage::Guide if keeps => 2,
-                _ if kept.contains(&image) => 2,
-                _ if image.is_output() => settings.frames_in_flight,
-                _ => 1,
+            let (kind, count) = match resource.life {
+                _ if kept.contains(resource) => (Kind::Turns, 2),
+                Life::Output => (Kind::Slots, slots),
+                Life::Frame | Life::Local | Life::Input => (Kind::All, 1),
             };
-            for (eye, slot) in Eye::ALL.into_iter().flat_map(|e| (0..slots).map(move |s| (e, s))) {
-                let buffer = new_buffer(gpu, image, size);
-                if image == PhysicalImage::Holes {
-                    // Hole-filling runs as many workgroups in x as reprojection counts; y and z are always 1.
-                    gpu.queue.write_buffer(&buffer, 8, bytemuck::cast_slice(&[1u32, 1]));
-                }
-                buffers.insert((image, eye, slot), buffer);
-            }
+            let eyes = if resource.scope == Scope::View { Eye::ALL.len() } else { 1 };
+            let of_eye = |_| (0..count).map(|_| new_buffer(gpu, resource, size)).collect();
+            buffers.insert((*resource, *buffer), Copies { kind, buffers: (0..eyes).map(of_eye).collect() });
         }
-        Ok(Self { extent, keeps, buffers })
+        Ok(Self { extent, buffers })
+    }
+
+    /// Whether there is such a resource.
+    pub fn has(&self, resource: &Resource) -> bool {
+        self.buffers.contains_key(&(*resource, 0))
     }
 
     /// The image of the frame in this place.
     ///
     /// # Panics
-    /// On an image that the settings do not ask for, and a slot that is not there.
-    pub fn buffer(&self, image: PhysicalImage, eye: Eye, place: Place) -> &wgpu::Buffer {
-        let turn = if self.keeps { place.turn } else { 0 };
-        let (image, number) = match image {
-            PhysicalImage::LastGuide => (PhysicalImage::Guide, 1 - turn),
-            PhysicalImage::LastMoments => (PhysicalImage::Moments, 1 - turn),
-            PhysicalImage::LastHistory => (PhysicalImage::History, 1 - turn),
-            PhysicalImage::LastResolved => (PhysicalImage::Resolved, 1 - turn),
-            PhysicalImage::Guide => (image, turn),
-            _ if KEPT.contains(&image) => (image, turn),
-            _ if image.is_output() => (image, place.slot),
-            _ => (image, 0),
+    /// On an image that no program binds, and a slot that is not there.
+    pub fn buffer(&self, bound: &Bound, eye: Eye, place: Place) -> &wgpu::Buffer {
+        let copies = &self.buffers[&(bound.resource, bound.buffer)];
+        let number = match copies.kind {
+            Kind::All => 0,
+            Kind::Turns if bound.is_before => 1 - place.turn,
+            Kind::Turns => place.turn,
+            Kind::Slots => place.slot,
         };
-        &self.buffers[&(image, eye, number)]
+        &copies.buffers[(eye as usize).min(copies.buffers.len() - 1)][number]
     }
 
     /// Bytes of rows `rows` of an image: offset and size.
-    pub fn span(&self, image: PhysicalImage, rows: &Range<u32>) -> (u64, u64) {
-        let row = image.row_bytes(self.extent.width);
-        (image.header_bytes() + row * u64::from(rows.start), row * u64::from(rows.end - rows.start))
+    pub fn span(&self, resource: &Resource, rows: &Range<u32>) -> (u64, u64) {
+        let row = resource.row_bytes(self.extent);
+        (resource.header_bytes() + row * u64::from(rows.start), row * u64::from(rows.end - rows.start))
+    }
+
+    /// ... of all its rows.
+    pub fn whole(&self, resource: &Resource) -> (u64, u64) {
+        self.span(resource, &resource.extent(self.extent).rows())
     }
 }
 
-fn new_buffer(gpu: &GpuDevice, image: PhysicalImage, size: u64) -> wgpu::Buffer {
-    let indirect =
-        if image == PhysicalImage::Holes { wgpu::BufferUsages::INDIRECT } else { wgpu::BufferUsages::empty() };
-    gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some(&format!("{image:?}")),
+fn new_buffer(gpu: &GpuDevice, resource: &Resource, size: u64) -> wgpu::Buffer {
+    use wgpu::BufferUsages as Usage;
+    let usage = match resource.format {
+        Format::Texels(_) => Usage::STORAGE,
+        Format::List => Usage::STORAGE | Usage::INDIRECT,
+        Format::Uniform(_) => Usage::UNIFORM,
+    };
+    let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some(resource.name),
         size,
-        usage: wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST | indirect,
+        usage: usage | Usage::COPY_SRC | Usage::COPY_DST,
         mapped_at_creation: false,
-    })
+    });
+    if resource.format == Format::List {
+        // As many workgroups in x as the shader that fills it counts; y and z are always 1.
+        gpu.queue.write_buffer(&buffer, 8, bytemuck::cast_slice(&[1u32, 1]));
+    }
+    buffer
 }

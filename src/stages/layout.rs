@@ -85,13 +85,17 @@ pub const NO_HISTORY: u32 = u32::MAX;
 /// Constants of a dispatch; `Pass` in `frame.inc.wgsl`.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 #[repr(C)]
-pub struct Pass {
+pub struct PassConstants {
     pub view: u32,
     pub row_begin: u32,
     pub row_end: u32,
     pub valid_begin: u32,
     pub valid_end: u32,
     pub args: [u32; 3],
+    /// Of the pass's grid.
+    pub width: u32,
+    pub height: u32,
+    pub device: u32,
 }
 
 /// `Material` in `scene.inc.wgsl`. Its textures stand one after another in the texture table.

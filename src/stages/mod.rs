@@ -1,51 +1,34 @@
-//! One room per stage: what its shader binds and how it is dispatched. A room shares its stem with its shader.
+//! The renderer's passes on one device: their images, their pipelines, and the scene as shaders read it.
 //!
-//! A room is a `Room`: a sentence of bindings, and a function that says which dispatches a task becomes.
-//! [`DeviceStages`] turns rooms into pipelines on a device and records tasks with them.
+//! [`DeviceStages`] makes what declared passes bind, and records tasks with it. It does not know of other devices.
 
-mod accumulate;
 mod albedo_table;
 mod alias;
-mod aov;
-mod atrous;
 mod compile;
-mod compose;
 mod emitters;
 mod foveation;
-mod gbuffer;
-mod hole_fill;
 mod images;
 pub mod layout;
-mod path_trace;
 mod pipeline;
-mod reproject;
-mod resolve;
+mod reflect;
 mod scene_tables;
-mod select;
-mod seam_filter;
-mod svgf;
-mod tally;
-mod tonemap;
-mod variance;
 
-pub use aov::Aov;
 pub use compile::StageError;
 pub use foveation::Foveation;
 pub use images::{Images, Place, TooLarge};
 pub use pipeline::{DeviceStages, StageTask, Stamps};
+pub use reflect::{Mismatch, verify};
 #[doc(hidden)] // For benchmarks.
 pub use scene_tables::{SceneBuffers, layout_entries as scene_layout_entries};
 pub use scene_tables::{SceneTables, TableError};
-pub use tally::{HoleReason, RowTally};
 
 use glam::Vec2;
 
 use crate::device::ShaderChecks;
-use crate::graph::{PhysicalImage, Stage};
 use crate::image::Extent;
+use crate::passes::{Aov, Declarations};
 use crate::quality::Denoiser;
 use crate::scene::needs::SceneNeeds;
-use crate::scene::rig::Eye;
 
 /// How random numbers are drawn.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
@@ -79,6 +62,8 @@ pub struct StageSettings {
     /// None: all pixels are sampled and filtered alike.
     pub foveation: Option<Foveation>,
     pub aovs: Vec<Aov>,
+    /// What says which passes frames have.
+    pub declarations: Declarations,
     /// Frames that may be on the devices at a time, 1 at least.
     pub frames_in_flight: usize,
     pub checks: ShaderChecks,
@@ -130,76 +115,6 @@ impl StageSettings {
         constants
     }
 }
-
-/// Whose image a binding takes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Of {
-    TaskView,
-    Left,
-}
-
-/// What stands at one binding of group 1.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Slot {
-    Read(PhysicalImage, Of),
-    Write(PhysicalImage),
-    /// The image that the task's filter reads, or the one it writes.
-    FilterSource,
-    FilterTarget,
-    AovTarget,
-    /// The eyes of the frame before.
-    PreviousViews,
-}
-
-/// A shader's dispatch: immediates and workgroups.
-enum Dispatch {
-    /// One invocation per pixel of the task's rows, `columns` of them a row.
-    Rows { columns: u32, args: [u32; 3] },
-    /// As many workgroups as the hole list asks for.
-    Holes { args: [u32; 3] },
-}
-
-/// A stage's sentence.
-struct Room {
-    stage: Stage,
-    /// Rooms with the same one share its pipeline, and have the same slots.
-    shader: &'static str,
-    /// Whether group 0 holds the scene beside the frame's constants.
-    reads_scene: bool,
-    slots: &'static [Slot],
-    /// Cleared before the dispatches: an image and how many of its bytes, all if none.
-    clears: &'static [(PhysicalImage, Option<u64>)],
-    dispatches: fn(&Work<'_>) -> Vec<Dispatch>,
-}
-
-/// A task as its room sees it.
-struct Work<'a> {
-    settings: &'a StageSettings,
-    /// Samples per pixel and filter iterations of this frame.
-    spp: u32,
-    iterations: u32,
-    view: Eye,
-    index: u32,
-    device: usize,
-}
-
-const ROOMS: [Room; 15] = [
-    gbuffer::ROOM,
-    select::ROOM,
-    path_trace::ROOM,
-    reproject::ROOM,
-    hole_fill::ROOM,
-    accumulate::ROOM,
-    variance::ROOM,
-    svgf::ROOM,
-    atrous::ROOM,
-    seam_filter::ROOM,
-    compose::ROOM,
-    resolve::ROOM,
-    tonemap::ROOM,
-    tally::ROOM,
-    aov::ROOM,
-];
 
 #[cfg(test)]
 mod history_tests;

@@ -2,19 +2,18 @@
 
 use std::collections::HashMap;
 use std::ops::Range;
+use std::sync::Arc;
 
+use super::StageSettings;
 use super::compile::{Built, StageError, buffer_entry, build};
 use super::images::{Images, Place};
-use super::layout::{Frame, Pass, View};
+use super::layout::{Frame, PassConstants, View};
 use super::scene_tables::{SceneBuffers, SceneTables, layout_entries};
-use super::{Dispatch, Of, ROOMS, Slot, StageSettings, Work};
 use crate::device::GpuDevice;
-use crate::graph::{PhysicalImage, Resource, Stage};
+use crate::graph::{Access, Bound, Dispatch, Format, Kernel, Launch, Linked, Program};
 use crate::image::Extent;
+use crate::passes::PREVIOUS_VIEWS;
 use crate::scene::rig::Eye;
-
-/// Edge of the workgroups of row-wise shaders.
-const TILE: u32 = 8;
 
 /// Timestamps around a frame's tasks.
 pub struct Stamps {
@@ -52,35 +51,37 @@ impl Stamps {
     }
 }
 
-#[derive(PartialEq, Eq, Hash)]
-struct GroupKey {
-    stage: Stage,
-    view: Eye,
-    filter: Option<(PhysicalImage, PhysicalImage)>,
-    index: u32,
-    place: Place,
-}
-
 /// What one device needs to carry out any task.
 pub struct DeviceStages {
     settings: StageSettings,
-    /// Samples per pixel, filter iterations and place of the frame that is set.
+    /// Samples per pixel and place of the frame that is set.
     spp: u32,
-    iterations: u32,
     place: Place,
     pub images: Images,
-    rooms: Vec<Built>,
-    groups: HashMap<GroupKey, wgpu::BindGroup>,
+    built: Vec<Built>,
+    /// Of kernels, with what they bind.
+    groups: HashMap<(&'static str, Vec<(Bound, Eye)>, Place), wgpu::BindGroup>,
+    /// The same by the pass of the program that is set.
+    of_passes: HashMap<(usize, Place), wgpu::BindGroup>,
+    program: Option<Arc<Program>>,
     frame_only: wgpu::BindGroup,
     with_scene: wgpu::BindGroup,
     frame: wgpu::Buffer,
-    previous: wgpu::Buffer,
-    /// The counts that a repeated task begins with.
-    kept: Option<wgpu::Buffer>,
+    /// What repeated tasks add to, as they found it.
+    found: HashMap<u64, wgpu::Buffer>,
 }
 
-fn find(rooms: &[Built], stage: Stage, jitter: bool) -> Option<&Built> {
-    rooms.iter().find(|b| b.room.stage == stage && b.jitter.is_none_or(|j| j == jitter))
+/// A pass of a program on one run of rows.
+#[derive(Clone, Debug)]
+pub struct StageTask {
+    /// Its index.
+    pub pass: usize,
+    pub rows: Range<u32>,
+    pub valid: Range<u32>,
+}
+
+fn find<'a>(built: &'a [Built], kernel: &Kernel, jitter: bool) -> Option<&'a Built> {
+    built.iter().find(|b| b.kernel.name == kernel.name && b.jitter.is_none_or(|j| j == jitter))
 }
 
 fn uniform(gpu: &GpuDevice, label: &str, size: usize) -> wgpu::Buffer {
@@ -93,18 +94,17 @@ fn uniform(gpu: &GpuDevice, label: &str, size: usize) -> wgpu::Buffer {
 }
 
 impl DeviceStages {
-    /// Makes images, scene tables and those pipelines of `stages` that the device does not have.
+    /// Makes the images of all programs, scene tables, and those pipelines that the device does not have.
     pub fn new(
         gpu: &mut GpuDevice,
         mut settings: StageSettings,
         tables: &SceneTables,
-        stages: &[Stage],
+        programs: &[Program],
     ) -> Result<Self, StageError> {
         settings.needs.instances |= tables.has_instances();
-        let images = Images::new(gpu, &settings)?;
+        let images = Images::new(gpu, programs, settings.extent, settings.frames_in_flight)?;
         let scene = SceneBuffers::new(gpu, tables)?;
         let frame = uniform(gpu, "frame", size_of::<Frame>());
-        let previous = uniform(gpu, "previous views", 2 * size_of::<View>());
         let constants = buffer_entry(0, wgpu::BufferBindingType::Uniform);
         let all: Vec<_> = std::iter::once(constants).chain(layout_entries()).collect();
         let group_layout = |label, entries: &[_]| {
@@ -118,59 +118,85 @@ impl DeviceStages {
         let first = wgpu::BindGroupEntry { binding: 0, resource: frame.as_entire_binding() };
         let frame_only = bind(&frame_layout, std::slice::from_ref(&first));
         let with_scene = bind(&scene_layout, &std::iter::once(first).chain(scene.entries()).collect::<Vec<_>>());
-        let mut rooms = Vec::new();
-        for room in ROOMS.iter().filter(|r| stages.contains(&r.stage)) {
-            let group0 = if room.reads_scene { &scene_layout } else { &frame_layout };
-            let _span = tracing::info_span!("build pipeline", stage = room.stage.name()).entered();
-            // Rooms that differ in their dispatches alone share their pipelines.
-            let same: Vec<Built> =
-                rooms.iter().filter(|b: &&Built| b.room.shader == room.shader).map(|b| b.with(room)).collect();
-            rooms.extend(if same.is_empty() { build(gpu, room, group0, &settings)? } else { same });
+        let mut built: Vec<Built> = Vec::new();
+        for pass in programs.iter().flat_map(Program::passes).map(|p| &p.pass) {
+            if built.iter().any(|b| b.kernel.name == pass.kernel.name) {
+                continue;
+            }
+            let group0 = if pass.kernel.reads_scene { &scene_layout } else { &frame_layout };
+            let _span = tracing::info_span!("build pipeline", shader = pass.kernel.name).entered();
+            built.extend(build(gpu, pass, group0, &settings)?);
         }
         Ok(Self {
             spp: settings.spp,
-            iterations: settings.iterations,
             settings,
             place: Place::default(),
             images,
-            rooms,
+            built,
             groups: HashMap::new(),
+            of_passes: HashMap::new(),
+            program: None,
             frame_only,
             with_scene,
             frame,
-            previous,
-            kept: None,
+            found: HashMap::new(),
         })
     }
 
-    /// Sets the constants that the next submission's tasks see, and the place of what they leave.
-    pub fn set_frame(&mut self, gpu: &GpuDevice, frame: &Frame, previous: &[View; 2], place: Place) {
+    /// Sets the program and the constants that the next submission's tasks see, and the place of what they leave.
+    pub fn set_frame(
+        &mut self,
+        gpu: &GpuDevice,
+        program: &Arc<Program>,
+        frame: &Frame,
+        previous: &[View; 2],
+        place: Place,
+    ) {
+        if !self.program.as_ref().is_some_and(|p| Arc::ptr_eq(p, program)) {
+            self.program = Some(Arc::clone(program));
+            self.of_passes.clear();
+        }
         (self.spp, self.place) = (frame.spp, place);
-        self.iterations = frame.layer_iterations.into_iter().fold(0, u32::max);
         gpu.queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(frame));
-        gpu.queue.write_buffer(&self.previous, 0, bytemuck::cast_slice(previous));
+        if self.images.has(&PREVIOUS_VIEWS) {
+            let bound = Bound { resource: PREVIOUS_VIEWS, buffer: 0, is_before: false };
+            let buffer = self.images.buffer(&bound, Eye::Left, place);
+            gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(previous));
+        }
     }
 
     pub fn extent(&self) -> Extent {
         self.settings.extent
     }
 
-    /// Runs every pipeline once on no rows, so that drivers compile now what they would at the first frame.
-    pub fn warm_up(&mut self, gpu: &GpuDevice, stamps: &mut Stamps) {
+    /// Runs every pipeline of these programs once on no rows, so that drivers compile now what they would at the first
+    /// frame.
+    pub fn warm_up(&mut self, gpu: &GpuDevice, stamps: &mut Stamps, programs: Vec<Program>) {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
-        let most = self.spp;
-        let kinds = self.rooms.iter().map(|b| (b.room.stage, if b.jitter == Some(false) { 1 } else { most }));
-        for (stage, spp) in kinds.collect::<Vec<_>>() {
-            self.spp = spp;
-            let filter = Some((Resource::Filtered(1), Resource::Filtered(2)));
-            let task = StageTask { stage, view: Eye::Right, index: 0, rows: 0..0, valid: 0..0, filter };
-            self.record(gpu, &mut encoder, stamps, &task, 1);
+        let mut warm: Vec<(&str, u32)> = Vec::new();
+        for program in programs {
+            let program = Arc::new(program);
+            (self.program, self.place) = (Some(Arc::clone(&program)), Place::default());
+            self.of_passes.clear();
+            for (number, linked) in program.passes().iter().enumerate() {
+                let kernel = linked.pass.kernel;
+                let kinds = self.built.iter().filter(|b| b.kernel.name == kernel.name);
+                let spps: Vec<u32> =
+                    kinds.map(|b| if b.jitter == Some(false) { 1 } else { self.settings.spp }).collect();
+                for spp in spps {
+                    if !warm.contains(&(kernel.name, spp)) {
+                        warm.push((kernel.name, spp));
+                        self.spp = spp;
+                        self.record(gpu, &mut encoder, stamps, &StageTask { pass: number, rows: 0..0, valid: 0..0 }, 1);
+                    }
+                }
+            }
         }
         gpu.queue.submit([encoder.finish()]);
     }
 
     /// Records a task; returns the pair of timestamps around it, if any is left. It runs `runs` times, which takes that
-    /// much longer and changes no byte: all stages set what they write, but for the counts (`adds_counts`).
+    /// much longer and changes no byte: what a pass adds to is as it was before each run.
     pub fn record(
         &mut self,
         gpu: &GpuDevice,
@@ -179,29 +205,43 @@ impl DeviceStages {
         task: &StageTask,
         runs: u32,
     ) -> Option<u32> {
-        find(&self.rooms, task.stage, self.settings.jitter(self.spp))?;
+        let program = Arc::clone(self.program.as_ref()?);
+        let linked = &program.passes()[task.pass];
+        find(&self.built, &linked.pass.kernel, self.settings.jitter(self.spp))?;
         let pair = stamps.next();
-        let queries = |at: Option<u32>| at.map(|_| &stamps.queries);
-        let counted = (runs > 1 && adds_counts(task.stage)).then(|| {
-            let counts = self.images.buffer(PhysicalImage::Tally, task.view, self.place).clone();
-            let kept = self.kept.get_or_insert_with(|| scratch(gpu, counts.size())).clone();
-            encoder.copy_buffer_to_buffer(&counts, 0, &kept, 0, counts.size());
-            (counts, kept)
-        });
+        let added_to = if runs > 1 { self.keep_found(gpu, encoder, &program, linked) } else { Vec::new() };
         for run in 0..runs {
-            if let Some((counts, kept)) = counted.as_ref().filter(|_| run > 0) {
-                encoder.copy_buffer_to_buffer(kept, 0, counts, 0, counts.size());
+            for (image, found) in added_to.iter().filter(|_| run > 0) {
+                encoder.copy_buffer_to_buffer(found, 0, image, 0, image.size());
             }
             let begin = pair.filter(|_| run == 0).map(|p| 2 * p);
             let end = pair.filter(|_| run + 1 == runs).map(|p| 2 * p + 1);
-            let times = queries(begin.or(end)).map(|query_set| wgpu::ComputePassTimestampWrites {
-                query_set,
+            let times = begin.or(end).map(|_| wgpu::ComputePassTimestampWrites {
+                query_set: &stamps.queries,
                 beginning_of_pass_write_index: begin,
                 end_of_pass_write_index: end,
             });
-            self.record_once(gpu, encoder, times, task)?;
+            self.record_once(gpu, encoder, times, &program, task)?;
         }
         pair
+    }
+
+    /// Copies what a pass adds to aside; returns the images with their copies.
+    fn keep_found(
+        &mut self,
+        gpu: &GpuDevice,
+        encoder: &mut wgpu::CommandEncoder,
+        program: &Program,
+        linked: &Linked,
+    ) -> Vec<(wgpu::Buffer, wgpu::Buffer)> {
+        let mut kept = Vec::new();
+        for (used, &image) in linked.pass.uses.iter().zip(&linked.images).filter(|(u, _)| u.access == Access::Add) {
+            let image = self.images.buffer(&program.images()[image], linked.pass.eye_of(used), self.place).clone();
+            let found = self.found.entry(image.size()).or_insert_with(|| scratch(gpu, image.size())).clone();
+            encoder.copy_buffer_to_buffer(&image, 0, &found, 0, image.size());
+            kept.push((image, found));
+        }
+        kept
     }
 
     fn record_once(
@@ -209,63 +249,52 @@ impl DeviceStages {
         gpu: &GpuDevice,
         encoder: &mut wgpu::CommandEncoder,
         times: Option<wgpu::ComputePassTimestampWrites<'_>>,
+        program: &Program,
         task: &StageTask,
     ) -> Option<()> {
+        let linked = &program.passes()[task.pass];
+        let (declared, kernel) = (&linked.pass, &linked.pass.kernel);
         let jitter = self.settings.jitter(self.spp);
-        let built = find(&self.rooms, task.stage, jitter)?;
-        let key = GroupKey {
-            stage: task.stage,
-            view: task.view,
-            filter: task.filter.map(|(a, b)| (a.physical(), b.physical())),
-            index: if task.stage == Stage::Aov { task.index } else { 0 },
-            place: self.place,
-        };
-        let (images, previous) = (&self.images, &self.previous);
-        let group = self.groups.entry(key).or_insert_with_key(|k| bind_slots(gpu, built, images, previous, k));
-        for &(image, bytes) in built.room.clears {
-            encoder.clear_buffer(self.images.buffer(image, task.view, self.place), 0, bytes);
+        let built = find(&self.built, kernel, jitter)?;
+        let images = &self.images;
+        for (used, &image) in declared.uses.iter().zip(&linked.images).filter(|(u, _)| u.is_cleared) {
+            // Of a list, the counts of its pixels and of workgroups.
+            let bytes = (used.image.resource.format == Format::List).then_some(8);
+            encoder.clear_buffer(images.buffer(&program.images()[image], declared.eye_of(used), self.place), 0, bytes);
         }
+        let groups = &mut self.groups;
+        let group = self.of_passes.entry((task.pass, self.place)).or_insert_with(|| {
+            let uses = declared.uses.iter().zip(&linked.images);
+            let bound: Vec<_> = uses.map(|(used, &i)| (program.images()[i], declared.eye_of(used))).collect();
+            let new = |key: &(_, Vec<_>, _)| bind(gpu, built, images, &key.1, self.place);
+            groups.entry((kernel.name, bound, self.place)).or_insert_with_key(new).clone()
+        });
         let mut pass = encoder.begin_compute_pass(&wgpu::ComputePassDescriptor {
-            label: Some(task.stage.name()),
+            label: Some(declared.stage.name()),
             timestamp_writes: times,
         });
         pass.set_pipeline(&built.pipeline.compute);
-        pass.set_bind_group(0, if built.room.reads_scene { &self.with_scene } else { &self.frame_only }, &[]);
+        pass.set_bind_group(0, if kernel.reads_scene { &self.with_scene } else { &self.frame_only }, &[]);
         pass.set_bind_group(1, &*group, &[]);
-        let work = Work {
-            settings: &self.settings,
-            spp: self.spp,
-            iterations: self.iterations,
-            view: task.view,
-            index: task.index,
-            device: gpu.info.index,
-        };
-        for dispatch in (built.room.dispatches)(&work) {
-            let (args, columns) = match dispatch {
-                Dispatch::Rows { columns, args } => (args, Some(columns)),
-                Dispatch::Holes { args } => (args, None),
-            };
-            let constants = Pass {
-                view: task.view as u32,
+        let extent = declared.grid.extent(program.extent);
+        for args in arguments(&declared.launches, self.spp, jitter) {
+            let constants = PassConstants {
+                view: declared.view as u32,
                 row_begin: task.rows.start,
                 row_end: task.rows.end,
                 valid_begin: task.valid.start,
                 valid_end: task.valid.end,
                 args,
+                width: extent.width,
+                height: extent.height,
+                device: gpu.info.index as u32,
             };
             pass.set_immediates(0, bytemuck::bytes_of(&constants));
-            match columns {
-                Some(columns) => {
-                    let rows = task.rows.end - task.rows.start;
-                    pass.dispatch_workgroups(columns.div_ceil(TILE), rows.div_ceil(TILE).max(1), 1);
-                }
-                // The list is empty as long as nothing was reprojected.
-                None if task.rows.is_empty() => pass.dispatch_workgroups(1, 1, 1),
-                None => {
-                    pass.dispatch_workgroups_indirect(
-                        self.images.buffer(PhysicalImage::Holes, task.view, self.place),
-                        4,
-                    );
+            match workgroups(declared.dispatch, kernel.workgroup, extent.width, &task.rows) {
+                Groups::Direct([x, y, z]) => pass.dispatch_workgroups(x, y, z),
+                Groups::Listed(list) => {
+                    let bound = Bound { resource: list, buffer: 0, is_before: false };
+                    pass.dispatch_workgroups_indirect(images.buffer(&bound, declared.view, self.place), 4);
                 }
             }
         }
@@ -273,55 +302,67 @@ impl DeviceStages {
     }
 }
 
-/// Whether a stage adds to the pixels' counts instead of setting them. The other images that it reads and writes, it
-/// sets at its first sample, or sets bits of that are the same every time.
-fn adds_counts(stage: Stage) -> bool {
-    matches!(stage, Stage::PathTrace | Stage::HoleFill | Stage::Accumulate | Stage::Resolve | Stage::Tonemap)
+enum Groups {
+    Direct([u32; 3]),
+    /// As many as this list asks for.
+    Listed(crate::graph::Resource),
+}
+
+/// Workgroups of a dispatch over rows of a grid `width` wide. Tiles of several rows begin at multiples of their height.
+fn workgroups(dispatch: Dispatch, workgroup: [u32; 3], width: u32, rows: &Range<u32>) -> Groups {
+    let tiles = |[columns, height]: [u32; 2]| {
+        let (columns, height) = (columns.max(1), height.max(1));
+        [width.div_ceil(columns), (rows.end.div_ceil(height) - rows.start / height).max(1)]
+    };
+    match dispatch {
+        Dispatch::Invocations(tile) => {
+            let [x, y] = tiles(tile);
+            Groups::Direct([x.div_ceil(workgroup[0]), y.div_ceil(workgroup[1]), 1])
+        }
+        Dispatch::Workgroups(tile) => {
+            let [x, y] = tiles(tile);
+            Groups::Direct([x, y, 1])
+        }
+        Dispatch::Once(groups) => Groups::Direct(groups),
+        // A list is empty as long as nothing was listed.
+        Dispatch::List(_) if rows.is_empty() => Groups::Direct([1, 1, 1]),
+        Dispatch::List(list) => Groups::Listed(list),
+    }
+}
+
+/// The arguments of each dispatch.
+fn arguments(launches: &[Launch], spp: u32, jitter: bool) -> impl Iterator<Item = [u32; 3]> {
+    launches.iter().flat_map(move |launch| {
+        let (samples, most, one) = match *launch {
+            Launch::Once(args) => (0, 1, Some(args)),
+            Launch::Samples { only_jittered, .. } if only_jittered && !jitter => (0, 1, None),
+            Launch::Samples { most, .. } => (spp, most, None),
+        };
+        let batch = move |i: u32| match *launch {
+            Launch::Samples { third, .. } => [i * most, (i * most + most).min(spp), third],
+            Launch::Once(args) => args,
+        };
+        one.into_iter().chain((0..samples.div_ceil(most)).map(batch))
+    })
 }
 
 fn scratch(gpu: &GpuDevice, size: u64) -> wgpu::Buffer {
     gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some("kept counts"),
+        label: Some("found"),
         size,
         usage: wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST,
         mapped_at_creation: false,
     })
 }
 
-/// One stage on one view and one run of rows.
-#[derive(Clone, Debug)]
-pub struct StageTask {
-    pub stage: Stage,
-    pub view: Eye,
-    pub index: u32,
-    pub rows: Range<u32>,
-    pub valid: Range<u32>,
-    pub filter: Option<(Resource, Resource)>,
-}
-
-fn bind_slots(
-    gpu: &GpuDevice,
-    built: &Built,
-    images: &Images,
-    previous: &wgpu::Buffer,
-    key: &GroupKey,
-) -> wgpu::BindGroup {
-    let filter = key.filter.unwrap_or((PhysicalImage::Radiance, PhysicalImage::Ping));
-    let buffer = |slot: Slot| match slot {
-        Slot::Read(image, Of::TaskView) | Slot::Write(image) => images.buffer(image, key.view, key.place),
-        Slot::Read(image, Of::Left) => images.buffer(image, Eye::Left, key.place),
-        Slot::FilterSource => images.buffer(filter.0, key.view, key.place),
-        Slot::FilterTarget => images.buffer(filter.1, key.view, key.place),
-        Slot::AovTarget => images.buffer(PhysicalImage::Aov(key.index as u8), key.view, key.place),
-        Slot::PreviousViews => previous,
+fn bind(gpu: &GpuDevice, built: &Built, images: &Images, bound: &[(Bound, Eye)], place: Place) -> wgpu::BindGroup {
+    let entry = |(i, (bound, eye)): (usize, &(Bound, Eye))| wgpu::BindGroupEntry {
+        binding: i as u32,
+        resource: images.buffer(bound, *eye, place).as_entire_binding(),
     };
-    let slots = built.room.slots.iter().enumerate();
-    let entries: Vec<_> = slots
-        .map(|(i, &slot)| wgpu::BindGroupEntry { binding: i as u32, resource: buffer(slot).as_entire_binding() })
-        .collect();
     gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
-        label: Some(built.room.shader),
+        label: Some(built.kernel.name),
         layout: &built.pipeline.layout,
-        entries: &entries,
+        entries: &bound.iter().enumerate().map(entry).collect::<Vec<_>>(),
     })
 }

@@ -1,6 +1,8 @@
 use super::layout;
 use super::*;
 use crate::device::{override_names, wgsl};
+use crate::graph::Stage;
+use crate::passes::{self, tests::all_specs};
 
 fn module(shader: &str) -> naga::Module {
     let source = wgsl(shader);
@@ -8,14 +10,17 @@ fn module(shader: &str) -> naga::Module {
 }
 
 #[test]
-fn every_shader_is_valid() {
-    for room in &ROOMS {
-        let mut validator =
-            naga::valid::Validator::new(naga::valid::ValidationFlags::all(), naga::valid::Capabilities::all());
-        validator.validate(&module(room.shader)).unwrap_or_else(|e| {
-            panic!("{}: {}", room.shader, e.emit_to_string(&wgsl(room.shader)));
-        });
+fn every_pass_does_what_it_declares() {
+    let mut verified: Vec<Stage> = Vec::new();
+    for spec in all_specs() {
+        for pass in passes::declare(&spec).passes {
+            if !verified.contains(&pass.stage) {
+                verify(&pass).unwrap_or_else(|e| panic!("{}: {e}", pass.stage.name()));
+                verified.push(pass.stage);
+            }
+        }
     }
+    assert_eq!(verified.len(), 15);
 }
 
 /// Size and member offsets of a struct, as the shader compiler lays it out.
@@ -99,14 +104,17 @@ fn host_structs_lie_as_shaders_read_them() {
     same_layout!(
         m,
         "Pass",
-        layout::Pass,
+        layout::PassConstants,
         [
             view = "view",
             row_begin = "row_begin",
             row_end = "row_end",
             valid_begin = "valid_begin",
             valid_end = "valid_end",
-            args = "arg0"
+            args = "arg0",
+            width = "width",
+            height = "height",
+            device = "device"
         ]
     );
     same_layout!(
@@ -195,14 +203,5 @@ fn every_need_is_an_override_of_path_tracing() {
     let declared = override_names(&source);
     for (name, _) in SceneNeeds::ALL.constants() {
         assert!(declared.contains(&name), "{name}");
-    }
-}
-
-#[test]
-fn rooms_bind_as_many_slots_as_their_shaders_declare() {
-    for room in &ROOMS {
-        let m = module(room.shader);
-        let bound = m.global_variables.iter().filter(|(_, v)| v.binding.is_some_and(|b| b.group == 1)).count();
-        assert_eq!(bound, room.slots.len(), "{}", room.shader);
     }
 }

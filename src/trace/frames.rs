@@ -7,7 +7,7 @@ use super::event::{Track, args_from};
 use super::work::{Frame, FrameTime, Task, Trace};
 use super::{FIRST_DEVICE_PID, HOST_PID, Lane, Recorder};
 use crate::exec::{Fault, FrameReport, TaskTiming, TimedTask};
-use crate::graph::Stage;
+use crate::passes::path_trace::CUT;
 use crate::scene::rig::Eye;
 
 /// What a frame's counters show beside its times.
@@ -86,7 +86,7 @@ fn task_from(timing: &TaskTiming, frame: u32) -> Task {
     Task {
         pid: FIRST_DEVICE_PID + timing.device as u32,
         lane,
-        name: timing.stage.to_owned(),
+        name: timing.stage.to_string(),
         begin_us: timing.begin_ms * 1e3,
         end_us: timing.end_ms * 1e3,
         frame: Some(frame.into()),
@@ -165,7 +165,7 @@ fn record_counters(recorder: &Recorder, frame: &FrameReport, knobs: &FrameKnobs)
         recorder.counter("pixels of the right eye", at_us, &shares);
     }
     recorder.counter("bytes moved", at_us, &[("bytes", frame.uploaded_bytes() as f64)]);
-    let stripes = frame.assignment.stripes(Stage::PathTrace, Eye::Left);
+    let stripes = frame.assignment.stripes(CUT, Eye::Left);
     let rows = (0..stripes.devices()).map(|d| stripes.rows(d).len() as f64);
     record_shares(recorder, "share of rows", at_us, rows.collect());
     record_shares(recorder, "share of work", at_us, frame.busy_ms());

@@ -11,8 +11,10 @@ use std::time::Instant;
 use diptych::accel::{Accel, Layout};
 use diptych::device::{self, GpuDevice, Selection, ShaderChecks};
 use diptych::exec::{FrameReport, RenderSettings, Renderer, Stereo};
-use diptych::graph::{HaloPlan, PhysicalImage, Seam};
+use diptych::graph::{HaloPlan, Seam};
 use diptych::image::{Extent, Image, RgbImage};
+use diptych::passes::Declarations;
+use diptych::passes::tonemap::LINEAR;
 use diptych::quality::Denoiser;
 use diptych::scene::Scene;
 use diptych::scene::load::load_shot;
@@ -62,6 +64,7 @@ impl Subject {
             sparse: false,
             foveation: None,
             aovs: Vec::new(),
+            declarations: Declarations::default(),
             frames_in_flight: 1,
             checks: ShaderChecks::Fast,
         };
@@ -198,7 +201,7 @@ impl<'a> Stage<'a> {
             while self.renderer().in_flight() < self.frames_in_flight
                 && let Some((index, &time_s)) = times.next()
             {
-                let linear = [PhysicalImage::Linear];
+                let linear = [LINEAR];
                 let rig = &self.subject.rig;
                 self.renderer().begin(rig, time_s, index, &linear).unwrap_or_else(|e| panic!("{e}"));
             }

@@ -6,8 +6,9 @@ use crate::reference::ztest::{assert_agrees, mean_and_variance};
 use crate::reference::{Pinhole, Reference};
 use diptych::exec::RenderSettings;
 use diptych::image::{Extent, Image, RgbImage};
+use diptych::passes::Aov;
 use diptych::scene::{Clearcoat, Environment, Material, Scene, Volume};
-use diptych::stages::{Aov, Sampler};
+use diptych::stages::Sampler;
 use glam::{Vec3, vec3};
 
 const WIDTH: u32 = 160;

@@ -3,9 +3,10 @@
 use crate::common::{Stage, Subject};
 use diptych::exec::{RenderSettings, Stereo};
 use diptych::image::RgbImage;
+use diptych::passes::Aov;
 use diptych::quality::Denoiser;
 use diptych::scene::shot::Gaze;
-use diptych::stages::{Aov, Foveation};
+use diptych::stages::Foveation;
 
 const WIDTH: u32 = 128;
 const HEIGHT: u32 = 96;

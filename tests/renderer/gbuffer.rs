@@ -9,9 +9,9 @@ use crate::reference::layer;
 use crate::reference::scenes::{materials, matte};
 use crate::reference::surface::{Surface, Surfaces};
 use diptych::image::Extent;
+use diptych::passes::Aov;
 use diptych::scene::Scene;
 use diptych::scene::rig::{Eye, View};
-use diptych::stages::Aov;
 use glam::DVec3;
 
 const EXTENT: Extent = Extent::new(96, 64);

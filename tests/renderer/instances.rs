@@ -5,10 +5,10 @@ use std::sync::Arc;
 use crate::common::{Stage, Subject, is_thorough, still_rig};
 use diptych::accel::{Accel, Layout};
 use diptych::image::{Extent, Image, RgbImage};
+use diptych::passes::Aov;
 use diptych::scene::{
     AlphaMode, Environment, Instance, Light, LightKind, Material, Mesh, NormalMap, Scene, Texture, TextureRef, Wrap,
 };
-use diptych::stages::Aov;
 use glam::{Affine2, Affine3A, Quat, Vec2, Vec3, Vec4};
 
 const EXTENT: Extent = Extent::new(96, 64);

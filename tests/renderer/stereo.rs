@@ -6,8 +6,8 @@ use crate::reference::ztest::{assert_agrees, mean_and_variance};
 use diptych::exec::RenderSettings;
 use diptych::image::exr::read_rgb;
 use diptych::metrics::compare;
+use diptych::passes::Aov;
 use diptych::scene::rig::Eye;
-use diptych::stages::Aov;
 use glam::{DVec3, Vec3};
 
 /// 512 spp of three reflections in the classic box: the noise of the two renders, which is independent but in the

@@ -6,10 +6,10 @@ use diptych::exec::{RenderSettings, Stereo};
 use diptych::image::{Image, RgbImage};
 use diptych::metrics::temporal::{History, Surfaces};
 use diptych::metrics::{self, Errors};
+use diptych::passes::Aov;
 use diptych::scene::load::load_shot;
 use diptych::scene::rig::{Rig, RigKey};
 use diptych::scene::{Light, LightKind};
-use diptych::stages::Aov;
 use glam::{DVec3, Vec3};
 
 const WIDTH: u32 = 96;

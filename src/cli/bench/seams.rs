@@ -5,9 +5,9 @@ use clap::ValueEnum;
 
 use diptych::device::DeviceInfo;
 use diptych::exec::Stereo;
-use diptych::graph::Stage;
 use diptych::image::{ImageError, RgbImage};
 use diptych::metrics::Pair;
+use diptych::passes::denoise;
 use diptych::quality::Denoiser;
 use diptych::report::frames::FrameLine;
 use diptych::report::html::Section;
@@ -176,7 +176,7 @@ fn eye_of(images: &Stereo<RgbImage>, view: Eye) -> &RgbImage {
 /// Rows with which a stripe of the filter begins below another one.
 fn seam_rows(frame: &TimedFrame, view: Eye) -> Vec<u32> {
     let height = frame.linear.left.extent.height;
-    let edges = frame.report.assignment.stripes(Stage::Atrous, view).inner_edges();
+    let edges = frame.report.assignment.stripes(denoise::CUT, view).inner_edges();
     edges.iter().copied().filter(|edge| (1..height).contains(edge)).collect()
 }
 

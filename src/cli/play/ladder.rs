@@ -12,6 +12,8 @@ use diptych::control::{
 use diptych::exec::{FrameReport, Quality, Renderer, Stereo};
 use diptych::graph::Stage;
 use diptych::image::RgbImage;
+use diptych::passes::gbuffer;
+use diptych::passes::path_trace::{HOLE_FILL, STAGE as PATH_TRACE};
 use diptych::quality::Denoiser;
 use diptych::scene::rig::Rig;
 use diptych::schedule::Effort;
@@ -114,7 +116,7 @@ fn quality(knobs: &Knobs, layers: &Layers, effort: Effort) -> Quality {
 
 /// Before anything was timed.
 fn guessed_effort(knobs: &Knobs) -> Effort {
-    Effort::new([Stage::PathTrace, Stage::HoleFill].map(|stage| (stage, guessed_paths(knobs))))
+    Effort::new([PATH_TRACE, HOLE_FILL].map(|stage| (stage, guessed_paths(knobs))))
 }
 
 /// When no further setting is timed, those without which nothing is known excepted.
@@ -246,13 +248,13 @@ impl<'a> Calibration<'a> {
         let near = [knobs.bounces, BOUNCES[0]].into_iter().find_map(|b| self.timed.get(&(spp, b)));
         let Some(Timed { knobs: near, stage_ms: timed, .. }) = near else { return BTreeMap::new() };
         let paths = guessed_paths(knobs) / guessed_paths(near);
-        let centre_ms = self.timed.get(&(1, near.bounces)).and_then(|t| t.stage_ms.get(Stage::Gbuffer.name())).copied();
+        let centre_ms = self.timed.get(&(1, near.bounces)).and_then(|t| t.stage_ms.get(gbuffer::STAGE.name())).copied();
         let ms = |stage: Stage| {
             let ms = *timed.get(stage.name())?;
             Some((
                 stage.name().to_owned(),
                 match stage {
-                    Stage::Gbuffer => {
+                    gbuffer::STAGE => {
                         let centre_ms = centre_ms.unwrap_or(ms).min(ms);
                         centre_ms + (ms - centre_ms) * f64::from(knobs.spp) / f64::from(spp)
                     }

@@ -7,8 +7,9 @@ use crate::device::WAIT_SLICES;
 use crate::exec::messages::{Answer, FrameJob, FrameReply, Stop};
 use crate::exec::planner::Graphs;
 use crate::exec::staging::{ReadBack, Recorded};
-use crate::exec::{TaskTiming, TimedTask, resource_name};
-use crate::graph::{FrameGraph, PhysicalImage, Resource, Stage, Task, TaskKind};
+use crate::exec::{TaskTiming, TimedTask};
+use crate::graph::{Bound, FrameGraph, Resource, Stage, Task, TaskKind};
+use crate::passes::ROW_TALLY;
 use crate::stages::StageTask;
 
 /// What a worker knows of a frame until it has answered.
@@ -36,7 +37,7 @@ enum State {
     /// All tasks are submitted, the last ones here.
     Submitted(wgpu::SubmissionIndex),
     /// They have ended, and images are on their way to the host.
-    Read { end_ms: f64, backs: Vec<(PhysicalImage, [ReadBack; 2])> },
+    Read { end_ms: f64, backs: Vec<(Resource, [ReadBack; 2])> },
 }
 
 /// Rows whose copy has been submitted.
@@ -94,7 +95,7 @@ impl Worker {
         let graph = Arc::clone(&part.graph);
         let (tasks, _) = graph.parts_of(self.gpu.info.index);
         self.stamps.reset();
-        self.stages.set_frame(&self.gpu, &part.job.constants, &part.job.previous, part.job.place);
+        self.stages.set_frame(&self.gpu, &part.graph.program, &part.job.constants, &part.job.previous, part.job.place);
         for (i, task) in tasks.iter().enumerate() {
             self.heartbeat.beat();
             if i == tasks.len() / 2 && part.job.injected.is_some() {
@@ -107,10 +108,10 @@ impl Worker {
             }
             match &task.kind {
                 TaskKind::Dispatch { .. } => self.dispatch(part, task),
-                TaskKind::Download { resource, .. } => self.download(part, *resource, task),
-                TaskKind::Upload { resource, transfer } => {
+                TaskKind::Download { image, .. } => self.download(part, *image, task),
+                TaskKind::Upload { image, transfer } => {
                     self.flush(part)?;
-                    self.upload(part, *resource, *transfer, task)?;
+                    self.upload(part, *image, *transfer, task)?;
                 }
                 TaskKind::Stitch => {}
             }
@@ -123,26 +124,20 @@ impl Worker {
     }
 
     fn dispatch(&mut self, part: &mut Part, task: &Task) {
-        let TaskKind::Dispatch { stage, index, valid, filter } = &task.kind else { return };
-        let stage_task = StageTask {
-            stage: *stage,
-            view: task.view,
-            index: *index,
-            rows: task.rows.clone(),
-            valid: valid.clone(),
-            filter: *filter,
-        };
+        let TaskKind::Dispatch { pass, valid } = &task.kind else { return };
+        let stage_task = StageTask { pass: *pass, rows: task.rows.clone(), valid: valid.clone() };
+        let stage = part.graph.program.passes()[*pass].pass.stage;
         let runs = part.job.runs;
         let encoder = part.encoder(&self.gpu.device);
         if let Some(pair) = self.stages.record(&self.gpu, encoder, &mut self.stamps, &stage_task, runs) {
-            part.stamped.push((pair, task.clone(), *stage));
+            part.stamped.push((pair, task.clone(), stage));
         }
     }
 
-    fn download(&mut self, part: &mut Part, resource: Resource, task: &Task) {
-        let image = resource.physical();
-        let (offset, size) = self.stages.images.span(image, &task.rows);
-        let source = self.stages.images.buffer(image, task.view, part.job.place);
+    fn download(&mut self, part: &mut Part, image: usize, task: &Task) {
+        let bound = part.graph.program.images()[image];
+        let (offset, size) = self.stages.images.span(&bound.resource, &task.rows);
+        let source = self.stages.images.buffer(&bound, task.view, part.job.place);
         let copy = self.pool.record(&self.gpu, part.encoder(&self.gpu.device), source, offset, size);
         part.copies.push((copy, task.clone()));
     }
@@ -168,8 +163,9 @@ impl Worker {
             let _span = tracing::info_span!("submit").entered();
             let submission = self.gpu.queue.submit([encoder.finish()]);
             for (copy, task) in part.copies.drain(..) {
-                let TaskKind::Download { resource, transfer, to } = task.kind else { continue };
-                let timing = transfer_timing(&task, TimedTask::Download, resource, transfer);
+                let TaskKind::Download { image, transfer, to } = task.kind else { continue };
+                let bound = &part.graph.program.images()[image];
+                let timing = transfer_timing(&task, TimedTask::Download, bound, transfer);
                 let back = copy.submitted(submission.clone());
                 self.outgoing.push_back(Outgoing { ticket: part.ticket, back, to, transfer, timing });
             }
@@ -187,16 +183,16 @@ impl Worker {
         Ok(())
     }
 
-    fn upload(&mut self, part: &mut Part, resource: Resource, transfer: u32, task: &Task) -> Result<(), Stop> {
+    fn upload(&mut self, part: &mut Part, image: usize, transfer: u32, task: &Task) -> Result<(), Stop> {
         let bytes = self.receive(part, transfer)?;
-        let mut timing = transfer_timing(task, TimedTask::Upload, resource, transfer);
+        let bound = part.graph.program.images()[image];
+        let mut timing = transfer_timing(task, TimedTask::Upload, &bound, transfer);
         timing.begin_ms = self.now_ms();
-        let image = resource.physical();
-        let (offset, size) = self.stages.images.span(image, &task.rows);
+        let (offset, size) = self.stages.images.span(&bound.resource, &task.rows);
         if bytes.len() as u64 != size {
             return Err(format!("transfer {transfer} brought {} bytes of {size}", bytes.len()).into());
         }
-        let target = self.stages.images.buffer(image, task.view, part.job.place);
+        let target = self.stages.images.buffer(&bound, task.view, part.job.place);
         self.gpu.queue.write_buffer(target, offset, &bytes);
         timing.bytes = Some(size);
         timing.end_ms = self.now_ms();
@@ -288,8 +284,8 @@ impl Worker {
         if !(wait || need_not_wait) {
             return Ok(false);
         }
-        for (task, resource, transfer) in &uploads {
-            self.upload(part, *resource, *transfer, task)?;
+        for (task, image, transfer) in &uploads {
+            self.upload(part, *image, *transfer, task)?;
         }
         let last = part.last.take().filter(|_| uploads.is_empty());
         // Uploads that no dispatch follows are carried out by an empty submission.
@@ -306,7 +302,7 @@ impl Worker {
         if let Some(back) = part.stamps.take() {
             let ticks = bytemuck::pod_collect_to_vec::<u8, u64>(&self.pool.finish(&self.gpu, back)?);
             let timing = |(pair, task, stage): &(u32, Task, Stage)| TaskTiming {
-                stage: stage.name(),
+                stage: stage.name().into(),
                 kind: TimedTask::Gpu(*stage),
                 view: task.view,
                 device: task.device,
@@ -320,8 +316,10 @@ impl Worker {
         }
         let mut backs = Vec::new();
         if self.gpu.info.index == part.graph.primary {
-            for image in [PhysicalImage::RowTally].into_iter().chain(part.job.reads.iter().copied()) {
-                backs.push((image, self.request(image, part.job.place)));
+            for image in [ROW_TALLY].into_iter().chain(part.job.reads.iter().copied()) {
+                if self.stages.images.has(&image) {
+                    backs.push((image, self.request(image, part.job.place)));
+                }
             }
         }
         part.state = State::Read { end_ms, backs };
@@ -354,16 +352,16 @@ impl Worker {
     }
 }
 
-fn as_upload(task: &Task) -> Option<(&Task, Resource, u32)> {
+fn as_upload(task: &Task) -> Option<(&Task, usize, u32)> {
     match task.kind {
-        TaskKind::Upload { resource, transfer } => Some((task, resource, transfer)),
+        TaskKind::Upload { image, transfer } => Some((task, image, transfer)),
         _ => None,
     }
 }
 
-fn transfer_timing(task: &Task, kind: TimedTask, resource: Resource, transfer: u32) -> TaskTiming {
+fn transfer_timing(task: &Task, kind: TimedTask, bound: &Bound, transfer: u32) -> TaskTiming {
     TaskTiming {
-        stage: resource_name(resource),
+        stage: bound.name(),
         kind,
         view: task.view,
         device: task.device,

@@ -1,23 +1,32 @@
 //! Auxiliary images.
 
-use super::{Dispatch, Of, Room, Slot, Work};
-use crate::graph::{PhysicalImage as P, Stage};
+use super::PREVIOUS_VIEWS;
+use super::gbuffer::{ALBEDO, EMISSION, HIT, TALLY};
+use super::tonemap::CUT;
+use crate::graph::{Kernel, Pass, Resource, Stage, Use};
+use crate::scene::rig::Eye;
 
-pub(super) const ROOM: Room = Room {
-    stage: Stage::Aov,
-    shader: "aov",
-    reads_scene: true,
-    slots: &[
-        Slot::Read(P::Hit, Of::TaskView),
-        Slot::Read(P::Albedo, Of::TaskView),
-        Slot::Read(P::Emission, Of::TaskView),
-        Slot::Read(P::Tally, Of::TaskView),
-        Slot::AovTarget,
-        Slot::PreviousViews,
-    ],
-    clears: &[],
-    dispatches,
-};
+/// The auxiliary images' own time is told from that of the frame by this.
+pub const STAGE: Stage = Stage("aov");
+
+/// The `index`th auxiliary image of a frame.
+pub const fn image(index: u8) -> Resource {
+    Resource::image("aov", 16).output().numbered(index)
+}
+
+pub fn pass(view: Eye, index: u8, aov: Aov) -> Pass {
+    Pass::new(STAGE, view, CUT, Kernel::with_scene("aov"))
+        .index(index.into())
+        .uses([
+            Use::read(HIT),
+            Use::read(ALBEDO),
+            Use::read(EMISSION),
+            Use::read(TALLY),
+            Use::write(image(index)),
+            Use::read(PREVIOUS_VIEWS),
+        ])
+        .args([aov as u32, 0, 0])
+}
 
 /// An auxiliary image: the surface behind the pixel's centre, or how the pixel was made. The discriminants are the
 /// shader's constants.
@@ -89,9 +98,4 @@ impl Aov {
             Self::Roughness | Self::Holes | Self::Spp | Self::Stripes => &["Y"],
         }
     }
-}
-
-fn dispatches(work: &Work<'_>) -> Vec<Dispatch> {
-    let kind = work.settings.aovs[work.index as usize] as u32;
-    vec![Dispatch::Rows { columns: work.settings.extent.width, args: [kind, work.device as u32, 0] }]
 }

@@ -2,23 +2,22 @@
 
 use bytemuck::{Pod, Zeroable};
 
-use super::{Dispatch, Of, Room, Slot, Work};
-use crate::graph::{PhysicalImage as P, Stage};
+use super::gbuffer::TALLY;
+use super::tonemap::CUT;
+use crate::graph::{Dispatch, Grid, Kernel, Pass, Resource, Size, Stage, Use};
+use crate::scene::rig::Eye;
 
-pub(super) const ROOM: Room = Room {
-    stage: Stage::Tally,
-    shader: "tally",
-    reads_scene: false,
-    slots: &[Slot::Read(P::Tally, Of::TaskView), Slot::Write(P::RowTally)],
-    clears: &[(P::RowTally, None)],
-    dispatches,
-};
+/// [`RowTally`] of each row.
+pub const ROW_TALLY: Resource =
+    Resource::image("row_tally", size_of::<RowTally>() as u32).on(Grid::table(Size::FrameRows)).output();
 
 /// Pixels that one invocation sums; `SEGMENT` in the shader.
 const SEGMENT: u32 = 64;
 
-fn dispatches(work: &Work<'_>) -> Vec<Dispatch> {
-    vec![Dispatch::Rows { columns: work.settings.extent.width.div_ceil(SEGMENT), args: [0; 3] }]
+pub fn pass(view: Eye) -> Pass {
+    Pass::new(Stage("tally"), view, CUT, Kernel::new("tally"))
+        .uses([Use::read(TALLY), Use::write_then_read(ROW_TALLY).cleared()])
+        .dispatch(Dispatch::Invocations([SEGMENT, 1]))
 }
 
 /// One row of `tally.wgsl`.

@@ -1,0 +1,37 @@
+//! Lists the shaders, whose texts are compiled into the binary.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::{env, fs, io};
+
+fn main() -> io::Result<()> {
+    println!("cargo::rerun-if-changed=shaders");
+    let root = PathBuf::from(env::var("CARGO_MANIFEST_DIR").map_err(io::Error::other)?).join("shaders");
+    let mut files = Vec::new();
+    collect(&root, &mut files)?;
+    files.sort();
+    let mut table = String::from("&[");
+    for path in &files {
+        // Their names are told apart without their folders.
+        let name = path.file_stem().unwrap_or_default().to_string_lossy();
+        if files.iter().any(|other| other != path && other.file_name() == path.file_name()) {
+            return Err(io::Error::other(format!("two shaders have the name {name}")));
+        }
+        let _ = write!(table, "({name:?}, include_str!({:?})),", path.display().to_string());
+    }
+    table.push(']');
+    let out = env::var("OUT_DIR").map_err(io::Error::other)?;
+    fs::write(Path::new(&out).join("shader_files.rs"), table)
+}
+
+fn collect(folder: &Path, files: &mut Vec<PathBuf>) -> io::Result<()> {
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        if path.is_dir() {
+            collect(&path, files)?;
+        } else if path.extension().is_some_and(|e| e == "wgsl") {
+            files.push(path);
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,241 @@
+//! The passes of a frame, in order, checked against one another, with what follows from their declarations.
+
+use std::borrow::Cow;
+use std::collections::HashMap;
+
+use super::halo::Seam;
+use super::pass::{Chain, CutGroup, Pass, Stage};
+use super::resource::{Image, Life, Resource, Scope};
+use crate::image::Extent;
+use crate::scene::rig::Eye;
+
+/// The passes of a frame.
+#[derive(Clone, Debug)]
+pub struct Program {
+    /// Of the frame.
+    pub extent: Extent,
+    passes: Vec<Linked>,
+    /// What bindings stand for, each once.
+    images: Vec<Bound>,
+    cut_sets: Vec<Vec<CutGroup>>,
+}
+
+/// A pass with what follows from those around it.
+#[derive(Clone, Debug)]
+pub struct Linked {
+    pub pass: Pass,
+    /// By use: index of the image among [`Program::images`].
+    pub images: Vec<usize>,
+    /// Rows above and below its own that a device computes as well, for its own later passes.
+    pub margin_rows: u32,
+    /// Its number among those of its view before which rows may be received, if it is one.
+    pub link: Option<usize>,
+}
+
+/// A buffer of a resource, in this frame or the one before.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Bound {
+    pub resource: Resource,
+    /// Of its two, where it has versions.
+    pub buffer: u8,
+    pub is_before: bool,
+}
+
+impl Bound {
+    /// In reports.
+    pub fn name(&self) -> Cow<'static, str> {
+        if self.is_before { format!("last_{}", self.resource.name).into() } else { self.resource.name.into() }
+    }
+}
+
+/// Declarations that contradict one another.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum ProgramError {
+    #[error("{stage} reads {image}, which no pass before it has written")]
+    Unwritten { stage: &'static str, image: &'static str },
+    #[error("{stage} reads {image} of version {read}, but version {held} has taken its place")]
+    Overwritten { stage: &'static str, image: &'static str, read: u8, held: u8 },
+    #[error("{stage} reads what the frame before left of {image}, which no pass writes")]
+    NeverKept { stage: &'static str, image: &'static str },
+    #[error(
+        "{stage} reads {image}, which stays on the device that wrote it, with other stripes or rows around its own"
+    )]
+    Elsewhere { stage: &'static str, image: &'static str },
+    #[error("{stage} writes {image}: one runs for each view, of the other there is one for each device")]
+    Scope { stage: &'static str, image: &'static str },
+    #[error("{stage} writes {image}, which the host sets")]
+    Input { stage: &'static str, image: &'static str },
+    #[error("{stage} computes a margin on another grid than the pass that it is for")]
+    Grid { stage: &'static str },
+}
+
+impl Program {
+    /// Links passes, which are in an order that respects every dependency.
+    ///
+    /// # Errors
+    /// [`ProgramError`] where they contradict one another.
+    pub fn new(extent: Extent, seam: Seam, passes: Vec<Pass>) -> Result<Self, ProgramError> {
+        check(&passes)?;
+        let mut numbers: HashMap<Bound, usize> = HashMap::new();
+        let mut images = Vec::new();
+        let mut number = |bound: Bound| {
+            *numbers.entry(bound).or_insert_with(|| {
+                images.push(bound);
+                images.len() - 1
+            })
+        };
+        let link = |pass: Pass| {
+            let of = |image: Image, is_before| Bound { resource: image.resource, buffer: image.buffer(), is_before };
+            let images = pass.uses.iter().map(|u| number(of(u.image, u.is_before))).collect();
+            Linked { pass, images, margin_rows: 0, link: None }
+        };
+        let mut passes: Vec<Linked> = passes.into_iter().map(link).collect();
+        Eye::ALL.into_iter().try_for_each(|view| add_margins(&mut passes, view, seam))?;
+        let cut_sets = cut_sets(&passes);
+        Ok(Self { extent, passes, images, cut_sets })
+    }
+
+    /// In order.
+    pub fn passes(&self) -> &[Linked] {
+        &self.passes
+    }
+
+    /// What the passes bind, each once.
+    pub fn images(&self) -> &[Bound] {
+        &self.images
+    }
+
+    /// The stages, each once, in the order of their first pass.
+    pub fn stages(&self) -> Vec<Stage> {
+        let mut stages = Vec::new();
+        for linked in &self.passes {
+            if !stages.contains(&linked.pass.stage) {
+                stages.push(linked.pass.stage);
+            }
+        }
+        stages
+    }
+
+    /// Groups whose stripes are found together: devices wait for one another between two of these sets, so that each is
+    /// to end everywhere at the same time.
+    pub fn cut_sets(&self) -> &[Vec<CutGroup>] {
+        &self.cut_sets
+    }
+
+    /// How many passes of a view rows may be received before.
+    pub fn links(&self) -> usize {
+        self.passes.iter().filter_map(|p| p.link).max().map_or(0, |last| last + 1)
+    }
+
+    /// What leaves the frame.
+    pub fn outputs(&self) -> impl Iterator<Item = usize> {
+        let is_output = |b: &Bound| b.resource.life == Life::Output && b.resource.scope == Scope::View && !b.is_before;
+        self.images.iter().enumerate().filter(move |(_, b)| is_output(b)).map(|(number, _)| number)
+    }
+
+    /// The group whose passes write a resource of a view last.
+    pub fn writer(&self, resource: &Resource, view: Eye) -> Option<CutGroup> {
+        let writes = |p: &&Linked| {
+            p.pass.view == view && p.pass.uses.iter().any(|u| u.access.writes() && u.image.resource == *resource)
+        };
+        self.passes.iter().rev().find(writes).map(|p| p.pass.cut_group)
+    }
+}
+
+/// Checks that every pass finds what it reads.
+fn check(passes: &[Pass]) -> Result<(), ProgramError> {
+    let mut held: HashMap<(Resource, u8, Eye), (u8, CutGroup)> = HashMap::new();
+    let all_writes: Vec<Resource> =
+        passes.iter().flat_map(|p| &p.uses).filter(|u| u.access.writes()).map(|u| u.image.resource).collect();
+    for pass in passes {
+        let stage = pass.stage.name();
+        for used in &pass.uses {
+            let Image { resource, version } = used.image;
+            let image = resource.name;
+            if used.is_before {
+                if !used.is_optional && !all_writes.contains(&resource) {
+                    return Err(ProgramError::NeverKept { stage, image });
+                }
+                continue;
+            }
+            if used.access.writes() && resource.life == Life::Input {
+                return Err(ProgramError::Input { stage, image });
+            }
+            if used.access.writes() && resource.scope != pass.scope {
+                return Err(ProgramError::Scope { stage, image });
+            }
+            if !used.is_read() {
+                continue;
+            }
+            match held.get(&(resource, used.image.buffer(), pass.eye_of(used))) {
+                None if used.is_optional => {}
+                None => return Err(ProgramError::Unwritten { stage, image }),
+                Some((held, _)) if *held != version => {
+                    return Err(ProgramError::Overwritten { stage, image, read: version, held: *held });
+                }
+                Some((_, group)) => {
+                    let leaves = *group != pass.cut_group || used.reach.halo_rows() > 0;
+                    if resource.life == Life::Local && leaves {
+                        return Err(ProgramError::Elsewhere { stage, image });
+                    }
+                }
+            }
+        }
+        for used in pass.uses.iter().filter(|u| u.access.writes()) {
+            let Image { resource, version } = used.image;
+            held.insert((resource, used.image.buffer(), pass.eye_of(used)), (version, pass.cut_group));
+        }
+    }
+    Ok(())
+}
+
+/// Says what devices compute beyond their own rows, so that later passes of the chain find it.
+fn add_margins(passes: &mut [Linked], view: Eye, seam: Seam) -> Result<(), ProgramError> {
+    let in_chain = |p: &&mut Linked| p.pass.view == view && p.pass.chain != Chain::No;
+    let mut chain: Vec<&mut Linked> = passes.iter_mut().filter(in_chain).collect();
+    let mut links = 0;
+    for linked in &mut chain {
+        if linked.pass.chain == Chain::Planned {
+            linked.link = Some(links);
+            links += 1;
+        }
+    }
+    let receives = |link: Option<usize>| match (seam, link) {
+        (Seam::Halo(plan), Some(link)) => link == 0 || plan.receives_before(link),
+        (Seam::Halo(_), None) => false,
+        (Seam::None | Seam::Filter, _) => true,
+    };
+    let (mut margin, mut grid) = (0, None);
+    for linked in chain.into_iter().rev() {
+        if margin > 0 && grid != Some(linked.pass.grid) {
+            return Err(ProgramError::Grid { stage: linked.pass.stage.name() });
+        }
+        linked.margin_rows = margin;
+        grid = Some(linked.pass.grid);
+        margin = if receives(linked.link) { 0 } else { margin + linked.pass.halo_rows() };
+    }
+    Ok(())
+}
+
+/// Passes that read rows of neighbours make devices wait for one another: what comes before the first of them is cut
+/// apart from the rest.
+fn cut_sets(passes: &[Linked]) -> Vec<Vec<CutGroup>> {
+    let first = passes.iter().position(|p| p.pass.halo_rows() > 0).unwrap_or(passes.len());
+    let mut late: Vec<CutGroup> = Vec::new();
+    let mut early: Vec<CutGroup> = Vec::new();
+    let add = |set: &mut Vec<CutGroup>, group| {
+        if !set.contains(&group) {
+            set.push(group);
+        }
+    };
+    passes[first..].iter().for_each(|p| add(&mut late, p.pass.cut_group));
+    for group in passes[..first].iter().map(|p| p.pass.cut_group) {
+        if !late.contains(&group) {
+            add(&mut early, group);
+        }
+    }
+    [early, late].into_iter().filter(|set| !set.is_empty()).collect()
+}
+
+#[cfg(test)]
+mod tests;

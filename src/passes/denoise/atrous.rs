@@ -1,0 +1,46 @@
+//! `atrous`: an edge-avoiding à-trous filter on the frame alone.
+
+use super::{CUT, Denoise, Light};
+use crate::graph::{Chain, Kernel, Pass, Stage, Use};
+use crate::passes::FrameSpec;
+use crate::passes::gbuffer::GUIDE;
+use crate::scene::rig::Eye;
+
+const STAGE: Stage = Stage("atrous");
+
+/// Tolerance to differences in compressed radiance once the noise is averaged down.
+const SIGMA: f32 = 1.0;
+/// Iterations before radiance is compared at all: at one sample per pixel a pixel's own value says nothing about what
+/// it should be, and comparing with it would keep outliers as they are.
+const BLIND_ITERATIONS: u32 = 3;
+
+/// Distance between the taps of iteration `index` of `count`: 2^(count-1) down to 1.
+fn step(index: u32, count: u32) -> u32 {
+    1 << (count - 1 - index)
+}
+
+/// 1 / σ² of iteration `index`, as bits.
+pub(super) fn inverse_sigma2_bits(index: u32) -> u32 {
+    if index < BLIND_ITERATIONS { 0 } else { (1.0 / (SIGMA * SIGMA)).to_bits() }
+}
+
+pub struct Atrous;
+
+impl Denoise for Atrous {
+    fn filter(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
+        let iteration = |index| {
+            let (source, target) = light.advance();
+            let step = step(index, spec.iterations);
+            let halo = spec.halo(2 * step);
+            // Pixels of a layer count the iterations that they take part in.
+            let args = match spec.sparse {
+                true => [step, inverse_sigma2_bits(u32::MAX), BLIND_ITERATIONS],
+                false => [step, inverse_sigma2_bits(index), 0],
+            };
+            let uses = [Use::read(GUIDE).halo(halo), Use::read(source).halo(halo), Use::write(target)];
+            let pass = Pass::new(STAGE, view, CUT, Kernel::new("atrous")).index(index);
+            pass.uses(uses).args(args).chain(Chain::Planned)
+        };
+        (0..spec.iterations).map(iteration).collect()
+    }
+}

@@ -1,0 +1,96 @@
+//! `svgf`: light accumulated over frames, filtered by its own variance, then antialiased over frames.
+//!
+//! After Schied et al. 2017, "Spatiotemporal Variance-Guided Filtering".
+
+use super::{CUT, Denoise, Light};
+use crate::graph::{Chain, Image, Kernel, Pass, Resource, Stage, Use};
+use crate::passes::gbuffer::{ALBEDO, EMISSION, GUIDE, HIT, TALLY};
+use crate::passes::tonemap::{self, DISPLAY, LINEAR};
+use crate::passes::{FrameSpec, PREVIOUS_VIEWS};
+use crate::scene::rig::Eye;
+
+const STAGE: Stage = Stage("svgf");
+const VARIANCE: Stage = Stage("variance");
+
+/// Of the light accumulated over frames: mean and variance, how much of it there is, material.
+const MOMENTS: Resource = Resource::image("moments", 16);
+/// Accumulated light after the filter's first iteration.
+const HISTORY: Resource = Resource::image("history", 16);
+/// Antialiased over frames, scene-referred RGB.
+const RESOLVED: Resource = Resource::image("resolved", 16);
+
+/// Rows that the estimate of variance reads beyond its own: `REACH` in its shader.
+const VARIANCE_REACH_ROWS: u32 = 3;
+
+/// Rows that antialiasing reads beyond its own.
+const RESOLVE_REACH_ROWS: u32 = 1;
+
+/// Standard deviations by which the luminance of two pixels may differ.
+const SIGMA: f32 = 4.0;
+
+/// Distance between the taps of iteration `index`: it rises, so that the first one, which is kept for the next frame,
+/// blurs least.
+fn step(index: u32) -> u32 {
+    1 << index
+}
+
+pub struct Svgf;
+
+impl Denoise for Svgf {
+    /// What this frame saw, joined with what the frame before left. What the right eye never saw, the left may have.
+    fn before(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
+        let last = |resource| Use::read(resource).before(spec.history_halo());
+        let (traced, accumulated) = light.advance();
+        let pass = Pass::new(Stage("accumulate"), view, CUT, Kernel::new("accumulate")).uses([
+            Use::read(HIT),
+            Use::read(GUIDE),
+            Use::read(traced),
+            last(GUIDE),
+            last(MOMENTS),
+            last(HISTORY),
+            last(GUIDE).of(Eye::Left),
+            last(MOMENTS).of(Eye::Left),
+            last(HISTORY).of(Eye::Left),
+            Use::write(accumulated),
+            Use::write(MOMENTS),
+            Use::read(PREVIOUS_VIEWS),
+            Use::add(TALLY),
+        ]);
+        vec![pass]
+    }
+
+    fn filter(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
+        let link = |stage, kernel, reach_rows: u32, (source, target): (Image, Image)| {
+            let halo = spec.halo(reach_rows);
+            let uses = [Use::read(GUIDE).halo(halo), Use::read(source).halo(halo), Use::write(target)];
+            Pass::new(stage, view, CUT, kernel).uses(uses).chain(Chain::Planned)
+        };
+        let mut passes = vec![link(VARIANCE, Kernel::new("variance"), VARIANCE_REACH_ROWS, light.advance())];
+        for index in 0..spec.iterations {
+            let images = if index == 0 { light.advance_to(HISTORY.into()) } else { light.advance() };
+            let args = [step(index), (SIGMA * SIGMA).to_bits(), index];
+            passes.push(link(STAGE, Kernel::new("svgf"), step(index), images).index(index).args(args));
+        }
+        passes
+    }
+
+    /// Remodulation, also of the rows around a device's own, and antialiasing over frames.
+    fn finish(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
+        let (filtered, composed) = light.advance();
+        let compose = Pass::new(Stage("compose"), view, tonemap::CUT, Kernel::new("compose"))
+            .uses([Use::read(filtered), Use::read(ALBEDO), Use::read(EMISSION), Use::write(composed)])
+            .chain(Chain::Margin);
+        let resolve = Pass::new(Stage("resolve"), view, tonemap::CUT, Kernel::new("resolve"))
+            .uses([
+                Use::read(composed).halo(spec.halo(RESOLVE_REACH_ROWS)),
+                Use::read(RESOLVED).before(spec.history_halo()),
+                Use::write(RESOLVED),
+                Use::write(LINEAR),
+                Use::write(DISPLAY),
+                Use::read(PREVIOUS_VIEWS),
+                Use::add(TALLY),
+            ])
+            .chain(Chain::Margin);
+        vec![compose, resolve]
+    }
+}

@@ -1,0 +1,38 @@
+//! Primary visibility of one view.
+
+use super::{FrameSpec, Views};
+use crate::graph::{CutGroup, Kernel, Launch, Pass, Resource, Stage, Use};
+use crate::scene::rig::Eye;
+
+pub const STAGE: Stage = Stage("gbuffer");
+pub const CUT: CutGroup = CutGroup("gbuffer");
+
+/// Triangle, barycentrics, material and flags behind a pixel's centre.
+pub const HIT: Resource = Resource::image("hit", 16);
+/// Position and packed shading normal.
+pub const GUIDE: Resource = Resource::image("guide", 16);
+/// Albedo and roughness; where gloss is filtered apart, also the matte part of albedo.
+pub const ALBEDO: Resource = Resource::image("albedo", 16);
+/// Emitted radiance and depth.
+pub const EMISSION: Resource = Resource::image("emission", 16);
+/// Rays, dropped samples and hole reason, packed.
+pub const TALLY: Resource = Resource::image("tally", 4);
+
+/// Primary rays of one launch, a pixel.
+const RAYS_PER_LAUNCH: u32 = 64;
+
+/// In the shader.
+const UNSAMPLED_ONLY: u32 = 1;
+
+pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
+    // Path tracing brings means over the pixels that it samples; all others, and what is reprojected into, need them from
+    // here.
+    let reprojected = spec.views == Views::Reprojected && view == Eye::Right;
+    let third = if reprojected { 0 } else { UNSAMPLED_ONLY };
+    let means = Launch::Samples { most: RAYS_PER_LAUNCH, third, only_jittered: true };
+    let means = (reprojected || spec.sparse).then_some(means);
+    let images = [HIT, ALBEDO, EMISSION, TALLY, GUIDE];
+    Pass::new(STAGE, view, CUT, Kernel::with_scene("gbuffer"))
+        .uses(images.map(Use::write_then_read))
+        .launches(std::iter::once(Launch::Once([0; 3])).chain(means).collect())
+}

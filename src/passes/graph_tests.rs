@@ -1,0 +1,159 @@
+//! The graphs of the renderer's own passes.
+
+use std::collections::HashMap;
+
+use super::denoise::CUT;
+use super::tests::spec;
+use super::*;
+use crate::graph::{Assignment, FrameGraph, HaloPlan, Stripes, Task, TaskKind};
+
+/// The graph of a frame with the renderer's own passes.
+pub fn graph(spec: &FrameSpec, assignment: &Assignment, before: Option<&Assignment>) -> FrameGraph {
+    FrameGraph::build(&Declarations::default().program(spec), assignment, before)
+}
+
+/// Different stripes at every stage and view.
+fn ragged(devices: usize) -> Assignment {
+    let mut a = Assignment::uniform(Stripes::even(180, devices));
+    for (i, group) in cut_groups().into_iter().enumerate() {
+        for (j, view) in Eye::ALL.into_iter().enumerate() {
+            let weights: Vec<f64> = (0..devices).map(|d| 1.0 + ((d * 3 + i * 5 + j * 2) % 4) as f64).collect();
+            a.set(group, view, Stripes::from_weights(180, &weights).unwrap());
+        }
+    }
+    a
+}
+
+/// The same frame with a history, and who had which rows in the frame before.
+fn with_history(spec: FrameSpec, rows: u32) -> (FrameSpec, Assignment) {
+    let mut before = ragged(spec.devices);
+    before.set(CUT, Eye::Left, Stripes::even(180, spec.devices));
+    (FrameSpec { filter: Some(Denoiser::Svgf), history_rows: Some(rows), ..spec }, before)
+}
+
+/// Replays a graph in key order and checks that every read finds the newest version of its rows on its device.
+pub fn replay(graph: &FrameGraph, before: Option<&Assignment>) {
+    let program = &graph.program;
+    // Version number of each row on each device, and the newest there is.
+    let mut held: HashMap<(usize, Eye, usize, u32), u32> = HashMap::new();
+    let mut in_flight: HashMap<u32, Vec<(u32, u32)>> = HashMap::new();
+    let mut newest: HashMap<(usize, Eye), u32> = HashMap::new();
+    let last = program.images().iter().enumerate().filter(|(_, bound)| bound.is_before);
+    for ((image, bound), view) in last.flat_map(|last| Eye::ALL.map(|view| (last, view))) {
+        let (Some(before), Some(group)) = (before, program.writer(&bound.resource, view)) else { continue };
+        newest.insert((image, view), 1);
+        for (device, rows) in before.stripes(group, view).iter() {
+            held.extend(rows.map(|row| ((image, view, device, row), 1)));
+        }
+    }
+    for &node in graph.order() {
+        let task = &graph.dag[node];
+        match &task.kind {
+            TaskKind::Dispatch { pass, .. } => {
+                let linked = &program.passes()[*pass];
+                let uses = || linked.pass.uses.iter().zip(&linked.images);
+                for (used, &image) in uses().filter(|(u, _)| u.is_read()) {
+                    let view = linked.pass.eye_of(used);
+                    // A pass that writes in place may find that another device's rows have moved on already.
+                    let in_place = used.access.writes();
+                    let expect = newest.get(&(image, view)).copied().unwrap_or(0);
+                    for row in used.reach.rows(&task.rows, program.extent.height) {
+                        let has = held.get(&(image, view, task.device, row)).copied().unwrap_or(0);
+                        assert!(has == expect || (in_place && has > 0), "{task:?} lacks row {row} of {used:?}");
+                    }
+                }
+                for (_, &image) in uses().filter(|(u, _)| u.access.writes()) {
+                    newest.insert((image, task.view), task.key.pass + 2);
+                    held.extend(task.rows.clone().map(|row| ((image, task.view, task.device, row), task.key.pass + 2)));
+                }
+            }
+            TaskKind::Download { image, transfer, .. } => {
+                let rows = task.rows.clone().map(|r| (r, held[&(*image, task.view, task.device, r)])).collect();
+                in_flight.insert(*transfer, rows);
+            }
+            TaskKind::Upload { image, transfer } => {
+                for (row, version) in in_flight.remove(transfer).expect("downloaded before it is uploaded") {
+                    held.insert((*image, task.view, task.device, row), version);
+                }
+            }
+            TaskKind::Stitch => {
+                for (image, view) in program.outputs().flat_map(|image| Eye::ALL.map(|view| (image, view))) {
+                    for row in program.extent.rows() {
+                        let has = held.get(&(image, view, graph.primary, row));
+                        assert_eq!(has, newest.get(&(image, view)), "row {row} of the {view} eye");
+                    }
+                }
+            }
+        }
+    }
+    assert!(in_flight.is_empty());
+}
+
+#[test]
+fn every_read_finds_its_rows_on_its_device() {
+    let halos = HaloPlan::all(6).chain([HaloPlan::EXCHANGE]).map(Seam::Halo);
+    let seams: Vec<Seam> = [Seam::None, Seam::Filter].into_iter().chain(halos).collect();
+    for devices in 1..=5 {
+        for (i, &seam) in seams.iter().enumerate() {
+            for assignment in [Assignment::uniform(Stripes::even(180, devices)), ragged(devices)] {
+                let spec = FrameSpec { sparse: i % 2 == 1, ..spec(devices, seam) };
+                replay(&graph(&spec, &assignment, None), None);
+                let (spec, before) = with_history(spec, 12);
+                replay(&graph(&spec, &assignment, Some(&before)), Some(&before));
+            }
+        }
+    }
+}
+
+/// Checks that no edge leads back in the order that all devices keep to.
+pub fn check_order(graph: &FrameGraph) {
+    assert!(!petgraph::algo::is_cyclic_directed(&graph.dag));
+    for edge in graph.dag.edge_indices() {
+        let (a, b) = graph.dag.edge_endpoints(edge).unwrap();
+        assert!(graph.dag[a].key < graph.dag[b].key, "{:?} -> {:?}", graph.dag[a], graph.dag[b]);
+    }
+}
+
+#[test]
+fn every_edge_follows_the_common_order() {
+    for plan in HaloPlan::all(6) {
+        let spec = spec(4, Seam::Halo(plan));
+        check_order(&graph(&spec, &ragged(4), None));
+        let (spec, before) = with_history(spec, 12);
+        check_order(&graph(&spec, &ragged(4), Some(&before)));
+    }
+}
+
+#[test]
+fn equal_stripes_reproject_without_any_transfer() {
+    let spec = spec(3, Seam::None);
+    let built = graph(&spec, &Assignment::uniform(Stripes::even(180, 3)), None);
+    let final_pass = built.program.passes().len() as u32;
+    for task in built.dag.node_weights() {
+        if let TaskKind::Upload { .. } = task.kind {
+            assert_eq!(task.key.pass, final_pass, "only finished rows travel: {task:?}");
+        }
+    }
+}
+
+/// Still stripes exchange what motion can reach of what the frame before left, and nothing else of it.
+#[test]
+fn history_crosses_by_as_many_rows_as_it_may_have_moved() {
+    let stripes = Assignment::uniform(Stripes::even(180, 2));
+    let spec =
+        FrameSpec { filter: Some(Denoiser::Svgf), history_rows: Some(8), ..spec(2, Seam::Halo(HaloPlan::RECOMPUTE)) };
+    let built = graph(&spec, &stripes, Some(&stripes));
+    let mut rows: HashMap<_, u32> = HashMap::new();
+    for task in built.dag.node_weights() {
+        if let TaskKind::Download { image, .. } = task.kind {
+            *rows.entry(built.program.images()[image].name()).or_default() += task.rows.len() as u32;
+        }
+    }
+    for last in ["last_guide", "last_moments", "last_history", "last_resolved"] {
+        assert_eq!(rows.get(last), Some(&(2 * 2 * 8)), "{last}");
+    }
+    let new = graph(&FrameSpec { history_rows: None, ..spec }, &stripes, None);
+    let is_last =
+        |t: &&Task| matches!(t.kind, TaskKind::Download { image, .. } if new.program.images()[image].is_before);
+    assert_eq!(new.dag.node_weights().filter(is_last).count(), 0);
+}

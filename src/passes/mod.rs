@@ -1,0 +1,179 @@
+//! The passes of the renderer, each declared once, beside the name of its shader. Plain data: nothing here knows of wgpu.
+//!
+//! [`declare`] says which of them a frame has. A new pass is a module here, a shader and one line where it is chosen.
+
+mod aov;
+pub mod denoise;
+pub mod gbuffer;
+pub mod path_trace;
+mod reproject;
+mod select;
+mod spec;
+mod tally;
+pub mod tonemap;
+
+use std::fmt;
+use std::sync::Arc;
+
+pub use aov::{Aov, STAGE as AOV, image as aov_image};
+pub use reproject::HOLES;
+pub use spec::{FrameSpec, Views};
+pub use tally::{HoleReason, ROW_TALLY, RowTally};
+
+use crate::graph::{CutGroup, Pass, Program, ProgramError, Resource, Seam, Stage};
+use crate::image::Extent;
+use crate::quality::Denoiser;
+use crate::scene::rig::Eye;
+use denoise::Light;
+
+/// The eyes of the frame before, which the host sets.
+pub const PREVIOUS_VIEWS: Resource = Resource::constants("previous views", 128);
+
+/// The passes of a frame, and what it does not need.
+#[derive(Clone, Debug, Default)]
+pub struct Declared {
+    /// In an order that respects every dependency.
+    pub passes: Vec<Pass>,
+    /// Stages with nothing to do, and why.
+    pub left_out: Vec<(Stage, Eye, &'static str)>,
+}
+
+impl Declared {
+    pub fn add(&mut self, pass: Pass) {
+        self.passes.push(pass);
+    }
+
+    /// Adds a pass if there is anything to do for it.
+    pub fn add_if(&mut self, is_needed: bool, why_not: &'static str, pass: Pass) {
+        match is_needed {
+            true => self.passes.push(pass),
+            false => self.left_out.push((pass.stage, pass.view, why_not)),
+        }
+    }
+}
+
+/// The renderer's own passes of a frame.
+pub fn declare(spec: &FrameSpec) -> Declared {
+    let mut frame = Declared::default();
+    for view in Eye::ALL {
+        frame.add(gbuffer::pass(spec, view));
+        let is_traced = view == Eye::Left || spec.views == Views::Traced;
+        let surfaces = |frame: &mut Declared, is_needed: bool, why_not, pass| match spec.has_surfaces {
+            true => frame.add_if(is_needed, why_not, pass),
+            false => frame.add_if(false, "the scene has no surfaces", pass),
+        };
+        surfaces(&mut frame, is_traced && spec.sparse, "no pixel is left to the filter", select::pass(view));
+        surfaces(&mut frame, is_traced, "the right eye is reprojected", path_trace::pass(spec, view));
+        if view == Eye::Right {
+            surfaces(&mut frame, !is_traced, "both eyes are path traced", reproject::pass());
+            surfaces(&mut frame, !is_traced, "both eyes are path traced", path_trace::hole_fill());
+        }
+    }
+    let denoiser = denoise::of(spec.denoiser());
+    let mut views = Eye::ALL.map(|view| denoise::Denoised::new(&*denoiser, spec, view));
+    views.iter_mut().for_each(|view| frame.passes.append(&mut view.before));
+    let links = views[0].filter.len();
+    let runs = match spec.seam {
+        Seam::Halo(plan) if links > 0 => plan.runs(links),
+        _ => std::iter::once(0..links).collect(),
+    };
+    // The views take turns: while one's rows are on their way, the other is filtered.
+    for run in &runs {
+        for view in &mut views {
+            frame.passes.extend(view.filter.drain(..run.len()));
+            if run.end == links {
+                finish(spec, &*denoiser, view.view, &mut view.light, &mut frame);
+            }
+        }
+    }
+    frame
+}
+
+/// What follows the filter of a view.
+fn finish(spec: &FrameSpec, denoiser: &dyn denoise::Denoise, view: Eye, light: &mut Light, frame: &mut Declared) {
+    let has_seams = spec.denoiser().is_some() && spec.seam == Seam::Filter && spec.devices > 1;
+    let mut smoothed = *light;
+    frame.add_if(has_seams, "no seams are smoothed", denoise::seam_filter::pass(view, &mut smoothed));
+    if has_seams {
+        *light = smoothed;
+    }
+    frame.passes.extend(denoiser.finish(spec, view, light));
+    frame.add(tally::pass(view));
+    frame.passes.extend(spec.aovs.iter().enumerate().map(|(index, aov)| aov::pass(view, index as u8, *aov)));
+}
+
+/// Says which passes a frame has.
+#[derive(Clone)]
+pub struct Declarations(Arc<dyn Fn(&FrameSpec) -> Vec<Pass> + Send + Sync>);
+
+impl Default for Declarations {
+    /// The renderer's own.
+    fn default() -> Self {
+        Self::new(|spec| declare(spec).passes)
+    }
+}
+
+impl fmt::Debug for Declarations {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Declarations")
+    }
+}
+
+impl Declarations {
+    pub fn new(declare: impl Fn(&FrameSpec) -> Vec<Pass> + Send + Sync + 'static) -> Self {
+        Self(Arc::new(declare))
+    }
+
+    /// The program of a frame.
+    ///
+    /// # Errors
+    /// [`ProgramError`] where passes contradict one another.
+    pub fn check(&self, spec: &FrameSpec) -> Result<Program, ProgramError> {
+        Program::new(spec.extent, spec.seam, (self.0)(spec))
+    }
+
+    /// ... of declarations that were checked.
+    ///
+    /// # Panics
+    /// Where passes contradict one another.
+    pub fn program(&self, spec: &FrameSpec) -> Arc<Program> {
+        Arc::new(self.check(spec).unwrap_or_else(|e| panic!("passes contradict one another: {e}")))
+    }
+
+    /// Programs that between them have every pass and image of frames that differ in what may change between frames:
+    /// iterations up to those of `most`, history and seams.
+    pub fn programs(&self, most: &FrameSpec) -> Result<Vec<Program>, ProgramError> {
+        let with = |iterations| self.check(&FrameSpec { iterations, ..most.clone() });
+        (most.iterations.min(1)..=most.iterations).map(with).collect()
+    }
+}
+
+/// All groups of passes that are cut together, in order.
+pub fn cut_groups() -> Vec<CutGroup> {
+    let mut groups = Vec::new();
+    for filter in [None, Some(Denoiser::Atrous), Some(Denoiser::Svgf)] {
+        let spec = FrameSpec {
+            extent: Extent::new(1, 1),
+            devices: 1,
+            views: Views::Reprojected,
+            sparse: false,
+            filter,
+            iterations: 1,
+            history_rows: None,
+            seam: Seam::None,
+            aovs: Vec::new(),
+            has_surfaces: true,
+        };
+        for pass in declare(&spec).passes {
+            if !groups.contains(&pass.cut_group) {
+                groups.push(pass.cut_group);
+            }
+        }
+    }
+    groups
+}
+
+#[cfg(test)]
+pub(crate) mod graph_tests;
+#[cfg(test)]
+pub(crate) mod tests;

@@ -1,0 +1,24 @@
+//! Spatial reprojection of the left eye into the right, and the list of holes.
+
+use super::gbuffer::{GUIDE, HIT, TALLY};
+use super::path_trace::RADIANCE;
+use crate::graph::{CutGroup, Kernel, Pass, Resource, Stage, Use};
+use crate::scene::rig::Eye;
+
+pub const CUT: CutGroup = CutGroup("reproject");
+
+/// Pixels to trace.
+pub const HOLES: Resource = Resource::list("holes");
+
+pub fn pass() -> Pass {
+    Pass::new(Stage("reproject"), Eye::Right, CUT, Kernel::new("reproject")).uses([
+        Use::read(HIT).of(Eye::Left),
+        Use::read(GUIDE).of(Eye::Left),
+        Use::read(RADIANCE).of(Eye::Left),
+        Use::read(HIT),
+        Use::read(GUIDE),
+        Use::write(RADIANCE),
+        Use::update(TALLY),
+        Use::write_then_read(HOLES).cleared(),
+    ])
+}

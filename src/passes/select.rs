@@ -1,0 +1,17 @@
+//! The list of pixels that path tracing takes where others are left to the filter.
+
+use super::gbuffer::{GUIDE, HIT, TALLY};
+use super::path_trace::{CUT, RADIANCE};
+use super::reproject::HOLES;
+use crate::graph::{Kernel, Pass, Stage, Use};
+use crate::scene::rig::Eye;
+
+pub fn pass(view: Eye) -> Pass {
+    Pass::new(Stage("select"), view, CUT, Kernel::new("select")).uses([
+        Use::read(HIT),
+        Use::read(GUIDE),
+        Use::write(RADIANCE),
+        Use::update(TALLY),
+        Use::write_then_read(HOLES).cleared(),
+    ])
+}

@@ -1,0 +1,87 @@
+use super::*;
+use crate::graph::HaloPlan;
+
+/// A frame of 64x180 with à-trous, reprojection and an auxiliary image.
+pub fn spec(devices: usize, seam: Seam) -> FrameSpec {
+    FrameSpec {
+        extent: Extent::new(64, 180),
+        devices,
+        views: Views::Reprojected,
+        sparse: false,
+        filter: Some(Denoiser::Atrous),
+        iterations: 5,
+        history_rows: None,
+        seam,
+        aovs: vec![Aov::Albedo],
+        has_surfaces: true,
+    }
+}
+
+/// Frames that between them have every pass.
+pub fn all_specs() -> Vec<FrameSpec> {
+    let mut specs = Vec::new();
+    for filter in Denoiser::CHOICES {
+        for views in [Views::Reprojected, Views::Traced] {
+            for (sparse, seam) in [(false, Seam::Halo(HaloPlan::EXCHANGE)), (true, Seam::Filter), (true, Seam::None)] {
+                for history_rows in [None, Some(4)] {
+                    specs.push(FrameSpec { filter, views, sparse, history_rows, ..spec(2, seam) });
+                }
+            }
+        }
+    }
+    specs
+}
+
+fn stages(spec: &FrameSpec) -> Vec<&'static str> {
+    Declarations::default().program(spec).stages().into_iter().map(Stage::name).collect()
+}
+
+/// What is bound where does not depend on the frame: pipelines are made once.
+#[test]
+fn a_kernel_always_binds_alike() {
+    let mut bound: Vec<(&str, Vec<_>)> = Vec::new();
+    for pass in all_specs().iter().flat_map(|spec| declare(spec).passes) {
+        let layout: Vec<_> = pass.uses.iter().map(|u| (u.image.resource.format, u.access.writes())).collect();
+        match bound.iter().find(|(kernel, _)| *kernel == pass.kernel.name) {
+            Some((kernel, known)) => assert_eq!(*known, layout, "{kernel}"),
+            None => bound.push((pass.kernel.name, layout)),
+        }
+    }
+}
+
+#[test]
+fn what_a_frame_does_not_need_is_left_out_and_said_why() {
+    let full = spec(2, Seam::Filter);
+    assert!(stages(&full).contains(&"seam_filter"));
+    assert!(!stages(&FrameSpec { devices: 1, ..full.clone() }).contains(&"seam_filter"));
+    let traced = FrameSpec { views: Views::Traced, iterations: 0, aovs: Vec::new(), ..full.clone() };
+    assert_eq!(stages(&traced), ["gbuffer", "path_trace", "tonemap", "tally"]);
+    let sparse = FrameSpec { sparse: true, ..traced.clone() };
+    assert_eq!(stages(&sparse), ["gbuffer", "select", "path_trace", "tonemap", "tally"]);
+    let empty = FrameSpec { has_surfaces: false, aovs: Vec::new(), ..full };
+    assert_eq!(stages(&empty), ["gbuffer", "tonemap", "tally"]);
+    let why = declare(&empty).left_out;
+    assert!(why.contains(&(path_trace::STAGE, Eye::Left, "the scene has no surfaces")), "{why:?}");
+}
+
+#[test]
+fn groups_are_those_that_can_be_named() {
+    let names: Vec<&str> = cut_groups().iter().map(|g| g.0).collect();
+    assert_eq!(names, ["gbuffer", "path_trace", "reproject", "tonemap", "atrous"]);
+}
+
+/// Tracing ends everywhere before a filter reads its neighbours' rows, so that the two are cut apart.
+#[test]
+fn tracing_and_filter_are_cut_apart() {
+    let sets = |spec: &FrameSpec| {
+        let names = |set: &Vec<CutGroup>| set.iter().map(|g| g.0).collect::<Vec<_>>();
+        Declarations::default().program(spec).cut_sets().iter().map(names).collect::<Vec<_>>()
+    };
+    let halo = Seam::Halo(HaloPlan::RECOMPUTE);
+    let cut = [vec!["gbuffer", "path_trace", "reproject"], vec!["atrous", "tonemap"]];
+    for filter in [Denoiser::Atrous, Denoiser::Svgf] {
+        assert_eq!(sets(&FrameSpec { filter: Some(filter), ..spec(2, halo) }), cut);
+    }
+    let one = [vec!["gbuffer", "path_trace", "reproject", "tonemap"]];
+    assert_eq!(sets(&FrameSpec { filter: None, ..spec(2, halo) }), one);
+}

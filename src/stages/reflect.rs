@@ -1,0 +1,117 @@
+//! Whether a shader does what its pass declares, by reflection: both ways.
+
+use wgpu::naga::front::wgsl::parse_str;
+use wgpu::naga::valid::{Capabilities, GlobalUse, ValidationFlags, Validator};
+use wgpu::naga::{AddressSpace, GlobalVariable, Handle, Module, StorageAccess, TypeInner};
+
+use super::compile::text;
+use crate::graph::{Access, Format, Pass, Use};
+
+/// How a shader differs from the declaration of its pass.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Mismatch {
+    #[error("the shader is not valid: {0}")]
+    Invalid(String),
+    #[error("the shader has no entry point main")]
+    NoMain,
+    #[error("binding {0} of the shader is not declared")]
+    Undeclared(u32),
+    #[error("{0} is declared and not used")]
+    Unused(&'static str),
+    #[error("{0} is declared as read and is written")]
+    Written(&'static str),
+    #[error("{0} is declared as written and is not")]
+    Unwritten(&'static str),
+    #[error("{0} is declared as written alone and is read")]
+    Read(&'static str),
+    #[error("{0} is declared as read and written, and is not read")]
+    Unread(&'static str),
+    #[error("{0} is declared with elements of {1} bytes, the shader's have {2}")]
+    Format(&'static str, u32, u32),
+    #[error("workgroups are declared as {0:?}, the shader's are {1:?}")]
+    Workgroup([u32; 3], [u32; 3]),
+    #[error("the scene is declared as read: {0}, the shader reads it: {1}")]
+    Scene(bool, bool),
+}
+
+/// Holds a pass against its shader.
+///
+/// # Errors
+/// The first [`Mismatch`].
+pub fn verify(pass: &Pass) -> Result<(), Mismatch> {
+    let source = text(&pass.kernel);
+    let module = parse_str(&source).map_err(|e| Mismatch::Invalid(e.emit_to_string(&source)))?;
+    let info = Validator::new(ValidationFlags::all(), Capabilities::all())
+        .validate(&module)
+        .map_err(|e| Mismatch::Invalid(e.emit_to_string(&source)))?;
+    let main = module.entry_points.iter().position(|e| e.name == "main").ok_or(Mismatch::NoMain)?;
+    let workgroup = module.entry_points[main].workgroup_size;
+    if workgroup != pass.kernel.workgroup {
+        return Err(Mismatch::Workgroup(pass.kernel.workgroup, workgroup));
+    }
+    let flags = |handle: Handle<GlobalVariable>| info.get_entry_point(main)[handle];
+    let bound = |group, binding| {
+        let is = |v: &GlobalVariable| v.binding.is_some_and(|b| (b.group, b.binding) == (group, binding));
+        module.global_variables.iter().find(move |(_, v)| is(v))
+    };
+    let of_group = |group| {
+        let of = module.global_variables.iter().filter_map(move |(h, v)| Some((h, v.binding?)));
+        of.filter(move |(_, b)| b.group == group).map(|(h, b)| (h, b.binding))
+    };
+    let reads_scene = of_group(0).any(|(handle, binding)| binding > 0 && !flags(handle).is_empty());
+    if reads_scene != pass.kernel.reads_scene {
+        return Err(Mismatch::Scene(pass.kernel.reads_scene, reads_scene));
+    }
+    if let Some((_, binding)) = of_group(1).find(|(_, binding)| *binding as usize >= pass.uses.len()) {
+        return Err(Mismatch::Undeclared(binding));
+    }
+    for (binding, used) in pass.uses.iter().enumerate() {
+        let name = used.image.resource.name;
+        let (handle, variable) = bound(1, binding as u32).ok_or(Mismatch::Unused(name))?;
+        check_access(used, variable, flags(handle))?;
+        check_format(used, &module, variable)?;
+    }
+    Ok(())
+}
+
+fn check_access(used: &Use, variable: &GlobalVariable, flags: GlobalUse) -> Result<(), Mismatch> {
+    let name = used.image.resource.name;
+    let touched = flags - GlobalUse::QUERY;
+    if touched.is_empty() {
+        return Err(Mismatch::Unused(name));
+    }
+    let is_atomic = touched.contains(GlobalUse::ATOMIC);
+    let (reads, writes) =
+        (is_atomic || touched.contains(GlobalUse::READ), is_atomic || touched.contains(GlobalUse::WRITE));
+    let may_write = match variable.space {
+        AddressSpace::Storage { access } => access.contains(StorageAccess::STORE),
+        _ => false,
+    };
+    match used.access {
+        Access::Read if writes || may_write => Err(Mismatch::Written(name)),
+        Access::Read => Ok(()),
+        _ if !writes => Err(Mismatch::Unwritten(name)),
+        Access::Write if reads => Err(Mismatch::Read(name)),
+        Access::Write => Ok(()),
+        _ if !reads => Err(Mismatch::Unread(name)),
+        _ => Ok(()),
+    }
+}
+
+fn check_format(used: &Use, module: &Module, variable: &GlobalVariable) -> Result<(), Mismatch> {
+    let declared = match used.image.resource.format {
+        Format::Texels(bytes) | Format::Uniform(bytes) => bytes,
+        Format::List => 4,
+    };
+    let found = match (&module.types[variable.ty].inner, used.image.resource.format) {
+        (TypeInner::Array { stride, .. }, Format::Texels(_) | Format::List) => *stride,
+        (TypeInner::Struct { span, .. }, Format::Uniform(_)) => *span,
+        _ => 0,
+    };
+    // A texel may be several elements.
+    let fits = match used.image.resource.format {
+        Format::Texels(_) => found > 0 && declared.is_multiple_of(found),
+        Format::List | Format::Uniform(_) => found == declared,
+    };
+    if fits { Ok(()) } else { Err(Mismatch::Format(used.image.resource.name, declared, found)) }
+}
