@@ -16,6 +16,7 @@ mod export;
 mod failure;
 mod faults;
 mod foveation;
+mod graph;
 mod interrupt;
 mod manual;
 mod options;
@@ -67,6 +68,8 @@ enum Command {
     Compare(compare::Args),
     /// Check a trace-file and sum it up: busy, transfer, idle per device, critical path; or compare two
     Trace(trace::Args),
+    /// Print the passes of a frame, what they read and write, and what crosses between devices
+    Graph(graph::Args),
     /// List adapters and drivers, their limits, and what each lacks
     Devices(devices::Args),
     /// List the built-in scenes
@@ -113,6 +116,7 @@ pub fn run() -> ExitCode {
         Command::Bench(args) => bench::run(&args),
         Command::Compare(args) => compare::run(&args),
         Command::Trace(args) => trace::run(&args),
+        Command::Graph(args) => graph::run(&args),
         Command::Devices(args) => devices::run(&args),
         Command::Scenes(args) => scenes::run(&args),
         Command::Shot(args) => shot::run(&args),

@@ -101,6 +101,18 @@ pub fn varying_renderer(
 ) -> Result<Renderer, Failure> {
     let policy = policy(options, gpus.len())?;
     let injected = options.faults.injected(gpus.len())?;
+    let settings = render_settings(options, loaded, mixes_spp);
+    let _span = tracing::info_span!("start renderer").entered();
+    let mut renderer = Renderer::new(gpus, Arc::clone(&loaded.tables), settings, policy, origin)?;
+    renderer.set_injected_faults(injected);
+    if let Some(limit) = options.faults.watchdog() {
+        renderer.set_watchdog(limit);
+    }
+    Ok(renderer)
+}
+
+/// What the options ask of all frames.
+pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool) -> RenderSettings {
     let stages = StageSettings {
         extent: options.size,
         needs: if options.no_skip { SceneNeeds { gloss: loaded.needs.gloss, ..SceneNeeds::ALL } } else { loaded.needs },
@@ -117,7 +129,7 @@ pub fn varying_renderer(
         frames_in_flight: usize::from(options.frames_in_flight),
         checks: options.shader_checks,
     };
-    let settings = RenderSettings {
+    RenderSettings {
         stages,
         seam: options.seam(),
         adapts_halo: options.halo == HaloOption::Cost,
@@ -126,14 +138,7 @@ pub fn varying_renderer(
         scale: options.scale,
         indirect_clamp: options.clamp.unwrap_or(0.0),
         exposure_ev: loaded.shot.exposure_ev,
-    };
-    let _span = tracing::info_span!("start renderer").entered();
-    let mut renderer = Renderer::new(gpus, Arc::clone(&loaded.tables), settings, policy, origin)?;
-    renderer.set_injected_faults(injected);
-    if let Some(limit) = options.faults.watchdog() {
-        renderer.set_watchdog(limit);
     }
-    Ok(renderer)
 }
 
 /// What follows the gaze, if anything does.

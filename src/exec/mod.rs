@@ -25,6 +25,7 @@ pub use renderer::Renderer;
 pub use report::{FrameReport, RightEye, Stereo, Tally, TaskTiming, TimedTask};
 
 use crate::graph::Seam;
+use crate::passes::{FrameSpec, Views};
 use crate::stages::{StageError, StageSettings};
 
 #[derive(Debug, thiserror::Error)]
@@ -60,4 +61,23 @@ pub struct RenderSettings {
     /// Upper bound of indirect radiance; 0: none.
     pub indirect_clamp: f32,
     pub exposure_ev: f32,
+}
+
+impl RenderSettings {
+    /// What frames must do on so many devices, with a history; `has_surfaces`: of the scene, whether anything reflects.
+    pub fn spec(&self, devices: usize, has_surfaces: bool) -> FrameSpec {
+        let stages = &self.stages;
+        FrameSpec {
+            extent: stages.extent,
+            devices,
+            views: if stages.reproject { Views::Reprojected } else { Views::Traced },
+            filter: stages.filter,
+            sparse: stages.leaves_pixels(),
+            iterations: stages.iterations,
+            history_rows: stages.keeps_history().then_some(0),
+            seam: self.seam,
+            aovs: stages.aovs.clone(),
+            has_surfaces,
+        }
+    }
 }

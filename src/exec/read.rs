@@ -1,12 +1,13 @@
 //! Images of the last whole frame, read from the primary.
 
 use std::borrow::Cow;
+use std::sync::Arc;
 
 use bytemuck::Pod;
 
 use super::messages::Pixels;
 use super::{ExecError, Renderer, Stereo};
-use crate::graph::Resource;
+use crate::graph::{FrameGraph, Resource};
 use crate::image::{Image, RgbImage};
 use crate::passes::tonemap::{DISPLAY, LINEAR};
 use crate::passes::{Aov, aov_image};
@@ -25,6 +26,21 @@ impl Renderer {
                 Err(failure) => self.make_again(failure)?,
             }
         }
+    }
+
+    /// What the last frame left in an output of its passes: the bytes of each eye's image, row after row.
+    ///
+    /// # Errors
+    /// Those of [`Self::read_linear`]; also [`ExecError::NoFrame`] for what is no output of the frame.
+    pub fn read_output(&mut self, image: Resource) -> Result<Stereo<Vec<u8>>, ExecError> {
+        let is_output = |(_, graph): &(_, Arc<FrameGraph>)| {
+            graph.program.outputs().any(|number| graph.program.images()[number].resource == image)
+        };
+        if !self.planned.as_ref().is_some_and(is_output) {
+            return Err(ExecError::NoFrame);
+        }
+        let [left, right] = self.read(image)?.into_owned();
+        Ok(Stereo { left, right })
     }
 
     /// The last frame, scene-referred.

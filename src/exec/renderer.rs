@@ -12,7 +12,6 @@ use super::worker_pool::WorkerPool;
 use super::{ExecError, Fault, FrameReport, InjectedFaults, Quality, RenderSettings, costs};
 use crate::device::{DeviceFailure, DeviceInfo, GpuDevice};
 use crate::graph::{FrameGraph, Resource};
-use crate::passes::{FrameSpec, Views};
 use crate::scene::rig::Rig;
 use crate::scene::shot::Gaze;
 use crate::schedule::{CostModel, FrameCosts, Policy, simulate};
@@ -50,18 +49,7 @@ impl Renderer {
         origin: Instant,
     ) -> Result<Self, ExecError> {
         let stages = &settings.stages;
-        let spec = FrameSpec {
-            extent: stages.extent,
-            devices: gpus.len(),
-            views: if stages.reproject { Views::Reprojected } else { Views::Traced },
-            filter: stages.filter,
-            sparse: stages.leaves_pixels(),
-            iterations: stages.iterations,
-            history_rows: stages.keeps_history().then_some(0),
-            seam: settings.seam,
-            aovs: stages.aovs.clone(),
-            has_surfaces: tables.has_surfaces(),
-        };
+        let spec = settings.spec(gpus.len(), tables.has_surfaces());
         let frames_in_flight = stages.frames_in_flight;
         let graphs = Graphs::new(spec.clone(), stages.declarations.clone(), frames_in_flight + 1);
         let graphs = Arc::new(graphs.map_err(StageError::Program)?);

@@ -11,6 +11,7 @@ pub mod peres;
 pub mod pictures;
 pub mod play;
 pub mod plot;
+pub mod program;
 pub mod run;
 pub mod scale;
 #[cfg(test)]

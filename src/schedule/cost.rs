@@ -4,15 +4,18 @@
 //! one; others count rows. A device's own time per unit is learned from its own stripes, so devices of
 //! unequal speed need no description.
 
+mod stripes;
+
 use std::borrow::Cow;
 use std::ops::Range;
 use std::sync::Arc;
 
 use super::effort::Effort;
 use super::learned::{Line, Mean};
-use crate::graph::{CutGroup, Pass, Program, Seam, Stage, Work};
+use crate::graph::{Pass, Program, Seam, Stage, Work};
 use crate::passes::{Declarations, FrameSpec};
 use crate::scene::rig::Eye;
+pub use stripes::StripeCosts;
 
 /// What one task of a stage cost one device in a frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -77,6 +80,12 @@ struct StageOfView {
     stage: Stage,
     view: Eye,
     work: Work,
+}
+
+impl StageOfView {
+    fn unit(self) -> (Work, Eye) {
+        (self.work, self.view)
+    }
 }
 
 /// One device's own times.
@@ -197,7 +206,7 @@ impl CostModel {
             let Some(number) = self.number_of(cost.stage, cost.view) else { continue };
             let (ms, units) = &mut sums[cost.device * self.stages.len() + number];
             *ms += cost.busy_ms;
-            *units += self.units(self.stages[number], &cost.rows) * costs.effort.of(cost.stage);
+            *units += self.units(self.stages[number].unit(), &cost.rows) * costs.effort.of(cost.stage);
         }
         for (device, sums) in self.devices.iter_mut().zip(sums.chunks(self.stages.len().max(1))) {
             device.ms_per_unit.iter_mut().zip(sums).for_each(|(mean, (ms, units))| mean.learn(ms / units));
@@ -278,12 +287,12 @@ impl CostModel {
         self.known_mean(of).unwrap_or(0.0)
     }
 
-    fn units(&self, stage: StageOfView, rows: &Range<u32>) -> f64 {
-        match stage.work {
+    fn units(&self, (work, view): (Work, Eye), rows: &Range<u32>) -> f64 {
+        match work {
             Work::Once => 1.0,
             Work::Rows => f64::from(rows.end - rows.start),
             Work::Rays => {
-                let above = &self.rays_above[stage.view as usize];
+                let above = &self.rays_above[view as usize];
                 above[rows.end as usize] - above[rows.start as usize]
             }
         }
@@ -299,7 +308,7 @@ impl CostModel {
     /// Predicted time of a pass on these rows.
     pub fn pass_ms(&self, pass: &Pass, device: usize, rows: &Range<u32>) -> f64 {
         let number = self.number_of(pass.stage, pass.view);
-        number.map_or(0.0, |n| self.ms_per_unit(n, device) * self.units(self.stages[n], rows))
+        number.map_or(0.0, |n| self.ms_per_unit(n, device) * self.units(self.stages[n].unit(), rows))
     }
 
     /// Predicted host time to take rows off a device.
@@ -332,27 +341,6 @@ impl CostModel {
     pub fn tail_ms(&self) -> f64 {
         self.tail.value().unwrap_or(0.0)
     }
-
-    /// Costs of stripes that take all passes of these groups, on both views.
-    pub fn stripes_of(&self, groups: &[CutGroup]) -> StripeCosts<'_> {
-        let mut parts: Vec<Part> = Vec::new();
-        for linked in self.program.passes().iter().filter(|p| groups.contains(&p.pass.cut_group)) {
-            let Some(number) = self.number_of(linked.pass.stage, linked.pass.view) else { continue };
-            let (stage, margin_rows) = (self.stages[number], linked.margin_rows);
-            // Rays are counted by view.
-            let unit = StageOfView {
-                stage: Stage(""),
-                view: if stage.work == Work::Rays { stage.view } else { Eye::Left },
-                ..stage
-            };
-            let ms = (0..self.spec.devices).map(|d| self.ms_per_unit(number, d));
-            match parts.iter_mut().find(|p| p.unit == unit && p.margin_rows == margin_rows) {
-                Some(part) => part.ms_per_unit.iter_mut().zip(ms).for_each(|(sum, ms)| *sum += ms),
-                None => parts.push(Part { unit, margin_rows, ms_per_unit: ms.collect() }),
-            }
-        }
-        StripeCosts { model: self, parts }
-    }
 }
 
 /// Prefix sums of a frame's rays beyond those of the G-buffer, one a pixel, over their effort.
@@ -361,51 +349,5 @@ fn sum_rows(above: &mut [f64], rays: &[u32], width: u32, effort: f64) {
     for (entry, &rays) in above[1..].iter_mut().zip(rays) {
         sum += f64::from(rays.saturating_sub(width)) / effort + f64::from(width) * RAYS_PER_IDLE_PIXEL;
         *entry = sum;
-    }
-}
-
-/// Predicted costs of stripes of some stages together.
-pub struct StripeCosts<'a> {
-    model: &'a CostModel,
-    parts: Vec<Part>,
-}
-
-/// Passes that count the same unit on the same margin.
-struct Part {
-    unit: StageOfView,
-    margin_rows: u32,
-    /// Per device.
-    ms_per_unit: Vec<f64>,
-}
-
-impl StripeCosts<'_> {
-    pub fn devices(&self) -> usize {
-        self.model.spec.devices
-    }
-
-    pub fn height(&self) -> u32 {
-        self.model.spec.extent.height
-    }
-
-    /// Time that a device takes for a stripe, with the margins it computes beside its own rows.
-    pub fn ms(&self, device: usize, rows: &Range<u32>) -> f64 {
-        self.sum(device, rows, true)
-    }
-
-    /// ... without margins: what a part of a larger stripe adds to it.
-    pub fn own_ms(&self, device: usize, rows: &Range<u32>) -> f64 {
-        self.sum(device, rows, false)
-    }
-
-    fn sum(&self, device: usize, rows: &Range<u32>, with_margins: bool) -> f64 {
-        if rows.is_empty() {
-            return 0.0;
-        }
-        let part_ms = |part: &Part| {
-            let margin = if with_margins { part.margin_rows } else { 0 };
-            let rows = rows.start.saturating_sub(margin)..(rows.end + margin).min(self.height());
-            part.ms_per_unit[device] * self.model.units(part.unit, &rows)
-        };
-        self.parts.iter().map(part_ms).sum()
     }
 }

@@ -115,3 +115,6 @@ fn check_format(used: &Use, module: &Module, variable: &GlobalVariable) -> Resul
     };
     if fits { Ok(()) } else { Err(Mismatch::Format(used.image.resource.name, declared, found)) }
 }
+
+#[cfg(test)]
+mod tests;

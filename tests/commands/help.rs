@@ -4,7 +4,7 @@ use serde_json::Value;
 
 use crate::common::diptych;
 
-const COMMANDS: [&str; 13] = [
+const COMMANDS: [&str; 14] = [
     "render",
     "play",
     "view",
@@ -12,6 +12,7 @@ const COMMANDS: [&str; 13] = [
     "bench",
     "compare",
     "trace",
+    "graph",
     "devices",
     "scenes",
     "shot",

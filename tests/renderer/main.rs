@@ -9,6 +9,7 @@ mod foveation;
 mod gbuffer;
 mod instances;
 mod lights;
+mod passes;
 #[path = "../reference/mod.rs"]
 mod reference;
 mod same_bytes;

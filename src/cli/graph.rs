@@ -1,0 +1,63 @@
+//! `diptych graph`.
+
+use std::io::Write;
+use std::path::PathBuf;
+
+use diptych::graph::FrameGraph;
+use diptych::image::file::atomic_write;
+use diptych::passes::{FrameSpec, declare};
+use diptych::report::program::{dot, left_out_table, passes_table, transfers_table};
+use diptych::schedule::CostModel;
+
+use super::failure::Failure;
+use super::options::{self, RenderOptions};
+use super::setup;
+
+#[derive(clap::Args, Clone, Debug)]
+pub struct Args {
+    #[command(flatten)]
+    options: RenderOptions,
+    /// Devices that the frame is shared out among; none is opened
+    #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
+    virtual_devices: u16,
+    /// Write the tasks of each device, with their stripes and transfers, for Graphviz
+    #[arg(long, value_name = "FILE", help_heading = options::OUTPUT)]
+    dot: Option<PathBuf>,
+}
+
+/// Rows that surfaces may have moved since the frame before, in the frame that is shown: the fewest that are asked for.
+const HISTORY_ROWS: u32 = 4;
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let Args { options, virtual_devices, dot: file } = args;
+    options.check().map_err(Failure::Input)?;
+    let devices = usize::from(*virtual_devices);
+    let loaded = setup::load(options)?;
+    let settings = setup::render_settings(options, &loaded, false);
+    let spec = settings.spec(devices, loaded.tables.has_surfaces());
+    let spec = FrameSpec { history_rows: spec.history_rows.map(|_| HISTORY_ROWS), ..spec };
+    let model = CostModel::new(&spec, &settings.stages.declarations);
+    let assignment = setup::policy(options, devices)?.assign(&model);
+    let graph = FrameGraph::build(model.program(), &assignment, spec.history_rows.map(|_| &assignment));
+    say!("{}", passes_table(&graph.program).text());
+    let left_out = left_out_table(&declare(&spec).left_out);
+    if !left_out.rows.is_empty() {
+        say!("{}", left_out.text());
+    }
+    let transfers = transfers_table(&graph);
+    if !transfers.rows.is_empty() {
+        say!("{}", transfers.text());
+    }
+    let passes = graph.dag.node_weights().filter(|t| graph.pass(t).is_some()).count();
+    let bytes: u64 = graph.dag.node_weights().map(|t| graph.bytes(t)).sum::<u64>() / 2;
+    say!(
+        "{} tasks on {devices} device(s), {passes} of them passes; {:.2} MiB cross between devices",
+        graph.dag.node_count(),
+        bytes as f64 / f64::from(1 << 20)
+    );
+    if let Some(file) = file {
+        atomic_write(file, |out| out.write_all(dot(&graph).as_bytes()))?;
+        say!("{}", file.display());
+    }
+    Ok(())
+}

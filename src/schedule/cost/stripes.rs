@@ -1,0 +1,72 @@
+//! What stripes cost whose passes are cut together.
+
+use std::ops::Range;
+
+use super::CostModel;
+use crate::graph::{CutGroup, Work};
+use crate::scene::rig::Eye;
+
+impl CostModel {
+    /// Costs of stripes that take all passes of these groups, on both views.
+    pub fn stripes_of(&self, groups: &[CutGroup]) -> StripeCosts<'_> {
+        let mut parts: Vec<Part> = Vec::new();
+        for linked in self.program.passes().iter().filter(|p| groups.contains(&p.pass.cut_group)) {
+            let Some(number) = self.number_of(linked.pass.stage, linked.pass.view) else { continue };
+            let (work, margin_rows) = (linked.pass.work, linked.margin_rows);
+            // Rays alone are counted by view.
+            let unit = (work, if work == Work::Rays { linked.pass.view } else { Eye::Left });
+            let ms = (0..self.spec.devices).map(|d| self.ms_per_unit(number, d));
+            match parts.iter_mut().find(|p| p.unit == unit && p.margin_rows == margin_rows) {
+                Some(part) => part.ms_per_unit.iter_mut().zip(ms).for_each(|(sum, ms)| *sum += ms),
+                None => parts.push(Part { unit, margin_rows, ms_per_unit: ms.collect() }),
+            }
+        }
+        StripeCosts { model: self, parts }
+    }
+}
+
+/// Predicted costs of stripes of some stages together.
+pub struct StripeCosts<'a> {
+    model: &'a CostModel,
+    parts: Vec<Part>,
+}
+
+/// Passes that count the same unit on the same margin.
+struct Part {
+    unit: (Work, Eye),
+    margin_rows: u32,
+    /// Per device.
+    ms_per_unit: Vec<f64>,
+}
+
+impl StripeCosts<'_> {
+    pub fn devices(&self) -> usize {
+        self.model.spec.devices
+    }
+
+    pub fn height(&self) -> u32 {
+        self.model.spec.extent.height
+    }
+
+    /// Time that a device takes for a stripe, with the margins it computes beside its own rows.
+    pub fn ms(&self, device: usize, rows: &Range<u32>) -> f64 {
+        self.sum(device, rows, true)
+    }
+
+    /// ... without margins: what a part of a larger stripe adds to it.
+    pub fn own_ms(&self, device: usize, rows: &Range<u32>) -> f64 {
+        self.sum(device, rows, false)
+    }
+
+    fn sum(&self, device: usize, rows: &Range<u32>, with_margins: bool) -> f64 {
+        if rows.is_empty() {
+            return 0.0;
+        }
+        let part_ms = |part: &Part| {
+            let margin = if with_margins { part.margin_rows } else { 0 };
+            let rows = rows.start.saturating_sub(margin)..(rows.end + margin).min(self.height());
+            part.ms_per_unit[device] * self.model.units(part.unit, &rows)
+        };
+        self.parts.iter().map(part_ms).sum()
+    }
+}
