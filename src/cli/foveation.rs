@@ -4,19 +4,29 @@ use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Quality};
 use diptych::scene::shot::Gaze;
 use diptych::stages::Foveation;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+use super::options::DenoiserChoice;
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum FoveationMode {
     /// Every pixel alike
+    #[default]
     None,
     /// Three layers around the gaze, fewer samples and more filtering outwards
     Layers,
 }
 
-#[derive(Args, Clone, Debug)]
+impl FoveationMode {
+    /// Radii of the layers, if there are any.
+    pub fn radii(self) -> Option<[f64; 2]> {
+        (self == Self::Layers).then_some(Foveation::RADII)
+    }
+}
+
+#[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = super::options::QUALITY)]
 pub struct FoveationOptions {
     /// What follows the gaze
@@ -27,20 +37,16 @@ pub struct FoveationOptions {
     #[arg(long, value_name = "X,Y")]
     pub gaze: Option<GazeOption>,
     /// Iterations of the denoiser; with layers of the inner, middle and outer one [default: 5; 2,3,5 with layers]
-    #[arg(long, value_name = "M[,N,P]")]
-    pub iterations: Option<Iterations>,
+    #[arg(long, value_name = "M[,N,P]", value_parser = iterations)]
+    pub iterations: Option<[u32; 3]>,
 }
 
 impl FoveationOptions {
-    /// Every pixel alike, with this many iterations.
-    pub fn none(iterations: u32) -> Self {
-        Self { foveation: FoveationMode::None, gaze: None, iterations: Some(Iterations::All(iterations)) }
-    }
-
-    /// Layers with at most this many iterations.
-    pub fn layers(iterations: u32) -> Self {
-        let layers = LAYER_ITERATIONS.map(|most| most.min(iterations));
-        Self { foveation: FoveationMode::Layers, gaze: None, iterations: Some(Iterations::Layers(layers)) }
+    /// Those of one frame of this quality; its layers, if it has any, have no more iterations than Peres's.
+    pub fn for_quality(quality: &Quality) -> Self {
+        let foveation = if quality.fovea.is_some() { FoveationMode::Layers } else { FoveationMode::None };
+        let limits = Self { foveation, ..Self::default() };
+        Self { iterations: Some(limits.limit(quality).iterations), ..limits }
     }
 
     pub fn is_on(&self) -> bool {
@@ -49,12 +55,17 @@ impl FoveationOptions {
 
     /// Iterations of the inner, middle and outer layer.
     pub fn layer_iterations(&self) -> [u32; 3] {
-        match (&self.iterations, self.foveation) {
-            (Some(Iterations::All(all)), _) => [*all; 3],
-            (Some(Iterations::Layers(layers)), _) => *layers,
-            (None, FoveationMode::None) => [Denoiser::DEFAULT_ITERATIONS; 3],
-            (None, FoveationMode::Layers) => LAYER_ITERATIONS,
-        }
+        self.iterations.unwrap_or(if self.is_on() { LAYER_ITERATIONS } else { [Denoiser::DEFAULT_ITERATIONS; 3] })
+    }
+
+    /// The quality with at most these iterations; without layers, all of it may have those of the layer with most.
+    pub fn limit(&self, quality: &Quality) -> Quality {
+        let limits = match (quality.fovea, self.iterations) {
+            (Some(_), _) => self.layer_iterations(),
+            (None, Some([inner, middle, outer])) => [inner.max(middle).max(outer); 3],
+            (None, None) => return *quality,
+        };
+        Quality { iterations: limits.map(|limit| limit.min(quality.most_iterations())), ..*quality }
     }
 
     /// Foveation with these iterations, if it is asked for.
@@ -67,15 +78,25 @@ impl FoveationOptions {
     }
 
     /// What clap cannot see.
-    pub fn check(&self) -> Result<(), anyhow::Error> {
+    pub fn check(&self, denoiser: DenoiserChoice) -> Result<(), anyhow::Error> {
         let is_on = self.is_on();
+        refuse_iterations(denoiser.is_none() && self.iterations.is_some_and(|layers| layers != [0; 3]))?;
         anyhow::ensure!(is_on || self.gaze.is_none(), "--gaze is for --foveation layers");
         anyhow::ensure!(
-            is_on || !matches!(self.iterations, Some(Iterations::Layers(_))),
+            is_on || self.iterations.is_none_or(|[inner, middle, outer]| inner == middle && middle == outer),
             "--iterations M,N,P is for --foveation layers: give one number"
         );
         Ok(())
     }
+}
+
+/// Refuses `--iterations`, where they are for nothing.
+pub fn refuse_iterations(are_for_nothing: bool) -> Result<(), anyhow::Error> {
+    anyhow::ensure!(
+        !are_for_nothing,
+        "--iterations are of a denoiser, and there is none: leave them out, or choose another --denoiser than none"
+    );
+    Ok(())
 }
 
 /// Of Peres, section 6: the configuration with three layers.
@@ -97,21 +118,11 @@ impl FromStr for GazeOption {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Iterations {
-    All(u32),
-    Layers([u32; 3]),
-}
-
-impl FromStr for Iterations {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match numbers(text, |n: &u32| *n <= Denoiser::MAX_ITERATIONS).as_deref() {
-            Some(&[all]) => Ok(Self::All(all)),
-            Some(&[inner, middle, outer]) => Ok(Self::Layers([inner, middle, outer])),
-            _ => Err(format!("give one or three numbers from 0 to {}", Denoiser::MAX_ITERATIONS)),
-        }
+fn iterations(text: &str) -> Result<[u32; 3], String> {
+    match numbers(text, |n: &u32| *n <= Denoiser::MAX_ITERATIONS).as_deref() {
+        Some(&[all]) => Ok([all; 3]),
+        Some(&[inner, middle, outer]) => Ok([inner, middle, outer]),
+        _ => Err(format!("give one or three numbers from 0 to {}", Denoiser::MAX_ITERATIONS)),
     }
 }
 
@@ -131,17 +142,20 @@ pub enum Preset {
 }
 
 impl Preset {
+    /// In the order of [`diptych::report::peres::CONFIGURATIONS`].
+    pub const ALL: [Self; 3] = [Self::Base, Self::Nh2ld, Self::Nh3ld];
+    /// Samples per pixel, where all pixels are sampled.
     pub const SPP: u32 = 4;
 
     pub fn foveation(self) -> FoveationMode {
         if self == Self::Base { FoveationMode::None } else { FoveationMode::Layers }
     }
 
-    pub fn iterations(self) -> Iterations {
+    pub fn iterations(self) -> [u32; 3] {
         match self {
-            Self::Base => Iterations::All(5),
-            Self::Nh2ld => Iterations::Layers([3, 5, 5]),
-            Self::Nh3ld => Iterations::Layers(LAYER_ITERATIONS),
+            Self::Base => [Denoiser::DEFAULT_ITERATIONS; 3],
+            Self::Nh2ld => [3, 5, 5],
+            Self::Nh3ld => LAYER_ITERATIONS,
         }
     }
 }

@@ -103,10 +103,15 @@ impl Plan {
             let what = anyhow::anyhow!("--clamp is biased, --reference is not: leave one out");
             return Err(Failure::Input(what));
         }
-        let foveated = FoveationOptions::none(0);
         let run = RunOptions { reproject: Switch::Off, ..options.run.clone() };
-        let unbiased =
-            RenderOptions { run, foveated, scale: 1.0, denoiser: None, spp: passes.pass_spp, ..options.clone() };
+        let unbiased = RenderOptions {
+            run,
+            foveated: FoveationOptions::default(),
+            scale: 1.0,
+            denoiser: None,
+            spp: passes.pass_spp,
+            ..options.clone()
+        };
         let PassOptions { time_limit, passes_out, .. } = passes;
         Ok(Self { options: unbiased, spp: options.spp, time_limit, folder: passes_out })
     }

@@ -254,7 +254,7 @@ impl Found {
     fn add(&mut self, args: &Args, loaded: &Loaded, measured: Measured) -> Result<CostModel, Failure> {
         let Measured { row, mut renderer, warm_up_s, frames } = measured;
         let options = &args.options;
-        let quality = setup::frame_settings(options);
+        let quality = options.quality();
         let row_of = |f: &FrameReport| {
             let row = FrameRow::new(f, &quality, &loaded.shot.rig, args.time_s(f.index));
             FrameRow { index: f.index - args.warm_up, ..row }

@@ -124,7 +124,7 @@ impl Ladder {
         let worst = all.iter().map(|p| p.1).fold(0.0, f64::max);
         let mut denoisers: BTreeMap<Option<Denoiser>, Vec<Rung>> = BTreeMap::new();
         for rung in measured {
-            denoisers.entry(rung.knobs.denoiser).or_default().push(rung.clone());
+            denoisers.entry(rung.quality.denoiser).or_default().push(rung.clone());
         }
         let mut ladders: Vec<(f64, Self)> = Vec::new();
         for own in denoisers.into_values() {
@@ -185,9 +185,9 @@ impl Ladder {
     pub fn denoisers(&self) -> Vec<(Option<Denoiser>, usize)> {
         let mut counts: Vec<(Option<Denoiser>, usize)> = Vec::new();
         for rung in &self.rungs {
-            match counts.iter_mut().find(|(denoiser, _)| *denoiser == rung.knobs.denoiser) {
+            match counts.iter_mut().find(|(denoiser, _)| *denoiser == rung.quality.denoiser) {
                 Some((_, count)) => *count += 1,
-                None => counts.push((rung.knobs.denoiser, 1)),
+                None => counts.push((rung.quality.denoiser, 1)),
             }
         }
         counts

@@ -17,4 +17,4 @@ pub use builtin::{BOUNCES, ESTIMATES_EV, TRACING, candidates, efforts, guessed_e
 pub use controller::{CLIMB_BACK_AFTER, CLIMB_EVERY, Controller, Decision, Predict};
 pub use front::{front, mean_error};
 pub use ladder::{Ladder, LadderError, MIN_STEP, Origin, STEEPEST};
-pub use rung::{Knobs, Measure, Rung, SCALES};
+pub use rung::{Measure, Rung};

@@ -17,7 +17,7 @@ mod watchdog;
 mod worker;
 
 pub use faults::{Fault, InjectedKind, Injection, Trouble};
-pub use quality::{Foresight, Quality};
+pub use quality::Foresight;
 pub use renderer::Renderer;
 use report::resource_name;
 pub use report::{FrameReport, RightEye, Stereo, Tally, TaskTiming, TimedTask};

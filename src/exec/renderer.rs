@@ -13,13 +13,14 @@ use super::messages::{Answer, FrameJob, Order, Parcel, Pixels, Stop};
 use super::post::Post;
 use super::watchdog::Watchdog;
 use super::worker::Worker;
-use super::{ExecError, Fault, FrameReport, Injection, Quality, RenderSettings, Tally, Trouble, costs};
+use super::{ExecError, Fault, FrameReport, Injection, RenderSettings, Tally, Trouble, costs, quality};
 use crate::device::{DeviceFailure, DeviceInfo, GpuDevice};
 use crate::graph::{Assignment, FrameGraph, FrameSpec, PhysicalImage, Seam, Stage, Views, passes};
 use crate::image::Extent;
+use crate::quality::Quality;
 use crate::scene::rig::{Eye, Rig};
 use crate::scene::shot::Gaze;
-use crate::schedule::{CostModel, FrameCosts, Policy, choose_halo, simulate};
+use crate::schedule::{CostModel, Effort, FrameCosts, Policy, choose_halo, simulate};
 use crate::stages::{Foveation, Place, SceneTables, layout};
 
 /// Renders frames on a set of devices.
@@ -28,6 +29,8 @@ pub struct Renderer {
     pub(super) spec: FrameSpec,
     /// Of the frames that are begun.
     pub(super) quality: Quality,
+    /// What stages of that quality cost, held against other qualities.
+    pub(super) effort: Effort,
     tables: Arc<SceneTables>,
     policy: Box<dyn Policy>,
     pub(super) costs: CostModel,
@@ -55,6 +58,7 @@ pub struct Renderer {
 pub(super) struct Inputs {
     constants: layout::Frame,
     quality: Quality,
+    effort: Effort,
     /// The eyes of the frame before.
     previous: [layout::View; 2],
     place: Place,
@@ -142,7 +146,8 @@ impl Renderer {
         let crew = Crew::start(workers, replies, outboxes)?;
         Ok(Self {
             costs: CostModel::new(&spec),
-            quality: Quality::of(&settings),
+            quality: quality::of(&settings),
+            effort: Effort::default(),
             settings,
             spec,
             tables,
@@ -259,7 +264,8 @@ impl Renderer {
         let previous = self.last.as_ref().map_or(constants.views, |l| l.constants.views);
         let place = Place::of(self.begun, slots);
         self.begun += 1;
-        let inputs = Inputs { constants, quality: self.quality.clone(), previous, place, reads: reads.into() };
+        let (quality, effort) = (self.quality, self.effort.clone());
+        let inputs = Inputs { constants, quality, effort, previous, place, reads: reads.into() };
         self.last = Some(inputs.clone());
         self.hand_out(inputs, None);
         Ok(())
@@ -329,7 +335,7 @@ impl Renderer {
         let is_lost = again.is_some() | std::mem::take(&mut self.begins_anew);
         let history_rows = if is_lost { None } else { self.history_rows(&inputs) };
         inputs.constants.history_rows = history_rows.unwrap_or(layout::NO_HISTORY);
-        let (plan, graph) = self.plan(&inputs.quality, history_rows);
+        let (plan, graph) = self.plan(&inputs, history_rows);
         let known = self.costs.has_learned() && !overlapped;
         let predicted = known.then(|| simulate(&graph, &self.costs).ok()).flatten();
         let report = FrameReport {
@@ -386,10 +392,10 @@ impl Renderer {
     }
 
     /// Stripes and graph of the next frame; the graph is built anew only when something of its plan has changed.
-    fn plan(&mut self, quality: &Quality, history_rows: Option<u32>) -> (Plan, Arc<FrameGraph>) {
+    fn plan(&mut self, inputs: &Inputs, history_rows: Option<u32>) -> (Plan, Arc<FrameGraph>) {
         let left = self.crew.left();
-        self.spec.iterations = quality.iterations();
-        self.costs.set_quality(self.spec.iterations, &quality.effort);
+        self.spec.iterations = inputs.quality.most_iterations();
+        self.costs.set_quality(self.spec.iterations, &inputs.effort);
         self.plan_halo(&left);
         let assignment = self.policy.assign(&self.costs.of_devices(&left)).renumbered(&left, self.devices.len());
         let before = self.planned.take();
@@ -472,7 +478,7 @@ impl Renderer {
         }
         report.tasks.sort_by(|a, b| a.device.cmp(&b.device).then(a.begin_ms.total_cmp(&b.begin_ms)));
         let begun_ms = (!report.overlapped && frame.attempts == 1).then_some(report.begin_ms);
-        let effort = frame.inputs.quality.effort.clone();
+        let effort = frame.inputs.effort.clone();
         self.costs.learn(&FrameCosts { effort, ..costs::frame_costs(report, self.devices.len(), begun_ms) });
         if frame.attempts == 1 {
             let makespan_ms = report.makespan_ms;
@@ -529,7 +535,7 @@ impl Renderer {
             spp,
             sample_base: samples.start,
             reflections: self.quality.bounces.max(1),
-            layer_iterations: self.quality.layer_iterations,
+            layer_iterations: self.quality.iterations,
             indirect_clamp: self.settings.indirect_clamp,
             exposure: self.settings.exposure_ev.exp2(),
             history_rows: layout::NO_HISTORY,

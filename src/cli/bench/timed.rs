@@ -74,7 +74,7 @@ impl Timed<'_> {
                 // Each setting's frames get numbers of their own in the trace.
                 let report = FrameReport { index: number * FRAMES_MAX + i, ..report };
                 tracing.record(options, &report);
-                let row = FrameRow::new(&report, &setup::frame_settings(options), &loaded.shot.rig, options.time);
+                let row = FrameRow::new(&report, &options.quality(), &loaded.shot.rig, options.time);
                 let row = FrameRow { index: i - args.warm_up, ..row };
                 frames.push(TimedFrame { report, row, linear: renderer.read_linear()? });
             }
