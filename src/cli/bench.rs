@@ -26,7 +26,7 @@ use diptych::report::peers::Peers;
 use diptych::report::run::RunReport;
 
 use super::failure::Failure;
-use super::foveation::{FoveationMode, refuse_iterations};
+use super::foveation::{FoveationMode, FoveationOptions};
 use super::interrupt;
 use super::options::{self, DenoiserChoice, RunOptions, Switch, render_scale};
 use super::output;
@@ -119,8 +119,7 @@ impl Args {
         let ladder = Ladder::read(path).context("cannot use --ladder").map_err(Failure::Input)?;
         let qualities: Vec<Quality> = ladder.rungs().iter().map(|r| r.quality).collect();
         if let Some((i, other)) = qualities.iter().enumerate().find(|(_, quality)| !grid::is_of_options(quality)) {
-            let (path, number) = (path.display(), i + 1);
-            let what = format!("--ladder {path}: no options stand for rung {number}, {other}");
+            let what = format!("--ladder {}: no options stand for rung {}, {other}", path.display(), i + 1);
             return Err(Failure::Input(anyhow::anyhow!(what)));
         }
         Ok(qualities)
@@ -128,8 +127,9 @@ impl Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let are_filtered = args.denoisers().iter().any(Option::is_some);
-    refuse_iterations(!are_filtered && !args.iterations.is_empty()).map_err(Failure::Input)?;
+    let iterations = args.iterations.first().map(|n| [*n; 3]);
+    let foveated = FoveationOptions { iterations, ..FoveationOptions::default() };
+    foveated.check(args.denoisers().into_iter().flatten().next()).map_err(Failure::Input)?;
     if args.seams.is_wanted() {
         return seams::run(args);
     }

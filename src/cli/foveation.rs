@@ -68,19 +68,22 @@ impl FoveationOptions {
         Quality { iterations: limits.map(|limit| limit.min(quality.most_iterations())), ..*quality }
     }
 
-    /// Foveation with these iterations, if it is asked for.
-    pub fn of(&self, shot: &Gaze, iterations: [u32; 3]) -> Option<Foveation> {
+    /// Foveation, if it is asked for.
+    pub fn of(&self, shot: &Gaze) -> Option<Foveation> {
         let gaze = match self.gaze {
             None => [shot.clone(), shot.clone()],
             Some(GazeOption(eyes)) => eyes.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] }),
         };
-        self.is_on().then(|| Foveation::new(gaze, iterations))
+        self.is_on().then(|| Foveation::new(gaze, self.layer_iterations()))
     }
 
     /// What clap cannot see.
     pub fn check(&self, denoiser: DenoiserChoice) -> Result<(), anyhow::Error> {
         let is_on = self.is_on();
-        refuse_iterations(denoiser.is_none() && self.iterations.is_some_and(|layers| layers != [0; 3]))?;
+        anyhow::ensure!(
+            denoiser.is_some() || self.iterations.is_none_or(|layers| layers == [0; 3]),
+            "--iterations are of a denoiser, and there is none: leave them out, or choose another --denoiser than none"
+        );
         anyhow::ensure!(is_on || self.gaze.is_none(), "--gaze is for --foveation layers");
         anyhow::ensure!(
             is_on || self.iterations.is_none_or(|[inner, middle, outer]| inner == middle && middle == outer),
@@ -88,15 +91,6 @@ impl FoveationOptions {
         );
         Ok(())
     }
-}
-
-/// Refuses `--iterations`, where they are for nothing.
-pub fn refuse_iterations(are_for_nothing: bool) -> Result<(), anyhow::Error> {
-    anyhow::ensure!(
-        !are_for_nothing,
-        "--iterations are of a denoiser, and there is none: leave them out, or choose another --denoiser than none"
-    );
-    Ok(())
 }
 
 /// Of Peres, section 6: the configuration with three layers.
@@ -130,7 +124,7 @@ fn numbers<T: FromStr>(text: &str, is_allowed: fn(&T) -> bool) -> Option<Vec<T>>
     text.split(',').map(|n| n.trim().parse().ok().filter(is_allowed)).collect()
 }
 
-/// The configurations of Peres, section 6.
+/// The configurations of Peres, section 6, in the order of [`diptych::report::peres::CONFIGURATIONS`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Preset {
     /// Every pixel alike: 4 samples, 5 iterations
@@ -142,20 +136,15 @@ pub enum Preset {
 }
 
 impl Preset {
-    /// In the order of [`diptych::report::peres::CONFIGURATIONS`].
-    pub const ALL: [Self; 3] = [Self::Base, Self::Nh2ld, Self::Nh3ld];
     /// Samples per pixel, where all pixels are sampled.
     pub const SPP: u32 = 4;
 
-    pub fn foveation(self) -> FoveationMode {
-        if self == Self::Base { FoveationMode::None } else { FoveationMode::Layers }
-    }
-
-    pub fn iterations(self) -> [u32; 3] {
+    /// Whether there are layers, and iterations of the inner, middle and outer one.
+    pub fn layers(self) -> (FoveationMode, [u32; 3]) {
         match self {
-            Self::Base => [Denoiser::DEFAULT_ITERATIONS; 3],
-            Self::Nh2ld => [3, 5, 5],
-            Self::Nh3ld => LAYER_ITERATIONS,
+            Self::Base => (FoveationMode::None, [Denoiser::DEFAULT_ITERATIONS; 3]),
+            Self::Nh2ld => (FoveationMode::Layers, [3, 5, 5]),
+            Self::Nh3ld => (FoveationMode::Layers, LAYER_ITERATIONS),
         }
     }
 }

@@ -214,9 +214,8 @@ impl Deref for RenderOptions {
 }
 
 pub fn render_scale(text: &str) -> Result<f64, String> {
-    let scales = Quality::SCALES;
-    let scale = text.parse().ok().filter(|scale| scales.contains(scale));
-    scale.ok_or_else(|| format!("give a number from {} to {}", scales.start(), scales.end()))
+    let scale = text.parse().ok().filter(|scale| Quality::SCALES.contains(scale));
+    scale.ok_or_else(|| format!("give a number from {} to {}", Quality::SCALES.start(), Quality::SCALES.end()))
 }
 
 /// Most samples of one frame; beyond, they are taken in passes.
@@ -233,15 +232,10 @@ impl RenderOptions {
 
     /// What every frame is rendered with: without iterations there is no denoiser.
     pub fn quality(&self) -> Quality {
-        let iterations = self.denoiser.map_or([0; 3], |_| self.foveated.layer_iterations());
-        Quality {
-            spp: self.spp,
-            bounces: self.bounces,
-            denoiser: self.denoiser.filter(|_| iterations != [0; 3]),
-            iterations,
-            fovea: self.foveated.foveation.radii(),
-            scale: self.scale,
-        }
+        let Self { spp, bounces, denoiser, ref foveated, scale, .. } = *self;
+        let iterations = denoiser.map_or([0; 3], |_| foveated.layer_iterations());
+        let denoiser = denoiser.filter(|_| iterations != [0; 3]);
+        Quality { spp, bounces, denoiser, iterations, fovea: foveated.foveation.radii(), scale }
     }
 
     /// The auxiliary images asked for, each once.

@@ -195,7 +195,7 @@ impl Plan {
         let (mut report, mut number, mut preview) = (None, 0, Ok(()));
         let done = accumulate(renderer, &job, begun, |pass| {
             // Passes get numbers of their own in the trace.
-            tracing.record(&self.options, &FrameReport { index: number, ..pass.report.clone() });
+            tracing.record(&self.options.quality(), None, &FrameReport { index: number, ..pass.report.clone() });
             number += 1;
             fold(&mut report, pass.report);
             progress.pass(pass.accumulation.samples(), pass.elapsed_s, pass.left_s);

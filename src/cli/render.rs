@@ -71,8 +71,8 @@ impl Args {
         let mut args = self.clone();
         if let Some(preset) = self.preset {
             args.options.spp = Preset::SPP;
-            args.options.foveated.foveation = preset.foveation();
-            args.options.foveated.iterations = Some(preset.iterations());
+            let (foveation, iterations) = preset.layers();
+            (args.options.foveated.foveation, args.options.foveated.iterations) = (foveation, Some(iterations));
         }
         args
     }
@@ -181,11 +181,11 @@ impl Run<'_> {
             if options.frames_in_flight > 1 {
                 self.begin_frames()?;
             }
-            self.tracing.record(options, &frame);
+            self.tracing.record(&options.quality(), None, &frame);
             if self.args.overlay {
                 images.overlay(frame.stripe_edges());
-                if let Some(foveation) = setup::foveation(options, self.loaded) {
-                    images.overlay_layers(&foveation, time_s);
+                if let Some(foveation) = self.renderer.foveation() {
+                    images.overlay_layers(foveation, time_s);
                 }
             }
             let tags = output::tags(self.loaded, options.size, time_s, frame.index);

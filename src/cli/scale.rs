@@ -185,7 +185,7 @@ impl Measuring<'_> {
             if timed.contains(&frame.index) {
                 // Each count's frames get numbers of their own in the trace.
                 let shown = FrameReport { index: frame.index + devices as u32 * 1_000_000, ..frame.clone() };
-                tracing.record(options, &shown);
+                tracing.record(&options.quality(), None, &shown);
                 frames.push(frame);
             }
         }

@@ -12,7 +12,7 @@ use diptych::scene::needs::SceneNeeds;
 use diptych::scene::rig::Rig;
 use diptych::scene::shot::Shot;
 use diptych::schedule::{Even, Heft, Measured, Policy, Static};
-use diptych::stages::{Foveation, SceneTables, StageSettings};
+use diptych::stages::{SceneTables, StageSettings};
 use diptych::trace::frames::{FrameControl, record_frame};
 use diptych::trace::{Recorder, TraceFile};
 
@@ -111,7 +111,7 @@ pub fn varying_renderer(
         iterations: quality.most_iterations(),
         reproject: options.reprojects(),
         sparse: options.scale < 1.0,
-        foveation: foveation(options, loaded),
+        foveation: options.foveated.of(&loaded.shot.gaze),
         aovs: options.aovs(),
         frames_in_flight: usize::from(options.frames_in_flight),
         checks: options.shader_checks,
@@ -135,11 +135,6 @@ pub fn varying_renderer(
     Ok(renderer)
 }
 
-/// What follows the gaze, if anything does.
-pub fn foveation(options: &RenderOptions, loaded: &Loaded) -> Option<Foveation> {
-    options.foveated.of(&loaded.shot.gaze, options.quality().iterations)
-}
-
 /// The trace-file of a run and the zero of its times.
 pub struct Tracing {
     file: Option<TraceFile>,
@@ -153,12 +148,8 @@ impl Tracing {
         Ok(Self { file, recorder })
     }
 
-    pub fn record(&self, options: &RenderOptions, frame: &FrameReport) {
-        record_frame(&self.recorder, frame, &options.quality(), None);
-    }
-
-    pub fn record_controlled(&self, quality: &Quality, control: FrameControl, frame: &FrameReport) {
-        record_frame(&self.recorder, frame, quality, Some(control));
+    pub fn record(&self, quality: &Quality, control: Option<FrameControl>, frame: &FrameReport) {
+        record_frame(&self.recorder, frame, quality, control);
     }
 
     pub fn finish(self) -> Result<(), Failure> {

@@ -74,6 +74,11 @@ pub fn guessed_paths(quality: &Quality) -> f64 {
     f64::from(quality.spp) * sampled_share(quality) * f64::from(1 + quality.bounces.clamp(1, 4))
 }
 
+/// What tracing costs at a quality, before anything was timed.
+pub fn guessed_effort(quality: &Quality) -> Effort {
+    Effort::new([Stage::PathTrace, Stage::HoleFill].map(|stage| (stage, guessed_paths(quality))))
+}
+
 /// What tracing costs on each rung: from the rungs' own times if all have them, else guessed. Efforts of paths are the
 /// same for a rung whatever the others are, so that what was learned with one choice of rungs holds for another.
 pub fn efforts(rungs: &[Rung]) -> Vec<Effort> {
@@ -85,13 +90,9 @@ pub fn efforts(rungs: &[Rung]) -> Vec<Effort> {
         let unit = if stage == Stage::Gbuffer { ms(first)? } else { 1.0 };
         Some((stage, ms(rung)? / unit))
     };
-    let guessed = |rung: &Rung| {
-        let paths = guessed_paths(&rung.quality);
-        Effort::new([(Stage::PathTrace, paths), (Stage::HoleFill, paths)])
-    };
     let of = |rung: &Rung| match are_timed {
         true => Effort::new(TRACING.into_iter().filter_map(|stage| measured(rung, stage))),
-        false => guessed(rung),
+        false => guessed_effort(&rung.quality),
     };
     rungs.iter().map(of).collect()
 }

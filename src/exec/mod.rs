@@ -53,7 +53,7 @@ pub struct RenderSettings {
     pub seed: u32,
     /// Light reaches the eye through at most max(bounces, 1) reflections.
     pub bounces: u32,
-    /// Of the image's edges, as in [`Quality::scale`].
+    /// Of the image's edges, as in [`crate::quality::Quality::scale`].
     pub scale: f64,
     /// Upper bound of indirect radiance; 0: none.
     pub indirect_clamp: f32,

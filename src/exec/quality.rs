@@ -11,15 +11,10 @@ use crate::schedule::{CostModel, Effort, simulate};
 /// The quality of every frame, as long as nothing else is said.
 pub(super) fn of(settings: &RenderSettings) -> Quality {
     let stages = &settings.stages;
+    let (spp, bounces, denoiser, scale) = (stages.spp, settings.bounces, denoiser(settings), settings.scale);
     let layers = stages.foveation.as_ref().map_or([stages.iterations; 3], |f| f.iterations);
-    Quality {
-        spp: stages.spp,
-        bounces: settings.bounces,
-        denoiser: denoiser(settings),
-        iterations: layers.map(|n| n.min(stages.iterations)),
-        fovea: stages.foveation.as_ref().map(|f| f.radii),
-        scale: settings.scale,
-    }
+    let iterations = layers.map(|n| n.min(stages.iterations));
+    Quality { spp, bounces, denoiser, iterations, fovea: stages.foveation.as_ref().map(|f| f.radii), scale }
 }
 
 fn denoiser(settings: &RenderSettings) -> Option<Denoiser> {

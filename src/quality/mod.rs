@@ -2,7 +2,7 @@
 
 mod denoiser;
 
-use std::fmt;
+use std::fmt::{self, Display};
 use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -59,7 +59,7 @@ impl Quality {
     }
 }
 
-impl fmt::Display for Quality {
+impl Display for Quality {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { spp, bounces, denoiser, scale, .. } = *self;
         write!(f, "{} x{}, {bounces} bounces, {spp} spp", Denoiser::name_of(denoiser), self.most_iterations())?;
@@ -105,7 +105,7 @@ impl From<&Quality> for FrameQuality {
     }
 }
 
-impl fmt::Display for FrameQuality {
+impl Display for FrameQuality {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { spp, bounces, iterations, scale, fovea } = *self;
         let layers = layers_name(fovea);
@@ -118,11 +118,7 @@ fn layers_name(fovea: Option<[f64; 2]>) -> String {
 }
 
 /// Whether a value is in its range; else its name and what it is.
-pub(crate) fn within<T: PartialOrd + fmt::Display>(
-    name: &str,
-    value: T,
-    range: RangeInclusive<T>,
-) -> Result<(), String> {
+pub(crate) fn within<T: PartialOrd + Display>(name: &str, value: T, range: RangeInclusive<T>) -> Result<(), String> {
     if range.contains(&value) { Ok(()) } else { Err(format!("{name} {value} is out of range")) }
 }
 

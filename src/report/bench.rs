@@ -167,11 +167,6 @@ impl Row {
         Self { quality, measured, on_front: false }
     }
 
-    /// The setting in words.
-    pub fn name(&self) -> String {
-        self.quality.to_string()
-    }
-
     pub fn rung(&self) -> Rung {
         let Measured { time_ms, stage_ms, .. } = &self.measured;
         let [flip, flicker, relmse] = ["flip", FLICKER, "relmse"].map(|name| Some(self.measured.error(name)));
@@ -314,6 +309,8 @@ mod tests {
 
     /// A setting whose repeats have these RMSE in the left eye, and twice that in the right.
     pub(super) fn row(denoiser: &str, spp: u32, time_ms: f64, rmse: &[f64]) -> Row {
+        let denoiser = Denoiser::from_name(denoiser).unwrap();
+        let quality = Quality { spp, bounces: 6, denoiser, iterations: [0; 3], fovea: None, scale: 1.0 };
         let black = RgbImage::filled(Extent::new(12, 12), [0.0; 3]);
         let viewing = Viewing { gaze: [0.5; 2], yfov_deg: 70.0 };
         let flat = |v: f64| {
@@ -323,17 +320,11 @@ mod tests {
         let repeat = |v: &f64| Repeat {
             stage_ms: [("atrous".to_owned(), time_ms / 4.0)].into(),
             errors: Stereo { left: flat(*v), right: flat(2.0 * v) },
-            line: FrameLine {
-                makespan_ms: time_ms,
-                quality: FrameQuality { spp, ..Default::default() },
-                ..Default::default()
-            },
+            line: FrameLine { makespan_ms: time_ms, quality: FrameQuality::from(&quality), ..FrameLine::default() },
         };
         let repeats: Vec<Repeat> = rmse.iter().map(repeat).collect();
         let black = || Pair::new(&black, &black, 0.0).unwrap();
         let change = black().change_at_rest(&black()).unwrap();
-        let denoiser = Denoiser::from_name(denoiser).unwrap();
-        let quality = Quality { spp, bounces: 6, denoiser, iterations: [0; 3], fovea: None, scale: 1.0 };
         Row::new(quality, Measured::of(&repeats, Stereo { left: change, right: change }))
     }
 

@@ -4,6 +4,7 @@
 use std::path::Path;
 
 use crate::common::diptych;
+use diptych::quality::FrameQuality;
 use diptych::report::play::SETTLING_FRAMES;
 use serde_json::Value;
 
@@ -58,12 +59,9 @@ fn a_run_tells_all_of_every_frame() {
     assert_eq!(text.matches("estimated = true").count(), ladder.rungs().len());
     for (i, (row, event)) in rows.iter().zip(told).enumerate() {
         let rung = &ladder.rungs()[row["rung"].as_u64().unwrap() as usize];
-        let knobs = [
-            ("spp", rung.quality.spp),
-            ("bounces", rung.quality.bounces),
-            ("iterations", rung.quality.most_iterations()),
-        ];
-        assert!(knobs.iter().all(|(name, value)| row[name] == *value && event[name] == *value), "{row}");
+        let FrameQuality { spp, bounces, iterations, .. } = (&rung.quality).into();
+        let numbers = [("spp", spp), ("bounces", bounces), ("iterations", iterations)];
+        assert!(numbers.iter().all(|(name, value)| row[name] == *value && event[name] == *value), "{row}");
         for name in ["index", "rung", "makespan_ms", "expected_ms", "late_ms", "fits", "in_band"] {
             assert!(row[name] == event[name] && !row[name].is_null(), "frame {i}: {name} is {}", row[name]);
         }

@@ -200,7 +200,11 @@ impl<'a> Grid<'a> {
             ahead.frame(setting, frame.makespan_ms);
             if i >= warm_up {
                 // Each setting's frames get numbers of their own in the trace.
-                tracing.record(&options, &FrameReport { index: number * FRAMES_MAX + i, ..frame.clone() });
+                tracing.record(
+                    &options.quality(),
+                    None,
+                    &FrameReport { index: number * FRAMES_MAX + i, ..frame.clone() },
+                );
                 let image = renderer.read_linear()?;
                 let pairs = [
                     Pair::new(&reference.images.left, &image.left, *exposure_ev)?,

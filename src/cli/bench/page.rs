@@ -92,7 +92,7 @@ impl Page<'_> {
         let rows = places.into_iter().filter_map(|(which, place)| Some((which, *front.get(place)?)));
         let seen = rows.map(|(which, row)| {
             let (frame, linear) = grid.show(&row.quality)?;
-            Ok(Seen { name: format!("{which}: {}", row.name()), linear, frame })
+            Ok(Seen { name: format!("{which}: {}", row.quality), linear, frame })
         });
         seen.collect()
     }

@@ -1,6 +1,7 @@
 //! `diptych bench --preset peres`: the experiments of Peres 2022, chapter 6, on our scenes.
 
 use anyhow::anyhow;
+use clap::ValueEnum;
 
 use diptych::exec::Stereo;
 use diptych::image::{Extent, RgbImage};
@@ -66,8 +67,8 @@ impl PresetOptions {
 
 /// One frame of a configuration.
 fn options(run: &RunOptions, preset: Preset) -> RenderOptions {
-    let (spp, denoiser, iterations) = (Preset::SPP, Some(Denoiser::Atrous), preset.iterations());
-    let quality = Quality { spp, bounces: 6, denoiser, iterations, fovea: preset.foveation().radii(), scale: 1.0 };
+    let (spp, denoiser, (foveation, iterations)) = (Preset::SPP, Some(Denoiser::Atrous), preset.layers());
+    let quality = Quality { spp, bounces: 6, denoiser, iterations, fovea: foveation.radii(), scale: 1.0 };
     let mut options = RenderOptions::single(run.clone(), &quality);
     options.foveated.iterations = Some(iterations);
     options
@@ -132,8 +133,8 @@ impl Study<'_> {
         self.notes.push(format!("Reference of {shot} at {size}: {}{noise}.", reference.origin));
         let timed = Timed { args: &args, loaded: &loaded, progress: &self.progress, tracing: self.tracing };
         let mut base_ms = None;
-        for (i, (configuration, preset)) in CONFIGURATIONS.into_iter().zip(Preset::ALL).enumerate() {
-            let options = options(&args.options, preset);
+        for (i, (configuration, preset)) in CONFIGURATIONS.into_iter().zip(Preset::value_variants()).enumerate() {
+            let options = options(&args.options, *preset);
             let name = format!("{configuration} of {shot} at {size}");
             let virtual_devices = Some(args.virtual_devices);
             let warm = timed.frames(&Setting { number: self.settings, name, options, virtual_devices })?;

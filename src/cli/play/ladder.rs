@@ -6,7 +6,9 @@ use std::time::{Duration, Instant};
 
 use anyhow::{Context, ensure};
 
-use diptych::control::{BOUNCES, Ladder, Origin, Rung, TRACING, candidates, efforts, guessed_error, guessed_paths};
+use diptych::control::{
+    BOUNCES, Ladder, Origin, Rung, TRACING, candidates, efforts, guessed_effort, guessed_error, guessed_paths,
+};
 use diptych::exec::{FrameReport, Renderer, Stereo};
 use diptych::graph::Stage;
 use diptych::image::RgbImage;
@@ -40,11 +42,9 @@ impl Choice {
     /// The filter is the same for all frames of a run.
     fn from_file(args: &LoopOptions, path: &Path) -> Result<Self, anyhow::Error> {
         let all = Ladder::read(path).context("cannot use --ladder")?;
-        let of = |denoiser: DenoiserChoice| {
-            let has = move |r: &&Rung| {
-                r.quality.denoiser == denoiser && (r.quality.most_iterations() > 0) == denoiser.is_some()
-            };
-            all.rungs().iter().filter(has).cloned().collect::<Vec<_>>()
+        let of = |denoiser: DenoiserChoice| -> Vec<Rung> {
+            let has = |q: &Quality| q.denoiser == denoiser && (q.iterations != [0; 3]) == denoiser.is_some();
+            all.rungs().iter().filter(|r| has(&r.quality)).cloned().collect()
         };
         let most = Denoiser::CHOICES.into_iter().max_by_key(|d| of(*d).len());
         let denoiser = args.denoiser.or(most).unwrap_or(Some(Denoiser::Svgf));
@@ -88,14 +88,9 @@ impl Choice {
     /// The most of any frame, and the lowest render scale.
     pub fn most(&self) -> Quality {
         let most = |number: fn(&Quality) -> u32| self.qualities.iter().map(number).fold(0, u32::max);
-        Quality {
-            spp: most(|q| q.spp),
-            bounces: most(|q| q.bounces),
-            denoiser: self.denoiser,
-            iterations: [most(Quality::most_iterations); 3],
-            fovea: None,
-            scale: self.qualities.iter().map(|q| q.scale).fold(1.0, f64::min),
-        }
+        let (spp, bounces, iterations) = (most(|q| q.spp), most(|q| q.bounces), [most(Quality::most_iterations); 3]);
+        let scale = self.qualities.iter().map(|q| q.scale).fold(1.0, f64::min);
+        Quality { spp, bounces, denoiser: self.denoiser, iterations, fovea: None, scale }
     }
 
     /// Whether both kinds of pipelines are needed.
@@ -108,11 +103,6 @@ impl Choice {
 pub fn qualities(ladder: &Ladder, limits: &FoveationOptions) -> Vec<(Quality, Effort)> {
     let rungs = ladder.rungs();
     rungs.iter().map(|rung| limits.limit(&rung.quality)).zip(efforts(rungs)).collect()
-}
-
-/// Before anything was timed.
-fn guessed_effort(quality: &Quality) -> Effort {
-    Effort::new([Stage::PathTrace, Stage::HoleFill].map(|stage| (stage, guessed_paths(quality))))
 }
 
 /// When no further setting is timed, those without which nothing is known excepted.

@@ -2,6 +2,8 @@
 
 use std::path::PathBuf;
 
+use anyhow::ensure;
+
 use diptych::control::Budget;
 use diptych::quality::{Denoiser, Quality};
 
@@ -48,16 +50,13 @@ impl LoopOptions {
     }
 
     /// What clap cannot see.
-    fn check(&self, choice: &Choice, options: &RenderOptions) -> Result<(), Failure> {
-        self.foveated.check(choice.denoiser).map_err(Failure::Input)?;
-        if choice.denoiser.is_some() && options.quality().denoiser.is_none() {
-            return Err(Failure::Input(anyhow::anyhow!("--iterations 0 filters nothing: choose --denoiser none")));
-        }
-        if self.foveated.is_on() && choice.denoiser.is_none() {
-            let what = anyhow::anyhow!("--foveation layers leaves pixels to a denoiser: choose another than none");
-            return Err(Failure::Input(what));
-        }
-        options.check().map_err(Failure::Input)
+    fn check(&self, choice: &Choice, options: &RenderOptions) -> Result<(), anyhow::Error> {
+        self.foveated.check(choice.denoiser)?;
+        let (is_asked, filters) = (choice.denoiser.is_some(), options.quality().denoiser.is_some());
+        ensure!(filters || !is_asked, "--iterations 0 filters nothing: choose --denoiser none");
+        let what = "--foveation layers leaves pixels to a denoiser: choose another than none";
+        ensure!(filters || !self.foveated.is_on(), what);
+        options.check()
     }
 }
 
@@ -76,7 +75,7 @@ impl Prepared {
     pub fn new(options: &LoopOptions, frames: Option<u32>) -> Result<Self, Failure> {
         let choice = Choice::new(options)?;
         let render = options.render_options(&choice, frames.unwrap_or(u32::MAX));
-        options.check(&choice, &render)?;
+        options.check(&choice, &render).map_err(Failure::Input)?;
         Ok(Self { options: options.clone(), choice, render, fits_size: None, frames })
     }
 }

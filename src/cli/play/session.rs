@@ -126,7 +126,7 @@ impl Session {
         let budget_ms = [self.budget.lo_ms(), self.budget.hi_ms()];
         let in_band = (budget_ms[0]..=budget_ms[1]).contains(&frame.makespan_ms);
         let (quality, _) = &self.qualities[rung];
-        self.tracing.record_controlled(quality, FrameControl { rung, budget_ms }, frame);
+        self.tracing.record(quality, Some(FrameControl { rung, budget_ms }), frame);
         let mut row = FrameRow::new(frame, quality, rig, time_s);
         let FrameQuality { spp, bounces, iterations, scale, fovea } = row.quality;
         row.control = Some(ControlRow { rung, expected_ms, fits, in_band, late_ms, decide_ms });

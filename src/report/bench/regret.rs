@@ -55,12 +55,8 @@ mod tests {
 
     #[test]
     fn regret_is_over_the_best_that_takes_no_longer() {
-        let rows = [
-            row("none", 1, 1.0, &[0.4]),
-            row("none", 2, 2.0, &[0.1]),
-            row("svgf", 1, 2.5, &[0.2]),
-            row("svgf", 2, 9.0, &[0.05]),
-        ];
+        let rows = [("none", 1, 1.0, 0.4), ("none", 2, 2.0, 0.1), ("svgf", 1, 2.5, 0.2), ("svgf", 2, 9.0, 0.05)];
+        let rows = rows.map(|(denoiser, spp, time_ms, rmse)| row(denoiser, spp, time_ms, &[rmse]));
         let rungs: Vec<Quality> = rows[..3].iter().rev().map(|r| r.quality).collect();
         let found = regrets(&rungs, &rows);
         assert_eq!(found.iter().map(|r| r.time_ms).collect::<Vec<_>>(), [1.0, 2.0, 2.5]);
