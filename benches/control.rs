@@ -6,7 +6,8 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use diptych::control::{Budget, Controller, Knobs, Ladder, Origin, Rung};
+use diptych::control::{Budget, Controller, Ladder, Origin, Rung};
+use diptych::quality::Quality;
 
 fn options() -> (usize, usize) {
     let (mut reps, mut rungs) = (20_000, 64);
@@ -31,7 +32,7 @@ fn ladder(rungs: usize) -> Ladder {
         flicker: None,
         relmse: None,
         is_estimated: false,
-        knobs: Knobs { spp: 1, bounces: 6, denoiser: None, iterations: 0, fovea: None, scale: 1.0 },
+        quality: Quality { spp: 1, bounces: 6, denoiser: None, iterations: [0; 3], fovea: None, scale: 1.0 },
         stage_ms: Default::default(),
     };
     let (shot, size, devices, version, measure) = Default::default();

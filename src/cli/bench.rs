@@ -14,19 +14,19 @@ use std::time::Duration;
 use anyhow::Context;
 
 use diptych::accumulation::hash_of;
-use diptych::control::{Knobs, Ladder, Measure, Origin};
+use diptych::control::{Ladder, Measure, Origin};
 use diptych::device::{DeviceInfo, all_wgsl};
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Quality};
 use diptych::report::Table;
 use diptych::report::bench::{
-    ERROR, ERROR_NOTE, Row, Shared, csv, exposure_note, frames, knobs_name, ladder_svg, mark_front, regret_table,
-    regrets, slopes, svg, table,
+    ERROR, ERROR_NOTE, Row, Shared, csv, exposure_note, frames, ladder_svg, mark_front, regret_table, regrets, slopes,
+    svg, table,
 };
 use diptych::report::peers::Peers;
 use diptych::report::run::RunReport;
 
 use super::failure::Failure;
-use super::foveation::FoveationMode;
+use super::foveation::{FoveationMode, FoveationOptions};
 use super::interrupt;
 use super::options::{self, DenoiserChoice, RunOptions, Switch, render_scale};
 use super::output;
@@ -114,20 +114,22 @@ pub struct Args {
 
 impl Args {
     /// The settings of `--ladder`.
-    fn judged(&self) -> Result<Vec<Knobs>, Failure> {
+    fn judged(&self) -> Result<Vec<Quality>, Failure> {
         let Some(path) = &self.ladder else { return Ok(Vec::new()) };
         let ladder = Ladder::read(path).context("cannot use --ladder").map_err(Failure::Input)?;
-        let knobs: Vec<Knobs> = ladder.rungs().iter().map(|r| r.knobs.clone()).collect();
-        if let Some((i, other)) = knobs.iter().enumerate().find(|(_, k)| grid::Setting::of(k).is_none()) {
-            let (path, number) = (path.display(), i + 1);
-            let what = format!("--ladder {path}: no options stand for rung {number}, {}", knobs_name(other));
+        let qualities: Vec<Quality> = ladder.rungs().iter().map(|r| r.quality).collect();
+        if let Some((i, other)) = qualities.iter().enumerate().find(|(_, quality)| !grid::is_of_options(quality)) {
+            let what = format!("--ladder {}: no options stand for rung {}, {other}", path.display(), i + 1);
             return Err(Failure::Input(anyhow::anyhow!(what)));
         }
-        Ok(knobs)
+        Ok(qualities)
     }
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
+    let iterations = args.iterations.first().map(|n| [*n; 3]);
+    let foveated = FoveationOptions { iterations, ..FoveationOptions::default() };
+    foveated.check(args.denoisers().into_iter().flatten().next()).map_err(Failure::Input)?;
     if args.seams.is_wanted() {
         return seams::run(args);
     }
@@ -246,7 +248,7 @@ fn write_results(
     let best = &ladders[0];
     best.write(&options.out.join("ladder.toml")).context("cannot keep the ladder")?;
     for ladder in ladders.iter().filter(|_| ladders.len() > 1) {
-        let name = format!("ladder.{}.toml", Denoiser::name_of(ladder.rungs()[0].knobs.denoiser));
+        let name = format!("ladder.{}.toml", Denoiser::name_of(ladder.rungs()[0].quality.denoiser));
         ladder.write(&options.out.join(name)).context("cannot keep the ladder")?;
     }
     let climb = ladder_svg(format!("Quality ladder, {} at {}", options.shot, options.size), rows, &[], best)
@@ -281,7 +283,7 @@ fn ladders(
 /// Which denoiser the ladder is of, and where those of others are.
 fn ladders_note(ladders: &[Ladder]) -> String {
     let of = |ladder: &Ladder| {
-        let (denoiser, rungs) = (ladder.rungs()[0].knobs.denoiser, ladder.rungs().len());
+        let (denoiser, rungs) = (ladder.rungs()[0].quality.denoiser, ladder.rungs().len());
         (Denoiser::name_of(denoiser), format!("{rungs} rung{}", if rungs == 1 { "" } else { "s" }))
     };
     let (best, rungs) = of(&ladders[0]);

@@ -4,19 +4,29 @@ use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Quality};
 use diptych::scene::shot::Gaze;
 use diptych::stages::Foveation;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+use super::options::DenoiserChoice;
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum FoveationMode {
     /// Every pixel alike
+    #[default]
     None,
     /// Three layers around the gaze, fewer samples and more filtering outwards
     Layers,
 }
 
-#[derive(Args, Clone, Debug)]
+impl FoveationMode {
+    /// Radii of the layers, if there are any.
+    pub fn radii(self) -> Option<[f64; 2]> {
+        (self == Self::Layers).then_some(Foveation::RADII)
+    }
+}
+
+#[derive(Args, Clone, Debug, Default)]
 #[command(next_help_heading = super::options::QUALITY)]
 pub struct FoveationOptions {
     /// What follows the gaze
@@ -27,20 +37,16 @@ pub struct FoveationOptions {
     #[arg(long, value_name = "X,Y")]
     pub gaze: Option<GazeOption>,
     /// Iterations of the denoiser; with layers of the inner, middle and outer one [default: 5; 2,3,5 with layers]
-    #[arg(long, value_name = "M[,N,P]")]
-    pub iterations: Option<Iterations>,
+    #[arg(long, value_name = "M[,N,P]", value_parser = iterations)]
+    pub iterations: Option<[u32; 3]>,
 }
 
 impl FoveationOptions {
-    /// Every pixel alike, with this many iterations.
-    pub fn none(iterations: u32) -> Self {
-        Self { foveation: FoveationMode::None, gaze: None, iterations: Some(Iterations::All(iterations)) }
-    }
-
-    /// Layers with at most this many iterations.
-    pub fn layers(iterations: u32) -> Self {
-        let layers = LAYER_ITERATIONS.map(|most| most.min(iterations));
-        Self { foveation: FoveationMode::Layers, gaze: None, iterations: Some(Iterations::Layers(layers)) }
+    /// Those of one frame of this quality; its layers, if it has any, have no more iterations than Peres's.
+    pub fn for_quality(quality: &Quality) -> Self {
+        let foveation = if quality.fovea.is_some() { FoveationMode::Layers } else { FoveationMode::None };
+        let limits = Self { foveation, ..Self::default() };
+        Self { iterations: Some(limits.limit(quality).iterations), ..limits }
     }
 
     pub fn is_on(&self) -> bool {
@@ -49,29 +55,38 @@ impl FoveationOptions {
 
     /// Iterations of the inner, middle and outer layer.
     pub fn layer_iterations(&self) -> [u32; 3] {
-        match (&self.iterations, self.foveation) {
-            (Some(Iterations::All(all)), _) => [*all; 3],
-            (Some(Iterations::Layers(layers)), _) => *layers,
-            (None, FoveationMode::None) => [Denoiser::DEFAULT_ITERATIONS; 3],
-            (None, FoveationMode::Layers) => LAYER_ITERATIONS,
-        }
+        self.iterations.unwrap_or(if self.is_on() { LAYER_ITERATIONS } else { [Denoiser::DEFAULT_ITERATIONS; 3] })
     }
 
-    /// Foveation with these iterations, if it is asked for.
-    pub fn of(&self, shot: &Gaze, iterations: [u32; 3]) -> Option<Foveation> {
+    /// The quality with at most these iterations; without layers, all of it may have those of the layer with most.
+    pub fn limit(&self, quality: &Quality) -> Quality {
+        let limits = match (quality.fovea, self.iterations) {
+            (Some(_), _) => self.layer_iterations(),
+            (None, Some([inner, middle, outer])) => [inner.max(middle).max(outer); 3],
+            (None, None) => return *quality,
+        };
+        Quality { iterations: limits.map(|limit| limit.min(quality.most_iterations())), ..*quality }
+    }
+
+    /// Foveation, if it is asked for.
+    pub fn of(&self, shot: &Gaze) -> Option<Foveation> {
         let gaze = match self.gaze {
             None => [shot.clone(), shot.clone()],
             Some(GazeOption(eyes)) => eyes.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] }),
         };
-        self.is_on().then(|| Foveation::new(gaze, iterations))
+        self.is_on().then(|| Foveation::new(gaze, self.layer_iterations()))
     }
 
     /// What clap cannot see.
-    pub fn check(&self) -> Result<(), anyhow::Error> {
+    pub fn check(&self, denoiser: DenoiserChoice) -> Result<(), anyhow::Error> {
         let is_on = self.is_on();
+        anyhow::ensure!(
+            denoiser.is_some() || self.iterations.is_none_or(|layers| layers == [0; 3]),
+            "--iterations are of a denoiser, and there is none: leave them out, or choose another --denoiser than none"
+        );
         anyhow::ensure!(is_on || self.gaze.is_none(), "--gaze is for --foveation layers");
         anyhow::ensure!(
-            is_on || !matches!(self.iterations, Some(Iterations::Layers(_))),
+            is_on || self.iterations.is_none_or(|[inner, middle, outer]| inner == middle && middle == outer),
             "--iterations M,N,P is for --foveation layers: give one number"
         );
         Ok(())
@@ -97,21 +112,11 @@ impl FromStr for GazeOption {
     }
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Iterations {
-    All(u32),
-    Layers([u32; 3]),
-}
-
-impl FromStr for Iterations {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        match numbers(text, |n: &u32| *n <= Denoiser::MAX_ITERATIONS).as_deref() {
-            Some(&[all]) => Ok(Self::All(all)),
-            Some(&[inner, middle, outer]) => Ok(Self::Layers([inner, middle, outer])),
-            _ => Err(format!("give one or three numbers from 0 to {}", Denoiser::MAX_ITERATIONS)),
-        }
+fn iterations(text: &str) -> Result<[u32; 3], String> {
+    match numbers(text, |n: &u32| *n <= Denoiser::MAX_ITERATIONS).as_deref() {
+        Some(&[all]) => Ok([all; 3]),
+        Some(&[inner, middle, outer]) => Ok([inner, middle, outer]),
+        _ => Err(format!("give one or three numbers from 0 to {}", Denoiser::MAX_ITERATIONS)),
     }
 }
 
@@ -119,7 +124,7 @@ fn numbers<T: FromStr>(text: &str, is_allowed: fn(&T) -> bool) -> Option<Vec<T>>
     text.split(',').map(|n| n.trim().parse().ok().filter(is_allowed)).collect()
 }
 
-/// The configurations of Peres, section 6.
+/// The configurations of Peres, section 6, in the order of [`diptych::report::peres::CONFIGURATIONS`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Preset {
     /// Every pixel alike: 4 samples, 5 iterations
@@ -131,17 +136,15 @@ pub enum Preset {
 }
 
 impl Preset {
+    /// Samples per pixel, where all pixels are sampled.
     pub const SPP: u32 = 4;
 
-    pub fn foveation(self) -> FoveationMode {
-        if self == Self::Base { FoveationMode::None } else { FoveationMode::Layers }
-    }
-
-    pub fn iterations(self) -> Iterations {
+    /// Whether there are layers, and iterations of the inner, middle and outer one.
+    pub fn layers(self) -> (FoveationMode, [u32; 3]) {
         match self {
-            Self::Base => Iterations::All(5),
-            Self::Nh2ld => Iterations::Layers([3, 5, 5]),
-            Self::Nh3ld => Iterations::Layers(LAYER_ITERATIONS),
+            Self::Base => (FoveationMode::None, [Denoiser::DEFAULT_ITERATIONS; 3]),
+            Self::Nh2ld => (FoveationMode::Layers, [3, 5, 5]),
+            Self::Nh3ld => (FoveationMode::Layers, LAYER_ITERATIONS),
         }
     }
 }

@@ -5,12 +5,11 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use diptych::control::SCALES;
 use diptych::device::ShaderChecks;
 use diptych::graph::{HaloPlan, Seam};
 use diptych::image::Extent;
 use diptych::passes::Aov;
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Quality};
 use diptych::report::once;
 use diptych::schedule::RatioRule;
 use diptych::stages::Sampler;
@@ -216,22 +215,28 @@ impl Deref for RenderOptions {
 }
 
 pub fn render_scale(text: &str) -> Result<f64, String> {
-    let scale = text.parse().ok().filter(|scale| SCALES.contains(scale));
-    scale.ok_or_else(|| format!("give a number from {} to {}", SCALES.start(), SCALES.end()))
+    let scale = text.parse().ok().filter(|scale| Quality::SCALES.contains(scale));
+    scale.ok_or_else(|| format!("give a number from {} to {}", Quality::SCALES.start(), Quality::SCALES.end()))
 }
 
 /// Most samples of one frame; beyond, they are taken in passes.
 const MAX_FRAME_SPP: u32 = 1 << 20;
 
 impl RenderOptions {
-    /// Of the layer that has most.
-    pub fn iterations(&self) -> u32 {
-        self.layer_iterations().into_iter().fold(0, u32::max)
+    /// One frame of this quality, with [`FoveationOptions::for_quality`].
+    pub fn single(run: RunOptions, quality: &Quality) -> Self {
+        let Quality { spp, bounces, denoiser, scale, .. } = *quality;
+        let foveated = FoveationOptions::for_quality(quality);
+        let (frames, fps, frames_in_flight, aov) = (1, 1.0, 1, Vec::new());
+        Self { run, spp, bounces, scale, denoiser, foveated, frames, fps, frames_in_flight, aov }
     }
 
-    /// Of the inner, middle and outer layer.
-    pub fn layer_iterations(&self) -> [u32; 3] {
-        self.denoiser.map_or([0; 3], |_| self.foveated.layer_iterations())
+    /// What every frame is rendered with: without iterations there is no denoiser.
+    pub fn quality(&self) -> Quality {
+        let Self { spp, bounces, denoiser, ref foveated, scale, .. } = *self;
+        let iterations = denoiser.map_or([0; 3], |_| foveated.layer_iterations());
+        let denoiser = denoiser.filter(|_| iterations != [0; 3]);
+        Quality { spp, bounces, denoiser, iterations, fovea: foveated.foveation.radii(), scale }
     }
 
     /// The auxiliary images asked for, each once.
@@ -256,10 +261,10 @@ impl RenderOptions {
             );
         }
         anyhow::ensure!(
-            self.scale == 1.0 || self.iterations() > 0,
+            self.scale == 1.0 || self.quality().denoiser.is_some(),
             "--render-scale below 1 needs a denoiser, that brings light to the pixels left out"
         );
-        self.foveated.check()?;
+        self.foveated.check(self.denoiser)?;
         self.run.check()
     }
 }

@@ -103,10 +103,15 @@ impl Plan {
             let what = anyhow::anyhow!("--clamp is biased, --reference is not: leave one out");
             return Err(Failure::Input(what));
         }
-        let foveated = FoveationOptions::none(0);
         let run = RunOptions { reproject: Switch::Off, ..options.run.clone() };
-        let unbiased =
-            RenderOptions { run, foveated, scale: 1.0, denoiser: None, spp: passes.pass_spp, ..options.clone() };
+        let unbiased = RenderOptions {
+            run,
+            foveated: FoveationOptions::default(),
+            scale: 1.0,
+            denoiser: None,
+            spp: passes.pass_spp,
+            ..options.clone()
+        };
         let PassOptions { time_limit, passes_out, .. } = passes;
         Ok(Self { options: unbiased, spp: options.spp, time_limit, folder: passes_out })
     }
@@ -190,7 +195,7 @@ impl Plan {
         let (mut report, mut number, mut preview) = (None, 0, Ok(()));
         let done = accumulate(renderer, &job, begun, |pass| {
             // Passes get numbers of their own in the trace.
-            tracing.record(&self.options, &FrameReport { index: number, ..pass.report.clone() });
+            tracing.record(&self.options.quality(), None, &FrameReport { index: number, ..pass.report.clone() });
             number += 1;
             fold(&mut report, pass.report);
             progress.pass(pass.accumulation.samples(), pass.elapsed_s, pass.left_s);

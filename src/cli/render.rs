@@ -5,9 +5,9 @@ use std::time::Instant;
 use diptych::exec::{FrameReport, Renderer, Stereo};
 use diptych::image::RgbImage;
 use diptych::passes::Aov;
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Quality};
 use diptych::report::frames::FrameLine;
-use diptych::report::run::{FrameRow, Quality, ReferenceRow, RunReport};
+use diptych::report::run::{FrameRow, ReferenceRow, RunReport};
 use diptych::scene::rig::Rig;
 use diptych::trace::frames::record_devices;
 
@@ -61,7 +61,7 @@ impl Args {
     /// Frames before the first one kept.
     fn warm_up_frames(&self) -> u32 {
         let options = &self.options;
-        let is_still = options.frames == 1 && options.denoiser == Some(Denoiser::Svgf) && options.iterations() > 0;
+        let is_still = options.frames == 1 && options.quality().denoiser == Some(Denoiser::Svgf);
         let default = if is_still && !self.reference { STILL_SPP.div_ceil(options.spp) - 1 } else { 0 };
         self.warm_up.unwrap_or(default)
     }
@@ -71,8 +71,8 @@ impl Args {
         let mut args = self.clone();
         if let Some(preset) = self.preset {
             args.options.spp = Preset::SPP;
-            args.options.foveated.foveation = preset.foveation();
-            args.options.foveated.iterations = Some(preset.iterations());
+            let (foveation, iterations) = preset.layers();
+            (args.options.foveated.foveation, args.options.foveated.iterations) = (foveation, Some(iterations));
         }
         args
     }
@@ -181,11 +181,11 @@ impl Run<'_> {
             if options.frames_in_flight > 1 {
                 self.begin_frames()?;
             }
-            self.tracing.record(options, &frame);
+            self.tracing.record(&options.quality(), None, &frame);
             if self.args.overlay {
                 images.overlay(frame.stripe_edges());
-                if let Some(foveation) = setup::foveation(options, self.loaded) {
-                    images.overlay_layers(&foveation, time_s);
+                if let Some(foveation) = self.renderer.foveation() {
+                    images.overlay_layers(foveation, time_s);
                 }
             }
             let tags = output::tags(self.loaded, options.size, time_s, frame.index);
@@ -193,7 +193,7 @@ impl Run<'_> {
             let number = (options.frames > 1).then_some(frame.index);
             images.write(&options.out, number, self.args.anaglyph, &tags)?;
             self.stale.wrote(number, &options.aovs(), self.args.anaglyph);
-            let row = self.args.row(&frame, &setup::frame_settings(options), &self.loaded.shot.rig, time_s);
+            let row = self.args.row(&frame, &options.quality(), &self.loaded.shot.rig, time_s);
             let event = serde_json::json!({ "event": "frame", "index": row.index, "makespan_ms": row.makespan_ms });
             self.progress.step(format!("{:.1} ms", row.makespan_ms), &event);
             self.rows.frames.push(row);
@@ -299,7 +299,7 @@ fn reference_frame(
         if args.overlay {
             images.overlay(report.stripe_edges());
         }
-        let quality = Quality { spp: done.row.spp, ..setup::frame_settings(options) };
+        let quality = Quality { spp: done.row.spp, ..options.quality() };
         rows.frames.push(args.row(&report, &quality, &loaded.shot.rig, plan.time_s(index)));
     }
     let tags = output::tags(loaded, options.size, plan.time_s(index), index);

@@ -185,7 +185,7 @@ impl Measuring<'_> {
             if timed.contains(&frame.index) {
                 // Each count's frames get numbers of their own in the trace.
                 let shown = FrameReport { index: frame.index + devices as u32 * 1_000_000, ..frame.clone() };
-                tracing.record(options, &shown);
+                tracing.record(&options.quality(), None, &shown);
                 frames.push(frame);
             }
         }
@@ -254,7 +254,7 @@ impl Found {
     fn add(&mut self, args: &Args, loaded: &Loaded, measured: Measured) -> Result<CostModel, Failure> {
         let Measured { row, mut renderer, warm_up_s, frames } = measured;
         let options = &args.options;
-        let quality = setup::frame_settings(options);
+        let quality = options.quality();
         let row_of = |f: &FrameReport| {
             let row = FrameRow::new(f, &quality, &loaded.shot.rig, args.time_s(f.index));
             FrameRow { index: f.index - args.warm_up, ..row }

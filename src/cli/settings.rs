@@ -10,7 +10,7 @@ use clap::{Arg, ArgAction, ArgMatches, Command, CommandFactory};
 use serde_json::{Map, Value, json};
 
 use diptych::device::DeviceInfo;
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Quality};
 use diptych::report::once;
 use diptych::report::run::RunSettings;
 
@@ -115,16 +115,15 @@ pub fn of_command_line(exposure_ev: f64, known: impl IntoIterator<Item = (&'stat
 /// The same with what presets, references and other options make of them, in frames that are rendered with `options` on
 /// these devices, where they are the same for all frames.
 pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo]) -> RunSettings {
-    let is_filtered = options.iterations() > 0;
-    let layers = options.layer_iterations();
+    let Quality { denoiser, iterations, .. } = options.quality();
     let is_layered = options.foveated.foveation == FoveationMode::Layers;
     let mut known = vec![
         ("size", json!(options.size.to_string())),
         ("spp", json!(options.spp)),
         ("bounces", json!(options.bounces)),
         ("scale", json!(options.scale)),
-        ("denoiser", json!(Denoiser::name_of(options.denoiser.filter(|_| is_filtered)))),
-        ("iterations", if is_layered { json!(layers) } else { json!(layers[0]) }),
+        ("denoiser", json!(Denoiser::name_of(denoiser))),
+        ("iterations", if is_layered { json!(iterations) } else { json!(iterations[0]) }),
         ("foveation", json!(name(&options.foveated.foveation))),
         ("reproject", json!(name(&options.reproject))),
         ("balance", json!(name(&options.balance()))),

@@ -7,14 +7,14 @@ use diptych::accel::{Accel, Layout};
 use diptych::device::{self, GpuDevice, Selection};
 use diptych::exec::{FrameReport, RenderSettings, Renderer};
 use diptych::passes::Declarations;
-use diptych::report::run::Quality;
+use diptych::quality::Quality;
 use diptych::scene::Scene;
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::rig::Rig;
 use diptych::scene::shot::Shot;
 use diptych::schedule::{Even, Heft, Measured, Policy, Static};
-use diptych::stages::{Foveation, SceneTables, StageSettings};
-use diptych::trace::frames::{FrameKnobs, record_frame};
+use diptych::stages::{SceneTables, StageSettings};
+use diptych::trace::frames::{FrameControl, record_frame};
 use diptych::trace::{Recorder, TraceFile};
 
 use super::failure::Failure;
@@ -113,17 +113,18 @@ pub fn varying_renderer(
 
 /// What the options ask of all frames.
 pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool) -> RenderSettings {
+    let quality = options.quality();
     let stages = StageSettings {
         extent: options.size,
         needs: if options.no_skip { SceneNeeds { gloss: loaded.needs.gloss, ..SceneNeeds::ALL } } else { loaded.needs },
         sampler: options.sampler,
         spp: options.spp,
         mixes_spp,
-        filter: options.denoiser,
-        iterations: options.iterations(),
+        filter: quality.denoiser,
+        iterations: quality.most_iterations(),
         reproject: options.reprojects(),
         sparse: options.scale < 1.0,
-        foveation: foveation(options, loaded),
+        foveation: options.foveated.of(&loaded.shot.gaze),
         aovs: options.aovs(),
         declarations: Declarations::default(),
         frames_in_flight: usize::from(options.frames_in_flight),
@@ -141,11 +142,6 @@ pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool
     }
 }
 
-/// What follows the gaze, if anything does.
-pub fn foveation(options: &RenderOptions, loaded: &Loaded) -> Option<Foveation> {
-    options.foveated.of(&loaded.shot.gaze, options.layer_iterations())
-}
-
 /// The trace-file of a run and the zero of its times.
 pub struct Tracing {
     file: Option<TraceFile>,
@@ -159,26 +155,13 @@ impl Tracing {
         Ok(Self { file, recorder })
     }
 
-    pub fn record(&self, options: &RenderOptions, frame: &FrameReport) {
-        let Quality { spp, bounces, iterations, scale, .. } = frame_settings(options);
-        let knobs = FrameKnobs { spp, bounces, iterations, scale, control: None };
-        self.record_with(&knobs, frame);
-    }
-
-    pub fn record_with(&self, knobs: &FrameKnobs, frame: &FrameReport) {
-        record_frame(&self.recorder, frame, knobs);
+    pub fn record(&self, quality: &Quality, control: Option<FrameControl>, frame: &FrameReport) {
+        record_frame(&self.recorder, frame, quality, control);
     }
 
     pub fn finish(self) -> Result<(), Failure> {
         Ok(self.file.map_or(Ok(()), TraceFile::finish)?)
     }
-}
-
-/// The knobs of every frame.
-pub fn frame_settings(options: &RenderOptions) -> Quality {
-    let fovea = options.foveated.is_on().then_some(Foveation::RADII);
-    let iterations = options.iterations();
-    Quality { spp: options.spp, bounces: options.bounces, iterations, scale: options.scale, fovea }
 }
 
 /// An option's value as it is typed.

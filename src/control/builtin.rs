@@ -2,11 +2,11 @@
 
 use std::f64::consts::PI;
 
-use super::{Knobs, Rung};
+use super::Rung;
 use crate::graph::Stage;
 use crate::passes::gbuffer::STAGE as GBUFFER;
 use crate::passes::path_trace::{HOLE_FILL, STAGE as PATH_TRACE};
-use crate::quality::Denoiser;
+use crate::quality::{Denoiser, Quality};
 use crate::schedule::Effort;
 
 /// Samples per pixel and bounces of the candidates, and iterations of those that filter.
@@ -23,16 +23,17 @@ pub const FOVEAE: [[f64; 2]; 3] = [[0.3, 0.6], [0.15, 0.3], [0.1, 0.2]];
 pub const TRACING: [Stage; 3] = [GBUFFER, PATH_TRACE, HOLE_FILL];
 
 /// All settings that the built-in ladder may have. Those with foveal layers, if `foveated`.
-pub fn candidates(denoiser: Option<Denoiser>, foveated: bool) -> Vec<Knobs> {
+pub fn candidates(denoiser: Option<Denoiser>, foveated: bool) -> Vec<Quality> {
     let filters = denoiser.is_some();
-    let iterations: &[u32] = if filters { &ITERATIONS } else { &[0] };
+    let iterations = if filters { &ITERATIONS[..] } else { &[0] };
     let foveae = if foveated { FOVEAE.map(Some).to_vec() } else { vec![None] };
     let mut all = Vec::new();
     for (&iterations, &fovea) in iterations.iter().flat_map(|i| foveae.iter().map(move |f| (i, f))) {
+        let iterations = [iterations; 3];
         for spp in SPP {
             let sparse = if spp == 1 && filters { &SPARSE_SCALES[..] } else { &[] };
             for &scale in sparse.iter().chain(&[1.0]) {
-                all.extend(BOUNCES.map(|bounces| Knobs { spp, bounces, denoiser, iterations, fovea, scale }));
+                all.extend(BOUNCES.map(|bounces| Quality { spp, bounces, denoiser, iterations, fovea, scale }));
             }
         }
     }
@@ -44,23 +45,24 @@ pub fn candidates(denoiser: Option<Denoiser>, foveated: bool) -> Vec<Knobs> {
 pub const ESTIMATES_EV: f64 = 0.0;
 
 /// Share of the pixels that are sampled.
-fn sampled_share(knobs: &Knobs) -> f64 {
-    let Some(radii) = knobs.fovea else { return knobs.scale * knobs.scale };
+fn sampled_share(quality: &Quality) -> f64 {
+    let Some(radii) = quality.fovea else { return quality.scale * quality.scale };
     // Of an image of 16 to 9 around its centre; half of what is outside the layers is sampled.
     let [inner, outer] = radii.map(|r| (PI * r * r * 16.0 / 9.0).min(1.0));
-    knobs.scale * knobs.scale * (0.5 + 0.25 * (inner + outer))
+    quality.scale * quality.scale * (0.5 + 0.25 * (inner + outer))
 }
 
 /// FLIP that a setting is expected to have at so many rows, where `missing_light`, the share of the light that more
 /// bounces bring, is left out: noise, which samples average down, blur, and what is too dark. For SVGF after some frames
 /// it follows what was measured of three scenes, at 64 and 180 rows, shown at [`ESTIMATES_EV`]; without history,
 /// samples and iterations are taken to count for more.
-pub fn guessed_error(knobs: &Knobs, missing_light: f64, rows: u32) -> f64 {
-    let samples = f64::from(knobs.spp) * sampled_share(knobs);
-    let unfiltered = 0.5f64.powi(knobs.iterations as i32 - 1);
+pub fn guessed_error(quality: &Quality, missing_light: f64, rows: u32) -> f64 {
+    let samples = f64::from(quality.spp) * sampled_share(quality);
+    let iterations = quality.most_iterations();
+    let unfiltered = 0.5f64.powi(iterations as i32 - 1);
     // By the filter's reach.
-    let blur = 1.0 + 0.35 * (2f64.powi(knobs.iterations as i32) - 1.0) / f64::from(rows.max(1));
-    let noise = match (knobs.denoiser, knobs.iterations) {
+    let blur = 1.0 + 0.35 * (2f64.powi(iterations as i32) - 1.0) / f64::from(rows.max(1));
+    let noise = match (quality.denoiser, iterations) {
         (Some(Denoiser::Svgf), _) => blur * (0.97 + 0.06 * unfiltered) * (0.055 + 0.022 * samples.powf(-0.65)),
         (_, 0) => 0.3 * samples.powf(-0.35),
         _ => (0.55 + 0.45 * unfiltered) * 0.18 * samples.powf(-0.35),
@@ -70,8 +72,13 @@ pub fn guessed_error(knobs: &Knobs, missing_light: f64, rows: u32) -> f64 {
 }
 
 /// Path tracing's work, where nothing was measured: Russian roulette ends most paths after four reflections.
-pub fn guessed_paths(knobs: &Knobs) -> f64 {
-    f64::from(knobs.spp) * sampled_share(knobs) * f64::from(1 + knobs.bounces.clamp(1, 4))
+pub fn guessed_paths(quality: &Quality) -> f64 {
+    f64::from(quality.spp) * sampled_share(quality) * f64::from(1 + quality.bounces.clamp(1, 4))
+}
+
+/// What tracing costs at a quality, before anything was timed.
+pub fn guessed_effort(quality: &Quality) -> Effort {
+    Effort::new([PATH_TRACE, HOLE_FILL].map(|stage| (stage, guessed_paths(quality))))
 }
 
 /// What tracing costs on each rung: from the rungs' own times if all have them, else guessed. Efforts of paths are the
@@ -85,13 +92,9 @@ pub fn efforts(rungs: &[Rung]) -> Vec<Effort> {
         let unit = if stage == GBUFFER { ms(first)? } else { 1.0 };
         Some((stage, ms(rung)? / unit))
     };
-    let guessed = |rung: &Rung| {
-        let paths = guessed_paths(&rung.knobs);
-        Effort::new([(PATH_TRACE, paths), (HOLE_FILL, paths)])
-    };
     let of = |rung: &Rung| match are_timed {
         true => Effort::new(TRACING.into_iter().filter_map(|stage| measured(rung, stage))),
-        false => guessed(rung),
+        false => guessed_effort(&rung.quality),
     };
     rungs.iter().map(of).collect()
 }
@@ -101,10 +104,11 @@ mod tests {
     use super::*;
 
     fn rung(spp: u32, bounces: u32, path_ms: Option<f64>) -> Rung {
-        let knobs = Knobs { spp, bounces, denoiser: Some(Denoiser::Svgf), iterations: 3, fovea: None, scale: 1.0 };
+        let denoiser = Some(Denoiser::Svgf);
+        let quality = Quality { spp, bounces, denoiser, iterations: [3; 3], fovea: None, scale: 1.0 };
         let stage_ms = path_ms.map(|ms| ("path_trace".to_owned(), ms)).into_iter().collect();
         let (flip, flicker, relmse, is_estimated) = (None, None, None, true);
-        Rung { time_ms: 1.0, error: 0.1, flip, flicker, relmse, is_estimated, knobs, stage_ms }
+        Rung { time_ms: 1.0, error: 0.1, flip, flicker, relmse, is_estimated, quality, stage_ms }
     }
 
     #[test]
@@ -113,19 +117,19 @@ mod tests {
         for (all, count) in [(candidates(svgf, false), 375), (candidates(svgf, true), 1125)] {
             assert_eq!(all.len(), count);
             for a in &all {
-                let missing_light = |k: &Knobs| 0.2 * 0.5f64.powi(k.bounces as i32);
-                let error = |k: &Knobs| guessed_error(k, missing_light(k), 1080);
+                let missing_light = |k: &Quality| 0.2 * 0.5f64.powi(k.bounces as i32);
+                let error = |k: &Quality| guessed_error(k, missing_light(k), 1080);
                 assert!((0.0..1.0).contains(&error(a)));
-                let more = |b: &&Knobs| {
+                let more = |b: &&Quality| {
                     let wider = b.fovea.zip(a.fovea).is_none_or(|([b, _], [a, _])| b >= a);
-                    let knobs = |k: &Knobs| (k.spp, k.bounces, k.iterations);
-                    let ((bs, bb, bi), (s, bounces, i)) = (knobs(b), knobs(a));
+                    let numbers = |q: &Quality| (q.spp, q.bounces, q.iterations);
+                    let ((bs, bb, bi), (s, bounces, i)) = (numbers(b), numbers(a));
                     bs >= s && bb >= bounces && bi == i && b.scale >= a.scale && wider && *b != a
                 };
                 assert!(all.iter().filter(more).all(|b| error(b) < error(a)), "{a:?}");
             }
         }
-        assert!(candidates(None, false).iter().all(|k| k.iterations == 0 && k.scale == 1.0));
+        assert!(candidates(None, false).iter().all(|q| q.iterations == [0; 3] && q.scale == 1.0));
     }
 
     #[test]

@@ -1,6 +1,5 @@
 //! The quality ladder: settings by rising time and falling error, and the file that they are kept in.
 
-use std::collections::BTreeMap;
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
@@ -122,12 +121,9 @@ impl Ladder {
         let fastest = all.iter().map(|p| p.0).fold(f64::INFINITY, f64::min);
         let slowest = all.iter().map(|p| p.0).fold(0.0, f64::max);
         let worst = all.iter().map(|p| p.1).fold(0.0, f64::max);
-        let mut denoisers: BTreeMap<Option<Denoiser>, Vec<Rung>> = BTreeMap::new();
-        for rung in measured {
-            denoisers.entry(rung.knobs.denoiser).or_default().push(rung.clone());
-        }
         let mut ladders: Vec<(f64, Self)> = Vec::new();
-        for own in denoisers.into_values() {
+        for denoiser in Denoiser::CHOICES {
+            let own: Vec<Rung> = measured.iter().filter(|r| r.quality.denoiser == denoiser).cloned().collect();
             if let Ok(ladder) = Self::of_measured(origin.clone(), &own) {
                 ladders.push((mean_error(&points(&own), [fastest, slowest], worst), ladder));
             }
@@ -185,9 +181,9 @@ impl Ladder {
     pub fn denoisers(&self) -> Vec<(Option<Denoiser>, usize)> {
         let mut counts: Vec<(Option<Denoiser>, usize)> = Vec::new();
         for rung in &self.rungs {
-            match counts.iter_mut().find(|(denoiser, _)| *denoiser == rung.knobs.denoiser) {
+            match counts.iter_mut().find(|(denoiser, _)| *denoiser == rung.quality.denoiser) {
                 Some((_, count)) => *count += 1,
-                None => counts.push((rung.knobs.denoiser, 1)),
+                None => counts.push((rung.quality.denoiser, 1)),
             }
         }
         counts

@@ -13,8 +13,8 @@ mod ladder;
 mod rung;
 
 pub use budget::{Budget, BudgetError};
-pub use builtin::{BOUNCES, ESTIMATES_EV, TRACING, candidates, efforts, guessed_error, guessed_paths};
+pub use builtin::{BOUNCES, ESTIMATES_EV, TRACING, candidates, efforts, guessed_effort, guessed_error, guessed_paths};
 pub use controller::{CLIMB_BACK_AFTER, CLIMB_EVERY, Controller, Decision, Predict};
 pub use front::{front, mean_error};
 pub use ladder::{Ladder, LadderError, MIN_STEP, Origin, STEEPEST};
-pub use rung::{Knobs, Measure, Rung, SCALES};
+pub use rung::{Measure, Rung};

@@ -1,32 +1,10 @@
 //! A rung of the quality ladder: settings with what they cost and how wrong they are, in memory and in a file.
 
 use std::collections::BTreeMap;
-use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Serialize};
 
-use crate::quality::{Denoiser, or_none};
-
-/// Render scales that may be asked for.
-pub const SCALES: RangeInclusive<f64> = 0.1..=1.0;
-
-/// What a frame's quality and cost hang on.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Knobs {
-    /// Samples per pixel.
-    pub spp: u32,
-    pub bounces: u32,
-    #[serde(with = "or_none")]
-    pub denoiser: Option<Denoiser>,
-    /// Of the denoiser; 0 without one.
-    pub iterations: u32,
-    /// Radii of the foveal layers as shares of the eye's width; none: the whole image alike.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub fovea: Option<[f64; 2]>,
-    /// Of the image's edges, 1: full size.
-    pub scale: f64,
-}
+use crate::quality::{Quality, within};
 
 /// What the errors of a ladder's rungs are.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -66,7 +44,7 @@ pub struct Rung {
     pub relmse: Option<f64>,
     /// Whether time and error were worked out from those of other settings.
     pub is_estimated: bool,
-    pub knobs: Knobs,
+    pub quality: Quality,
     /// Busy time by stage, summed over views and devices: what a cost model can scale.
     pub stage_ms: BTreeMap<String, f64>,
 }
@@ -91,7 +69,8 @@ pub(super) struct FileRung {
     flicker: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     relmse: Option<f64>,
-    knobs: Option<Knobs>,
+    #[serde(rename = "knobs")]
+    quality: Option<Quality>,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
     stage_ms: BTreeMap<String, f64>,
     #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
@@ -100,8 +79,8 @@ pub(super) struct FileRung {
 
 impl FileRung {
     pub fn of(rung: &Rung) -> Self {
-        let Rung { time_ms, error, flip, flicker, relmse, is_estimated, knobs, stage_ms } = rung.clone();
-        let shared = Self { knobs: Some(knobs), flip, flicker, relmse, ..Self::default() };
+        let Rung { time_ms, error, flip, flicker, relmse, is_estimated, quality, stage_ms } = rung.clone();
+        let shared = Self { quality: Some(quality), flip, flicker, relmse, ..Self::default() };
         let (time_ms, error) = (Some(time_ms), Some(error));
         match is_estimated {
             true => Self {
@@ -134,22 +113,14 @@ impl FileRung {
                 self.stage_ms,
             ),
         };
-        let knobs = self.knobs.ok_or_else(|| missing("knobs"))?;
-        Ok(Rung { time_ms, error, flip, flicker, relmse, is_estimated: estimated, knobs, stage_ms })
+        let quality = self.quality.ok_or_else(|| missing("knobs"))?;
+        Ok(Rung { time_ms, error, flip, flicker, relmse, is_estimated: estimated, quality, stage_ms })
     }
 }
 
 impl Rung {
     pub(super) fn check(&self) -> Result<(), String> {
-        let Knobs { spp, bounces, iterations, fovea, scale, .. } = &self.knobs;
-        within("spp", *spp, 1..=1 << 20)?;
-        within("bounces", *bounces, 0..=1024)?;
-        within("iterations", *iterations, 0..=Denoiser::MAX_ITERATIONS)?;
-        within("scale", *scale, SCALES)?;
-        if let Some([inner, outer]) = *fovea {
-            within("fovea's inner radius", inner, f64::MIN_POSITIVE..=1.0)?;
-            within("fovea's outer radius", outer, inner..=1.0)?;
-        }
+        self.quality.check()?;
         let [time_ms, error] = match self.is_estimated {
             true => ["estimated_ms", "estimated_error"],
             false => ["time_ms", "error"],
@@ -176,8 +147,4 @@ impl Rung {
         }
         Ok(())
     }
-}
-
-fn within<T: PartialOrd + std::fmt::Display>(name: &str, value: T, range: RangeInclusive<T>) -> Result<(), String> {
-    if range.contains(&value) { Ok(()) } else { Err(format!("{name} {value} is out of range")) }
 }

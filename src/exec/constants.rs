@@ -2,8 +2,9 @@
 
 use std::ops::Range;
 
-use super::{Quality, RenderSettings};
+use super::RenderSettings;
 use crate::image::Extent;
+use crate::quality::Quality;
 use crate::scene::rig::{Eye, Rig};
 use crate::stages::{SceneTables, layout};
 
@@ -32,7 +33,7 @@ pub fn constants(
         spp,
         sample_base: samples.start,
         reflections: quality.bounces.max(1),
-        layer_iterations: quality.layer_iterations,
+        layer_iterations: quality.iterations,
         indirect_clamp: settings.indirect_clamp,
         exposure: settings.exposure_ev.exp2(),
         curve_shift: layout::NO_CURVE,

@@ -8,10 +8,12 @@ use super::messages::{Answer, FrameJob, Order, Pixels, Stop};
 use super::planner::Plan;
 use super::watchdog::Limits;
 use super::worker_pool::WorkerPool;
-use super::{ExecError, Fault, FrameReport, InjectedFaults, Injection, Quality, Tally};
+use super::{ExecError, Fault, FrameReport, InjectedFaults, Injection, Tally};
 use crate::device::DeviceFailure;
 use crate::graph::Resource;
 use crate::passes::ROW_TALLY;
+use crate::quality::Quality;
+use crate::schedule::Effort;
 use crate::stages::{Place, layout};
 
 /// What a frame is made of.
@@ -19,6 +21,8 @@ use crate::stages::{Place, layout};
 pub struct Inputs {
     pub constants: layout::Frame,
     pub quality: Quality,
+    /// What its stages cost, held against other qualities.
+    pub effort: Effort,
     /// The eyes of the frame before.
     pub previous: [layout::View; 2],
     pub place: Place,

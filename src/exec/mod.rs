@@ -20,7 +20,7 @@ mod worker;
 mod worker_pool;
 
 pub use faults::{Fault, InjectedFaults, InjectedKind, Injection};
-pub use quality::{Foresight, Quality};
+pub use quality::Foresight;
 pub use renderer::Renderer;
 pub use report::{FrameReport, RightEye, Stereo, Tally, TaskTiming, TimedTask};
 
@@ -56,7 +56,7 @@ pub struct RenderSettings {
     pub seed: u32,
     /// Light reaches the eye through at most max(bounces, 1) reflections.
     pub bounces: u32,
-    /// Of the image's edges, as in [`Quality::scale`].
+    /// Of the image's edges, as in [`crate::quality::Quality::scale`].
     pub scale: f64,
     /// Upper bound of indirect radiance; 0: none.
     pub indirect_clamp: f32,

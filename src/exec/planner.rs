@@ -2,7 +2,8 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::{Quality, RenderSettings};
+use super::RenderSettings;
+use super::frames::Inputs;
 use crate::graph::{Assignment, FrameGraph, Program, ProgramError, Seam};
 use crate::passes::{Declarations, FrameSpec};
 use crate::schedule::{CostModel, Policy, choose_halo};
@@ -103,12 +104,12 @@ impl Planner {
     pub fn plan(
         &mut self,
         costs: &mut CostModel,
-        quality: &Quality,
+        inputs: &Inputs,
         left: &[usize],
         history: Option<(Assignment, u32)>,
     ) -> (Plan, Arc<FrameGraph>) {
-        let iterations = quality.iterations();
-        costs.set_quality(iterations, &quality.effort);
+        let iterations = inputs.quality.most_iterations();
+        costs.set_quality(iterations, &inputs.effort);
         self.plan_halo(costs, left);
         let assignment = self.policy.assign(&costs.of_devices(left)).renumbered(left, self.devices);
         let plan = Plan { seam: self.seam, iterations, assignment, history };

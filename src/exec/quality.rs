@@ -5,79 +5,59 @@ use std::sync::Arc;
 
 use super::{ExecError, RenderSettings, Renderer};
 use crate::graph::FrameGraph;
+use crate::quality::{Denoiser, Quality};
 use crate::schedule::{CostModel, Effort, simulate};
 
-/// The knobs of a frame.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Quality {
-    /// Samples per pixel.
-    pub spp: u32,
-    /// Light reaches the eye through at most max(bounces, 1) reflections.
-    pub bounces: u32,
-    /// Of the filter, in the inner, middle and outer foveal layer; alike without foveation.
-    pub layer_iterations: [u32; 3],
-    /// Render scale, of the image's edges, at most 1: paths are traced for its square's share of the pixels, and the
-    /// filter brings light to the others, guided by surfaces at full size.
-    pub scale: f64,
-    /// Radii of the foveal layers, as in [`crate::stages::Foveation`]; none: all pixels are of the inner one.
-    pub fovea: Option<[f64; 2]>,
-    /// What its stages cost, held against other qualities.
-    pub effort: Effort,
+/// The quality of every frame, as long as nothing else is said.
+pub(super) fn of(settings: &RenderSettings) -> Quality {
+    let stages = &settings.stages;
+    let (spp, bounces, denoiser, scale) = (stages.spp, settings.bounces, denoiser(settings), settings.scale);
+    let layers = stages.foveation.as_ref().map_or([stages.iterations; 3], |f| f.iterations);
+    let iterations = layers.map(|n| n.min(stages.iterations));
+    Quality { spp, bounces, denoiser, iterations, fovea: stages.foveation.as_ref().map(|f| f.radii), scale }
 }
 
-impl Quality {
-    /// Of every frame, as long as nothing else is said.
-    pub(super) fn of(settings: &RenderSettings) -> Self {
-        let stages = &settings.stages;
-        let layers = stages.foveation.as_ref().map_or([stages.iterations; 3], |f| f.iterations);
-        let layer_iterations = layers.map(|n| n.min(stages.iterations));
-        Self {
-            spp: stages.spp,
-            bounces: settings.bounces,
-            layer_iterations,
-            scale: settings.scale,
-            fovea: stages.foveation.as_ref().map(|f| f.radii),
-            effort: Effort::default(),
-        }
-    }
+fn denoiser(settings: &RenderSettings) -> Option<Denoiser> {
+    settings.stages.filter.filter(|_| settings.stages.iterations > 0)
+}
 
-    /// Of the layer that has most.
-    pub fn iterations(&self) -> u32 {
-        self.layer_iterations.into_iter().fold(0, u32::max)
+fn check(quality: &Quality, settings: &RenderSettings) -> Result<(), String> {
+    let stages = &settings.stages;
+    let (iterations, denoiser) = (quality.most_iterations(), denoiser(settings));
+    if quality.spp == 0 || quality.spp > stages.spp {
+        return Err(format!("{} samples per pixel, of 1 to {}", quality.spp, stages.spp));
     }
-
-    fn check(&self, settings: &RenderSettings) -> Result<(), String> {
-        let stages = &settings.stages;
-        if self.spp == 0 || self.spp > stages.spp {
-            return Err(format!("{} samples per pixel, of 1 to {}", self.spp, stages.spp));
-        }
-        if (self.spp > 1) != stages.jitter(self.spp) {
-            return Err("one sample per pixel, without the pipelines for it".to_owned());
-        }
-        if !(self.scale > 0.0 && self.scale <= 1.0) || (self.scale < 1.0 && !stages.leaves_pixels()) {
-            return Err(format!("a render scale of {}, without the pipelines for it", self.scale));
-        }
-        if self.fovea.is_some() && stages.foveation.is_none() {
-            return Err("foveal layers, without the pipelines for them".to_owned());
-        }
-        let least = u32::from(stages.filter.is_some() && stages.iterations > 0);
-        if !(least..=stages.iterations).contains(&self.iterations()) {
-            return Err(format!("{} iterations, of {least} to {}", self.iterations(), stages.iterations));
-        }
-        Ok(())
+    if (quality.spp > 1) != stages.jitter(quality.spp) {
+        return Err("one sample per pixel, without the pipelines for it".to_owned());
     }
+    if !(quality.scale > 0.0 && quality.scale <= 1.0) || (quality.scale < 1.0 && !stages.leaves_pixels()) {
+        return Err(format!("a render scale of {}, without the pipelines for it", quality.scale));
+    }
+    if quality.fovea.is_some() && stages.foveation.is_none() {
+        return Err("foveal layers, without the pipelines for them".to_owned());
+    }
+    if quality.denoiser != denoiser {
+        let [asked, had] = [quality.denoiser, denoiser].map(Denoiser::name_of);
+        return Err(format!("the denoiser {asked}, where all frames have {had}"));
+    }
+    let least = u32::from(denoiser.is_some());
+    if !(least..=stages.iterations).contains(&iterations) {
+        return Err(format!("{iterations} iterations, of {least} to {}", stages.iterations));
+    }
+    Ok(())
 }
 
 impl Renderer {
-    /// Sets the quality of frames that are begun from here on.
+    /// Sets the quality of frames that are begun from here on; `effort` is what their stages cost, held against other
+    /// qualities.
     ///
     /// # Errors
-    /// [`ExecError::Quality`] for what the settings have no pipelines for: more samples or iterations, no iteration of a
-    /// filter, one sample without [`crate::stages::StageSettings::mixes_spp`], fewer pixels without
+    /// [`ExecError::Quality`] for what the settings have no pipelines for: more samples or iterations, another denoiser,
+    /// no iteration of it, one sample without [`crate::stages::StageSettings::mixes_spp`], fewer pixels without
     /// [`crate::stages::StageSettings::sparse`], layers without foveation.
-    pub fn set_quality(&mut self, quality: Quality) -> Result<(), ExecError> {
-        quality.check(&self.settings).map_err(ExecError::Quality)?;
-        self.quality = quality;
+    pub fn set_quality(&mut self, quality: Quality, effort: Effort) -> Result<(), ExecError> {
+        check(&quality, &self.settings).map_err(ExecError::Quality)?;
+        (self.quality, self.effort) = (quality, effort);
         Ok(())
     }
 
@@ -96,13 +76,13 @@ pub struct Foresight<'a> {
 
 impl Foresight<'_> {
     /// The makespan that the cost model foretells, ms; none before it has learned from a frame.
-    pub fn makespan_ms(&mut self, quality: &Quality) -> Option<f64> {
+    pub fn makespan_ms(&mut self, quality: &Quality, effort: &Effort) -> Option<f64> {
         let Renderer { planned, costs, .. } = self.renderer;
         let (plan, graph) = planned.as_ref().filter(|_| costs.has_learned())?;
-        let iterations = quality.iterations();
+        let iterations = quality.most_iterations();
         let (model, graph) = self.plans.entry(iterations).or_insert_with(|| {
             let mut model = costs.clone();
-            model.set_quality(iterations, &quality.effort);
+            model.set_quality(iterations, effort);
             if iterations == plan.iterations {
                 return (model, Arc::clone(graph));
             }
@@ -111,7 +91,7 @@ impl Foresight<'_> {
             let graph = FrameGraph::build(&model.program_with(history_rows), &plan.assignment, before);
             (model, Arc::new(graph))
         });
-        model.set_quality(iterations, &quality.effort);
+        model.set_quality(iterations, effort);
         simulate(graph, model).ok().map(|p| p.makespan_ms)
     }
 }

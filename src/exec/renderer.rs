@@ -9,12 +9,13 @@ use super::frames::{Attempt, Finished, Frames, InFlight, Inputs, Whole};
 use super::history::history_rows;
 use super::planner::{Graphs, Plan, Planner};
 use super::worker_pool::WorkerPool;
-use super::{ExecError, Fault, FrameReport, InjectedFaults, Quality, RenderSettings, costs};
+use super::{ExecError, Fault, FrameReport, InjectedFaults, RenderSettings, costs, quality};
 use crate::device::{DeviceFailure, DeviceInfo, GpuDevice};
 use crate::graph::{FrameGraph, Resource};
+use crate::quality::Quality;
 use crate::scene::rig::Rig;
 use crate::scene::shot::Gaze;
-use crate::schedule::{CostModel, FrameCosts, Policy, simulate};
+use crate::schedule::{CostModel, Effort, FrameCosts, Policy, simulate};
 use crate::stages::{Foveation, Place, SceneTables, StageError, layout};
 
 /// Renders frames on a set of devices.
@@ -22,6 +23,8 @@ pub struct Renderer {
     pub(super) settings: RenderSettings,
     /// Of the frames that are begun.
     pub(super) quality: Quality,
+    /// What stages of that quality cost, held against other qualities.
+    pub(super) effort: Effort,
     tables: Arc<SceneTables>,
     devices: Vec<DeviceInfo>,
     pub(super) costs: CostModel,
@@ -57,7 +60,8 @@ impl Renderer {
         let planner = Planner::new(policy, &settings, gpus.len(), Arc::clone(&graphs));
         let (workers, devices) = WorkerPool::start(gpus, stages, &tables, &graphs, origin)?;
         Ok(Self {
-            quality: Quality::of(&settings),
+            quality: quality::of(&settings),
+            effort: Effort::default(),
             settings,
             tables,
             devices,
@@ -180,7 +184,8 @@ impl Renderer {
         let previous = self.last.as_ref().map_or(constants.views, |l| l.constants.views);
         let place = Place::of(self.begun, self.settings.stages.frames_in_flight);
         self.begun += 1;
-        let inputs = Inputs { constants, quality: self.quality.clone(), previous, place, reads: reads.into() };
+        let (quality, effort) = (self.quality, self.effort.clone());
+        let inputs = Inputs { constants, quality, effort, previous, place, reads: reads.into() };
         self.last = Some(inputs.clone());
         self.hand_out(inputs, None);
         Ok(())
@@ -226,7 +231,7 @@ impl Renderer {
     fn learn(&mut self, frame: &InFlight) {
         let report = &frame.report;
         let begun_ms = (!report.overlapped && frame.attempt.number == 1).then_some(report.begin_ms);
-        let effort = frame.inputs.quality.effort.clone();
+        let effort = frame.inputs.effort.clone();
         self.costs.learn(&FrameCosts { effort, ..costs::frame_costs(report, self.devices.len(), begun_ms) });
     }
 
@@ -268,7 +273,7 @@ impl Renderer {
         let history = before.and_then(|before| Some((before, self.history_rows(&inputs)?)));
         inputs.constants.history_rows = history.as_ref().map_or(layout::NO_HISTORY, |(_, rows)| *rows);
         let left = self.frames.devices_left();
-        let (plan, graph) = self.planner.plan(&mut self.costs, &inputs.quality, &left, history);
+        let (plan, graph) = self.planner.plan(&mut self.costs, &inputs, &left, history);
         let known = self.costs.has_learned() && !overlapped;
         let predicted = known.then(|| simulate(&graph, &self.costs).ok()).flatten();
         let report = FrameReport {

@@ -1,5 +1,140 @@
-//! How good a frame is to be.
+//! How good a frame is to be: what ladders, reports, traces, the grid of `bench` and the renderer mean by it.
 
 mod denoiser;
 
-pub use denoiser::{Denoiser, UnknownDenoiser, or_none};
+use std::fmt::{self, Display};
+use std::ops::RangeInclusive;
+
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+pub use denoiser::Denoiser;
+
+/// How good a frame is to be. A ladder's file has it as `knobs`.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Quality {
+    /// Samples per pixel, at least 1.
+    pub spp: u32,
+    /// Light reaches the eye through at most max(bounces, 1) reflections.
+    pub bounces: u32,
+    #[serde(serialize_with = "denoiser::serialize", deserialize_with = "denoiser::deserialize")]
+    pub denoiser: Option<Denoiser>,
+    /// Iterations of the denoiser in the inner, middle and outer foveal layer; 0 without one. In files it is the number of
+    /// the layer that has most; read from there, it is the same for all layers.
+    #[serde(serialize_with = "serialize_most", deserialize_with = "deserialize_alike")]
+    pub iterations: [u32; 3],
+    /// Where the inner and the middle foveal layer end, as shares of the eye's width; they rise. Without them the whole
+    /// image is of the inner layer.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fovea: Option<[f64; 2]>,
+    /// Render scale of the image's edges, within [`Self::SCALES`]: paths are traced for its square's share of the pixels,
+    /// and the denoiser brings light to the others, guided by surfaces at full size.
+    pub scale: f64,
+}
+
+impl Quality {
+    /// Render scales that may be asked for.
+    pub const SCALES: RangeInclusive<f64> = 0.1..=1.0;
+
+    /// Iterations of the layer that has most.
+    pub fn most_iterations(&self) -> u32 {
+        let [inner, middle, outer] = self.iterations;
+        inner.max(middle).max(outer)
+    }
+
+    /// Whether a file may ask for it.
+    ///
+    /// # Errors
+    /// What is out of its range.
+    pub fn check(&self) -> Result<(), String> {
+        within("spp", self.spp, 1..=1 << 20)?;
+        within("bounces", self.bounces, 0..=1024)?;
+        within("iterations", self.most_iterations(), 0..=Denoiser::MAX_ITERATIONS)?;
+        within("scale", self.scale, Self::SCALES)?;
+        if let Some([inner, outer]) = self.fovea {
+            within("fovea's inner radius", inner, f64::MIN_POSITIVE..=1.0)?;
+            within("fovea's outer radius", outer, inner..=1.0)?;
+        }
+        Ok(())
+    }
+}
+
+impl Display for Quality {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { spp, bounces, denoiser, scale, .. } = *self;
+        write!(f, "{} x{}, {bounces} bounces, {spp} spp", Denoiser::name_of(denoiser), self.most_iterations())?;
+        let scale = if scale < 1.0 { format!(", scale {scale}") } else { String::new() };
+        write!(f, "{scale}{}", layers_name(self.fovea))
+    }
+}
+
+fn serialize_most<S: Serializer>(layers: &[u32; 3], serializer: S) -> Result<S::Ok, S::Error> {
+    layers.iter().max().copied().unwrap_or(0).serialize(serializer)
+}
+
+fn deserialize_alike<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[u32; 3], D::Error> {
+    u32::deserialize(deserializer).map(|all| [all; 3])
+}
+
+/// A view of [`Quality`] for frames in `run.json`, `frames.csv` and journals: it leaves out the denoiser, which all frames
+/// of a run share, and has the iterations of the layer with most.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct FrameQuality {
+    pub spp: u32,
+    pub bounces: u32,
+    pub iterations: u32,
+    /// Of the image's edges, 1: full size.
+    pub scale: f64,
+    /// Radii of the foveal layers, shares of the width.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fovea: Option<[f64; 2]>,
+}
+
+impl FrameQuality {
+    /// Samples per pixel in the mean of all pixels, before foveation leaves out more.
+    pub fn samples(&self) -> f64 {
+        f64::from(self.spp) * self.scale * self.scale
+    }
+}
+
+impl From<&Quality> for FrameQuality {
+    fn from(quality: &Quality) -> Self {
+        let Quality { spp, bounces, fovea, scale, .. } = *quality;
+        Self { spp, bounces, iterations: quality.most_iterations(), scale, fovea }
+    }
+}
+
+impl Display for FrameQuality {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { spp, bounces, iterations, scale, fovea } = *self;
+        let layers = layers_name(fovea);
+        write!(f, "{spp} spp, {bounces} bounces, {iterations} iterations, scale {scale}{layers}")
+    }
+}
+
+fn layers_name(fovea: Option<[f64; 2]>) -> String {
+    fovea.map_or(String::new(), |[inner, outer]| format!(", layers to {inner} and {outer}"))
+}
+
+/// Whether a value is in its range; else its name and what it is.
+pub(crate) fn within<T: PartialOrd + Display>(name: &str, value: T, range: RangeInclusive<T>) -> Result<(), String> {
+    if range.contains(&value) { Ok(()) } else { Err(format!("{name} {value} is out of range")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn files_have_the_most_iterations_of_any_layer() {
+        let (denoiser, iterations, fovea) = (Some(Denoiser::Svgf), [2, 3, 5], Some([0.15, 0.3]));
+        let quality = Quality { spp: 2, bounces: 6, denoiser, iterations, fovea, scale: 0.5 };
+        let text = r#"{"spp":2,"bounces":6,"denoiser":"svgf","iterations":5,"fovea":[0.15,0.3],"scale":0.5}"#;
+        assert_eq!(serde_json::to_string(&quality).unwrap(), text);
+        let read: Quality = serde_json::from_str(text).unwrap();
+        assert_eq!(read, Quality { iterations: [5; 3], ..quality });
+        assert_eq!(FrameQuality::from(&read), FrameQuality::from(&quality));
+        assert_eq!(quality.to_string(), "svgf x5, 6 bounces, 2 spp, scale 0.5, layers to 0.15 and 0.3");
+    }
+}

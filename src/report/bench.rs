@@ -17,12 +17,12 @@ use super::frames::FrameLine;
 use super::plot::{Axis, Chart, Series, line_chart_svg};
 use super::{ReportError, Table, median_of, once};
 use crate::accumulation::Noise;
-use crate::control::{Knobs, Rung, front};
+use crate::control::{Rung, front};
 use crate::exec::{FrameReport, Stereo};
 use crate::metrics;
 use crate::metrics::rings::Viewing;
 use crate::metrics::temporal::{Change, TemporalError};
-use crate::quality::Denoiser;
+use crate::quality::{Denoiser, FrameQuality, Quality};
 
 /// The metrics that tables show, in their order; others follow in files.
 const SHOWN: [&str; 9] = ["rmse", "relmse", "psnr", "ssim", "flip", FLICKER, ERROR, "flip_foveated", "mean_ratio"];
@@ -155,7 +155,7 @@ impl Measured {
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
     #[serde(flatten)]
-    pub knobs: Knobs,
+    pub quality: Quality,
     #[serde(flatten)]
     pub measured: Measured,
     /// No other setting is both faster and better by [`ERROR`], the mean of both eyes.
@@ -163,21 +163,15 @@ pub struct Row {
 }
 
 impl Row {
-    pub fn new(knobs: Knobs, measured: Measured) -> Self {
-        Self { knobs, measured, on_front: false }
-    }
-
-    /// The setting in words.
-    pub fn name(&self) -> String {
-        knobs_name(&self.knobs)
+    pub fn new(quality: Quality, measured: Measured) -> Self {
+        Self { quality, measured, on_front: false }
     }
 
     pub fn rung(&self) -> Rung {
         let Measured { time_ms, stage_ms, .. } = &self.measured;
         let [flip, flicker, relmse] = ["flip", FLICKER, "relmse"].map(|name| Some(self.measured.error(name)));
-        let (knobs, stage_ms) = (self.knobs.clone(), stage_ms.clone());
-        let error = self.measured.error(ERROR);
-        Rung { time_ms: *time_ms, error, flip, flicker, relmse, is_estimated: false, knobs, stage_ms }
+        let (quality, error, stage_ms) = (self.quality, self.measured.error(ERROR), stage_ms.clone());
+        Rung { time_ms: *time_ms, error, flip, flicker, relmse, is_estimated: false, quality, stage_ms }
     }
 }
 
@@ -209,15 +203,15 @@ pub type Shared = Vec<(&'static str, String)>;
 pub fn csv(shared: &Shared, rows: &[Row]) -> Csv {
     let metrics = rows.first().map_or(Vec::new(), |r| r.measured.errors.left.names());
     let mut columns: Vec<&str> = shared.iter().map(|(name, _)| *name).collect();
-    columns.extend(KNOBS);
+    columns.extend(COLUMNS);
     columns.extend(["time_ms", "time_ms_min", "time_ms_max", "on_front", "eye"]);
     columns.extend(&metrics);
     let mut lines = Vec::new();
-    for Row { knobs, measured, on_front } in rows {
+    for Row { quality, measured, on_front } in rows {
         let Measured { time_ms, time_ms_min, time_ms_max, errors, .. } = measured;
         for (eye, errors) in [("left", &errors.left), ("right", &errors.right)] {
             let mut line: Vec<String> = shared.iter().map(|(_, value)| value.clone()).collect();
-            line.extend(knob_cells(knobs));
+            line.extend(cells_of(quality));
             line.extend([time_ms, time_ms_min, time_ms_max].map(|ms| format!("{ms:.4}")));
             line.extend([on_front.to_string(), eye.to_owned()]);
             line.extend(metrics.iter().map(|name| number(errors.get(name), 9)));
@@ -231,7 +225,7 @@ pub fn csv(shared: &Shared, rows: &[Row]) -> Csv {
 pub fn frames(rows: &[Row]) -> Csv {
     let lines = || rows.iter().flat_map(|row| row.measured.frames.iter().map(move |line| (row, line)));
     let setting = |(row, _): (&Row, &FrameLine)| {
-        let [denoiser, _, _, foveation, ..] = knob_cells(&row.knobs);
+        let [denoiser, _, _, foveation, ..] = cells_of(&row.quality);
         vec![denoiser, foveation]
     };
     let columns = ["denoiser", "foveation"].map(str::to_owned).into();
@@ -239,24 +233,15 @@ pub fn frames(rows: &[Row]) -> Csv {
     settings.beside(FrameLine::csv(&lines().map(|(_, line)| line.clone()).collect::<Vec<_>>()))
 }
 
-/// In a few words.
-pub fn knobs_name(knobs: &Knobs) -> String {
-    let Knobs { spp, bounces, iterations, scale, fovea, .. } = knobs;
-    let denoiser = Denoiser::name_of(knobs.denoiser);
-    let layers = fovea.map_or(String::new(), |[inner, outer]| format!(", layers to {inner} and {outer}"));
-    let scale = if *scale < 1.0 { format!(", scale {scale}") } else { String::new() };
-    format!("{denoiser} x{iterations}, {bounces} bounces, {spp} spp{scale}{layers}")
-}
-
-/// Columns of knobs.
-const KNOBS: [&str; 6] = ["denoiser", "iterations", "bounces", "foveation", "scale", "spp"];
+/// Columns of a quality.
+const COLUMNS: [&str; 6] = ["denoiser", "iterations", "bounces", "foveation", "scale", "spp"];
 
 /// As the command line names them.
-fn knob_cells(knobs: &Knobs) -> [String; 6] {
-    let Knobs { spp, bounces, denoiser, iterations, fovea, scale } = *knobs;
+fn cells_of(quality: &Quality) -> [String; 6] {
+    let FrameQuality { spp, bounces, iterations, scale, fovea } = quality.into();
     let foveation = if fovea.is_some() { "layers" } else { "none" };
     let [iterations, bounces, spp] = [iterations, bounces, spp].map(|n| n.to_string());
-    [Denoiser::name_of(denoiser).to_owned(), iterations, bounces, foveation.to_owned(), scale.to_string(), spp]
+    [Denoiser::name_of(quality.denoiser).to_owned(), iterations, bounces, foveation.to_owned(), scale.to_string(), spp]
 }
 
 /// Time against both eyes' relMSE: the front of each denoiser, and the reference's noise below them.
@@ -282,9 +267,9 @@ fn time_chart(title: String, error: &str, series: &[Series]) -> Result<String, R
 
 /// Of each denoiser the settings that no other one of it beats.
 fn fronts(rows: &[Row], error: &str) -> Vec<Series> {
-    let denoisers = once(rows.iter().map(|r| r.knobs.denoiser));
+    let denoisers = once(rows.iter().map(|r| r.quality.denoiser));
     let series = |denoiser: &Option<Denoiser>| {
-        let points = points(&rows.iter().filter(|r| r.knobs.denoiser == *denoiser).collect::<Vec<_>>(), error);
+        let points = points(&rows.iter().filter(|r| r.quality.denoiser == *denoiser).collect::<Vec<_>>(), error);
         let points = front(&points).into_iter().map(|i| points[i]).collect();
         Series { name: Denoiser::name_of(*denoiser).to_owned(), points, band: None, guide: false }
     };
@@ -295,16 +280,16 @@ fn fronts(rows: &[Row], error: &str) -> Vec<Series> {
 pub fn table(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Table {
     let metrics: Vec<&str> =
         SHOWN.into_iter().filter(|m| rows.iter().any(|r| r.measured.errors.left.0.contains_key(*m))).collect();
-    let mut headers = KNOBS.to_vec();
+    let mut headers = COLUMNS.to_vec();
     headers.extend(["ms", "eye"]);
     headers.extend(&metrics);
     headers.push("note");
     let mut lines = Vec::new();
-    for Row { knobs, measured, on_front } in rows {
+    for Row { quality, measured, on_front } in rows {
         let of = |n: fn(&Stereo<Noise>) -> f64| noise.map_or(0.0, n);
         let Stereo { left, right } = &measured.errors;
         for (eye, errors, noise) in [("left", left, of(|n| n.left.relmse)), ("right", right, of(|n| n.right.relmse))] {
-            let mut line = knob_cells(knobs).to_vec();
+            let mut line = cells_of(quality).to_vec();
             line.extend([format!("{:.1}", measured.time_ms), eye.to_owned()]);
             line.extend(metrics.iter().map(|m| errors.get(m).map_or("-".into(), |v| format!("{v:.4}"))));
             let is_lost = errors.get("relmse").is_some_and(|e| e < NOISE_MARGIN * noise);
@@ -324,6 +309,8 @@ mod tests {
 
     /// A setting whose repeats have these RMSE in the left eye, and twice that in the right.
     pub(super) fn row(denoiser: &str, spp: u32, time_ms: f64, rmse: &[f64]) -> Row {
+        let denoiser = Denoiser::from_name(denoiser).unwrap();
+        let quality = Quality { spp, bounces: 6, denoiser, iterations: [0; 3], fovea: None, scale: 1.0 };
         let black = RgbImage::filled(Extent::new(12, 12), [0.0; 3]);
         let viewing = Viewing { gaze: [0.5; 2], yfov_deg: 70.0 };
         let flat = |v: f64| {
@@ -333,21 +320,19 @@ mod tests {
         let repeat = |v: &f64| Repeat {
             stage_ms: [("atrous".to_owned(), time_ms / 4.0)].into(),
             errors: Stereo { left: flat(*v), right: flat(2.0 * v) },
-            line: FrameLine { makespan_ms: time_ms, spp, ..FrameLine::default() },
+            line: FrameLine { makespan_ms: time_ms, quality: FrameQuality::from(&quality), ..FrameLine::default() },
         };
         let repeats: Vec<Repeat> = rmse.iter().map(repeat).collect();
         let black = || Pair::new(&black, &black, 0.0).unwrap();
         let change = black().change_at_rest(&black()).unwrap();
-        let denoiser = Denoiser::from_name(denoiser).unwrap();
-        let knobs = Knobs { spp, bounces: 6, denoiser, iterations: 0, fovea: None, scale: 1.0 };
-        Row::new(knobs, Measured::of(&repeats, Stereo { left: change, right: change }))
+        Row::new(quality, Measured::of(&repeats, Stereo { left: change, right: change }))
     }
 
     #[test]
     fn the_front_is_what_nothing_beats() {
         let mut rows = vec![
-            row("atrous", 1, 1.0, &[0.4]),
-            row("atrous", 2, 2.0, &[0.3]),
+            row("none", 1, 1.0, &[0.4]),
+            row("none", 2, 2.0, &[0.3]),
             row("svgf", 1, 1.5, &[0.2]),
             row("svgf", 2, 3.0, &[0.1]),
         ];
@@ -377,7 +362,7 @@ mod tests {
 
     #[test]
     fn charts_leave_out_what_is_on_no_front() {
-        let rows = [row("atrous", 1, 1.0, &[0.4]), row("atrous", 2, 2.0, &[0.5]), row("atrous", 4, 3.0, &[0.3])];
+        let rows = [row("none", 1, 1.0, &[0.4]), row("none", 2, 2.0, &[0.5]), row("none", 4, 3.0, &[0.3])];
         let svg = svg("t".into(), &rows, None).unwrap();
         assert_eq!(svg.matches("<circle").count(), 2);
     }

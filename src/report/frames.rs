@@ -6,6 +6,7 @@ use super::csv::{Column, Csv, number, optional};
 use super::play::ControlRow;
 use super::run::FrameRow;
 use crate::exec::RightEye;
+use crate::quality::FrameQuality;
 
 /// What `frames.csv` has of a frame. Stages by themselves are in `run.json`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -22,11 +23,8 @@ pub struct FrameLine {
     pub aov_ms: f64,
     /// Of all devices, in stages.
     pub busy_ms: f64,
-    pub spp: u32,
-    pub bounces: u32,
-    pub iterations: u32,
-    pub scale: f64,
-    pub fovea: Option<[f64; 2]>,
+    #[serde(flatten)]
+    pub quality: FrameQuality,
     pub rays: u64,
     /// How the right eye came about, where it is reprojected.
     pub right_eye: Option<RightEye>,
@@ -48,11 +46,7 @@ impl From<&FrameRow> for FrameLine {
             plan_ms: row.plan_ms,
             aov_ms: row.aov_ms,
             busy_ms: row.stages.iter().filter(|sum| sum.bytes.is_none()).map(|sum| sum.busy_ms).sum(),
-            spp: row.quality.spp,
-            bounces: row.quality.bounces,
-            iterations: row.quality.iterations,
-            scale: row.quality.scale,
-            fovea: row.quality.fovea,
+            quality: row.quality,
             rays: row.rays,
             right_eye: row.right_eye.clone(),
             nonfinite_samples: row.nonfinite_samples,
@@ -72,12 +66,12 @@ const COLUMNS: [Column<FrameLine>; 21] = [
     ("plan_ms", |l| format!("{:.4}", l.plan_ms)),
     ("aov_ms", |l| format!("{:.4}", l.aov_ms)),
     ("busy_ms", |l| format!("{:.4}", l.busy_ms)),
-    ("spp", |l| l.spp.to_string()),
-    ("bounces", |l| l.bounces.to_string()),
-    ("iterations", |l| l.iterations.to_string()),
-    ("scale", |l| l.scale.to_string()),
-    ("fovea_inner", |l| optional(l.fovea.map(|[inner, _]| inner))),
-    ("fovea_outer", |l| optional(l.fovea.map(|[_, outer]| outer))),
+    ("spp", |l| l.quality.spp.to_string()),
+    ("bounces", |l| l.quality.bounces.to_string()),
+    ("iterations", |l| l.quality.iterations.to_string()),
+    ("scale", |l| l.quality.scale.to_string()),
+    ("fovea_inner", |l| optional(l.quality.fovea.map(|[inner, _]| inner))),
+    ("fovea_outer", |l| optional(l.quality.fovea.map(|[_, outer]| outer))),
     ("rays", |l| l.rays.to_string()),
     ("reprojected_fraction", |l| number(l.right_eye.as_ref().map(|r| r.reprojected_fraction), 6)),
     ("antialiasing_fraction", |l| number(l.right_eye.as_ref().map(|r| r.antialiasing_fraction), 6)),
@@ -116,7 +110,8 @@ mod tests {
     fn columns_of_the_control_loop_are_there_where_it_was() {
         let control =
             ControlRow { rung: 3, expected_ms: 12.0, fits: true, in_band: false, late_ms: 0.5, decide_ms: 0.1 };
-        let free = FrameLine { index: 7, makespan_ms: 20.5, fovea: Some([0.15, 0.3]), ..FrameLine::default() };
+        let quality = FrameQuality { fovea: Some([0.15, 0.3]), ..FrameQuality::default() };
+        let free = FrameLine { index: 7, makespan_ms: 20.5, quality, ..FrameLine::default() };
         let table = FrameLine::csv(std::slice::from_ref(&free));
         assert_eq!((table.columns.len(), table.lines[0].len()), (21, 21));
         let found = ["frame", "makespan_ms", "interval_ms", "fovea_inner", "fovea_outer"];

@@ -132,7 +132,7 @@ pub fn table(peers: &[Peer], rows: &[Row]) -> Table {
             Some((row, measured)) => [
                 format!("{:.1}", measured.time_ms),
                 format!("{:.3}", measured.error("flip")),
-                row.name(),
+                row.quality.to_string(),
                 format!("{:.2}", time_ms / measured.time_ms),
             ],
             None => ["none", "-", "-", "-"].map(str::to_owned),

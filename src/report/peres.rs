@@ -23,15 +23,15 @@ const TIMES_MS: [[[f64; 3]; 3]; 2] = [
 ];
 
 /// Table 5: RMSE in %, SSIM and PSNR in dB, by scene and configuration.
-const QUALITY: [[Quality; 3]; 3] = [
-    [quality(3.2862, 0.986438, 28.659183), quality(3.4374, 0.985774, 28.030232), quality(3.5997, 0.987343, 27.619445)],
-    [quality(5.7633, 0.918678, 21.879093), quality(5.9252, 0.913988, 21.420517), quality(5.9029, 0.913633, 21.468767)],
-    [quality(3.7991, 0.813191, 22.339938), quality(3.8649, 0.795324, 22.378790), quality(4.1787, 0.778536, 21.692040)],
+const QUALITY: [[ImageErrors; 3]; 3] = [
+    [errors(3.2862, 0.986438, 28.659183), errors(3.4374, 0.985774, 28.030232), errors(3.5997, 0.987343, 27.619445)],
+    [errors(5.7633, 0.918678, 21.879093), errors(5.9252, 0.913988, 21.420517), errors(5.9029, 0.913633, 21.468767)],
+    [errors(3.7991, 0.813191, 22.339938), errors(3.8649, 0.795324, 22.378790), errors(4.1787, 0.778536, 21.692040)],
 ];
 
-/// Of display values.
+/// Errors of pictures in display values.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Quality {
+pub struct ImageErrors {
     /// Of the range of display values, 0 … 1.
     pub rmse_percent: f64,
     pub ssim: Option<f64>,
@@ -39,11 +39,11 @@ pub struct Quality {
     pub psnr: f64,
 }
 
-const fn quality(rmse_percent: f64, ssim: f64, psnr: f64) -> Quality {
-    Quality { rmse_percent, ssim: Some(ssim), psnr }
+const fn errors(rmse_percent: f64, ssim: f64, psnr: f64) -> ImageErrors {
+    ImageErrors { rmse_percent, ssim: Some(ssim), psnr }
 }
 
-impl Quality {
+impl ImageErrors {
     /// The RMSE follows from the PSNR, whose peak is the range.
     pub fn new(psnr: f64, ssim: Option<f64>) -> Self {
         Self { rmse_percent: 100.0 * 10f64.powf(-psnr / 20.0), ssim, psnr }
@@ -58,7 +58,7 @@ pub struct Found {
     /// Time of the base over this one's.
     pub speed_up: f64,
     /// Mean of both eyes over frames.
-    pub quality: Quality,
+    pub quality: ImageErrors,
     /// The shot's, at which that is judged.
     pub exposure_ev: f64,
 }
@@ -91,7 +91,7 @@ impl Row {
         self.found.map(|f| f.time_ms[1])
     }
 
-    fn quality(&self) -> Option<Quality> {
+    fn quality(&self) -> Option<ImageErrors> {
         self.found.map(|f| f.quality)
     }
 
@@ -105,7 +105,7 @@ impl Row {
         TIMES_MS[resolution][scene][0] / self.cited_ms()
     }
 
-    fn cited_quality(&self) -> Quality {
+    fn cited_quality(&self) -> ImageErrors {
         let [_, scene, configuration] = self.of;
         QUALITY[scene][configuration]
     }
@@ -206,13 +206,13 @@ mod tests {
 
     #[test]
     fn an_error_of_a_tenth_of_the_range_is_20_db() {
-        assert!((Quality::new(20.0, None).rmse_percent - 10.0).abs() < 1e-12);
-        assert_eq!(Quality::new(f64::INFINITY, None).rmse_percent, 0.0);
+        assert!((ImageErrors::new(20.0, None).rmse_percent - 10.0).abs() < 1e-12);
+        assert_eq!(ImageErrors::new(f64::INFINITY, None).rmse_percent, 0.0);
     }
 
     #[test]
     fn what_was_not_measured_leaves_the_cited_numbers_alone() {
-        let quality = Quality::new(20.0, Some(0.5));
+        let quality = ImageErrors::new(20.0, Some(0.5));
         let found = Found { time_ms: [9.0, 10.0, 12.0], speed_up: 1.0, quality, exposure_ev: 2.0 };
         let row =
             |configuration, found| Row::new([0, 2, configuration], "240x270".into(), "builtin:forest".into(), found);

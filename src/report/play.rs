@@ -6,10 +6,11 @@ use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
-use super::run::{FrameRow, Quality};
+use super::run::FrameRow;
 use super::study::cell;
 use super::{Table, median_of};
 use crate::control::{Measure, Rung};
+use crate::quality::FrameQuality;
 
 /// Frames before the loop is judged.
 pub const SETTLING_FRAMES: usize = 30;
@@ -38,7 +39,7 @@ pub struct RungUse {
     pub rung: usize,
     pub denoiser: &'static str,
     #[serde(flatten)]
-    pub quality: Quality,
+    pub quality: FrameQuality,
     /// Median of what its frames were expected to take.
     pub expected_ms: f64,
     /// By the ladder's measure, where it was measured.
@@ -175,7 +176,7 @@ impl PlaySummary {
     /// The rungs used, from the cheapest.
     pub fn rungs_table(&self) -> Table {
         let row = |u: &RungUse| {
-            let Quality { spp, bounces, iterations, scale, fovea } = u.quality;
+            let FrameQuality { spp, bounces, iterations, scale, fovea } = u.quality;
             let mut line = vec![u.rung.to_string()];
             line.extend([spp, bounces].map(|n| n.to_string()));
             line.extend([u.denoiser.to_owned(), iterations.to_string(), scale.to_string()]);
@@ -216,7 +217,7 @@ fn rung_uses(play: &Play, judged: &[(&FrameRow, &ControlRow)]) -> Vec<RungUse> {
         let quality = frames[0].0.quality;
         let known = play.rungs.get(rung);
         // With fewer iterations than the rung has, its error is not known either.
-        let estimated = known.is_none_or(|r| r.is_estimated || r.knobs.iterations != quality.iterations);
+        let estimated = known.is_none_or(|r| r.is_estimated || r.quality.most_iterations() != quality.iterations);
         let error = known.map(|r| r.error);
         RungUse {
             rung,

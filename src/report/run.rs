@@ -16,6 +16,7 @@ use crate::image::ImageError;
 use crate::image::file::atomic_write;
 use crate::passes::AOV;
 use crate::passes::path_trace::CUT;
+use crate::quality::{FrameQuality, Quality};
 use crate::scene::Scene;
 use crate::scene::needs::SceneNeeds;
 use crate::scene::projection::Matrices;
@@ -39,35 +40,6 @@ pub struct RunSettings {
     /// Each option of the command by its long name in snake_case, as it was in force.
     #[serde(flatten)]
     pub options: serde_json::Map<String, serde_json::Value>,
-}
-
-/// The knobs of a frame's quality.
-#[derive(Clone, Copy, Debug, Serialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
-pub struct Quality {
-    pub spp: u32,
-    pub bounces: u32,
-    pub iterations: u32,
-    /// Of the image's edges, 1: full size.
-    pub scale: f64,
-    /// Radii of the foveal layers, shares of the width.
-    #[serde(skip_serializing_if = "Option::is_none")]
-    pub fovea: Option<[f64; 2]>,
-}
-
-impl Quality {
-    /// In the mean of all pixels, before foveation leaves out more.
-    pub fn samples(&self) -> f64 {
-        f64::from(self.spp) * self.scale * self.scale
-    }
-}
-
-impl fmt::Display for Quality {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { spp, bounces, iterations, scale, fovea } = self;
-        write!(f, "{spp} spp, {bounces} bounces, {iterations} iterations, scale {scale}")?;
-        fovea.map_or(Ok(()), |[inner, outer]| write!(f, ", layers to {inner} and {outer}"))
-    }
 }
 
 #[derive(Clone, Debug, Serialize)]
@@ -213,7 +185,7 @@ pub struct FrameRow {
     /// Host time to make stripes and graph.
     pub plan_ms: f64,
     #[serde(flatten)]
-    pub quality: Quality,
+    pub quality: FrameQuality,
     pub rays: u64,
     /// How the right eye's pixels came about, where it is reprojected.
     #[serde(flatten)]
@@ -264,7 +236,7 @@ impl FrameRow {
             predicted_ms: frame.predicted_ms.map(|ms| ms - aov_ms),
             aov_ms: round(aov_ms),
             plan_ms: frame.plan_ms,
-            quality: *quality,
+            quality: quality.into(),
             rays: frame.tallies.iter().map(|t| t.rays).sum(),
             right_eye: frame.right_eye(),
             nonfinite_samples: frame.tallies.iter().map(|t| t.nonfinite).sum(),

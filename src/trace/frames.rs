@@ -8,35 +8,25 @@ use super::work::{Frame, FrameTime, Task, Trace};
 use super::{FIRST_DEVICE_PID, HOST_PID, Lane, Recorder};
 use crate::exec::{Fault, FrameReport, TaskTiming, TimedTask};
 use crate::passes::path_trace::CUT;
+use crate::quality::Quality;
 use crate::scene::rig::Eye;
-
-/// What a frame's counters show beside its times.
-#[derive(Clone, Copy, Debug)]
-pub struct FrameKnobs {
-    pub spp: u32,
-    pub bounces: u32,
-    pub iterations: u32,
-    pub scale: f64,
-    /// If a budget is kept.
-    pub control: Option<ControlKnobs>,
-}
 
 /// What the control loop made of a frame.
 #[derive(Clone, Copy, Debug)]
-pub struct ControlKnobs {
+pub struct FrameControl {
     /// Of the quality ladder, from 0.
     pub rung: usize,
     /// Lower and upper end, ms.
     pub budget_ms: [f64; 2],
 }
 
-/// Adds a frame and brings the file up to date. The recorder's origin must be the renderer's.
-pub fn record_frame(recorder: &Recorder, report: &FrameReport, knobs: &FrameKnobs) {
+/// Adds a frame, with what its counters show beside its times, and brings the file up to date. The recorder's origin must be the renderer's.
+pub fn record_frame(recorder: &Recorder, report: &FrameReport, quality: &Quality, control: Option<FrameControl>) {
     if !recorder.is_on() {
         return;
     }
     let (tasks, time) = (tasks_from(std::slice::from_ref(report)), time_from(report));
-    let spp = ("spp", f64::from(knobs.spp));
+    let spp = ("spp", f64::from(quality.spp));
     let mut args = args_from(&[("frame", time.frame as f64), spp]);
     args.insert("devices".to_owned(), numbers_text(&report.devices).as_str().into());
     recorder.frame(report.slot, time.begin_us, time.end_us, args);
@@ -46,7 +36,7 @@ pub fn record_frame(recorder: &Recorder, report: &FrameReport, knobs: &FrameKnob
     let frame = Frame { time, tasks: tasks.iter().collect() };
     record_transfers(recorder, &frame);
     record_critical_path(recorder, &frame);
-    record_counters(recorder, report, knobs);
+    record_counters(recorder, report, quality, control);
     recorder.flush();
 }
 
@@ -143,18 +133,18 @@ fn record_critical_path(recorder: &Recorder, frame: &Frame) {
     recorder.flow(arrow(frame, u32::MAX), "critical path", &points);
 }
 
-fn record_counters(recorder: &Recorder, frame: &FrameReport, knobs: &FrameKnobs) {
+fn record_counters(recorder: &Recorder, frame: &FrameReport, quality: &Quality, control: Option<FrameControl>) {
     let at_us = frame.begin_ms * 1e3;
     let mut times = vec![("makespan", frame.makespan_ms)];
-    if let Some(ControlKnobs { rung, budget_ms: [lo_ms, hi_ms] }) = knobs.control {
+    if let Some(FrameControl { rung, budget_ms: [lo_ms, hi_ms] }) = control {
         times.extend([("budget_lo", lo_ms), ("budget_hi", hi_ms)]);
         recorder.counter("rung", at_us, &[("rung", rung as f64)]);
     }
     recorder.counter("frame time (ms)", at_us, &times);
-    recorder.counter("spp", at_us, &[("spp", f64::from(knobs.spp))]);
-    recorder.counter("bounces", at_us, &[("bounces", f64::from(knobs.bounces))]);
-    recorder.counter("iterations", at_us, &[("iterations", f64::from(knobs.iterations))]);
-    recorder.counter("render scale", at_us, &[("scale", knobs.scale)]);
+    recorder.counter("spp", at_us, &[("spp", f64::from(quality.spp))]);
+    recorder.counter("bounces", at_us, &[("bounces", f64::from(quality.bounces))]);
+    recorder.counter("iterations", at_us, &[("iterations", f64::from(quality.most_iterations()))]);
+    recorder.counter("render scale", at_us, &[("scale", quality.scale)]);
     if let Some(right) = frame.right_eye() {
         let shares = [
             ("reprojected", right.reprojected_fraction),

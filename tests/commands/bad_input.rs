@@ -357,6 +357,7 @@ fn sample_counts_out_of_range_are_refused() {
         assert_option_refused(&[&format!("--iterations={iterations}")], &["--iterations"]);
     }
     assert_option_refused(&["--iterations", "2,3,5"], &["--iterations", "--foveation layers"]);
+    assert_option_refused(&["--denoiser", "none", "--iterations", "3"], &["--iterations", "--denoiser"]);
     assert_option_refused(&["--seed", "-1"], &["-1"]);
     assert_option_refused(&["--frames", "0"], &["--frames"]);
 }

@@ -4,6 +4,7 @@
 use std::path::Path;
 
 use crate::common::diptych;
+use diptych::quality::FrameQuality;
 use diptych::report::play::SETTLING_FRAMES;
 use serde_json::Value;
 
@@ -58,8 +59,9 @@ fn a_run_tells_all_of_every_frame() {
     assert_eq!(text.matches("estimated = true").count(), ladder.rungs().len());
     for (i, (row, event)) in rows.iter().zip(told).enumerate() {
         let rung = &ladder.rungs()[row["rung"].as_u64().unwrap() as usize];
-        let knobs = [("spp", rung.knobs.spp), ("bounces", rung.knobs.bounces), ("iterations", rung.knobs.iterations)];
-        assert!(knobs.iter().all(|(name, value)| row[name] == *value && event[name] == *value), "{row}");
+        let FrameQuality { spp, bounces, iterations, .. } = (&rung.quality).into();
+        let numbers = [("spp", spp), ("bounces", bounces), ("iterations", iterations)];
+        assert!(numbers.iter().all(|(name, value)| row[name] == *value && event[name] == *value), "{row}");
         for name in ["index", "rung", "makespan_ms", "expected_ms", "late_ms", "fits", "in_band"] {
             assert!(row[name] == event[name] && !row[name].is_null(), "frame {i}: {name} is {}", row[name]);
         }
@@ -242,7 +244,7 @@ fn options_that_are_wrong_are_refused_with_a_reason() {
         file("two.toml", LADDER),
         file("falling.toml", &LADDER.replace("time_ms = 10.0", "time_ms = 0.5")),
     );
-    let cases: [(&[&str], &str); 13] = [
+    let cases: [(&[&str], &str); 14] = [
         (&["--budget-ms", "20..11"], "give two times, 0 < LO < HI"),
         (&["--budget-ms", "20"], "write LO..HI"),
         (&["--budget-ms", "a..b"], "'a' is not a time"),
@@ -255,6 +257,7 @@ fn options_that_are_wrong_are_refused_with_a_reason() {
         (&["--disturb", "slow:dev5@1..3", "--frames", "9"], "there is no device 5"),
         (&["--disturb", "scene-cut@9", "--frames", "9"], "there is no frame 9"),
         (&["--iterations", "0"], "choose --denoiser none"),
+        (&["--denoiser", "none", "--iterations", "3"], "--iterations are of a denoiser"),
         (&["--fps", "0"], "is not a rate"),
     ];
     for (options, reason) in cases {

@@ -123,6 +123,7 @@ fn only_the_halo_leaves_no_seam() {
     }
 
     refused(&[&fixed[..], &["--seam-study", "--denoiser", "none"]].concat(), &["no seam"]);
+    refused(&[&fixed[..], &["--denoiser", "none", "--iterations", "3"]].concat(), &["--iterations", "--denoiser"]);
     refused(&[&fixed[..], &["--seam-study", "--counts", "1"]].concat(), &["--counts"]);
 }
 

@@ -2,9 +2,10 @@
 
 use crate::common::{Stage, Subject, diptych, is_thorough, shared_shot};
 use diptych::device::ShaderChecks;
-use diptych::exec::{Quality, RenderSettings, Stereo};
+use diptych::exec::{RenderSettings, Stereo};
 use diptych::graph::{Assignment, HaloPlan, Seam};
 use diptych::image::RgbImage;
+use diptych::quality::{Denoiser, Quality};
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::shot::Gaze;
 use diptych::schedule::{CostModel, Effort, Heft, Measured, Policy, Static};
@@ -223,13 +224,13 @@ fn frames_in_flight_give_the_bytes_of_frames_one_by_one() {
 }
 
 /// Samples, bounces, iterations, render scale and foveal radii of a frame.
-type Knobs = (u32, u32, u32, f64, Option<[f64; 2]>);
+type Numbers = (u32, u32, u32, f64, Option<[f64; 2]>);
 
-fn quality((spp, bounces, iterations, scale, fovea): Knobs) -> Quality {
-    Quality { spp, bounces, layer_iterations: [iterations; 3], scale, fovea, effort: Effort::default() }
+fn quality(denoiser: Denoiser, (spp, bounces, iterations, scale, fovea): Numbers) -> Quality {
+    Quality { spp, bounces, denoiser: Some(denoiser), iterations: [iterations; 3], scale, fovea }
 }
 
-const QUALITIES: [Knobs; 6] = [
+const QUALITIES: [Numbers; 6] = [
     (1, 1, 2, 0.7, None),
     (3, 4, 4, 1.0, None),
     (1, 6, 1, 1.0, Some([0.1, 0.3])),
@@ -248,8 +249,9 @@ fn play(subject: &Subject, settings: &RenderSettings, devices: usize) -> Vec<Ste
     (settings.stages.spp, settings.stages.mixes_spp, settings.stages.iterations) = (3, true, 4);
     (settings.stages.sparse, settings.stages.foveation) = (true, Some(layers()));
     let mut stage = Stage::with(subject, &settings, devices, Box::new(Measured::new(HEIGHT, devices)));
-    let frame = |(i, knobs): (usize, &Knobs)| {
-        stage.renderer().set_quality(quality(*knobs)).unwrap();
+    let denoiser = settings.stages.filter.unwrap();
+    let frame = |(i, numbers): (usize, &Numbers)| {
+        stage.renderer().set_quality(quality(denoiser, *numbers), Effort::default()).unwrap();
         stage.frame_at(i as f64 * 0.05, i as u32).linear
     };
     QUALITIES.iter().enumerate().map(frame).collect()
@@ -286,12 +288,14 @@ fn qualities_that_nothing_was_made_ready_for_are_refused() {
     let mut settings = subject.denoised(32, 18);
     (settings.stages.spp, settings.stages.iterations) = (3, 4);
     let mut stage = Stage::even(&subject, &settings, 1);
+    let mut set = |denoiser, numbers| stage.renderer().set_quality(quality(denoiser, numbers), Effort::default());
     let whole = |(spp, bounces, iterations)| (spp, bounces, iterations, 1.0, None);
     let wrong = [(0, 1, 1), (4, 1, 1), (1, 1, 1), (2, 1, 0), (2, 1, 5)].map(whole);
     for wrong in wrong.into_iter().chain([(2, 1, 1, 0.5, None), (2, 1, 1, 1.0, Some([0.1, 0.2]))]) {
-        assert!(stage.renderer().set_quality(quality(wrong)).is_err(), "{wrong:?}");
+        assert!(set(Denoiser::Atrous, wrong).is_err(), "{wrong:?}");
     }
-    assert!(stage.renderer().set_quality(quality(whole((2, 1, 1)))).is_ok());
+    assert!(set(Denoiser::Svgf, whole((2, 1, 1))).is_err());
+    assert!(set(Denoiser::Atrous, whole((2, 1, 1))).is_ok());
 }
 
 #[test]

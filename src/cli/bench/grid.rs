@@ -3,17 +3,15 @@
 use std::cell::Cell;
 use std::time::Instant;
 
-use anyhow::Context;
 use serde_json::{Value, json};
 
-use diptych::control::Knobs;
 use diptych::device::GpuDevice;
 use diptych::exec::{FrameReport, Renderer, Stereo};
 use diptych::image::RgbImage;
 use diptych::metrics::Pair;
 use diptych::metrics::rings::Viewing;
 use diptych::metrics::temporal::Change;
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Quality};
 use diptych::report::bench::{Measured, Repeat, Row, SeenErrors};
 use diptych::report::frames::FrameLine;
 use diptych::report::once;
@@ -24,10 +22,10 @@ use diptych::trace::frames::record_devices;
 
 use super::Args;
 use super::journal::Journal;
-use super::reference::{Reference, single};
+use super::reference::Reference;
 use crate::cli::failure::Failure;
 use crate::cli::faults::refuse_faults;
-use crate::cli::foveation::{FoveationMode, FoveationOptions};
+use crate::cli::foveation::FoveationMode;
 use crate::cli::interrupt;
 use crate::cli::options::{DenoiserChoice, RenderOptions};
 use crate::cli::progress::Progress;
@@ -53,7 +51,7 @@ impl Args {
         chosen(&self.iterations, if self.quick { &[5] } else { &[3, 5] })
     }
 
-    fn denoisers(&self) -> Vec<DenoiserChoice> {
+    pub fn denoisers(&self) -> Vec<DenoiserChoice> {
         chosen(&self.denoiser, &Denoiser::CHOICES)
     }
 
@@ -82,25 +80,29 @@ impl Args {
         self.repeats.max(2)
     }
 
+    /// Frames of the camera's way before those that are measured: enough for a history to grow old, where there is one.
+    fn warm_up_of(&self, quality: &Quality) -> u32 {
+        if quality.denoiser == Some(Denoiser::Svgf) { self.warm_up.max(HISTORY_FRAMES) } else { self.warm_up }
+    }
+
+    /// All frames of a setting.
+    fn frames_of(&self, quality: &Quality) -> u32 {
+        self.warm_up_of(quality) + self.judged_frames()
+    }
+
     /// The settings of the grid, samples changing fastest. Pixels are only left out where something filters.
-    fn settings(&self) -> Vec<Setting> {
+    fn settings(&self) -> Vec<Quality> {
         let mut settings = Vec::new();
         for denoiser in self.denoisers() {
             let filters = denoiser.is_some();
             let iterations = if filters { self.iterations() } else { vec![0] };
             let foveations = if filters { self.foveations() } else { vec![FoveationMode::None] };
             let scales = if filters { self.scales() } else { vec![1.0] };
-            for (iterations, &foveation) in iterations.iter().flat_map(|i| foveations.iter().map(move |f| (*i, f))) {
+            for (&iterations, foveation) in iterations.iter().flat_map(|i| foveations.iter().map(move |f| (i, f))) {
+                let (iterations, fovea) = ([iterations; 3], foveation.radii());
                 for (bounces, &scale) in self.bounces().iter().flat_map(|b| scales.iter().map(move |s| (*b, s))) {
-                    let samples = self.samples(scale).into_iter();
-                    settings.extend(samples.map(|spp| Setting {
-                        denoiser,
-                        iterations,
-                        foveation,
-                        bounces,
-                        scale,
-                        spp,
-                    }));
+                    let quality = |spp| Quality { spp, bounces, denoiser, iterations, fovea, scale };
+                    settings.extend(self.samples(scale).into_iter().map(quality));
                 }
             }
         }
@@ -122,59 +124,19 @@ fn chosen<T: Copy + PartialEq>(asked: &[T], default: &[T]) -> Vec<T> {
     once(if asked.is_empty() { default } else { asked }.iter().copied())
 }
 
-#[derive(Clone, Copy)]
-pub struct Setting {
-    denoiser: DenoiserChoice,
-    iterations: u32,
-    foveation: FoveationMode,
-    bounces: u32,
-    scale: f64,
-    spp: u32,
+/// Whether options stand for this quality.
+pub fn is_of_options(quality: &Quality) -> bool {
+    let Quality { denoiser, iterations, fovea, scale, .. } = *quality;
+    let is_whole = match denoiser {
+        Some(_) => iterations != [0; 3],
+        None => iterations == [0; 3] && scale == 1.0 && fovea.is_none(),
+    };
+    is_whole && fovea.is_none_or(|radii| radii == Foveation::RADII)
 }
 
-impl Setting {
-    /// With these knobs; none where no options stand for them.
-    pub fn of(knobs: &Knobs) -> Option<Self> {
-        let Knobs { spp, bounces, denoiser, iterations, scale, .. } = *knobs;
-        let foveation = if knobs.fovea.is_some() { FoveationMode::Layers } else { FoveationMode::None };
-        let setting = Self { denoiser, iterations, foveation, bounces, scale, spp };
-        let filters = denoiser.is_some();
-        let is_whole = (iterations > 0) == filters && (filters || (scale == 1.0 && knobs.fovea.is_none()));
-        (is_whole && setting.knobs() == *knobs).then_some(setting)
-    }
-
-    fn knobs(&self) -> Knobs {
-        let Self { denoiser, iterations, foveation, bounces, scale, spp } = *self;
-        let fovea = (foveation == FoveationMode::Layers).then_some(Foveation::RADII);
-        Knobs { spp, bounces, denoiser, iterations, fovea, scale }
-    }
-
-    fn foveated(&self) -> FoveationOptions {
-        match self.foveation {
-            FoveationMode::None => FoveationOptions::none(self.iterations),
-            FoveationMode::Layers => FoveationOptions::layers(self.iterations),
-        }
-    }
-
-    /// Frames of the camera's way before those that are measured: enough for a history to grow old, where there is one.
-    fn warm_up(&self, args: &Args) -> u32 {
-        if self.denoiser == Some(Denoiser::Svgf) { args.warm_up.max(HISTORY_FRAMES) } else { args.warm_up }
-    }
-
-    /// All its frames.
-    fn frames(&self, args: &Args) -> u32 {
-        self.warm_up(args) + args.judged_frames()
-    }
-
-    /// How long its frames take, about, in any unit.
-    fn total_work(&self, args: &Args) -> u64 {
-        self.work() * u64::from(self.frames(args))
-    }
-
-    /// About how long a frame takes, in any unit: as samples, and once for all else.
-    fn work(&self) -> u64 {
-        u64::from(self.spp) + 1
-    }
+/// About how long a frame takes, in any unit: as samples, and once for all else.
+fn work(quality: &Quality) -> u64 {
+    u64::from(quality.spp) + 1
 }
 
 /// What all settings have in common.
@@ -206,25 +168,25 @@ impl<'a> Grid<'a> {
 
     /// A row per setting of the grid, and of these others. What is measured is in the journal before the next setting is
     /// begun.
-    pub fn measure(&self, mut journal: Journal, judged: &[Knobs]) -> Result<Vec<Row>, Failure> {
+    pub fn measure(&self, mut journal: Journal, judged: &[Quality]) -> Result<Vec<Row>, Failure> {
         let mut settings = self.args.settings();
-        let judged = judged.iter().filter(|k| settings.iter().all(|s| s.knobs() != **k)).filter_map(Setting::of);
-        settings.extend(judged.collect::<Vec<_>>());
+        let judged: Vec<_> = judged.iter().filter(|quality| !settings.contains(quality)).copied().collect();
+        settings.extend(judged);
         let key = &self.reference.key;
-        let missing: Vec<_> = settings.iter().filter(|s| journal.find(key, &s.knobs()).is_none()).copied().collect();
+        let missing: Vec<_> = settings.iter().filter(|s| journal.find(key, s).is_none()).copied().collect();
         let mut ahead = Ahead::new(self.args, &missing, settings.len());
         for (number, setting) in missing.iter().enumerate() {
             let measured = self.measure_one(number as u32, setting, &mut ahead)?;
-            journal.add(key, &setting.knobs(), &measured)?;
-            ahead.row(&measured, &setting.knobs());
+            journal.add(key, setting, &measured)?;
+            ahead.row(&measured, setting);
         }
         ahead.progress.finish();
-        let row = |s: &Setting| Some(Row::new(s.knobs(), journal.find(key, &s.knobs())?.clone()));
+        let row = |s: &Quality| Some(Row::new(*s, journal.find(key, s)?.clone()));
         Ok(settings.iter().filter_map(row).collect())
     }
 
     /// Times and errors of a setting, the `number`th.
-    fn measure_one(&self, number: u32, setting: &Setting, ahead: &mut Ahead) -> Result<Measured, Failure> {
+    fn measure_one(&self, number: u32, setting: &Quality, ahead: &mut Ahead) -> Result<Measured, Failure> {
         let Self { args, loaded, reference, tracing, .. } = self;
         let (mut renderer, options) = self.renderer(setting)?;
         record_devices(&tracing.recorder, renderer.devices());
@@ -232,20 +194,24 @@ impl<'a> Grid<'a> {
         let viewing = Viewing { gaze: gaze.at(options.time), yfov_deg: rig.yfov_rad.to_degrees() };
         let (mut repeats, mut changes) = (Vec::new(), [Change::default(); 2]);
         let mut before: Option<[Pair; 2]> = None;
-        let warm_up = setting.warm_up(args);
-        for i in 0..setting.frames(args) {
+        let warm_up = args.warm_up_of(setting);
+        for i in 0..args.frames_of(setting) {
             let frame = self.frame(&mut renderer, setting, i)?;
             ahead.frame(setting, frame.makespan_ms);
             if i >= warm_up {
                 // Each setting's frames get numbers of their own in the trace.
-                tracing.record(&options, &FrameReport { index: number * FRAMES_MAX + i, ..frame.clone() });
+                tracing.record(
+                    &options.quality(),
+                    None,
+                    &FrameReport { index: number * FRAMES_MAX + i, ..frame.clone() },
+                );
                 let image = renderer.read_linear()?;
                 let pairs = [
                     Pair::new(&reference.images.left, &image.left, *exposure_ev)?,
                     Pair::new(&reference.images.right, &image.right, *exposure_ev)?,
                 ];
                 let [left, right] = [&pairs[0], &pairs[1]].map(|pair| SeenErrors::new(pair, &viewing));
-                let row = FrameRow::new(&frame, &setup::frame_settings(&options), rig, options.time);
+                let row = FrameRow::new(&frame, &options.quality(), rig, options.time);
                 let line = FrameLine::from(&FrameRow { index: i - warm_up, ..row });
                 repeats.push(Repeat::new(&frame, Stereo { left, right }, line));
                 for (e, before) in before.iter().flatten().enumerate() {
@@ -259,11 +225,9 @@ impl<'a> Grid<'a> {
         Ok(Measured::of(&repeats, Stereo { left, right }))
     }
 
-    fn renderer(&self, setting: &Setting) -> Result<(Renderer, RenderOptions), Failure> {
+    fn renderer(&self, setting: &Quality) -> Result<(Renderer, RenderOptions), Failure> {
         let Self { args, loaded, tracing, .. } = self;
-        let Setting { denoiser, bounces, scale, spp, .. } = *setting;
-        let foveated = setting.foveated();
-        let options = RenderOptions { spp, bounces, scale, foveated, ..single(args.options.clone(), denoiser) };
+        let options = RenderOptions::single(args.options.clone(), setting);
         let begin = Instant::now();
         let renderer = setup::renderer(&options, loaded, self.gpus.take(), tracing.recorder.origin())?;
         self.warm_up_s.set(self.warm_up_s.get() + begin.elapsed().as_secs_f64());
@@ -271,11 +235,11 @@ impl<'a> Grid<'a> {
     }
 
     /// The `i`th frame of a setting, its warm-up counted.
-    fn frame(&self, renderer: &mut Renderer, setting: &Setting, i: u32) -> Result<FrameReport, Failure> {
+    fn frame(&self, renderer: &mut Renderer, setting: &Quality, i: u32) -> Result<FrameReport, Failure> {
         let Self { args, loaded, .. } = self;
         // The camera comes along its path, so that history is of other frames than the ones that are compared, and rests
         // when it is there.
-        let ahead_s = f64::from(setting.warm_up(args).saturating_sub(i)) / FPS;
+        let ahead_s = f64::from(args.warm_up_of(setting).saturating_sub(i)) / FPS;
         let frame = renderer.render(&loaded.shot.rig, args.options.time - ahead_s, i)?;
         refuse_faults(renderer)?;
         interrupt::check()?;
@@ -283,10 +247,9 @@ impl<'a> Grid<'a> {
     }
 
     /// The last of a setting's frames, which is in no trace, and its picture.
-    pub fn show(&self, knobs: &Knobs) -> Result<(FrameReport, Stereo<RgbImage>), Failure> {
-        let setting = &Setting::of(knobs).context("the front has a setting of no grid")?;
+    pub fn show(&self, setting: &Quality) -> Result<(FrameReport, Stereo<RgbImage>), Failure> {
         let (mut renderer, _) = self.renderer(setting)?;
-        let last = setting.frames(self.args) - 1;
+        let last = self.args.frames_of(setting) - 1;
         for i in 0..last {
             self.frame(&mut renderer, setting, i)?;
         }
@@ -303,14 +266,14 @@ struct Ahead {
     begin: Instant,
     settings: usize,
     rows: usize,
-    /// Of [`Setting::work`].
+    /// Of [`work`].
     work: u64,
     done: u64,
 }
 
 impl Ahead {
-    fn new(args: &Args, missing: &[Setting], settings: usize) -> Self {
-        let work = missing.iter().map(|s| s.total_work(args)).sum();
+    fn new(args: &Args, missing: &[Quality], settings: usize) -> Self {
+        let work = missing.iter().map(|s| work(s) * u64::from(args.frames_of(s))).sum();
         let progress = Progress::work(work, args.options.quiet, args.options.json);
         Self { progress, begin: Instant::now(), settings, rows: settings - missing.len(), work, done: 0 }
     }
@@ -319,11 +282,10 @@ impl Ahead {
         self.begin.elapsed().as_secs_f64() * (self.work - self.done) as f64 / self.done.max(1) as f64
     }
 
-    fn frame(&mut self, setting: &Setting, makespan_ms: f64) {
-        self.done += setting.work();
-        let knobs = setting.knobs();
-        let event = serde_json::json!({ "event": "frame", "knobs": knobs, "makespan_ms": makespan_ms });
-        let Knobs { denoiser, iterations, bounces, spp, scale, .. } = knobs;
+    fn frame(&mut self, setting: &Quality, makespan_ms: f64) {
+        self.done += work(setting);
+        let event = serde_json::json!({ "event": "frame", "knobs": setting, "makespan_ms": makespan_ms });
+        let Quality { denoiser, iterations: [iterations, ..], bounces, spp, scale, .. } = *setting;
         let denoiser = Denoiser::name_of(denoiser);
         let (number, settings, left_s) = (self.rows + 1, self.settings, self.left_s());
         let what =
@@ -331,10 +293,10 @@ impl Ahead {
         self.progress.at(self.done, format!("{what}, {makespan_ms:.1} ms, {left_s:.0} s to go"), Some(&event));
     }
 
-    fn row(&mut self, measured: &Measured, knobs: &Knobs) {
+    fn row(&mut self, measured: &Measured, quality: &Quality) {
         self.rows += 1;
         let event = serde_json::json!({
-            "event": "setting", "done": self.rows, "of": self.settings, "left_s": self.left_s(), "knobs": knobs,
+            "event": "setting", "done": self.rows, "of": self.settings, "left_s": self.left_s(), "knobs": quality,
             "time_ms": measured.time_ms,
         });
         self.progress.at(self.done, String::new(), Some(&event));

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use serde::{Deserialize, Serialize};
 
-use diptych::control::Knobs;
+use diptych::quality::Quality;
 use diptych::report::bench::Measured;
 
 use crate::cli::failure::Failure;
@@ -22,7 +22,8 @@ struct Entry {
     subject: String,
     /// What the errors are against.
     reference: String,
-    knobs: Knobs,
+    #[serde(rename = "knobs")]
+    quality: Quality,
     measured: Measured,
 }
 
@@ -52,15 +53,15 @@ impl Journal {
     }
 
     /// What was last found of a setting.
-    pub fn find(&self, reference: &str, knobs: &Knobs) -> Option<&Measured> {
-        let found = self.entries.iter().rfind(|e| e.reference == reference && e.knobs == *knobs);
+    pub fn find(&self, reference: &str, quality: &Quality) -> Option<&Measured> {
+        let found = self.entries.iter().rfind(|e| e.reference == reference && e.quality == *quality);
         found.map(|e| &e.measured)
     }
 
     /// Writes a line before anything else is done.
-    pub fn add(&mut self, reference: &str, knobs: &Knobs, measured: &Measured) -> Result<(), Failure> {
-        let (knobs, measured) = (knobs.clone(), measured.clone());
-        let entry = Entry { subject: self.subject.clone(), reference: reference.to_owned(), knobs, measured };
+    pub fn add(&mut self, reference: &str, quality: &Quality, measured: &Measured) -> Result<(), Failure> {
+        let (subject, reference) = (self.subject.clone(), reference.to_owned());
+        let entry = Entry { subject, reference, quality: *quality, measured: measured.clone() };
         let line = serde_json::to_string(&entry).context("cannot write a setting as JSON")? + "\n";
         let written = self.file.write_all(line.as_bytes());
         written.with_context(|| format!("cannot write to {}", self.path.display()))?;

@@ -91,8 +91,8 @@ impl Page<'_> {
         places.dedup_by_key(|(_, place)| *place);
         let rows = places.into_iter().filter_map(|(which, place)| Some((which, *front.get(place)?)));
         let seen = rows.map(|(which, row)| {
-            let (frame, linear) = grid.show(&row.knobs)?;
-            Ok(Seen { name: format!("{which}: {}", row.name()), linear, frame })
+            let (frame, linear) = grid.show(&row.quality)?;
+            Ok(Seen { name: format!("{which}: {}", row.quality), linear, frame })
         });
         seen.collect()
     }
@@ -113,7 +113,7 @@ impl Page<'_> {
         let notes = format!(
             "{rungs} rungs, all of {}, the denoiser with the best front: without what is less than 3 % apart in time or saves \
              little for much error, in ladder.toml.",
-            Denoiser::name_of(self.ladder.rungs()[0].knobs.denoiser)
+            Denoiser::name_of(self.ladder.rungs()[0].quality.denoiser)
         );
         let table = Some(ladder_table(self.ladder));
         Ok(Section { heading: "Fronts and quality ladder", notes: vec![notes], table, figure: Some(figure) })

@@ -1,25 +1,26 @@
 //! `diptych bench --preset peres`: the experiments of Peres 2022, chapter 6, on our scenes.
 
 use anyhow::anyhow;
+use clap::ValueEnum;
 
 use diptych::exec::Stereo;
 use diptych::image::{Extent, RgbImage};
 use diptych::metrics::Pair;
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Quality};
 use diptych::report::csv::{Column, Csv};
 use diptych::report::frames::FrameLine;
 use diptych::report::html::Section;
 use diptych::report::peres::{
-    CONFIGURATIONS, Found, QUALITY_NOTE, Quality, RESOLUTIONS, Row, SCENES, TIME_NOTE, peres_csv, quality_table,
+    CONFIGURATIONS, Found, ImageErrors, QUALITY_NOTE, RESOLUTIONS, Row, SCENES, TIME_NOTE, peres_csv, quality_table,
     time_table,
 };
 use diptych::report::study::quartiles;
 
 use super::Args;
-use super::reference::{own, single};
+use super::reference::own;
 use super::timed::{Setting, Timed, TimedFrame};
 use crate::cli::failure::Failure;
-use crate::cli::foveation::{FoveationMode, FoveationOptions, Iterations};
+use crate::cli::foveation::Preset;
 use crate::cli::interrupt;
 use crate::cli::options::{RenderOptions, RunOptions};
 use crate::cli::output;
@@ -64,33 +65,13 @@ impl PresetOptions {
     }
 }
 
-/// A configuration of the thesis: all take 4 samples where they sample all pixels.
-struct Configuration {
-    name: &'static str,
-    is_foveated: bool,
-    /// Of the inner, middle and outer layer.
-    iterations: [u32; 3],
-}
-
-const SPP: u32 = 4;
-
-const STUDIED: [Configuration; 3] = [
-    Configuration { name: CONFIGURATIONS[0], is_foveated: false, iterations: [5, 5, 5] },
-    Configuration { name: CONFIGURATIONS[1], is_foveated: true, iterations: [3, 5, 5] },
-    Configuration { name: CONFIGURATIONS[2], is_foveated: true, iterations: [2, 3, 5] },
-];
-
-impl Configuration {
-    /// One frame of it.
-    fn fill(&self, run: &RunOptions) -> RenderOptions {
-        let foveation = if self.is_foveated { FoveationMode::Layers } else { FoveationMode::None };
-        let iterations = match self.iterations {
-            [all, ..] if !self.is_foveated => Iterations::All(all),
-            layers => Iterations::Layers(layers),
-        };
-        let foveated = FoveationOptions { foveation, gaze: None, iterations: Some(iterations) };
-        RenderOptions { spp: SPP, foveated, ..single(run.clone(), Some(Denoiser::Atrous)) }
-    }
+/// One frame of a configuration.
+fn options(run: &RunOptions, preset: Preset) -> RenderOptions {
+    let (spp, denoiser, (foveation, iterations)) = (Preset::SPP, Some(Denoiser::Atrous), preset.layers());
+    let quality = Quality { spp, bounces: 6, denoiser, iterations, fovea: foveation.radii(), scale: 1.0 };
+    let mut options = RenderOptions::single(run.clone(), &quality);
+    options.foveated.iterations = Some(iterations);
+    options
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
@@ -102,7 +83,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
     let tracing = Tracing::start(options)?;
-    let settings = RESOLUTIONS.len() * args.preset.shots.len() * STUDIED.len();
+    let settings = RESOLUTIONS.len() * args.preset.shots.len() * CONFIGURATIONS.len();
     let steps = settings as u64 * u64::from(args.warm_up + args.repeats);
     let mut study = Study {
         args,
@@ -152,13 +133,13 @@ impl Study<'_> {
         self.notes.push(format!("Reference of {shot} at {size}: {}{noise}.", reference.origin));
         let timed = Timed { args: &args, loaded: &loaded, progress: &self.progress, tracing: self.tracing };
         let mut base_ms = None;
-        for (i, configuration) in STUDIED.iter().enumerate() {
-            let options = configuration.fill(&args.options);
-            let name = format!("{} of {shot} at {size}", configuration.name);
+        for (i, (configuration, preset)) in CONFIGURATIONS.into_iter().zip(Preset::value_variants()).enumerate() {
+            let options = options(&args.options, *preset);
+            let name = format!("{configuration} of {shot} at {size}");
             let virtual_devices = Some(args.virtual_devices);
             let warm = timed.frames(&Setting { number: self.settings, name, options, virtual_devices })?;
             self.settings += 1;
-            let of = [RESOLUTIONS[resolution].0, &shot, configuration.name].map(str::to_owned);
+            let of = [RESOLUTIONS[resolution].0, &shot, configuration].map(str::to_owned);
             self.frames.extend(warm.frames.iter().map(|frame| (of.clone(), FrameLine::from(&frame.row))));
             let found = judge(&warm.frames, &reference.images, &loaded, &mut base_ms)?;
             self.rows.push(Row::new([resolution, scene, i], size.to_string(), shot.clone(), Some(found)));
@@ -216,7 +197,7 @@ fn judge(
         }
     }
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
-    let quality = Quality::new(mean(&psnr), ssim.map(|values| mean(&values)));
+    let quality = ImageErrors::new(mean(&psnr), ssim.map(|values| mean(&values)));
     let speed_up = *base_ms.get_or_insert(time_ms[1]) / time_ms[1];
     Ok(Found { time_ms, speed_up, quality, exposure_ev: loaded.exposure_ev() })
 }

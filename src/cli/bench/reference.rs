@@ -5,13 +5,12 @@ use std::path::Path;
 use diptych::accumulation::{Noise, hash_of};
 use diptych::exec::Stereo;
 use diptych::image::{RgbImage, exr};
-use diptych::quality::Denoiser;
+use diptych::quality::Quality;
 
 use super::Args;
 use super::journal::Journal;
 use crate::cli::failure::Failure;
-use crate::cli::foveation::FoveationOptions;
-use crate::cli::options::{DenoiserChoice, RenderOptions, RunOptions};
+use crate::cli::options::{RenderOptions, RunOptions};
 use crate::cli::output;
 use crate::cli::reference::{PASS_SPP, PassOptions, Plan};
 use crate::cli::setup::{self, Loaded, Tracing};
@@ -63,7 +62,8 @@ pub fn plan(args: &Args) -> Result<Plan, Failure> {
     let spp = args.reference_spp.unwrap_or(if args.quick { 256 } else { 1024 });
     let judged = args.judged()?;
     let bounces = args.bounces().into_iter().chain(judged.iter().map(|k| k.bounces)).max().unwrap_or(0);
-    Plan::new(&RenderOptions { spp, bounces, ..single(run, None) }, passes)
+    let quality = Quality { spp, bounces, denoiser: None, iterations: [0; 3], fovea: None, scale: 1.0 };
+    Plan::new(&RenderOptions::single(run, &quality), passes)
 }
 
 /// The reference that is kept for this shot and these settings, made or gone on with where it has too few samples and
@@ -92,21 +92,4 @@ pub fn own(args: &Args, loaded: &Loaded, tracing: &Tracing, journal: Option<&Jou
     exr::write_tagged_rgb(&folder.join("right.exr"), &images.right, &tags.right)?;
     let (origin, key) = (format!("{how}, in {}", folder.display()), key(accumulation.samples()));
     Ok(Reference { images, noise: accumulation.noise(), origin, key })
-}
-
-/// One frame of one sample.
-pub fn single(run: RunOptions, denoiser: DenoiserChoice) -> RenderOptions {
-    let (spp, bounces, foveated) = (1, 6, FoveationOptions::none(Denoiser::DEFAULT_ITERATIONS));
-    RenderOptions {
-        run,
-        spp,
-        bounces,
-        scale: 1.0,
-        denoiser,
-        foveated,
-        frames: 1,
-        fps: 1.0,
-        frames_in_flight: 1,
-        aov: Vec::new(),
-    }
 }

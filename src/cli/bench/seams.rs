@@ -8,7 +8,7 @@ use diptych::exec::Stereo;
 use diptych::image::{ImageError, RgbImage};
 use diptych::metrics::Pair;
 use diptych::passes::denoise;
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Quality};
 use diptych::report::frames::FrameLine;
 use diptych::report::html::Section;
 use diptych::report::run::{FrameRow, RunReport};
@@ -19,10 +19,9 @@ use diptych::report::{Csv, Table};
 use diptych::scene::rig::Eye;
 
 use super::Args;
-use super::reference::{Reference, given, own, single};
+use super::reference::{Reference, given, own};
 use super::timed::{Setting, Timed, TimedFrame, Warm};
 use crate::cli::failure::Failure;
-use crate::cli::foveation::FoveationOptions;
 use crate::cli::interrupt;
 use crate::cli::options::{Balance, RenderOptions, RunOptions, SeamOption};
 use crate::cli::output::{self, same_bits};
@@ -86,10 +85,11 @@ fn settings(args: &Args) -> Result<RenderOptions, Failure> {
     let denoiser = args.denoiser.first().copied().unwrap_or(Some(Denoiser::Atrous));
     let first = |asked: &[u32], default| asked.first().copied().unwrap_or(default);
     let (spp, bounces) = (first(&args.spp, 1), first(&args.bounces, 6));
-    let foveated = FoveationOptions::none(first(&args.iterations, Denoiser::DEFAULT_ITERATIONS));
-    let options = RenderOptions { spp, bounces, foveated, ..single(run, denoiser) };
+    let iterations = [denoiser.map_or(0, |_| first(&args.iterations, Denoiser::DEFAULT_ITERATIONS)); 3];
+    let quality = Quality { spp, bounces, denoiser, iterations, fovea: None, scale: 1.0 };
+    let options = RenderOptions::single(run, &quality);
     options.check().map_err(Failure::Input)?;
-    if options.iterations() == 0 {
+    if denoiser.is_none() {
         return Err(Failure::Input(anyhow!("--seam-study: without a denoiser stripes leave no seam")));
     }
     if args.seams.counts().is_empty() {

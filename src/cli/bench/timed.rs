@@ -73,8 +73,8 @@ impl Timed<'_> {
             if i >= args.warm_up {
                 // Each setting's frames get numbers of their own in the trace.
                 let report = FrameReport { index: number * FRAMES_MAX + i, ..report };
-                tracing.record(options, &report);
-                let row = FrameRow::new(&report, &setup::frame_settings(options), &loaded.shot.rig, options.time);
+                tracing.record(&options.quality(), None, &report);
+                let row = FrameRow::new(&report, &options.quality(), &loaded.shot.rig, options.time);
                 let row = FrameRow { index: i - args.warm_up, ..row };
                 frames.push(TimedFrame { report, row, linear: renderer.read_linear()? });
             }

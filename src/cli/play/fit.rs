@@ -84,8 +84,8 @@ pub fn start(
 
 /// Median makespan of frames of the cheapest rung. The next frame finds no history of theirs.
 fn cheapest_ms(prepared: &Prepared, loaded: &Loaded, renderer: &mut Renderer) -> Result<f64, Failure> {
-    if let Some(quality) = prepared.choice.cheapest(&prepared.options.layers()) {
-        renderer.set_quality(quality)?;
+    if let Some((quality, effort)) = prepared.choice.cheapest(&prepared.options.foveated) {
+        renderer.set_quality(quality, effort)?;
     }
     let (begin, mut makespans_ms) = (Instant::now(), Vec::new());
     for i in 0..=FRAMES {

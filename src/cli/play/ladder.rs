@@ -7,19 +7,19 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, ensure};
 
 use diptych::control::{
-    BOUNCES, Knobs, Ladder, Origin, Rung, TRACING, candidates, efforts, guessed_error, guessed_paths,
+    BOUNCES, Ladder, Origin, Rung, TRACING, candidates, efforts, guessed_effort, guessed_error, guessed_paths,
 };
-use diptych::exec::{FrameReport, Quality, Renderer, Stereo};
+use diptych::exec::{FrameReport, Renderer, Stereo};
 use diptych::graph::Stage;
 use diptych::image::RgbImage;
 use diptych::passes::gbuffer;
-use diptych::passes::path_trace::{HOLE_FILL, STAGE as PATH_TRACE};
-use diptych::quality::Denoiser;
+use diptych::quality::{Denoiser, Quality};
 use diptych::scene::rig::Rig;
 use diptych::schedule::Effort;
 
 use super::Failure;
-use super::options::{Layers, LoopOptions};
+use super::options::LoopOptions;
+use crate::cli::foveation::FoveationOptions;
 use crate::cli::interrupt;
 use crate::cli::options::DenoiserChoice;
 
@@ -28,14 +28,14 @@ pub struct Choice {
     pub denoiser: DenoiserChoice,
     /// Those of a file that the run can have; none: the built-in candidates.
     pub ladder: Option<Ladder>,
-    knobs: Vec<Knobs>,
+    qualities: Vec<Quality>,
 }
 
 impl Choice {
     pub fn new(args: &LoopOptions) -> Result<Self, Failure> {
         let Some(path) = &args.ladder else {
             let denoiser = args.denoiser.unwrap_or(Some(Denoiser::Svgf));
-            return Ok(Self { denoiser, ladder: None, knobs: candidates(denoiser, args.foveated.is_on()) });
+            return Ok(Self { denoiser, ladder: None, qualities: candidates(denoiser, args.foveated.is_on()) });
         };
         Self::from_file(args, path).map_err(Failure::Input)
     }
@@ -43,9 +43,9 @@ impl Choice {
     /// The filter is the same for all frames of a run.
     fn from_file(args: &LoopOptions, path: &Path) -> Result<Self, anyhow::Error> {
         let all = Ladder::read(path).context("cannot use --ladder")?;
-        let of = |denoiser: DenoiserChoice| {
-            let has = move |r: &&Rung| r.knobs.denoiser == denoiser && (r.knobs.iterations > 0) == denoiser.is_some();
-            all.rungs().iter().filter(has).cloned().collect::<Vec<_>>()
+        let of = |denoiser: DenoiserChoice| -> Vec<Rung> {
+            let has = |q: &Quality| q.denoiser == denoiser && (q.iterations != [0; 3]) == denoiser.is_some();
+            all.rungs().iter().filter(|r| has(&r.quality)).cloned().collect()
         };
         let most = Denoiser::CHOICES.into_iter().max_by_key(|d| of(*d).len());
         let denoiser = args.denoiser.or(most).unwrap_or(Some(Denoiser::Svgf));
@@ -59,7 +59,7 @@ impl Choice {
                 counts.join(", ")
             );
         }
-        let (plain, foveated): (Vec<Rung>, _) = of(denoiser).into_iter().partition(|r| r.knobs.fovea.is_none());
+        let (plain, foveated): (Vec<Rung>, _) = of(denoiser).into_iter().partition(|r| r.quality.fovea.is_none());
         ensure!(
             !(plain.is_empty() && foveated.is_empty()),
             "--ladder {path}: none of its {} rungs is for --denoiser {name}: measure some with `diptych bench`",
@@ -70,53 +70,40 @@ impl Choice {
         if !args.foveated.is_on() && !foveated.is_empty() {
             eprintln!("warning: {} rungs of {path} are left out: they need --foveation layers", foveated.len());
         }
-        let knobs = rungs.iter().map(|r| r.knobs.clone()).collect();
-        Ok(Self { denoiser, ladder: Some(Ladder::new(all.origin().clone(), rungs)?), knobs })
+        let qualities = rungs.iter().map(|r| r.quality).collect();
+        Ok(Self { denoiser, ladder: Some(Ladder::new(all.origin().clone(), rungs)?), qualities })
     }
 
     /// What a frame of the cheapest rung is rendered with; none without any. Of the built-in candidates one with all
     /// bounces, as it is not known yet how much light fewer would leave out.
-    pub fn cheapest(&self, layers: &Layers) -> Option<Quality> {
+    pub fn cheapest(&self, limits: &FoveationOptions) -> Option<(Quality, Effort)> {
         if let Some(ladder) = &self.ladder {
-            return qualities(ladder, layers).into_iter().next();
+            return qualities(ladder, limits).into_iter().next();
         }
-        let all_bounces = self.knobs.iter().filter(|k| k.bounces == BOUNCES[BOUNCES.len() - 1]);
+        let all_bounces = self.qualities.iter().filter(|q| q.bounces == BOUNCES[BOUNCES.len() - 1]);
         let fewest = all_bounces
             .min_by(|a, b| guessed_paths(a).total_cmp(&guessed_paths(b)).then(a.iterations.cmp(&b.iterations)));
-        fewest.map(|knobs| quality(knobs, layers, guessed_effort(knobs)))
+        fewest.map(|quality| (limits.limit(quality), guessed_effort(quality)))
     }
 
-    /// The most of any frame.
-    pub fn most(&self, knob: fn(&Knobs) -> u32) -> u32 {
-        self.knobs.iter().map(knob).fold(0, u32::max)
-    }
-
-    /// The lowest render scale of any frame.
-    pub fn least_scale(&self) -> f64 {
-        self.knobs.iter().map(|k| k.scale).fold(1.0, f64::min)
+    /// The most of any frame, and the lowest render scale.
+    pub fn most(&self) -> Quality {
+        let most = |number: fn(&Quality) -> u32| self.qualities.iter().map(number).fold(0, u32::max);
+        let (spp, bounces, iterations) = (most(|q| q.spp), most(|q| q.bounces), [most(Quality::most_iterations); 3]);
+        let scale = self.qualities.iter().map(|q| q.scale).fold(1.0, f64::min);
+        Quality { spp, bounces, denoiser: self.denoiser, iterations, fovea: None, scale }
     }
 
     /// Whether both kinds of pipelines are needed.
     pub fn mixes_spp(&self) -> bool {
-        self.knobs.iter().any(|k| k.spp == 1) && self.knobs.iter().any(|k| k.spp > 1)
+        self.qualities.iter().any(|q| q.spp == 1) && self.qualities.iter().any(|q| q.spp > 1)
     }
 }
 
-/// What frames are rendered with, rung by rung.
-pub fn qualities(ladder: &Ladder, layers: &Layers) -> Vec<Quality> {
+/// What frames are rendered with, rung by rung, and what their stages cost, held against one another.
+pub fn qualities(ladder: &Ladder, limits: &FoveationOptions) -> Vec<(Quality, Effort)> {
     let rungs = ladder.rungs();
-    let quality = |(rung, effort): (&Rung, Effort)| quality(&rung.knobs, layers, effort);
-    rungs.iter().zip(efforts(rungs)).map(quality).collect()
-}
-
-fn quality(knobs: &Knobs, layers: &Layers, effort: Effort) -> Quality {
-    let Knobs { spp, bounces, scale, fovea, .. } = *knobs;
-    Quality { spp, bounces, layer_iterations: layers.of(knobs), scale, fovea, effort }
-}
-
-/// Before anything was timed.
-fn guessed_effort(knobs: &Knobs) -> Effort {
-    Effort::new([PATH_TRACE, HOLE_FILL].map(|stage| (stage, guessed_paths(knobs))))
+    rungs.iter().map(|rung| limits.limit(&rung.quality)).zip(efforts(rungs)).collect()
 }
 
 /// When no further setting is timed, those without which nothing is known excepted.
@@ -135,7 +122,7 @@ pub struct Calibration<'a> {
     time_s: f64,
     /// Of an eye's image.
     rows: u32,
-    layers: &'a Layers,
+    limits: &'a FoveationOptions,
     begin: Instant,
     frames: u32,
     /// By samples per pixel and bounces.
@@ -144,7 +131,7 @@ pub struct Calibration<'a> {
 
 /// What frames of a setting told.
 struct Timed {
-    knobs: Knobs,
+    quality: Quality,
     /// The least busy times by stage.
     stage_ms: BTreeMap<String, f64>,
     /// Mean radiance of both eyes.
@@ -152,44 +139,44 @@ struct Timed {
 }
 
 impl<'a> Calibration<'a> {
-    pub fn new(renderer: &'a mut Renderer, rig: &'a Rig, time_s: f64, rows: u32, layers: &'a Layers) -> Self {
-        Self { renderer, rig, time_s, rows, layers, begin: Instant::now(), frames: 0, timed: HashMap::new() }
+    pub fn new(renderer: &'a mut Renderer, rig: &'a Rig, time_s: f64, rows: u32, limits: &'a FoveationOptions) -> Self {
+        Self { renderer, rig, time_s, rows, limits, begin: Instant::now(), frames: 0, timed: HashMap::new() }
     }
 
     /// The built-in ladder. Its times follow from those of some settings, as the light that bounces bring does; its noise
     /// is a guess.
     pub fn ladder(mut self, choice: &Choice, mut origin: Origin) -> Result<Ladder, Failure> {
-        let knobs =
-            |spp, bounces| choice.knobs.iter().find(|k| (k.spp, k.bounces, k.scale) == (spp, bounces, 1.0)).cloned();
+        let quality =
+            |spp, bounces| choice.qualities.iter().find(|q| (q.spp, q.bounces, q.scale) == (spp, bounces, 1.0));
         let [few, most] = [BOUNCES[0], BOUNCES[BOUNCES.len() - 1]];
         let between = BOUNCES[1..BOUNCES.len() - 1].iter().flat_map(|&b| [(2, b), (1, b)]);
         for (spp, bounces) in [(2, most), (1, most)].into_iter().chain(between).chain([(2, few), (1, few)]) {
             if self.begin.elapsed() < TIME_LIMIT || bounces == few {
-                self.time(knobs(spp, bounces).as_ref())?;
+                self.time(quality(spp, bounces))?;
             }
         }
         let missing = self.missing_light();
-        let mut rungs: Vec<Rung> = choice.knobs.iter().map(|k| self.rung(k, missing[&k.bounces])).collect();
+        let mut rungs: Vec<Rung> = choice.qualities.iter().map(|q| self.rung(q, missing[&q.bounces])).collect();
         let efforts = efforts(&rungs);
         // Efforts are told apart from here on by what was measured: a frame more puts what the next ones are held against
         // into their terms.
-        if let Some((knobs, effort)) = choice.knobs.first().zip(efforts.first()) {
-            self.renderer.set_quality(quality(knobs, self.layers, effort.clone()))?;
+        if let Some((quality, effort)) = choice.qualities.first().zip(efforts.first()) {
+            self.renderer.set_quality(self.limits.limit(quality), effort.clone())?;
             self.render()?;
         }
         let mut foresight = self.renderer.foresight();
         for (rung, effort) in rungs.iter_mut().zip(efforts) {
-            let quality = quality(&rung.knobs, self.layers, effort);
-            rung.time_ms = foresight.makespan_ms(&quality).unwrap_or(f64::NAN);
+            let quality = self.limits.limit(&rung.quality);
+            rung.time_ms = foresight.makespan_ms(&quality, &effort).unwrap_or(f64::NAN);
         }
         origin.devices = self.renderer.devices().iter().map(|d| d.name.clone()).collect();
         Ok(Ladder::of_measured(origin, &rungs).context("no setting could be timed")?)
     }
 
-    fn time(&mut self, knobs: Option<&Knobs>) -> Result<(), Failure> {
-        let Some(knobs) = knobs else { return Ok(()) };
+    fn time(&mut self, quality: Option<&Quality>) -> Result<(), Failure> {
+        let Some(quality) = quality else { return Ok(()) };
         let warm_up = if self.frames == 0 { WARM_UP } else { 0 };
-        self.renderer.set_quality(quality(knobs, self.layers, guessed_effort(knobs)))?;
+        self.renderer.set_quality(self.limits.limit(quality), guessed_effort(quality))?;
         self.renderer.begin_anew();
         let mut least: BTreeMap<String, f64> = BTreeMap::new();
         for i in 0..warm_up + FRAMES {
@@ -201,7 +188,7 @@ impl<'a> Calibration<'a> {
             }
         }
         let light = mean_light(&self.renderer.read_linear()?);
-        self.timed.insert((knobs.spp, knobs.bounces), Timed { knobs: knobs.clone(), stage_ms: least, light });
+        self.timed.insert((quality.spp, quality.bounces), Timed { quality: *quality, stage_ms: least, light });
         Ok(())
     }
 
@@ -235,19 +222,19 @@ impl<'a> Calibration<'a> {
     }
 
     /// A candidate with what its stages are taken to cost; its own time is not known yet.
-    fn rung(&self, knobs: &Knobs, missing_light: f64) -> Rung {
-        let error = guessed_error(knobs, missing_light, self.rows);
-        let (knobs, stage_ms, time_ms) = (knobs.clone(), self.stage_ms(knobs), f64::NAN);
-        Rung { time_ms, error, flip: None, flicker: None, relmse: None, is_estimated: true, knobs, stage_ms }
+    fn rung(&self, quality: &Quality, missing_light: f64) -> Rung {
+        let error = guessed_error(quality, missing_light, self.rows);
+        let (quality, stage_ms, time_ms) = (*quality, self.stage_ms(quality), f64::NAN);
+        Rung { time_ms, error, flip: None, flicker: None, relmse: None, is_estimated: true, quality, stage_ms }
     }
 
     /// Path tracing goes with the samples, from the same number of bounces if they were timed. The G-buffer takes a ray
     /// more for each sample where it averages.
-    fn stage_ms(&self, knobs: &Knobs) -> BTreeMap<String, f64> {
-        let spp = knobs.spp.min(2);
-        let near = [knobs.bounces, BOUNCES[0]].into_iter().find_map(|b| self.timed.get(&(spp, b)));
-        let Some(Timed { knobs: near, stage_ms: timed, .. }) = near else { return BTreeMap::new() };
-        let paths = guessed_paths(knobs) / guessed_paths(near);
+    fn stage_ms(&self, quality: &Quality) -> BTreeMap<String, f64> {
+        let spp = quality.spp.min(2);
+        let near = [quality.bounces, BOUNCES[0]].into_iter().find_map(|b| self.timed.get(&(spp, b)));
+        let Some(Timed { quality: near, stage_ms: timed, .. }) = near else { return BTreeMap::new() };
+        let paths = guessed_paths(quality) / guessed_paths(near);
         let centre_ms = self.timed.get(&(1, near.bounces)).and_then(|t| t.stage_ms.get(gbuffer::STAGE.name())).copied();
         let ms = |stage: Stage| {
             let ms = *timed.get(stage.name())?;
@@ -256,7 +243,7 @@ impl<'a> Calibration<'a> {
                 match stage {
                     gbuffer::STAGE => {
                         let centre_ms = centre_ms.unwrap_or(ms).min(ms);
-                        centre_ms + (ms - centre_ms) * f64::from(knobs.spp) / f64::from(spp)
+                        centre_ms + (ms - centre_ms) * f64::from(quality.spp) / f64::from(spp)
                     }
                     _ => ms * paths,
                 },

@@ -32,14 +32,8 @@ pub struct Live {
 }
 
 impl Live {
-    pub fn new(
-        band: Budget,
-        devices: &[DeviceInfo],
-        denoiser: &'static str,
-        rungs: usize,
-        wanted: Option<u32>,
-    ) -> Self {
-        let names = devices.iter().map(|d| format!("dev{} {}", d.index, d.name)).collect();
+    pub fn new(band: Budget, gpus: &[DeviceInfo], denoiser: &'static str, rungs: usize, wanted: Option<u32>) -> Self {
+        let names = gpus.iter().map(|d| format!("dev{} {}", d.index, d.name)).collect();
         let band_ms = [band.lo_ms(), band.hi_ms()];
         Self { band_ms, denoiser, rungs, wanted, names, recent_ms: VecDeque::new(), frames: 0, in_band: 0, drawn: None }
     }

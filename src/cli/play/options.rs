@@ -2,12 +2,14 @@
 
 use std::path::PathBuf;
 
-use diptych::control::{Budget, Knobs};
-use diptych::quality::Denoiser;
+use anyhow::ensure;
+
+use diptych::control::Budget;
+use diptych::quality::{Denoiser, Quality};
 
 use super::Failure;
 use super::ladder::Choice;
-use crate::cli::foveation::{FoveationOptions, Iterations};
+use crate::cli::foveation::FoveationOptions;
 use crate::cli::options::{DEVICES, DenoiserChoice, QUALITY, RenderOptions, RunOptions, SCENE};
 
 #[derive(clap::Args, Clone, Debug)]
@@ -36,43 +38,25 @@ pub struct LoopOptions {
 }
 
 impl LoopOptions {
-    pub fn layers(&self) -> Layers {
-        let most = self.foveated.layer_iterations();
-        Layers { foveal: most, all: self.foveated.iterations.is_some().then(|| most.into_iter().fold(0, u32::max)) }
-    }
-
     /// Options with the most that any frame has.
     fn render_options(&self, choice: &Choice, frames: u32) -> RenderOptions {
-        let most = choice.most(|k| k.iterations);
-        let iterations = match self.foveated.is_on() {
-            true => Iterations::Layers(self.foveated.layer_iterations().map(|limit| limit.min(most))),
-            false => Iterations::All(self.layers().all.map_or(most, |limit| limit.min(most))),
-        };
+        let most = self.foveated.limit(&Quality { fovea: self.foveated.foveation.radii(), ..choice.most() });
         RenderOptions {
-            run: self.run.clone(),
-            spp: choice.most(|k| k.spp),
-            scale: choice.least_scale(),
-            bounces: choice.most(|k| k.bounces),
-            denoiser: choice.denoiser,
-            foveated: FoveationOptions { iterations: Some(iterations), ..self.foveated.clone() },
+            foveated: FoveationOptions { iterations: Some(most.iterations), ..self.foveated.clone() },
             frames,
             fps: self.fps.unwrap_or(1e3 / self.budget_ms.hi_ms()),
-            frames_in_flight: 1,
-            aov: Vec::new(),
+            ..RenderOptions::single(self.run.clone(), &most)
         }
     }
 
     /// What clap cannot see.
-    fn check(&self, choice: &Choice, options: &RenderOptions) -> Result<(), Failure> {
-        self.foveated.check().map_err(Failure::Input)?;
-        if choice.denoiser.is_some() && options.iterations() == 0 {
-            return Err(Failure::Input(anyhow::anyhow!("--iterations 0 filters nothing: choose --denoiser none")));
-        }
-        if self.foveated.is_on() && choice.denoiser.is_none() {
-            let what = anyhow::anyhow!("--foveation layers leaves pixels to a denoiser: choose another than none");
-            return Err(Failure::Input(what));
-        }
-        options.check().map_err(Failure::Input)
+    fn check(&self, choice: &Choice, options: &RenderOptions) -> Result<(), anyhow::Error> {
+        self.foveated.check(choice.denoiser)?;
+        let (is_asked, filters) = (choice.denoiser.is_some(), options.quality().denoiser.is_some());
+        ensure!(filters || !is_asked, "--iterations 0 filters nothing: choose --denoiser none");
+        let what = "--foveation layers leaves pixels to a denoiser: choose another than none";
+        ensure!(filters || !self.foveated.is_on(), what);
+        options.check()
     }
 }
 
@@ -91,25 +75,7 @@ impl Prepared {
     pub fn new(options: &LoopOptions, frames: Option<u32>) -> Result<Self, Failure> {
         let choice = Choice::new(options)?;
         let render = options.render_options(&choice, frames.unwrap_or(u32::MAX));
-        options.check(&choice, &render)?;
+        options.check(&choice, &render).map_err(Failure::Input)?;
         Ok(Self { options: options.clone(), choice, render, fits_size: None, frames })
-    }
-}
-
-/// The most iterations of any frame.
-pub struct Layers {
-    /// Of frames with foveal layers, by layer.
-    foveal: [u32; 3],
-    /// Of all, where there is a limit.
-    all: Option<u32>,
-}
-
-impl Layers {
-    /// Of a rung.
-    pub fn of(&self, knobs: &Knobs) -> [u32; 3] {
-        match (knobs.fovea, self.all) {
-            (Some(_), _) => self.foveal.map(|most| most.min(knobs.iterations)),
-            (None, most) => [most.map_or(knobs.iterations, |most| most.min(knobs.iterations)); 3],
-        }
     }
 }

@@ -6,12 +6,13 @@ use std::time::Instant;
 
 use diptych::control::{Budget, Controller, Decision, ESTIMATES_EV, Ladder, Measure, Origin};
 use diptych::device::GpuDevice;
-use diptych::exec::{FrameReport, Quality, Renderer};
-use diptych::quality::Denoiser;
+use diptych::exec::{FrameReport, Renderer};
+use diptych::quality::{Denoiser, FrameQuality, Quality};
 use diptych::report::play::{ControlRow, SizeFit};
-use diptych::report::run::{FrameRow, Quality as QualityRow};
+use diptych::report::run::FrameRow;
 use diptych::scene::rig::Rig;
-use diptych::trace::frames::{ControlKnobs, FrameKnobs, record_devices};
+use diptych::schedule::Effort;
+use diptych::trace::frames::{FrameControl, record_devices};
 
 use super::Failure;
 use super::fit;
@@ -31,7 +32,7 @@ pub struct Session {
     pub fit: Option<SizeFit>,
     /// How long it took until the first frame could begin.
     pub warm_up_s: f64,
-    qualities: Vec<Quality>,
+    qualities: Vec<(Quality, Effort)>,
     controller: Controller,
     budget: Budget,
     live: Live,
@@ -66,7 +67,7 @@ impl Session {
         Ok(Self {
             fit,
             warm_up_s: begin.elapsed().as_secs_f64(),
-            qualities: qualities(&ladder, &options.layers()),
+            qualities: qualities(&ladder, &options.foveated),
             controller: Controller::new(&ladder, options.budget_ms),
             live: Live::new(options.budget_ms, renderer.devices(), denoiser, ladder.rungs().len(), prepared.frames),
             budget: options.budget_ms,
@@ -86,7 +87,8 @@ impl Session {
         let foresight = RefCell::new((renderer.foresight(), HashMap::new()));
         let predict = |rung: usize| -> f64 {
             let (foresight, known) = &mut *foresight.borrow_mut();
-            *known.entry(rung).or_insert_with(|| foresight.makespan_ms(&qualities[rung]).unwrap_or(f64::NAN))
+            let (quality, effort) = &qualities[rung];
+            *known.entry(rung).or_insert_with(|| foresight.makespan_ms(quality, effort).unwrap_or(f64::NAN))
         };
         let decision = controller.next(&predict);
         Decided { decision, decide_ms: begin.elapsed().as_secs_f64() * 1e3 }
@@ -95,7 +97,7 @@ impl Session {
     /// Radii of the foveal layers that a frame has.
     #[cfg(feature = "view")]
     pub fn fovea(&self, decided: Decided) -> Option<[f64; 2]> {
-        self.qualities[decided.decision.rung].fovea
+        self.qualities[decided.decision.rung].0.fovea
     }
 
     /// Renders a frame as decided, `late_ms` after it was due; returns its row and its report.
@@ -107,7 +109,8 @@ impl Session {
         time_s: f64,
         index: u32,
     ) -> Result<(FrameRow, FrameReport), Failure> {
-        self.renderer.set_quality(self.qualities[decided.decision.rung].clone())?;
+        let (quality, effort) = self.qualities[decided.decision.rung].clone();
+        self.renderer.set_quality(quality, effort)?;
         let frame = self.renderer.render(rig, time_s, index)?;
         Ok((self.take_in(&frame, decided, late_ms, rig, time_s), frame))
     }
@@ -122,13 +125,10 @@ impl Session {
         }
         let budget_ms = [self.budget.lo_ms(), self.budget.hi_ms()];
         let in_band = (budget_ms[0]..=budget_ms[1]).contains(&frame.makespan_ms);
-        let quality = &self.qualities[rung];
-        let (spp, bounces, iterations) = (quality.spp, quality.bounces, quality.iterations());
-        let (scale, fovea) = (quality.scale, quality.fovea);
-        let control = Some(ControlKnobs { rung, budget_ms });
-        self.tracing.record_with(&FrameKnobs { spp, bounces, iterations, scale, control }, frame);
-        let quality = QualityRow { spp, bounces, iterations, scale, fovea };
-        let mut row = FrameRow::new(frame, &quality, rig, time_s);
+        let (quality, _) = &self.qualities[rung];
+        self.tracing.record(quality, Some(FrameControl { rung, budget_ms }), frame);
+        let mut row = FrameRow::new(frame, quality, rig, time_s);
+        let FrameQuality { spp, bounces, iterations, scale, fovea } = row.quality;
         row.control = Some(ControlRow { rung, expected_ms, fits, in_band, late_ms, decide_ms });
         self.progress.event(|| {
             serde_json::json!({
@@ -163,7 +163,7 @@ fn find_ladder(
         version: env!("CARGO_PKG_VERSION").to_owned(),
     };
     let (rig, rows) = (&loaded.shot.rig, render.size.height);
-    let ladder = Calibration::new(renderer, rig, render.time, rows, &options.layers()).ladder(choice, origin);
+    let ladder = Calibration::new(renderer, rig, render.time, rows, &options.foveated).ladder(choice, origin);
     // The first frame is not to find what was timed.
     renderer.begin_anew();
     ladder

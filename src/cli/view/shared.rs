@@ -7,7 +7,7 @@ use std::time::Instant;
 
 use diptych::exec::Stereo;
 use diptych::image::Image;
-use diptych::report::run::Quality;
+use diptych::quality::FrameQuality;
 
 /// Frames that are remembered for the plot.
 const REMEMBERED: usize = 120;
@@ -63,7 +63,7 @@ pub struct FrameNews {
     pub makespan_ms: f64,
     pub in_band: bool,
     pub rung: usize,
-    pub quality: Quality,
+    pub quality: FrameQuality,
     /// Rows per device.
     pub stripes: Vec<u32>,
 }

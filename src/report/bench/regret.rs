@@ -2,14 +2,16 @@
 
 use serde::Serialize;
 
-use super::{KNOBS, Row, knob_cells};
-use crate::control::{Knobs, MIN_STEP, Rung};
+use super::{COLUMNS, Row, cells_of};
+use crate::control::{MIN_STEP, Rung};
+use crate::quality::Quality;
 use crate::report::Table;
 
 /// Of a rung.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Regret {
-    pub knobs: Knobs,
+    #[serde(rename = "knobs")]
+    pub quality: Quality,
     pub time_ms: f64,
     /// FLIP + flicker, mean of both eyes.
     pub error: f64,
@@ -20,28 +22,28 @@ pub struct Regret {
 }
 
 /// Of those of these settings that were measured, from the cheapest.
-pub fn regrets(rungs: &[Knobs], rows: &[Row]) -> Vec<Regret> {
+pub fn regrets(rungs: &[Quality], rows: &[Row]) -> Vec<Regret> {
     let all: Vec<_> = rows.iter().map(Row::rung).collect();
-    let mut found: Vec<_> = all.iter().filter(|r| rungs.contains(&r.knobs)).collect();
+    let mut found: Vec<_> = all.iter().filter(|r| rungs.contains(&r.quality)).collect();
     found.sort_by(|a, b| a.time_ms.total_cmp(&b.time_ms));
     let of = |rung: &&Rung| {
         let no_longer = all.iter().filter(|r| r.time_ms <= rung.time_ms * (1.0 + MIN_STEP));
         let best_error = no_longer.map(|r| r.error).fold(rung.error, f64::min);
         let regret = rung.error / best_error.max(1e-9) - 1.0;
-        Regret { knobs: rung.knobs.clone(), time_ms: rung.time_ms, error: rung.error, best_error, regret }
+        Regret { quality: rung.quality, time_ms: rung.time_ms, error: rung.error, best_error, regret }
     };
     found.iter().map(of).collect()
 }
 
 pub fn regret_table(regrets: &[Regret]) -> Table {
     let line = |r: &Regret| {
-        let mut line = knob_cells(&r.knobs).to_vec();
+        let mut line = cells_of(&r.quality).to_vec();
         line.push(format!("{:.1}", r.time_ms));
         line.extend([r.error, r.best_error].map(|error| format!("{error:.4}")));
         line.push(format!("{:.1} %", 100.0 * r.regret));
         line
     };
-    let mut headers = KNOBS.to_vec();
+    let mut headers = COLUMNS.to_vec();
     headers.extend(["ms", "FLIP + flicker", "best", "regret"]);
     Table { headers, rows: regrets.iter().map(line).collect() }
 }
@@ -53,13 +55,9 @@ mod tests {
 
     #[test]
     fn regret_is_over_the_best_that_takes_no_longer() {
-        let rows = [
-            row("atrous", 1, 1.0, &[0.4]),
-            row("atrous", 2, 2.0, &[0.1]),
-            row("svgf", 1, 2.5, &[0.2]),
-            row("svgf", 2, 9.0, &[0.05]),
-        ];
-        let rungs: Vec<Knobs> = rows[..3].iter().rev().map(|r| r.knobs.clone()).collect();
+        let rows = [("none", 1, 1.0, 0.4), ("none", 2, 2.0, 0.1), ("svgf", 1, 2.5, 0.2), ("svgf", 2, 9.0, 0.05)];
+        let rows = rows.map(|(denoiser, spp, time_ms, rmse)| row(denoiser, spp, time_ms, &[rmse]));
+        let rungs: Vec<Quality> = rows[..3].iter().rev().map(|r| r.quality).collect();
         let found = regrets(&rungs, &rows);
         assert_eq!(found.iter().map(|r| r.time_ms).collect::<Vec<_>>(), [1.0, 2.0, 2.5]);
         assert_eq!((found[0].regret, found[1].regret), (0.0, 0.0));

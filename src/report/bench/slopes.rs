@@ -47,13 +47,13 @@ pub fn log_slope(points: &[(f64, f64)]) -> Option<f64> {
 /// reference's noise, which adds to every relMSE, is taken off; settings whose error is lost in it are left out, as is
 /// 1 spp, whose sample goes through the pixel's centre and estimates another image.
 pub fn slopes(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Vec<Slope> {
-    let rows: Vec<&Row> = rows.iter().filter(|r| r.knobs.scale == 1.0 && r.knobs.fovea.is_none()).collect();
-    let bounces = rows.iter().map(|r| r.knobs.bounces).max();
-    let rows: Vec<&Row> = rows.into_iter().filter(|r| Some(r.knobs.bounces) == bounces).collect();
+    let rows: Vec<&Row> = rows.iter().filter(|r| r.quality.scale == 1.0 && r.quality.fovea.is_none()).collect();
+    let bounces = rows.iter().map(|r| r.quality.bounces).max();
+    let rows: Vec<&Row> = rows.into_iter().filter(|r| Some(r.quality.bounces) == bounces).collect();
     let filters = once(rows.iter().map(|r| filter(r)));
     let of = |name: &(&'static str, u32)| {
-        let own = || rows.iter().filter(|r| filter(r) == *name && r.knobs.spp > 1);
-        let eye = |of: fn(&Measured) -> &Vec<f64>| own().map(|r| (r.knobs.spp, of(&r.measured).as_slice())).collect();
+        let own = || rows.iter().filter(|r| filter(r) == *name && r.quality.spp > 1);
+        let eye = |of: fn(&Measured) -> &Vec<f64>| own().map(|r| (r.quality.spp, of(&r.measured).as_slice())).collect();
         let noises = noise.map_or([0.0; 2], |n| [n.left.relmse, n.right.relmse]);
         [
             slope(*name, "left", eye(|m| &m.relmse_repeats.left), noises[0]),
@@ -64,7 +64,7 @@ pub fn slopes(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Vec<Slope> {
 }
 
 fn filter(row: &Row) -> (&'static str, u32) {
-    (Denoiser::name_of(row.knobs.denoiser), row.knobs.iterations)
+    (Denoiser::name_of(row.quality.denoiser), row.quality.most_iterations())
 }
 
 /// Through the relMSE of each repeat, by samples per pixel.
@@ -126,7 +126,7 @@ mod tests {
         let mut rows: Vec<Row> = [2, 8].map(|spp| row("none", spp, 1.0, &[1.0 / f64::from(spp)])).into();
         let all = slopes(&rows, None);
         rows.extend([2, 8].map(|spp| row("none", spp, 0.5, &[0.5])));
-        rows[2..].iter_mut().for_each(|r| r.knobs.bounces = 2);
+        rows[2..].iter_mut().for_each(|r| r.quality.bounces = 2);
         let found = slopes(&rows, None);
         assert_eq!((found.len(), found[0].slope), (2, all[0].slope));
     }
