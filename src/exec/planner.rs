@@ -2,17 +2,22 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::{Quality, RenderSettings};
+use serde::{Deserialize, Serialize};
+
+use super::{Quality, RenderSettings, wire};
 use crate::graph::{Assignment, FrameGraph, FrameSpec, Seam, Stage, passes};
 use crate::schedule::{CostModel, Policy, choose_halo};
 
 /// What distinguishes the graphs of a run from one another.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
+    #[serde(with = "wire::SeamFields")]
     pub seam: Seam,
     pub iterations: u32,
+    #[serde(with = "wire::assignment")]
     pub assignment: Assignment,
     /// Who had which rows in the frame before, and how many rows its surfaces may have moved.
+    #[serde(with = "wire::history")]
     pub history: Option<(Assignment, u32)>,
 }
 
@@ -20,15 +25,15 @@ pub struct Plan {
 pub struct Graphs {
     /// What the frames of the run have in common.
     spec: FrameSpec,
-    /// Newest last.
-    built: Mutex<Vec<(Plan, Arc<FrameGraph>)>>,
+    /// The latest one last.
+    latest: Mutex<Vec<(Plan, Arc<FrameGraph>)>>,
     capacity: usize,
 }
 
 impl Graphs {
     /// `capacity` is the number of graphs that are kept, at least as many as there are frames in flight.
     pub fn new(spec: FrameSpec, capacity: usize) -> Self {
-        Self { spec, built: Mutex::default(), capacity }
+        Self { spec, latest: Mutex::default(), capacity }
     }
 
     /// The stages that some frame may need.
@@ -47,16 +52,16 @@ impl Graphs {
 
     /// The graph of a plan, built if it is none of the latest.
     pub fn of(&self, plan: &Plan) -> Arc<FrameGraph> {
-        let mut built = self.built.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, graph)) = built.iter().rev().find(|(old, _)| old == plan) {
-            return Arc::clone(graph);
+        let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = latest.iter().position(|(old, _)| old == plan).map(|place| latest.remove(place));
+        let (plan, graph) = found.unwrap_or_else(|| {
+            let before = plan.history.as_ref().map(|(before, _)| before);
+            (plan.clone(), Arc::new(FrameGraph::build(&self.spec(plan), &plan.assignment, before)))
+        });
+        latest.push((plan, Arc::clone(&graph)));
+        if latest.len() > self.capacity {
+            latest.remove(0);
         }
-        let before = plan.history.as_ref().map(|(before, _)| before);
-        let graph = Arc::new(FrameGraph::build(&self.spec(plan), &plan.assignment, before));
-        if built.len() == self.capacity {
-            built.remove(0);
-        }
-        built.push((plan.clone(), Arc::clone(&graph)));
         graph
     }
 }
@@ -118,5 +123,55 @@ impl Planner {
                 costs.set_seam(next);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::graph::{Filter, Stripes, Views};
+    use crate::image::Extent;
+
+    fn graphs(capacity: usize) -> Graphs {
+        let spec = FrameSpec {
+            extent: Extent::new(16, 12),
+            devices: 2,
+            views: Views::Traced,
+            sparse: false,
+            filter: Filter::Atrous,
+            iterations: 3,
+            history_rows: None,
+            seam: Seam::None,
+            aovs: 0,
+            has_surfaces: true,
+        };
+        Graphs::new(spec, capacity)
+    }
+
+    fn plan(edge: u32, iterations: u32) -> Plan {
+        let assignment = Assignment::uniform(Stripes::from_edges(12, &[edge]));
+        Plan { seam: Seam::Filter, iterations, assignment, history: None }
+    }
+
+    #[test]
+    fn a_graph_is_built_once_while_its_plan_is_among_the_latest() {
+        let graphs = graphs(2);
+        let first = graphs.of(&plan(4, 3));
+        graphs.of(&plan(5, 3));
+        assert!(Arc::ptr_eq(&first, &graphs.of(&plan(4, 3))));
+        graphs.of(&plan(6, 3));
+        assert!(Arc::ptr_eq(&first, &graphs.of(&plan(4, 3))));
+        graphs.of(&plan(7, 3));
+        graphs.of(&plan(8, 3));
+        assert!(!Arc::ptr_eq(&first, &graphs.of(&plan(4, 3))));
+    }
+
+    #[test]
+    fn what_a_frame_must_do_follows_from_its_plan() {
+        let graphs = graphs(1);
+        let history = Some((plan(4, 3).assignment, 8));
+        let spec = graphs.spec(&Plan { history, ..plan(4, 2) });
+        assert_eq!((spec.seam, spec.iterations, spec.history_rows), (Seam::Filter, 2, Some(8)));
+        assert_eq!(FrameSpec { seam: Seam::None, iterations: 3, history_rows: None, ..spec }, graphs.spec);
     }
 }

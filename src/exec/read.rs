@@ -5,14 +5,14 @@ use std::borrow::Cow;
 use bytemuck::Pod;
 
 use super::messages::Pixels;
+use super::output::Output;
 use super::{ExecError, Renderer, Stereo};
-use crate::graph::PhysicalImage;
 use crate::image::{Image, RgbImage};
 use crate::stages::Aov;
 
 impl Renderer {
     /// Raw, both eyes. If the primary fails, others make the frame again.
-    fn read(&mut self, image: PhysicalImage) -> Result<Cow<'_, Pixels>, ExecError> {
+    fn read(&mut self, image: Output) -> Result<Cow<'_, Pixels>, ExecError> {
         loop {
             let is_here = self.frames.whole.as_ref().is_some_and(|w| w.images.contains_key(&image));
             if is_here {
@@ -33,7 +33,7 @@ impl Renderer {
     /// [`ExecError::NoneLeft`] if the last device failed.
     pub fn read_linear(&mut self) -> Result<Stereo<RgbImage>, ExecError> {
         let extent = self.settings.stages.extent;
-        let pixels = self.read(PhysicalImage::Linear)?;
+        let pixels = self.read(Output::Linear)?;
         let image = |bytes| Image { extent, pixels: values(bytes).map(|[r, g, b, _]: [f32; 4]| [r, g, b]).collect() };
         let [left, right] = pixels.each_ref().map(image);
         Ok(Stereo { left, right })
@@ -45,7 +45,7 @@ impl Renderer {
     /// Those of [`Self::read_linear`].
     pub fn read_display(&mut self) -> Result<Stereo<Image<[u8; 4]>>, ExecError> {
         let extent = self.settings.stages.extent;
-        let pixels = self.read(PhysicalImage::Display)?;
+        let pixels = self.read(Output::Display)?;
         let [left, right] = pixels.each_ref().map(|bytes| Image { extent, pixels: values(bytes).collect() });
         Ok(Stereo { left, right })
     }
@@ -56,7 +56,7 @@ impl Renderer {
     /// Those of [`Self::read_linear`].
     pub fn read_aov(&mut self, i: usize) -> Result<Stereo<Vec<Vec<f32>>>, ExecError> {
         let aov: Aov = self.settings.stages.aovs[i];
-        let pixels = self.read(PhysicalImage::Aov(i as u8))?;
+        let pixels = self.read(Output::Aov(i as u8))?;
         let channel = |bytes: &Vec<u8>, c: usize| values(bytes).map(|pixel: [f32; 4]| pixel[c]).collect();
         let channels = |bytes| (0..aov.channels().len()).map(|c| channel(bytes, c)).collect();
         let [left, right] = pixels.each_ref().map(channels);

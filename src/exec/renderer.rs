@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use super::constants::{constants, curve_shift};
 use super::frames::{Attempt, Finished, Frames, InFlight, Inputs, Whole};
 use super::history::history_rows;
+use super::output::Output;
 use super::planner::{Graphs, Plan, Planner};
 use super::worker_pool::WorkerPool;
 use super::{ExecError, Fault, FrameReport, InjectedFaults, Quality, RenderSettings, costs};
@@ -190,7 +191,8 @@ impl Renderer {
         let previous = self.last.as_ref().map_or(constants.views, |l| l.constants.views);
         let place = Place::of(self.begun, self.settings.stages.frames_in_flight);
         self.begun += 1;
-        let inputs = Inputs { constants, quality: self.quality.clone(), previous, place, reads: reads.into() };
+        let reads = reads.iter().filter_map(|image| Output::of(*image)).collect();
+        let inputs = Inputs { constants, quality: self.quality.clone(), previous, place, reads };
         self.last = Some(inputs.clone());
         self.hand_out(inputs, None);
         Ok(())
@@ -298,7 +300,7 @@ impl Renderer {
             spec: self.planner.spec(&plan),
             pixel_centre: inputs.constants.centre.to_array(),
         };
-        self.frames.hand_out(inputs, &plan, report, attempt);
+        self.frames.hand_out(inputs, (&plan, Arc::clone(&graph)), report, attempt);
         self.planned = Some((plan, graph));
     }
 

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::Range;
 
-use crate::graph::{Assignment, FrameSpec, Resource, Stage, Views};
+use super::messages::TaskTime;
+use crate::graph::{Assignment, FrameSpec, Resource, Stage, Task, TaskKind, Views};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
 use crate::stages::{HoleReason, RowTally};
@@ -26,6 +27,24 @@ pub struct TaskTiming {
     /// Number of the transfer within its frame; both of its ends have it.
     #[serde(skip)]
     pub transfer: Option<u32>,
+}
+
+impl TaskTiming {
+    /// From what a device says of one of its tasks; none if that is nothing that takes time.
+    pub(super) fn of(tasks: &[Task], time: &TaskTime) -> Option<Self> {
+        let task = tasks.get(time.task)?;
+        let (stage, kind, transfer) = match task.kind {
+            TaskKind::Dispatch { stage, .. } => (stage.name(), TimedTask::Gpu(stage), None),
+            TaskKind::Download { resource, transfer, .. } => {
+                (resource_name(resource), TimedTask::Download, Some(transfer))
+            }
+            TaskKind::Upload { resource, transfer } => (resource_name(resource), TimedTask::Upload, Some(transfer)),
+            TaskKind::Stitch => return None,
+        };
+        let TaskTime { begin_ms, end_ms, bytes, .. } = *time;
+        let (view, device, rows) = (task.view, task.device, task.rows.clone());
+        Some(Self { stage, kind, view, device, rows, begin_ms, end_ms, bytes, transfer })
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -200,7 +219,7 @@ pub struct Stereo<T> {
 }
 
 /// Name of a resource in reports.
-pub(super) fn resource_name(resource: Resource) -> &'static str {
+fn resource_name(resource: Resource) -> &'static str {
     match resource {
         Resource::Hit => "hit",
         Resource::Guide => "guide",
