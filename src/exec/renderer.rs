@@ -41,7 +41,8 @@ impl Renderer {
     /// Starts a worker per device and warms every pipeline up. Times are counted from `origin`.
     ///
     /// # Errors
-    /// A device that fails at once, has too little memory or cannot compile a stage, and threads that cannot be started.
+    /// A device that fails at once, has too little memory or cannot compile a stage, or a thread that cannot be
+    /// started.
     pub fn new(
         gpus: Vec<GpuDevice>,
         tables: Arc<SceneTables>,
@@ -82,8 +83,8 @@ impl Renderer {
         })
     }
 
-    /// The devices that have not failed, for another renderer, which need not compile again what it has in common with this
-    /// one.
+    /// The devices that have not failed, for another renderer, which need not compile again what it has in common with
+    /// this one.
     pub fn into_devices(self) -> Vec<GpuDevice> {
         self.frames.into_workers().end()
     }
@@ -168,8 +169,8 @@ impl Renderer {
     }
 
     /// Begins a frame as [`Self::render`] does, and waits for none: [`Self::finish`] does, in the same order. At most
-    /// [`crate::stages::StageSettings::frames_in_flight`] may be begun and not finished; another one finishes the oldest
-    /// first, whose report is lost. `reads` are the images that can be read while frames are in flight.
+    /// [`crate::stages::StageSettings::frames_in_flight`] may be begun and not finished; another one finishes the
+    /// oldest first, whose report is lost. `reads` are the images that can be read while frames are in flight.
     ///
     /// # Errors
     /// Those of [`Self::finish`], if the oldest frame is finished first.

@@ -35,8 +35,8 @@ pub struct Recorded {
     size: u64,
 }
 
-/// Bytes in a mapped buffer, which goes back to its pool when they are dropped. It is unmapped only when its device uses
-/// it again, so that no other thread has to do with the device.
+/// Bytes in a mapped buffer, which goes back to its pool when they are dropped. It is unmapped only when its device
+/// uses it again, so that no other thread has to do with the device.
 pub struct Mapped {
     /// None: dropped.
     view: Option<wgpu::BufferView>,

@@ -1,5 +1,6 @@
 //! The thread that drives one device: it carries out what [`Protocol`] says.
 
+pub mod action;
 pub mod device;
 mod part;
 pub mod protocol;
@@ -19,9 +20,10 @@ use super::planner::Graphs;
 use super::transport::WorkerTransport;
 use crate::device::{DeviceFailure, DeviceInfo, GpuDevice, WAIT_SLICES};
 use crate::stages::Place;
+use action::{Action, Outcome};
 use device::WorkerDevice;
 use part::Part;
-use protocol::{Action, Outcome, Protocol};
+use protocol::Protocol;
 use script::Outgoing;
 
 pub struct Worker {
@@ -87,7 +89,7 @@ impl Worker {
                 let span = tracing::info_span!("wait for rows of others", frame = frame(ticket), transfer);
                 spans.rows = Some(span.entered());
             }
-            Action::Write { .. } => spans.rows = None,
+            Action::Write { .. } | Action::Answer { .. } => spans.rows = None,
             Action::TakeCommand { .. } => *spans = Spans::default(),
             _ => {}
         }
@@ -138,21 +140,20 @@ impl Worker {
     }
 
     fn obey(&mut self, Command { ticket, limit, order }: Command) {
-        self.device.gpu.patience = limit;
-        let command = match order {
+        let Self { device, protocol, parts, .. } = self;
+        device.gpu.patience = limit;
+        protocol.command(ticket, || match order {
             Order::Frame(job) => {
-                let graph = self.graphs.of(&job.plan);
-                let part = Part::new(*job, graph, &self.device);
+                let part = Part::new(*job, &self.graphs, device);
                 let script = Arc::new(part.script(ticket));
-                self.parts.insert(ticket, part);
-                protocol::Command::Frame(script)
+                parts.insert(ticket, part);
+                action::Command::Frame(script)
             }
             Order::Read { image, place, injected } => {
                 self.read = Some((image, place));
-                protocol::Command::Read { injected }
+                action::Command::Read { injected }
             }
-        };
-        self.protocol.command(ticket, command);
+        });
     }
 
     fn answer(&mut self, ticket: u64, outcome: Outcome) {

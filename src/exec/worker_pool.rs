@@ -41,7 +41,8 @@ impl WorkerPool {
     /// `origin`.
     ///
     /// # Errors
-    /// A device that fails at once, has too little memory or cannot compile a stage, and threads that cannot be started.
+    /// A device that fails at once, has too little memory or cannot compile a stage, or a thread that cannot be
+    /// started.
     pub fn start(
         gpus: Vec<GpuDevice>,
         settings: &StageSettings,
@@ -72,8 +73,8 @@ impl WorkerPool {
         self.transport.close(device);
     }
 
-    /// Has the orders carried out, under a ticket of their own; `limit` is what a device may take for each thing that is
-    /// waited for.
+    /// Has the orders carried out, under a ticket of their own; `limit` is what a device may take for each thing that
+    /// is waited for.
     pub fn ask(&mut self, orders: Vec<(usize, Order)>, limit: Duration) -> u64 {
         let ticket = self.ledger.ask(orders.iter().map(|(device, _)| *device).collect());
         for (device, order) in orders {

@@ -1,5 +1,6 @@
 //! The protocol of `src/exec/README.md`, explored in every order of events: the workers' own state machine and the
-//! renderer's own ledger, with frames in flight, devices that fail or hang at every point and some that wake up too late.
+//! renderer's own ledger, with frames in flight, devices that fail or hang at every point and some that wake up too
+//! late.
 
 use std::collections::{BTreeSet, HashSet, VecDeque};
 use std::sync::Arc;
@@ -19,7 +20,7 @@ struct Worker {
 }
 
 impl Worker {
-    /// Carries out what nobody else sees and what does not depend on others, so that only what does is explored in every
+    /// Carries out what nobody else sees and what does not depend on others: only the rest need be explored in every
     /// order.
     fn settle(&mut self) {
         loop {
@@ -37,9 +38,8 @@ impl Worker {
     }
 }
 
-/// The tasks of a frame on a device: everybody needs rows of everybody, and the primary needs all of them for the stitch.
-/// Ranks are those among the devices that are left. If `in_order`, rows leave before others are waited for, as the common
-/// order of tasks has it.
+/// The tasks of a frame on a device: every device needs rows of every other, and the primary needs all of them for the
+/// stitch. If `in_order`, rows leave before others are waited for, as the common order of tasks has it.
 fn script(ticket: Ticket, device: Device, left: &[Device], submits_often: bool, in_order: bool) -> Arc<Script> {
     let others = || left.iter().copied().filter(move |d| *d != device);
     let transfer = |round: u32, from: Device, to: Device| round * 100 + from as u32 * 10 + to as u32;
@@ -251,7 +251,7 @@ impl World {
         }
         match worker.protocol.next() {
             Action::TakeCommand { waits } => match worker.commands.pop_front() {
-                Some((ticket, script)) => worker.protocol.command(ticket, Command::Frame(script)),
+                Some((ticket, script)) => worker.protocol.command(ticket, || Command::Frame(script)),
                 None if waits => return Vec::new(),
                 None => worker.protocol.no_command(),
             },

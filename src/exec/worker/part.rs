@@ -8,6 +8,7 @@ use super::script::{Script, Step};
 use crate::device::DeviceFailure;
 use crate::exec::messages::{Bytes, FrameJob, FrameReply, TaskTime};
 use crate::exec::output::Output;
+use crate::exec::planner::Graphs;
 use crate::exec::staging::{ReadBack, Recorded};
 use crate::graph::{FrameGraph, Task, TaskKind};
 
@@ -36,12 +37,12 @@ pub struct Part {
 }
 
 impl Part {
-    pub fn new(job: FrameJob, graph: Arc<FrameGraph>, device: &WorkerDevice) -> Self {
+    pub fn new(job: FrameJob, graphs: &Graphs, device: &WorkerDevice) -> Self {
         Self {
-            job,
-            graph,
-            device: device.gpu.info.index,
             begin_ms: device.now_ms(),
+            graph: graphs.of(&job.plan),
+            job,
+            device: device.gpu.info.index,
             end_ms: 0.0,
             encoder: None,
             copies: Vec::new(),
