@@ -23,7 +23,7 @@ pub struct Fault {
 }
 
 /// What is done to a device in the middle of a frame.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub enum InjectedKind {
     /// The device is destroyed.
     Loss,

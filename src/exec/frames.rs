@@ -5,12 +5,13 @@ use std::sync::Arc;
 use std::time::{Duration, Instant};
 
 use super::messages::{Answer, FrameJob, Order, Pixels, Stop};
+use super::output::Output;
 use super::planner::Plan;
 use super::watchdog::Limits;
 use super::worker_pool::WorkerPool;
-use super::{ExecError, Fault, FrameReport, InjectedFaults, Injection, Tally};
+use super::{ExecError, Fault, FrameReport, InjectedFaults, Injection, Tally, TaskTiming};
 use crate::device::DeviceFailure;
-use crate::graph::Resource;
+use crate::graph::FrameGraph;
 use crate::passes::ROW_TALLY;
 use crate::quality::Quality;
 use crate::schedule::Effort;
@@ -27,7 +28,7 @@ pub struct Inputs {
     pub previous: [layout::View; 2],
     pub place: Place,
     /// The images that come back with its answer.
-    pub reads: Arc<[Resource]>,
+    pub reads: Arc<[Output]>,
 }
 
 impl Inputs {
@@ -54,6 +55,7 @@ pub struct InFlight {
     pub inputs: Inputs,
     pub report: FrameReport,
     pub attempt: Attempt,
+    graph: Arc<FrameGraph>,
     ticket: u64,
     /// What its workers were told; a later one may be shorter.
     limit: Duration,
@@ -67,7 +69,7 @@ pub struct Whole {
     pub primary: usize,
     pub end_ms: f64,
     /// Those that came with it.
-    pub images: HashMap<Resource, Pixels>,
+    pub images: HashMap<Output, Pixels>,
 }
 
 /// What became of the frame that was begun first.
@@ -87,7 +89,7 @@ struct Collected {
     is_whole: bool,
     begin_ms: f64,
     end_ms: f64,
-    images: HashMap<Resource, Pixels>,
+    images: HashMap<Output, Pixels>,
 }
 
 /// The workers with the frames that they are at.
@@ -151,13 +153,20 @@ impl Frames {
     }
 
     /// Gives every device its part of a frame.
-    pub fn hand_out(&mut self, inputs: Inputs, plan: &Plan, report: FrameReport, attempt: Attempt) {
+    pub fn hand_out(
+        &mut self,
+        inputs: Inputs,
+        (plan, graph): (&Plan, Arc<FrameGraph>),
+        report: FrameReport,
+        attempt: Attempt,
+    ) {
         let index = report.index;
         let (mut orders, mut injections) = (Vec::new(), Vec::new());
         for device in self.workers.left() {
             let (runs, injected) = self.injected.take(device, index);
             injections.extend(injected.map(|kind| Injection { kind, device, frame: index }));
-            let Inputs { constants, previous, place, reads, .. } = inputs.clone();
+            let Inputs { constants, previous, place, ref reads, .. } = inputs;
+            let reads = reads.to_vec();
             let job = FrameJob { plan: plan.clone(), constants, previous, place, reads, runs, injected };
             orders.push((device, Order::Frame(Box::new(job))));
         }
@@ -166,7 +175,7 @@ impl Frames {
         if let Some(before) = self.in_flight.back_mut() {
             (before.report.overlapped, before.report.predicted_ms) = (true, None);
         }
-        self.in_flight.push_back(InFlight { inputs, report, attempt, ticket, limit, injections });
+        self.in_flight.push_back(InFlight { inputs, report, attempt, graph, ticket, limit, injections });
     }
 
     /// What a device may take for one thing that is waited for. Frames that were begun before may come first.
@@ -206,9 +215,11 @@ impl Frames {
                     all.begin_ms = reply.begin_ms.min(all.begin_ms);
                     if device == primary {
                         all.end_ms = reply.end_ms;
-                        all.images = reply.images.into_iter().collect();
+                        let names = [ROW_TALLY.into()].into_iter().chain(frame.inputs.reads.iter().cloned());
+                        all.images = names.zip(reply.images).collect();
                     }
-                    frame.report.tasks.extend(reply.tasks);
+                    let timing = |time| TaskTiming::of(&frame.graph, device, time);
+                    frame.report.tasks.extend(reply.times.iter().filter_map(timing));
                 }
                 Ok(Answer::Pixels(_)) => {}
                 Err(Stop::Device(failure)) => drop(all.failures.insert(device, failure)),
@@ -244,7 +255,7 @@ impl Frames {
         }
         report.makespan_ms = end_ms - report.begin_ms;
         report.interval_ms = self.whole.as_ref().map(|w| end_ms - w.end_ms);
-        if let Some(tallies) = images.remove(&ROW_TALLY) {
+        if let Some(tallies) = images.remove(&Output::from(ROW_TALLY)) {
             report.row_tallies = tallies.map(|bytes| bytemuck::pod_collect_to_vec(&bytes));
             report.tallies = report.row_tallies.each_ref().map(|rows| Tally::of(rows));
         }
@@ -294,7 +305,7 @@ impl Frames {
     /// # Errors
     /// [`ExecError::NoFrame`] if there is no such frame or its images may be those of later ones already;
     /// [`ExecError::Stuck`] if the worker gave no answer of this kind.
-    pub fn fetch(&mut self, image: Resource) -> Result<Result<Pixels, DeviceFailure>, ExecError> {
+    pub fn fetch(&mut self, image: Output) -> Result<Result<Pixels, DeviceFailure>, ExecError> {
         let whole = self.whole.as_ref().filter(|_| self.in_flight.is_empty()).ok_or(ExecError::NoFrame)?;
         let Whole { primary, inputs: Inputs { place, .. }, .. } = *whole;
         let limit = self.limit(&whole.inputs);

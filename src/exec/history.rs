@@ -10,8 +10,8 @@ const STEP_ROWS: u32 = 4;
 /// Largest part of the height that is looked through: surfaces that moved further have no history.
 const LARGEST_SHARE: u32 = 4;
 
-/// Rows up and down within which a frame's surfaces were seen in the frame before, but for what is so near that it moved
-/// further than a quarter of the height. None where the eyes turned so far that hardly anything is seen again.
+/// Rows up and down within which a frame's surfaces were seen in the frame before, but for what is so near that it
+/// moved further than a quarter of the height. None where the eyes turned so far that hardly anything is seen again.
 ///
 /// The images depend on it, and it on nothing but scene and cameras, so it is the same for any devices.
 pub fn history_rows(frame: &Frame, previous: &[View; 2], tables: &SceneTables) -> Option<u32> {

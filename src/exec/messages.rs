@@ -1,16 +1,21 @@
-//! What renderer and workers say to one another.
+//! What the renderer and the workers tell one another: plain data, which could also go from one process to another.
 
-use std::sync::Arc;
+use std::fmt;
+use std::ops::Deref;
 use std::time::Duration;
 
-use super::TaskTiming;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
 use super::faults::InjectedKind;
+use super::output::Output;
 use super::planner::Plan;
+use super::staging::Mapped;
+use super::wire;
 use crate::device::DeviceFailure;
-use crate::graph::Resource;
 use crate::stages::{Place, layout};
 
 /// What the renderer tells a worker.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub struct Command {
     /// Comes back with the answer; no two commands of a run have the same but those of one attempt at a frame.
     pub ticket: u64,
@@ -19,38 +24,46 @@ pub struct Command {
     pub order: Order,
 }
 
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub enum Order {
     Frame(Box<FrameJob>),
-    /// Send both eyes' image in this place back, once what is to happen to the device has happened.
+    /// Send both eyes' image in this place back; a fault may be injected before.
     Read {
-        image: Resource,
+        image: Output,
         place: Place,
         injected: Option<InjectedKind>,
     },
 }
 
-#[derive(Clone)]
+/// A frame, of which each worker does the tasks of its device.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameJob {
+    /// With what all frames of a run have in common, it determines the graph.
     pub plan: Plan,
+    #[serde(with = "wire::pod")]
     pub constants: layout::Frame,
+    /// The eyes of the frame before.
+    #[serde(with = "wire::pod")]
     pub previous: [layout::View; 2],
     /// Where it leaves its images.
     pub place: Place,
-    /// Outputs that the primary sends back with its answer, beside the row tallies.
-    pub reads: Arc<[Resource]>,
-    /// How often dispatches run; more than once only to try slow devices out.
+    /// The images that the primary sends back with its answer, beside the row tallies.
+    pub reads: Vec<Output>,
+    /// How often dispatches run; more than once only to simulate slow devices.
     pub runs: u32,
-    /// What is to happen to the device half-way.
+    /// The fault that is injected half-way.
     pub injected: Option<InjectedKind>,
 }
 
 /// What a worker answers.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub struct Reply {
     pub ticket: u64,
     pub device: usize,
     pub answer: Result<Answer, Stop>,
 }
 
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub enum Answer {
     Frame(FrameReply),
     Pixels(Pixels),
@@ -60,7 +73,7 @@ pub enum Answer {
 pub type Pixels = [Vec<u8>; 2];
 
 /// Why a worker did not do what it was told.
-#[derive(Clone)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Stop {
     /// Its own device failed.
     Device(DeviceFailure),
@@ -68,37 +81,142 @@ pub enum Stop {
     Aborted,
 }
 
-impl From<DeviceFailure> for Stop {
-    fn from(failure: DeviceFailure) -> Self {
-        Self::Device(failure)
-    }
-}
-
-impl From<String> for Stop {
-    fn from(what: String) -> Self {
-        Self::Device(what.into())
-    }
-}
-
 /// A device's part of a frame, done.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameReply {
-    pub tasks: Vec<TaskTiming>,
+    pub times: Vec<TaskTime>,
     /// When the device turned to the frame, and when it was done; milliseconds since the origin.
     pub begin_ms: f64,
     pub end_ms: f64,
-    /// From the primary: the row tallies of the whole frame, and what was to be read.
-    pub images: Vec<(Resource, Pixels)>,
+    /// From the primary: the row tallies of the whole frame, then what was to be read.
+    pub images: Vec<Pixels>,
 }
 
-/// What workers send one another.
-pub enum Message {
+/// When a task ran.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TaskTime {
+    /// Its number among the tasks of its device.
+    pub task: usize,
+    /// Milliseconds since the origin.
+    pub begin_ms: f64,
+    pub end_ms: f64,
+    /// Of a transfer.
+    pub bytes: Option<u64>,
+}
+
+/// What workers send one another. `B` is what the bytes of rows are in.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Message<B = Bytes> {
     Rows {
         ticket: u64,
         transfer: u32,
-        bytes: Vec<u8>,
+        rows: B,
     },
     /// A device cannot go on with this attempt, so nobody who waits for it can.
     Abort {
         ticket: u64,
     },
+}
+
+/// Bytes of rows: in memory that is mapped from the device they come from, or, from another process, in our own.
+pub enum Bytes {
+    Mapped(Mapped),
+    Owned(Vec<u8>),
+}
+
+impl Deref for Bytes {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        match self {
+            Self::Mapped(mapped) => mapped,
+            Self::Owned(bytes) => bytes,
+        }
+    }
+}
+
+impl PartialEq for Bytes {
+    fn eq(&self, other: &Self) -> bool {
+        **self == **other
+    }
+}
+
+impl fmt::Debug for Bytes {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} bytes", self.len())
+    }
+}
+
+impl Serialize for Bytes {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_bytes(self)
+    }
+}
+
+impl<'de> Deserialize<'de> for Bytes {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        Vec::deserialize(deserializer).map(Self::Owned)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use serde::de::DeserializeOwned;
+
+    use super::*;
+    use crate::device::FailureKind;
+    use crate::graph::{Assignment, HaloPlan, Seam, Stripes};
+    use crate::passes::path_trace::CUT;
+    use crate::passes::tonemap::{DISPLAY, LINEAR};
+    use crate::passes::{ROW_TALLY, aov_image};
+    use crate::scene::rig::Eye;
+
+    fn round_trip<T: Serialize + DeserializeOwned + PartialEq + fmt::Debug>(message: &T) {
+        let text = serde_json::to_string(message).unwrap();
+        assert_eq!(serde_json::from_str::<T>(&text).unwrap(), *message, "{text}");
+    }
+
+    fn job(seam: Seam, history: Option<(Assignment, u32)>) -> FrameJob {
+        let mut assignment = Assignment::uniform(Stripes::even(90, 3));
+        assignment.set(CUT, Eye::Right, Stripes::from_edges(90, &[10, 70]));
+        // Device 0 has been taken out.
+        let assignment = assignment.renumbered(&[1, 2, 3], 4);
+        let constants = layout::Frame { index: 7, env_rotation: f32::NEG_INFINITY, ..Default::default() };
+        FrameJob {
+            plan: Plan { seam, iterations: 5, assignment, history },
+            constants,
+            previous: [layout::View { tan_half_x: 0.3, ..Default::default() }; 2],
+            place: Place { slot: 2, turn: 1 },
+            reads: vec![LINEAR.into(), DISPLAY.into(), aov_image(3).into()],
+            runs: 2,
+            injected: Some(InjectedKind::Hang),
+        }
+    }
+
+    #[test]
+    fn messages_come_out_of_their_text_as_they_went_in() {
+        let limit = Duration::from_micros(10_000_001);
+        let command = |order| Command { ticket: u64::MAX, limit, order };
+        let halos = (0..3).flat_map(HaloPlan::all).chain([HaloPlan::RECOMPUTE, HaloPlan::EXCHANGE]);
+        for seam in [Seam::None, Seam::Filter].into_iter().chain(halos.map(Seam::Halo)) {
+            round_trip(&command(Order::Frame(Box::new(job(seam, None)))));
+        }
+        let history = (Assignment::uniform(Stripes::even(90, 4)), 12);
+        round_trip(&command(Order::Frame(Box::new(job(Seam::None, Some(history))))));
+        let place = Place { slot: 0, turn: 1 };
+        round_trip(&command(Order::Read { image: ROW_TALLY.into(), place, injected: None }));
+
+        let reply = |answer| Reply { ticket: 3, device: 63, answer };
+        let times = vec![TaskTime { task: 4, begin_ms: 0.1, end_ms: 1e9 + 0.3, bytes: Some(1 << 40) }];
+        let images = vec![[vec![0, 255], vec![7]], [vec![], vec![1]]];
+        round_trip(&reply(Ok(Answer::Frame(FrameReply { times, begin_ms: -0.0, end_ms: 0.7, images }))));
+        round_trip(&reply(Ok(Answer::Pixels([vec![1, 2], vec![3, 4]]))));
+        round_trip(&reply(Err(Stop::Aborted)));
+        for kind in [FailureKind::Loss, FailureKind::Hang, FailureKind::Oom, FailureKind::Error] {
+            round_trip(&reply(Err(Stop::Device(DeviceFailure { kind, what: "it \"fell\"\n".to_owned() }))));
+        }
+
+        round_trip(&Message::Rows { ticket: 1, transfer: u32::MAX, rows: Bytes::Owned((0..=255).collect()) });
+        round_trip(&Message::<Bytes>::Abort { ticket: 9 });
+    }
 }

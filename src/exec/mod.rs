@@ -2,22 +2,35 @@
 //! memory, and the whole images end up on the primary, the first device that is left. README.md beside this file has
 //! the protocol.
 
+mod channels;
 mod constants;
 mod costs;
 mod faults;
 mod frames;
 mod history;
-mod mailbox;
+mod ledger;
 mod messages;
+mod output;
 mod planner;
 mod quality;
 mod read;
 mod renderer;
 mod report;
 mod staging;
+mod transport;
 mod watchdog;
+mod wire;
 mod worker;
 mod worker_pool;
+
+#[doc(hidden)] // For the test that explores it.
+pub mod protocol {
+    pub use super::ledger::Ledger;
+    pub use super::messages::Message;
+    pub use super::worker::action::{Action, Command, Outcome};
+    pub use super::worker::protocol::Protocol;
+    pub use super::worker::script::{Outgoing, Script, Step};
+}
 
 pub use faults::{Fault, InjectedFaults, InjectedKind, Injection};
 pub use quality::Foresight;

@@ -2,19 +2,23 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::RenderSettings;
+use serde::{Deserialize, Serialize};
+
 use super::frames::Inputs;
+use super::{RenderSettings, wire};
 use crate::graph::{Assignment, FrameGraph, Program, ProgramError, Seam};
 use crate::passes::{Declarations, FrameSpec};
 use crate::schedule::{CostModel, Policy, choose_halo};
 
 /// What distinguishes the graphs of a run from one another.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     pub seam: Seam,
     pub iterations: u32,
+    #[serde(with = "wire::assignment")]
     pub assignment: Assignment,
     /// Who had which rows in the frame before, and how many rows its surfaces may have moved.
+    #[serde(with = "wire::history")]
     pub history: Option<(Assignment, u32)>,
 }
 
@@ -23,8 +27,8 @@ pub struct Graphs {
     /// What the frames of the run have in common.
     spec: FrameSpec,
     declarations: Declarations,
-    /// Newest last.
-    built: Mutex<Vec<(Plan, Arc<FrameGraph>)>>,
+    /// The latest one last.
+    latest: Mutex<Vec<(Plan, Arc<FrameGraph>)>>,
     capacity: usize,
 }
 
@@ -35,7 +39,7 @@ impl Graphs {
     /// [`ProgramError`] where the declared passes of some frame contradict one another.
     pub fn new(spec: FrameSpec, declarations: Declarations, capacity: usize) -> Result<Self, ProgramError> {
         declarations.programs(&spec)?;
-        Ok(Self { spec, declarations, built: Mutex::default(), capacity })
+        Ok(Self { spec, declarations, latest: Mutex::default(), capacity })
     }
 
     /// Programs that have every pass that some frame may need.
@@ -51,20 +55,20 @@ impl Graphs {
 
     /// The graph of a plan, built if it is none of the latest.
     pub fn of(&self, plan: &Plan) -> Arc<FrameGraph> {
-        let mut built = self.built.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some((_, graph)) = built.iter().rev().find(|(old, _)| old == plan) {
-            return Arc::clone(graph);
+        let mut latest = self.latest.lock().unwrap_or_else(PoisonError::into_inner);
+        let found = latest.iter().position(|(old, _)| old == plan).map(|place| latest.remove(place));
+        let (plan, graph) = found.unwrap_or_else(|| {
+            let spec = self.spec(plan);
+            let alike = latest.iter().rev().find(|(old, _)| self.spec(old) == spec);
+            let program = alike.map(|(_, graph)| Arc::clone(&graph.program));
+            let program = program.unwrap_or_else(|| self.declarations.program(&spec));
+            let before = plan.history.as_ref().map(|(before, _)| before);
+            (plan.clone(), Arc::new(FrameGraph::build(&program, &plan.assignment, before)))
+        });
+        latest.push((plan, Arc::clone(&graph)));
+        if latest.len() > self.capacity {
+            latest.remove(0);
         }
-        let before = plan.history.as_ref().map(|(before, _)| before);
-        let spec = self.spec(plan);
-        let is_same = |(old, _): &&(Plan, _)| self.spec(old) == spec;
-        let program = built.iter().rev().find(is_same).map(|(_, graph)| Arc::clone(&graph.program));
-        let program = program.unwrap_or_else(|| self.declarations.program(&spec));
-        let graph = Arc::new(FrameGraph::build(&program, &plan.assignment, before));
-        if built.len() == self.capacity {
-            built.remove(0);
-        }
-        built.push((plan.clone(), Arc::clone(&graph)));
         graph
     }
 }
@@ -126,5 +130,57 @@ impl Planner {
                 costs.set_seam(next);
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::graph::Stripes;
+    use crate::image::Extent;
+    use crate::passes::Views;
+    use crate::quality::Denoiser;
+
+    fn graphs(capacity: usize) -> Graphs {
+        let spec = FrameSpec {
+            extent: Extent::new(16, 12),
+            devices: 2,
+            views: Views::Traced,
+            sparse: false,
+            filter: Some(Denoiser::Atrous),
+            iterations: 3,
+            history_rows: None,
+            seam: Seam::None,
+            aovs: Vec::new(),
+            has_surfaces: true,
+        };
+        Graphs::new(spec, Declarations::default(), capacity).unwrap()
+    }
+
+    fn plan(edge: u32, iterations: u32) -> Plan {
+        let assignment = Assignment::uniform(Stripes::from_edges(12, &[edge]));
+        Plan { seam: Seam::Filter, iterations, assignment, history: None }
+    }
+
+    #[test]
+    fn a_graph_is_built_once_while_its_plan_is_among_the_latest() {
+        let graphs = graphs(2);
+        let first = graphs.of(&plan(4, 3));
+        graphs.of(&plan(5, 3));
+        assert!(Arc::ptr_eq(&first, &graphs.of(&plan(4, 3))));
+        graphs.of(&plan(6, 3));
+        assert!(Arc::ptr_eq(&first, &graphs.of(&plan(4, 3))));
+        graphs.of(&plan(7, 3));
+        graphs.of(&plan(8, 3));
+        assert!(!Arc::ptr_eq(&first, &graphs.of(&plan(4, 3))));
+    }
+
+    #[test]
+    fn what_a_frame_must_do_follows_from_its_plan() {
+        let graphs = graphs(1);
+        let history = Some((plan(4, 3).assignment, 8));
+        let spec = graphs.spec(&Plan { history, ..plan(4, 2) });
+        assert_eq!((spec.seam, spec.iterations, spec.history_rows), (Seam::Filter, 2, Some(8)));
+        assert_eq!(FrameSpec { seam: Seam::None, iterations: 3, history_rows: None, ..spec }, graphs.spec);
     }
 }

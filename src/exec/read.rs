@@ -6,6 +6,7 @@ use std::sync::Arc;
 use bytemuck::Pod;
 
 use super::messages::Pixels;
+use super::output::Output;
 use super::{ExecError, Renderer, Stereo};
 use crate::graph::{FrameGraph, Resource};
 use crate::image::{Image, RgbImage};
@@ -15,13 +16,14 @@ use crate::passes::{Aov, aov_image};
 impl Renderer {
     /// Raw, both eyes. If the primary fails, others make the frame again.
     fn read(&mut self, image: Resource) -> Result<Cow<'_, Pixels>, ExecError> {
+        let output = Output::from(image);
         loop {
-            let is_here = self.frames.whole.as_ref().is_some_and(|w| w.images.contains_key(&image));
+            let is_here = self.frames.whole.as_ref().is_some_and(|w| w.images.contains_key(&output));
             if is_here {
-                let found = self.frames.whole.as_ref().and_then(|w| w.images.get(&image));
+                let found = self.frames.whole.as_ref().and_then(|w| w.images.get(&output));
                 return found.map(Cow::Borrowed).ok_or(ExecError::NoFrame);
             }
-            match self.frames.fetch(image)? {
+            match self.frames.fetch(output.clone())? {
                 Ok(pixels) => return Ok(Cow::Owned(pixels)),
                 Err(failure) => self.make_again(failure)?,
             }

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use super::constants::{constants, curve_shift};
 use super::frames::{Attempt, Finished, Frames, InFlight, Inputs, Whole};
 use super::history::history_rows;
+use super::output::Output;
 use super::planner::{Graphs, Plan, Planner};
 use super::worker_pool::WorkerPool;
 use super::{ExecError, Fault, FrameReport, InjectedFaults, RenderSettings, costs, quality};
@@ -43,7 +44,8 @@ impl Renderer {
     /// Starts a worker per device and warms every pipeline up. Times are counted from `origin`.
     ///
     /// # Errors
-    /// A device that fails at once, has too little memory or cannot compile a stage, and threads that cannot be started.
+    /// A device that fails at once, has too little memory or cannot compile a stage, or a thread that cannot be
+    /// started.
     pub fn new(
         gpus: Vec<GpuDevice>,
         tables: Arc<SceneTables>,
@@ -75,8 +77,8 @@ impl Renderer {
         })
     }
 
-    /// The devices that have not failed, for another renderer, which need not compile again what it has in common with this
-    /// one.
+    /// The devices that have not failed, for another renderer, which need not compile again what it has in common with
+    /// this one.
     pub fn into_devices(self) -> Vec<GpuDevice> {
         self.frames.into_workers().end()
     }
@@ -161,8 +163,8 @@ impl Renderer {
     }
 
     /// Begins a frame as [`Self::render`] does, and waits for none: [`Self::finish`] does, in the same order. At most
-    /// [`crate::stages::StageSettings::frames_in_flight`] may be begun and not finished; another one finishes the oldest
-    /// first, whose report is lost. `reads` are the images that can be read while frames are in flight.
+    /// [`crate::stages::StageSettings::frames_in_flight`] may be begun and not finished; another one finishes the
+    /// oldest first, whose report is lost. `reads` are the images that can be read while frames are in flight.
     ///
     /// # Errors
     /// Those of [`Self::finish`], if the oldest frame is finished first.
@@ -184,8 +186,9 @@ impl Renderer {
         let previous = self.last.as_ref().map_or(constants.views, |l| l.constants.views);
         let place = Place::of(self.begun, self.settings.stages.frames_in_flight);
         self.begun += 1;
+        let reads = reads.iter().map(|image| Output::from(*image)).collect();
         let (quality, effort) = (self.quality, self.effort.clone());
-        let inputs = Inputs { constants, quality, effort, previous, place, reads: reads.into() };
+        let inputs = Inputs { constants, quality, effort, previous, place, reads };
         self.last = Some(inputs.clone());
         self.hand_out(inputs, None);
         Ok(())
@@ -294,7 +297,7 @@ impl Renderer {
             program: Arc::clone(&graph.program),
             pixel_centre: inputs.constants.centre.to_array(),
         };
-        self.frames.hand_out(inputs, &plan, report, attempt);
+        self.frames.hand_out(inputs, (&plan, Arc::clone(&graph)), report, attempt);
         self.planned = Some((plan, graph));
     }
 

@@ -6,7 +6,8 @@ use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
-use crate::graph::{Assignment, Program, Stage};
+use super::messages::TaskTime;
+use crate::graph::{Assignment, FrameGraph, Program, Stage, TaskKind};
 use crate::image::Extent;
 use crate::passes::path_trace::CUT;
 use crate::passes::{FrameSpec, HoleReason, RowTally, Views};
@@ -30,6 +31,26 @@ pub struct TaskTiming {
     /// Number of the transfer within its frame; both of its ends have it.
     #[serde(skip)]
     pub transfer: Option<u32>,
+}
+
+impl TaskTiming {
+    /// From what a device says of one of its tasks; none if that is nothing that takes time.
+    pub(super) fn of(graph: &FrameGraph, device: usize, time: &TaskTime) -> Option<Self> {
+        let task = graph.tasks_of(device).get(time.task)?;
+        let name = |image: usize| graph.program.images()[image].name();
+        let (stage, kind, transfer) = match task.kind {
+            TaskKind::Dispatch { pass, .. } => {
+                let stage = graph.program.passes()[pass].pass.stage;
+                (stage.name().into(), TimedTask::Gpu(stage), None)
+            }
+            TaskKind::Download { image, transfer, .. } => (name(image), TimedTask::Download, Some(transfer)),
+            TaskKind::Upload { image, transfer } => (name(image), TimedTask::Upload, Some(transfer)),
+            TaskKind::Stitch => return None,
+        };
+        let TaskTime { begin_ms, end_ms, bytes, .. } = *time;
+        let (view, device, rows) = (task.view, task.device, task.rows.clone());
+        Some(Self { stage, kind, view, device, rows, begin_ms, end_ms, bytes, transfer })
+    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,13 +1,24 @@
 //! Host-readable buffers, kept for the next frame.
 
-use std::sync::mpsc;
+use std::ops::Deref;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError, mpsc};
 
 use crate::device::{DeviceFailure, GpuDevice};
 
 /// Free read-back buffers of one device.
 #[derive(Default)]
 pub struct Pool {
-    free: Vec<wgpu::Buffer>,
+    free: Arc<FreeBuffers>,
+}
+
+/// Buffers that are mapped, and that nobody reads any more.
+#[derive(Default)]
+struct FreeBuffers(Mutex<Vec<wgpu::Buffer>>);
+
+impl FreeBuffers {
+    fn lock(&self) -> MutexGuard<'_, Vec<wgpu::Buffer>> {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    }
 }
 
 /// Rows on their way to the host.
@@ -24,6 +35,15 @@ pub struct Recorded {
     size: u64,
 }
 
+/// Bytes in a mapped buffer, which goes back to its pool when they are dropped. It is unmapped only when its device
+/// uses it again, so that no other thread has to do with the device.
+pub struct Mapped {
+    /// None: dropped.
+    view: Option<wgpu::BufferView>,
+    buffer: wgpu::Buffer,
+    free: Arc<FreeBuffers>,
+}
+
 impl Pool {
     /// Records a copy of part of `source`.
     pub fn record(
@@ -34,28 +54,51 @@ impl Pool {
         offset: u64,
         size: u64,
     ) -> Recorded {
-        let fits = |b: &wgpu::Buffer| b.size() >= size && b.size() <= 4 * size.max(4096);
-        let buffer = match self.free.iter().position(fits) {
-            Some(i) => self.free.swap_remove(i),
-            None => gpu.device.create_buffer(&wgpu::BufferDescriptor {
+        let buffer = self.take(size).unwrap_or_else(|| {
+            gpu.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("read back"),
                 size: size.next_power_of_two(),
                 usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
                 mapped_at_creation: false,
-            }),
-        };
+            })
+        });
         encoder.copy_buffer_to_buffer(source, offset, &buffer, 0, size);
         Recorded { buffer, size }
     }
 
+    fn take(&self, size: u64) -> Option<wgpu::Buffer> {
+        let fits = |b: &wgpu::Buffer| b.size() >= size && b.size() <= 4 * size.max(4096);
+        let mut free = self.free.lock();
+        let place = free.iter().position(fits)?;
+        let buffer = free.swap_remove(place);
+        buffer.unmap();
+        Some(buffer)
+    }
+
     /// Bytes of a copy whose submission is done.
-    pub fn finish(&mut self, gpu: &GpuDevice, back: ReadBack) -> Result<Vec<u8>, DeviceFailure> {
+    ///
+    /// # Errors
+    /// What went wrong on the device, or with the mapping.
+    pub fn finish(&mut self, gpu: &GpuDevice, back: ReadBack) -> Result<Mapped, DeviceFailure> {
         gpu.wait(Some(back.submission))?;
         back.mapped.recv_timeout(gpu.patience).map_err(|e| e.to_string())?.map_err(|e| e.to_string())?;
-        let bytes = back.buffer.slice(..back.size).get_mapped_range().map_err(|e| e.to_string())?.to_vec();
-        back.buffer.unmap();
-        self.free.push(back.buffer);
-        Ok(bytes)
+        let view = back.buffer.slice(..back.size).get_mapped_range().map_err(|e| e.to_string())?;
+        Ok(Mapped { view: Some(view), buffer: back.buffer, free: Arc::clone(&self.free) })
+    }
+}
+
+impl Deref for Mapped {
+    type Target = [u8];
+
+    fn deref(&self) -> &[u8] {
+        self.view.as_deref().unwrap_or_default()
+    }
+}
+
+impl Drop for Mapped {
+    fn drop(&mut self) {
+        self.view = None;
+        self.free.lock().push(self.buffer.clone());
     }
 }
 

@@ -37,12 +37,20 @@ impl Limits {
     }
 }
 
-/// Signs of life of a worker.
+/// Signs of life that a worker gives.
 #[derive(Debug, Default)]
 pub struct Heartbeat {
     beats: AtomicU64,
-    /// Its silence is another's.
+    /// Whether it waits for other workers, whose fault its silence then is.
     depends: AtomicBool,
+}
+
+/// Signs of life of a worker as they were at one moment.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LifeSign {
+    pub beats: u64,
+    /// Whether it waits for other workers.
+    pub depends: bool,
 }
 
 impl Heartbeat {
@@ -57,6 +65,10 @@ impl Heartbeat {
         self.depends.store(false, Ordering::Relaxed);
         self.beat();
         found
+    }
+
+    pub fn sign(&self) -> LifeSign {
+        LifeSign { beats: self.beats.load(Ordering::Relaxed), depends: self.depends.load(Ordering::Relaxed) }
     }
 }
 
@@ -74,8 +86,9 @@ pub struct Watchdog {
 }
 
 impl Watchdog {
-    pub fn new(limit: Duration, heartbeats: &[&Heartbeat]) -> Self {
-        let seen = heartbeats.iter().map(|p| (p.beats.load(Ordering::Relaxed), 0)).collect();
+    /// For workers that show these signs of life.
+    pub fn new(limit: Duration, signs: &[LifeSign]) -> Self {
+        let seen = signs.iter().map(|sign| (sign.beats, 0)).collect();
         Self { slice: limit / WAIT_SLICES, slice_begin: Instant::now(), seen }
     }
 
@@ -84,17 +97,16 @@ impl Watchdog {
         self.slice
     }
 
-    /// The workers, by their place in `heartbeats`, that have been silent for too long on their own account.
-    pub fn silent(&mut self, heartbeats: &[&Heartbeat]) -> Vec<usize> {
+    /// The workers, by their place in `signs`, that have been silent for too long on their own account.
+    pub fn silent(&mut self, signs: &[LifeSign]) -> Vec<usize> {
         if self.slice_begin.elapsed() < self.slice {
             return Vec::new();
         }
         self.slice_begin = Instant::now();
         let mut silent = Vec::new();
-        for (i, (heartbeat, (beats, slices))) in heartbeats.iter().zip(&mut self.seen).enumerate() {
-            let now = heartbeat.beats.load(Ordering::Relaxed);
-            *slices = if now != *beats || heartbeat.depends.load(Ordering::Relaxed) { 0 } else { *slices + 1 };
-            *beats = now;
+        for (i, (sign, (beats, slices))) in signs.iter().zip(&mut self.seen).enumerate() {
+            *slices = if sign.beats != *beats || sign.depends { 0 } else { *slices + 1 };
+            *beats = sign.beats;
             if *slices >= SILENT_SLICES {
                 silent.push(i);
             }
@@ -121,17 +133,24 @@ mod tests {
 
     #[test]
     fn only_who_stands_still_on_his_own_account_is_hung() {
-        let heartbeats = [Heartbeat::default(), Heartbeat::default(), Heartbeat::default()];
-        let all: Vec<&Heartbeat> = heartbeats.iter().collect();
-        let mut watchdog = Watchdog::new(Duration::from_millis(8), &all);
-        heartbeats[1].depends.store(true, Ordering::Relaxed);
+        let mut signs = [LifeSign::default(), LifeSign { depends: true, ..Default::default() }, LifeSign::default()];
+        let mut watchdog = Watchdog::new(Duration::from_millis(8), &signs);
         let mut found = Vec::new();
         for _ in 0..SILENT_SLICES {
             assert_eq!(found, [0; 0]);
-            heartbeats[2].beat();
+            signs[2].beats += 1;
             std::thread::sleep(watchdog.slice());
-            found = watchdog.silent(&all);
+            found = watchdog.silent(&signs);
         }
         assert_eq!(found, [0]);
+    }
+
+    #[test]
+    fn a_heartbeat_shows_beats_and_waits_for_others() {
+        let heartbeat = Heartbeat::default();
+        heartbeat.beat();
+        assert_eq!(heartbeat.sign(), LifeSign { beats: 1, depends: false });
+        assert_eq!(heartbeat.depending(|| heartbeat.sign()), LifeSign { beats: 1, depends: true });
+        assert_eq!(heartbeat.sign(), LifeSign { beats: 2, depends: false });
     }
 }

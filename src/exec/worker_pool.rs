@@ -1,74 +1,48 @@
-//! The workers as the renderer sees them: one is asked, its answer awaited, and no longer than it may take.
+//! The workers as the renderer sees them: they are told what to do, their answers are awaited, and no longer than they
+//! may take.
 
 use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use crossbeam::channel::{Receiver, RecvTimeoutError, Sender, unbounded};
-
 use super::ExecError;
-use super::mailbox::Mailbox;
-use super::messages::{Answer, Command, Message, Order, Reply, Stop};
+use super::channels::channels;
+use super::ledger::Ledger;
+use super::messages::{Answer, Command, Order, Stop};
 use super::planner::Graphs;
-use super::watchdog::{Heartbeat, Watchdog};
+use super::transport::RendererTransport;
+use super::watchdog::Watchdog;
 use super::worker::Worker;
+use super::worker::device::WorkerDevice;
 use crate::device::{DeviceFailure, DeviceInfo, FailureKind, GpuDevice};
 use crate::stages::{SceneTables, StageSettings};
 
-/// How long a worker's end is waited for, when all has been said.
+/// How long the end of a worker is waited for.
 const END_LIMIT: Duration = Duration::from_secs(5);
 
 /// One worker per device, those that were taken out included.
 pub struct WorkerPool {
+    transport: Box<dyn RendererTransport>,
     members: Vec<Member>,
-    replies: Receiver<Reply>,
-    /// Of the workers, to call a frame off.
-    inboxes: Vec<Sender<Message>>,
-    /// Oldest first.
-    asked: Vec<Asked>,
-    ticket: u64,
+    ledger: Ledger<Result<Answer, Stop>>,
 }
 
 struct Member {
-    /// None: it was taken out.
-    commands: Option<Sender<Command>>,
     thread: JoinHandle<Option<GpuDevice>>,
-    /// Disconnected once the worker has done its last.
-    ended: Receiver<()>,
-    heartbeat: Arc<Heartbeat>,
+    is_left: bool,
     is_hung: bool,
-}
-
-impl Member {
-    fn start(worker: Worker) -> Result<Self, ExecError> {
-        let (commands, orders) = unbounded();
-        let (here, ended) = unbounded();
-        let heartbeat = worker.heartbeat();
-        let name = format!("device {}", worker.info().index);
-        let thread = std::thread::Builder::new().name(name).spawn(move || {
-            let _here: Sender<()> = here;
-            worker.run(orders)
-        })?;
-        Ok(Self { commands: Some(commands), thread, ended, heartbeat, is_hung: false })
-    }
 }
 
 /// What came of what was asked, by device.
 pub type Answers = Vec<(usize, Result<Answer, Stop>)>;
-
-/// Orders under one ticket, and what has come of them.
-struct Asked {
-    ticket: u64,
-    awaited: Vec<usize>,
-    answers: Answers,
-}
 
 impl WorkerPool {
     /// Warms every device up and starts its worker; also returns what is known of the devices. Times are counted from
     /// `origin`.
     ///
     /// # Errors
-    /// A device that fails at once, has too little memory or cannot compile a stage, and threads that cannot be started.
+    /// A device that fails at once, has too little memory or cannot compile a stage, or a thread that cannot be
+    /// started.
     pub fn start(
         gpus: Vec<GpuDevice>,
         settings: &StageSettings,
@@ -77,114 +51,95 @@ impl WorkerPool {
         origin: Instant,
     ) -> Result<(Self, Vec<DeviceInfo>), ExecError> {
         let programs = graphs.programs();
-        let (reply, replies) = unbounded();
-        let (inboxes, receivers): (Vec<_>, Vec<_>) = gpus.iter().map(|_| unbounded()).unzip();
+        let (transport, ends) = channels(gpus.len());
         let mut workers = Vec::new();
-        for (gpu, inbox) in gpus.into_iter().zip(receivers) {
-            let mailbox = Mailbox::new(gpu.info.index, inbox, inboxes.clone());
-            let graphs = Arc::clone(graphs);
-            workers.push(Worker::new(gpu, settings, tables, &programs, graphs, mailbox, reply.clone(), origin)?);
+        for (gpu, end) in gpus.into_iter().zip(ends) {
+            let device = WorkerDevice::new(gpu, settings, tables, &programs, origin)?;
+            workers.push(Worker::new(device, Arc::clone(graphs), Box::new(end)));
         }
         let devices = workers.iter().map(|w| w.info().clone()).collect();
         let members = workers.into_iter().map(Member::start).collect::<Result<_, _>>()?;
-        Ok((Self { members, replies, inboxes, asked: Vec::new(), ticket: 0 }, devices))
+        Ok((Self { transport: Box::new(transport), members, ledger: Ledger::default() }, devices))
     }
 
     /// The devices that were not taken out.
     pub fn left(&self) -> Vec<usize> {
-        (0..self.members.len()).filter(|&d| self.members[d].commands.is_some()).collect()
+        (0..self.members.len()).filter(|&d| self.members[d].is_left).collect()
     }
 
     /// Asks nothing more of a device. Its worker ends by itself, if it can.
     pub fn take_out(&mut self, device: usize) {
-        self.members[device].commands = None;
+        self.members[device].is_left = false;
+        self.transport.close(device);
     }
 
-    /// Has the orders carried out, under a ticket of their own; `limit` is what a device may take for each thing that is
-    /// waited for.
+    /// Has the orders carried out, under a ticket of their own; `limit` is what a device may take for each thing that
+    /// is waited for.
     pub fn ask(&mut self, orders: Vec<(usize, Order)>, limit: Duration) -> u64 {
-        self.ticket += 1;
-        let ticket = self.ticket;
-        let mut gone_devices = Vec::new();
-        let mut asked = Asked { ticket, awaited: Vec::new(), answers: Answers::new() };
+        let ticket = self.ledger.ask(orders.iter().map(|(device, _)| *device).collect());
         for (device, order) in orders {
-            let command = Command { ticket, limit, order };
-            asked.awaited.push(device);
-            match &self.members[device].commands {
-                Some(commands) if commands.send(command).is_ok() => {}
-                _ => gone_devices.push(device),
+            if !self.transport.command(device, Command { ticket, limit, order }) {
+                self.answer_for(device, gone());
             }
         }
-        self.asked.push(asked);
-        gone_devices.into_iter().for_each(|d| self.answer_for(d, gone()));
         ticket
     }
 
     /// Tells the workers not to wait for rows of this ticket.
     pub fn call_off(&self, ticket: u64) {
-        for inbox in &self.inboxes {
-            // Who is gone waits for nothing.
-            let _ = inbox.send(Message::Abort { ticket });
-        }
+        self.transport.call_off(ticket);
     }
 
     /// Waits for the answers to what was asked under this ticket. A device that shows no sign of life for longer than
     /// `limit` is answered for, and the others are told not to wait for it.
     pub fn answers(&mut self, ticket: u64, limit: Duration) -> Answers {
-        let heartbeats: Vec<_> = self.members.iter().map(|m| Arc::clone(&m.heartbeat)).collect();
-        let heartbeats: Vec<&Heartbeat> = heartbeats.iter().map(|p| &**p).collect();
-        let mut watchdog = Watchdog::new(limit, &heartbeats);
+        let mut watchdog = Watchdog::new(limit, &self.transport.signs());
         loop {
-            let Some(place) = self.asked.iter().position(|a| a.ticket == ticket) else { return Answers::new() };
-            if self.asked[place].awaited.is_empty() {
-                return self.asked.remove(place).answers;
+            if let Some(answers) = self.ledger.take(ticket) {
+                return answers;
             }
-            let awaited = self.asked[place].awaited.clone();
-            match self.replies.recv_timeout(watchdog.slice()) {
-                Ok(reply) => self.take_in(reply),
-                Err(RecvTimeoutError::Timeout) => {
-                    let ended: Vec<_> =
-                        awaited.iter().filter(|&&d| self.members[d].thread.is_finished()).copied().collect();
-                    ended.into_iter().for_each(|d| self.answer_for(d, gone()));
+            match self.transport.reply(watchdog.slice()) {
+                Some(reply) => self.ledger.answer(reply.ticket, reply.device, reply.answer),
+                None => {
+                    for device in self.ledger.awaited(ticket).to_vec() {
+                        if self.transport.ends(device, Duration::ZERO) {
+                            self.answer_for(device, gone());
+                        }
+                    }
                 }
-                Err(RecvTimeoutError::Disconnected) => awaited.iter().for_each(|&d| self.answer_for(d, gone())),
             }
             // Who has answered just now is not hung.
-            let awaited = self.asked[place].awaited.clone();
-            for device in watchdog.silent(&heartbeats).into_iter().filter(|d| awaited.contains(d)) {
-                self.members[device].is_hung = true;
-                let what = format!("its worker gave no sign of life for more than {} ms", limit.as_millis());
-                self.answer_for(device, DeviceFailure { kind: FailureKind::Hang, what });
+            for device in watchdog.silent(&self.transport.signs()) {
+                if self.ledger.awaited(ticket).contains(&device) {
+                    self.members[device].is_hung = true;
+                    let what = format!("its worker gave no sign of life for more than {} ms", limit.as_millis());
+                    self.answer_for(device, DeviceFailure { kind: FailureKind::Hang, what });
+                }
             }
         }
     }
 
     /// Ends all workers; returns the devices that have not failed.
     pub fn end(&mut self) -> Vec<GpuDevice> {
-        self.members.iter_mut().for_each(|m| m.commands = None);
-        let has_ended = |m: &Member| m.ended.recv_timeout(END_LIMIT) == Err(RecvTimeoutError::Disconnected);
-        let ended = self.members.drain(..).filter(|m| !m.is_hung && has_ended(m));
-        ended.filter_map(|m| m.thread.join().ok().flatten()).collect()
-    }
-
-    /// Devices that were answered for may answer after all, too late.
-    fn take_in(&mut self, Reply { ticket, device, answer }: Reply) {
-        let is_awaited = |a: &&mut Asked| a.ticket == ticket && a.awaited.contains(&device);
-        if let Some(asked) = self.asked.iter_mut().find(is_awaited) {
-            asked.awaited.retain(|d| *d != device);
-            asked.answers.push((device, answer));
-        }
+        (0..self.members.len()).for_each(|device| self.transport.close(device));
+        let members = std::mem::take(&mut self.members).into_iter().enumerate();
+        let ended = members.filter(|(device, m)| !m.is_hung && self.transport.ends(*device, END_LIMIT));
+        ended.filter_map(|(_, m)| m.thread.join().ok().flatten()).collect()
     }
 
     /// Answers all that a device was asked.
     fn answer_for(&mut self, device: usize, failure: DeviceFailure) {
-        let mut called_off = Vec::new();
-        for asked in self.asked.iter_mut().filter(|a| a.awaited.contains(&device)) {
-            asked.awaited.retain(|d| *d != device);
-            asked.answers.push((device, Err(Stop::Device(failure.clone()))));
-            called_off.push(asked.ticket);
+        for ticket in self.ledger.answer_for(device, || Err(Stop::Device(failure.clone()))) {
+            self.transport.call_off(ticket);
         }
-        called_off.into_iter().for_each(|ticket| self.call_off(ticket));
+    }
+}
+
+impl Member {
+    fn start(worker: Worker) -> Result<Self, ExecError> {
+        let name = format!("device {}", worker.info().index);
+        let thread = std::thread::Builder::new().name(name).spawn(move || worker.run())?;
+        Ok(Self { thread, is_left: true, is_hung: false })
     }
 }
 

@@ -2,10 +2,12 @@
 
 use std::ops::Range;
 
+use serde::{Deserialize, Serialize};
+
 /// Before which passes of a chain rows come from neighbours, for filtered rows to agree with one device's. For those in
 /// between, a device filters a margin around its stripe as well, as wide as they reach together. The first pass always
 /// receives.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HaloPlan(u32);
 
 impl HaloPlan {
@@ -32,7 +34,7 @@ impl HaloPlan {
 }
 
 /// What happens where stripes meet.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Seam {
     /// Stripes are filtered apart.
     None,

@@ -45,6 +45,21 @@ impl Assignment {
         self.common.devices()
     }
 
+    /// The stripes of groups that have none of their own.
+    pub fn common(&self) -> &Stripes {
+        &self.common
+    }
+
+    /// The stripes that groups have for themselves.
+    pub fn own(&self) -> &[((CutGroup, Eye), Stripes)] {
+        &self.own
+    }
+
+    /// The same stripes with another primary; none if there is no such device.
+    pub fn with_primary(self, primary: usize) -> Option<Self> {
+        (primary < self.devices()).then_some(Self { primary, ..self })
+    }
+
     /// Rows of the frame.
     pub fn height(&self) -> u32 {
         self.common.height()

@@ -14,7 +14,8 @@ pub const DISPLAY: Resource = Resource::image("display", 4).output();
 /// `light` is demodulated.
 pub fn pass(view: Eye, light: Image) -> Pass {
     Pass::new(Stage("tonemap"), view, CUT, Kernel::new("tonemap")).uses([
-        Use::read(light),
+        // A scene without surfaces has no light but what is emitted.
+        Use::read(light).if_written(),
         Use::read(ALBEDO),
         Use::read(EMISSION),
         Use::write(LINEAR),

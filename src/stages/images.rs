@@ -34,7 +34,7 @@ enum Kind {
 }
 
 /// Which of the images that are there several times are a frame's.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub struct Place {
     /// Of what leaves the frame.
     pub slot: usize,
@@ -85,6 +85,11 @@ impl Images {
             buffers.insert((*resource, *buffer), Copies { kind, buffers: (0..eyes).map(of_eye).collect() });
         }
         Ok(Self { extent, buffers })
+    }
+
+    /// The resource of this name.
+    pub fn find(&self, name: &str, number: u8) -> Option<Resource> {
+        self.buffers.keys().map(|(resource, _)| *resource).find(|r| r.name == name && r.number == number)
     }
 
     /// Whether there is such a resource.

@@ -1,0 +1,62 @@
+//! What workers were told to do, and what they have answered.
+
+/// Orders under their tickets, oldest first. `A` is an answer.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Ledger<A> {
+    asked: Vec<Asked<A>>,
+    /// The last ticket.
+    ticket: u64,
+}
+
+/// Orders under one ticket, and what has come of them, by device.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Asked<A> {
+    ticket: u64,
+    awaited: Vec<usize>,
+    answers: Vec<(usize, A)>,
+}
+
+impl<A> Default for Ledger<A> {
+    fn default() -> Self {
+        Self { asked: Vec::new(), ticket: 0 }
+    }
+}
+
+impl<A> Ledger<A> {
+    /// A new ticket, under which these devices are to answer.
+    pub fn ask(&mut self, devices: Vec<usize>) -> u64 {
+        self.ticket += 1;
+        self.asked.push(Asked { ticket: self.ticket, awaited: devices, answers: Vec::new() });
+        self.ticket
+    }
+
+    /// The devices whose answers under this ticket are missing.
+    pub fn awaited(&self, ticket: u64) -> &[usize] {
+        self.asked.iter().find(|a| a.ticket == ticket).map_or(&[], |a| &a.awaited)
+    }
+
+    /// An answer has come. Devices that were answered for may answer after all, too late.
+    pub fn answer(&mut self, ticket: u64, device: usize, answer: A) {
+        if let Some(asked) = self.asked.iter_mut().find(|a| a.ticket == ticket && a.awaited.contains(&device)) {
+            asked.awaited.retain(|d| *d != device);
+            asked.answers.push((device, answer));
+        }
+    }
+
+    /// Gives `answer` for all that a device has not answered; returns the tickets, which are to be called off.
+    pub fn answer_for(&mut self, device: usize, answer: impl Fn() -> A) -> Vec<u64> {
+        let is_awaited = |a: &&Asked<A>| a.awaited.contains(&device);
+        let tickets: Vec<u64> = self.asked.iter().filter(is_awaited).map(|a| a.ticket).collect();
+        tickets.iter().for_each(|ticket| self.answer(*ticket, device, answer()));
+        tickets
+    }
+
+    /// All answers under this ticket, by device, once none is missing; then they are forgotten.
+    pub fn take(&mut self, ticket: u64) -> Option<Vec<(usize, A)>> {
+        match self.asked.iter().position(|a| a.ticket == ticket) {
+            Some(place) if !self.asked[place].awaited.is_empty() => None,
+            Some(place) => Some(self.asked.remove(place).answers),
+            None => Some(Vec::new()),
+        }
+    }
+}

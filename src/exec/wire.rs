@@ -1,0 +1,95 @@
+//! How types of other modules stand in messages.
+
+use serde::de::Error as _;
+use serde::{Deserialize, Deserializer, Serialize, Serializer};
+
+use crate::graph::{Assignment, CutGroup, Stripes};
+use crate::passes::cut_groups;
+use crate::scene::rig::Eye;
+
+/// Types that shaders share, byte by byte: text has no infinities.
+pub mod pod {
+    use bytemuck::Pod;
+    use serde::de::Error as _;
+    use serde::{Deserialize, Deserializer, Serializer};
+
+    pub fn serialize<T: Pod, S: Serializer>(value: &T, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_bytes(bytemuck::bytes_of(value))
+    }
+
+    pub fn deserialize<'de, T: Pod, D: Deserializer<'de>>(deserializer: D) -> Result<T, D::Error> {
+        let bytes = Vec::deserialize(deserializer)?;
+        bytemuck::try_pod_read_unaligned(&bytes).map_err(D::Error::custom)
+    }
+}
+
+/// [`Assignment`]: inner edges of the stripes that groups have in common, and of those that have their own, by the group's
+/// name and the number of the eye.
+#[derive(Serialize, Deserialize)]
+struct AssignmentFields {
+    primary: usize,
+    height: u32,
+    common: Vec<u32>,
+    own: Vec<(String, usize, Vec<u32>)>,
+}
+
+impl From<&Assignment> for AssignmentFields {
+    fn from(assignment: &Assignment) -> Self {
+        let edges = |stripes: &Stripes| stripes.inner_edges().to_vec();
+        let own = |((group, eye), stripes): &((CutGroup, Eye), _)| (group.0.to_owned(), *eye as usize, edges(stripes));
+        Self {
+            primary: assignment.primary(),
+            height: assignment.height(),
+            common: edges(assignment.common()),
+            own: assignment.own().iter().map(own).collect(),
+        }
+    }
+}
+
+impl AssignmentFields {
+    /// None: the fields contradict one another, or name a group that the renderer's passes do not have.
+    fn assignment(&self) -> Option<Assignment> {
+        let known = cut_groups();
+        let stripes = |edges: &[u32]| {
+            let is_whole = edges.len() == self.common.len();
+            is_whole.then(|| Stripes::from_edges(self.height, edges))
+        };
+        let mut assignment = Assignment::uniform(stripes(&self.common)?).with_primary(self.primary)?;
+        for (name, eye, edges) in &self.own {
+            let group = known.iter().find(|group| group.0 == name)?;
+            assignment.set(*group, *Eye::ALL.get(*eye)?, stripes(edges)?);
+        }
+        Some(assignment)
+    }
+}
+
+/// For `#[serde(with)]`.
+pub mod assignment {
+    use super::*;
+
+    pub fn serialize<S: Serializer>(assignment: &Assignment, serializer: S) -> Result<S::Ok, S::Error> {
+        AssignmentFields::from(assignment).serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Assignment, D::Error> {
+        let fields = AssignmentFields::deserialize(deserializer)?;
+        fields.assignment().ok_or_else(|| D::Error::custom("no such assignment"))
+    }
+}
+
+/// The same for what was before a frame.
+pub mod history {
+    use super::*;
+
+    pub fn serialize<S: Serializer>(history: &Option<(Assignment, u32)>, serializer: S) -> Result<S::Ok, S::Error> {
+        history.as_ref().map(|(before, rows)| (AssignmentFields::from(before), *rows)).serialize(serializer)
+    }
+
+    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<(Assignment, u32)>, D::Error> {
+        let Some((fields, rows)) = Option::<(AssignmentFields, u32)>::deserialize(deserializer)? else {
+            return Ok(None);
+        };
+        let before = fields.assignment().ok_or_else(|| D::Error::custom("no such assignment"))?;
+        Ok(Some((before, rows)))
+    }
+}

@@ -1,0 +1,178 @@
+//! A device with all that its worker needs to carry out tasks of frames.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use crate::device::{DeviceFailure, GpuClock, GpuDevice};
+use crate::exec::messages::{Bytes, FrameJob, Pixels};
+use crate::exec::output::Output;
+use crate::exec::staging::{Mapped, Pool, ReadBack, Recorded};
+use crate::exec::{ExecError, InjectedKind};
+use crate::graph::{Bound, Program, Task, TaskKind};
+use crate::scene::rig::Eye;
+use crate::stages::{DeviceStages, Place, SceneTables, StageSettings, StageTask, Stamps};
+
+pub struct WorkerDevice {
+    pub gpu: GpuDevice,
+    stages: DeviceStages,
+    stamps: Stamps,
+    stamp_buffer: wgpu::Buffer,
+    clock: GpuClock,
+    pool: Pool,
+    origin: Instant,
+}
+
+impl WorkerDevice {
+    /// Makes images and pipelines of these programs and warms them up. Times are counted from `origin`.
+    ///
+    /// # Errors
+    /// A device that fails at once, has too little memory or cannot compile a stage.
+    pub fn new(
+        mut gpu: GpuDevice,
+        settings: &StageSettings,
+        tables: &SceneTables,
+        programs: &[Program],
+        origin: Instant,
+    ) -> Result<Self, ExecError> {
+        gpu.patience = GpuDevice::START_PATIENCE;
+        let device = gpu.info.index;
+        let failed = |failure: DeviceFailure| ExecError::Device { device, what: failure.what };
+        let clock = GpuClock::calibrate(&gpu, origin).map_err(failed)?;
+        gpu.info.clock_residual_us = clock.residual_us;
+        let mut stages = DeviceStages::new(&mut gpu, settings.clone(), tables, programs)?;
+        let mut stamps = Stamps::new(&gpu.device);
+        stages.warm_up(&gpu, &mut stamps, programs.to_vec());
+        gpu.wait(None).map_err(failed)?;
+        let stamp_buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("stamps"),
+            size: u64::from(2 * Stamps::CAPACITY) * 8,
+            usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
+            mapped_at_creation: false,
+        });
+        Ok(Self { gpu, stages, stamps, stamp_buffer, clock, pool: Pool::default(), origin })
+    }
+
+    /// Milliseconds since the origin.
+    pub fn now_ms(&self) -> f64 {
+        self.origin.elapsed().as_secs_f64() * 1e3
+    }
+
+    pub fn inject(&self, kind: InjectedKind) {
+        match kind {
+            InjectedKind::Loss => self.gpu.device.destroy(),
+            InjectedKind::Hang => loop {
+                std::thread::park();
+            },
+            InjectedKind::Oom => self.gpu.report_out_of_memory(),
+            // Comes as more runs of dispatches.
+            InjectedKind::Slow => {}
+        }
+    }
+
+    /// Turns to a frame.
+    pub fn begin(&mut self, job: &FrameJob, program: &Arc<Program>) {
+        self.stamps.reset();
+        self.stages.set_frame(&self.gpu, program, &job.constants, &job.previous, job.place);
+    }
+
+    pub fn encoder(&self) -> wgpu::CommandEncoder {
+        self.gpu.device.create_command_encoder(&Default::default())
+    }
+
+    /// Records a dispatch, `runs` times; returns the number of its pair of timestamps.
+    pub fn record(&mut self, encoder: &mut wgpu::CommandEncoder, task: &Task, runs: u32) -> Option<u32> {
+        let TaskKind::Dispatch { pass, valid } = &task.kind else { return None };
+        let stage_task = StageTask { pass: *pass, rows: task.rows.clone(), valid: valid.clone() };
+        self.stages.record(&self.gpu, encoder, &mut self.stamps, &stage_task, runs)
+    }
+
+    /// Records a copy of a task's rows of an image.
+    pub fn record_copy(
+        &mut self,
+        encoder: &mut wgpu::CommandEncoder,
+        task: &Task,
+        image: &Bound,
+        place: Place,
+    ) -> Recorded {
+        let (offset, size) = self.stages.images.span(&image.resource, &task.rows);
+        let source = self.stages.images.buffer(image, task.view, place);
+        self.pool.record(&self.gpu, encoder, source, offset, size)
+    }
+
+    /// Records a copy of the timestamps, whose places the next frame's take; none if there are none.
+    pub fn record_stamps(&mut self, encoder: &mut wgpu::CommandEncoder) -> Option<Recorded> {
+        let written = self.stamps.written();
+        (written > 0).then(|| {
+            encoder.resolve_query_set(&self.stamps.queries, 0..written, &self.stamp_buffer, 0);
+            self.pool.record(&self.gpu, encoder, &self.stamp_buffer, 0, u64::from(written) * 8)
+        })
+    }
+
+    /// Writes rows of an image. The device carries that out at the head of its next submission.
+    ///
+    /// # Errors
+    /// Another number of bytes than the task's rows have.
+    pub fn write(&self, task: &Task, image: &Bound, place: Place, rows: &Bytes) -> Result<u64, DeviceFailure> {
+        let (offset, size) = self.stages.images.span(&image.resource, &task.rows);
+        if rows.len() as u64 != size {
+            return Err(format!("{} bytes came instead of {size}", rows.len()).into());
+        }
+        self.gpu.queue.write_buffer(self.stages.images.buffer(image, task.view, place), offset, rows);
+        Ok(size)
+    }
+
+    /// The bytes of a copy, once its submission has ended.
+    ///
+    /// # Errors
+    /// What went wrong on the device, or with the mapping.
+    pub fn finish(&mut self, back: ReadBack) -> Result<Mapped, DeviceFailure> {
+        self.pool.finish(&self.gpu, back)
+    }
+
+    /// When the tasks with these pairs of timestamps began and ended, milliseconds since the origin.
+    ///
+    /// # Errors
+    /// Those of [`Self::finish`].
+    pub fn times(&mut self, back: ReadBack, pairs: &[u32]) -> Result<Vec<[f64; 2]>, DeviceFailure> {
+        let ticks = bytemuck::pod_collect_to_vec::<u8, u64>(&self.finish(back)?);
+        let time = |pair: &u32| [0, 1].map(|end| self.clock.host_ms(ticks[2 * *pair as usize + end]));
+        Ok(pairs.iter().map(time).collect())
+    }
+
+    /// Asks for an image, both eyes.
+    ///
+    /// # Errors
+    /// That no pass writes it.
+    pub fn request(&mut self, image: &Output, place: Place) -> Result<[ReadBack; 2], DeviceFailure> {
+        let resource = self.stages.images.find(&image.name, image.number);
+        let resource = resource.ok_or_else(|| format!("no pass writes the image {}", image.name))?;
+        let bound = Bound { resource, buffer: 0, is_before: false };
+        let (offset, size) = self.stages.images.whole(&resource);
+        Ok(Eye::ALL.map(|eye| {
+            let mut encoder = self.encoder();
+            let source = self.stages.images.buffer(&bound, eye, place);
+            let copy = self.pool.record(&self.gpu, &mut encoder, source, offset, size);
+            copy.submitted(self.gpu.queue.submit([encoder.finish()]))
+        }))
+    }
+
+    /// An image that was asked for.
+    ///
+    /// # Errors
+    /// Those of [`Self::finish`].
+    pub fn take(&mut self, [left, right]: [ReadBack; 2]) -> Result<Pixels, DeviceFailure> {
+        Ok([self.finish(left)?.to_vec(), self.finish(right)?.to_vec()])
+    }
+
+    /// Whether a submission has ended; waits for that if `waits`.
+    ///
+    /// # Errors
+    /// What went wrong on the device, or that it took too long.
+    pub fn has_ended(&self, last: &wgpu::SubmissionIndex, waits: bool, frame: u32) -> Result<bool, DeviceFailure> {
+        if !waits {
+            return self.gpu.has_ended(last);
+        }
+        let _span = tracing::info_span!("wait for device", frame).entered();
+        self.gpu.wait(Some(last.clone())).map(|()| true)
+    }
+}

@@ -1,0 +1,313 @@
+//! What a worker does next: the protocol of README.md as a state machine without input or output. A worker carries out
+//! the actions that it names and tells it what came of them; a test explores it in every order of events.
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::sync::Arc;
+
+use super::action::{Action, Command, Outcome};
+use super::script::{Operation, Outgoing, Script};
+use crate::exec::messages::Message;
+
+/// A worker waits for others for this many slices of a device's limit: longer than it takes to find out that one of
+/// them is hung.
+const DEPENDENT_SLICES: u32 = 32;
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+struct Frame {
+    ticket: u64,
+    script: Arc<Script>,
+    progress: Progress,
+}
+
+/// How far a frame has come.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum Progress {
+    /// At this operation of its own tasks.
+    Own(usize),
+    /// At this upload of the stitch.
+    Stitch(usize),
+    /// All tasks are submitted.
+    Submitted,
+    /// All tasks have ended, and images are on their way to the host.
+    Read,
+}
+
+/// What the worker is at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+enum At {
+    /// Between two steps: a new frame goes before what is left of older ones, so that the device has something to do
+    /// while the host waits for their rows.
+    Commands,
+    /// The newest frame's own tasks.
+    Newest,
+    /// The oldest frame, a step further. Without `waits`, frames older than the newest are taken as far as nothing must
+    /// be waited for, and the newest goes on.
+    Oldest { waits: bool },
+}
+
+/// The state of a worker.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Protocol<B> {
+    /// Lavapipe's queue takes no second submission while the first one runs, but holds its caller up. Rows that others
+    /// wait for are sent before that happens, at the price of a short gap; hardware queues need no gap.
+    submit_blocks: bool,
+    /// Frames that are begun and not answered, oldest first. All but the newest have their own tasks submitted.
+    open: VecDeque<Frame>,
+    /// Rows whose copy has been submitted, in order of submission.
+    outgoing: VecDeque<Outgoing>,
+    /// Attempts that are not answered, oldest first.
+    unanswered: Vec<u64>,
+    /// Rows that came before they were asked for, by ticket and transfer.
+    early: BTreeMap<(u64, u32), B>,
+    /// Attempts that were called off.
+    aborted: BTreeSet<u64>,
+    /// All attempts below are over; what comes of them is dropped.
+    floor: u64,
+    has_failed: bool,
+    at: At,
+    /// While rows are waited for: how many slices have passed without a message.
+    receiving: Option<u32>,
+    /// What is to be done before anything else.
+    due: VecDeque<Action<B>>,
+}
+
+impl<B> Protocol<B> {
+    /// `submit_blocks`: whether a submission waits until the one before has ended.
+    pub fn new(submit_blocks: bool) -> Self {
+        Self {
+            submit_blocks,
+            open: VecDeque::new(),
+            outgoing: VecDeque::new(),
+            unanswered: Vec::new(),
+            early: BTreeMap::new(),
+            aborted: BTreeSet::new(),
+            floor: 0,
+            has_failed: false,
+            at: At::Commands,
+            receiving: None,
+            due: VecDeque::new(),
+        }
+    }
+
+    /// The next action. All messages that have come should have been given to [`Self::message`] before.
+    pub fn next(&mut self) -> Action<B> {
+        loop {
+            if let Some(action) = self.due.pop_front() {
+                if let Action::Answer { ticket, .. } = action {
+                    self.unanswered.retain(|t| *t != ticket);
+                }
+                return action;
+            }
+            let action = match self.at {
+                At::Commands => return Action::TakeCommand { waits: self.open.is_empty() },
+                At::Newest => self.step_newest(),
+                At::Oldest { waits } => self.step_oldest(waits),
+            };
+            if let Some(action) = action {
+                return action;
+            }
+        }
+    }
+
+    /// There is a command, which is made only if the device can still be used; whatever fails from here on is answered
+    /// under its ticket.
+    pub fn command(&mut self, ticket: u64, make: impl FnOnce() -> Command) {
+        self.unanswered.push(ticket);
+        if self.has_failed {
+            return self.fail();
+        }
+        self.forget_below(self.open.front().map_or(ticket, |f| f.ticket));
+        match make() {
+            Command::Frame(script) => {
+                self.open.push_back(Frame { ticket, script, progress: Progress::Own(0) });
+                self.at = At::Newest;
+            }
+            Command::Read { injected } => {
+                self.due.extend(injected.map(|kind| Action::Inject { kind }));
+                self.due.extend([Action::Read { ticket }, Action::Answer { ticket, outcome: Outcome::Done }]);
+            }
+        }
+    }
+
+    /// There is no command yet.
+    pub fn no_command(&mut self) {
+        self.at = At::Oldest { waits: true };
+    }
+
+    /// A message has come.
+    pub fn message(&mut self, message: Message<B>) {
+        match message {
+            // Rows of an attempt that was given up come late.
+            Message::Rows { ticket, .. } | Message::Abort { ticket } if ticket < self.floor || self.has_failed => {}
+            Message::Rows { ticket, transfer, rows } => drop(self.early.insert((ticket, transfer), rows)),
+            Message::Abort { ticket } => drop(self.aborted.insert(ticket)),
+        }
+    }
+
+    /// No message came for a slice of the limit.
+    pub fn timed_out(&mut self) {
+        let slices = self.receiving.unwrap_or(0);
+        self.receiving = Some(slices + 1);
+        let frame = if self.at == At::Newest { self.open.back() } else { self.open.front() };
+        if let Some(ticket) = frame.filter(|_| slices >= DEPENDENT_SLICES).map(|f| f.ticket) {
+            self.give_up(ticket);
+        }
+    }
+
+    /// Whether what [`Action::End`] or [`Action::TakeImages`] asked for has ended.
+    pub fn ended(&mut self, has_ended: bool) {
+        let (At::Oldest { waits }, Some(frame)) = (self.at, self.open.front_mut()) else { return };
+        if !has_ended {
+            self.at = At::Newest;
+            return;
+        }
+        if frame.progress == Progress::Submitted {
+            frame.progress = Progress::Read;
+        } else {
+            let ticket = frame.ticket;
+            self.open.pop_front();
+            self.forget_below(ticket + 1);
+            self.due.push_back(Action::Answer { ticket, outcome: Outcome::Done });
+        }
+        self.end_step(waits);
+    }
+
+    /// The device can no longer be used: nothing comes of anything that it was told to do.
+    pub fn fail(&mut self) {
+        self.has_failed = true;
+        self.at = At::Commands;
+        self.receiving = None;
+        self.due.clear();
+        self.open.clear();
+        self.outgoing.clear();
+        self.early.clear();
+        self.aborted.clear();
+        self.due.extend(self.unanswered.iter().map(|&ticket| Action::CallOff { ticket }));
+        let failed = |&ticket: &u64| Action::Answer { ticket, outcome: Outcome::Failed };
+        self.due.extend(self.unanswered.iter().map(failed));
+    }
+
+    /// Nothing comes of this attempt, as another device failed in it.
+    fn give_up(&mut self, ticket: u64) {
+        self.open.retain(|f| f.ticket != ticket);
+        self.outgoing.retain(|o| o.ticket != ticket);
+        self.receiving = None;
+        self.due.push_back(Action::Answer { ticket, outcome: Outcome::Aborted });
+        if self.at != (At::Oldest { waits: false }) {
+            self.at = At::Commands;
+        }
+    }
+
+    fn forget_below(&mut self, ticket: u64) {
+        self.floor = ticket;
+        self.early.retain(|(t, _), _| *t >= ticket);
+        self.aborted.retain(|t| *t >= ticket);
+    }
+
+    fn end_step(&mut self, waits: bool) {
+        if waits {
+            self.at = At::Commands;
+        }
+    }
+
+    /// Carries out the own tasks of the newest frame; nothing if only the state has changed.
+    fn step_newest(&mut self) -> Option<Action<B>> {
+        let Some(Frame { ticket, script, progress: Progress::Own(at) }) = self.open.back() else {
+            self.at = At::Commands;
+            return None;
+        };
+        let (ticket, at, script) = (*ticket, *at, Arc::clone(script));
+        let action = match script.own.get(at) {
+            Some(Operation::Write { task, transfer }) => return self.receive(ticket, *task, *transfer),
+            Some(Operation::Submit(_)) if self.submit_blocks && !self.outgoing.is_empty() => return self.send(),
+            Some(Operation::Submit(copies)) => {
+                self.outgoing.extend(copies);
+                self.at = At::Oldest { waits: false };
+                Some(Action::Submit { ticket })
+            }
+            Some(Operation::Begin) => Some(Action::Begin { ticket }),
+            Some(&Operation::Record(task)) => Some(Action::Record { ticket, task }),
+            Some(Operation::RecordTimestamps) => Some(Action::RecordTimestamps { ticket }),
+            Some(&Operation::Inject(kind)) => Some(Action::Inject { kind }),
+            None => {
+                self.at = At::Commands;
+                None
+            }
+        };
+        let progress = if action.is_some() { Progress::Own(at + 1) } else { Progress::Stitch(0) };
+        self.set_progress(ticket, progress);
+        action
+    }
+
+    /// Takes the oldest frame further, once its own tasks are submitted: sends what others wait for, takes in what the
+    /// whole images lack, and waits for the device. Nothing if only the state has changed.
+    fn step_oldest(&mut self, waits: bool) -> Option<Action<B>> {
+        let Some(frame) = self.open.front().filter(|_| waits || self.open.len() > 1) else {
+            self.at = At::Newest;
+            return None;
+        };
+        let (ticket, script) = (frame.ticket, Arc::clone(&frame.script));
+        let at = match frame.progress {
+            Progress::Own(_) => {
+                self.at = At::Newest;
+                return None;
+            }
+            Progress::Stitch(at) => at,
+            Progress::Submitted => return Some(Action::End { ticket, waits }),
+            Progress::Read => return Some(Action::TakeImages { ticket, waits }),
+        };
+        let has_rows_to_send = self.outgoing.front().is_some_and(|o| o.ticket == ticket);
+        if waits && has_rows_to_send {
+            return self.send();
+        }
+        if self.aborted.contains(&ticket) {
+            self.give_up(ticket);
+            return None;
+        }
+        let is_here = |(_, transfer): &(usize, u32)| self.early.contains_key(&(ticket, *transfer));
+        if !waits && (has_rows_to_send || !script.stitch[at..].iter().all(is_here)) {
+            self.at = At::Newest;
+            return None;
+        }
+        if let Some(&(task, transfer)) = script.stitch.get(at) {
+            return self.receive(ticket, task, transfer);
+        }
+        self.set_progress(ticket, Progress::Submitted);
+        self.end_step(waits);
+        script.ends_with_uploads().then_some(Action::SubmitUploads { ticket })
+    }
+
+    /// Waits for rows. Those that others wait for go out first: all of them stand before this upload in the common
+    /// order, so whoever waits for them cannot be waited for here.
+    fn receive(&mut self, ticket: u64, task: usize, transfer: u32) -> Option<Action<B>> {
+        if self.receiving.is_none() {
+            self.receiving = Some(0);
+            return Some(Action::Receive { ticket, transfer });
+        }
+        if self.aborted.contains(&ticket) {
+            self.give_up(ticket);
+            return None;
+        }
+        let Some(rows) = self.early.remove(&(ticket, transfer)) else {
+            return self.send().or(Some(Action::AwaitMessage));
+        };
+        self.receiving = None;
+        for frame in self.open.iter_mut().filter(|f| f.ticket == ticket) {
+            frame.progress = match frame.progress {
+                Progress::Own(at) => Progress::Own(at + 1),
+                Progress::Stitch(at) => Progress::Stitch(at + 1),
+                other => other,
+            };
+        }
+        Some(Action::Write { ticket, task, rows })
+    }
+
+    /// Sends the rows that were copied first, if there are any.
+    fn send(&mut self) -> Option<Action<B>> {
+        self.outgoing.pop_front().map(Action::Send)
+    }
+
+    fn set_progress(&mut self, ticket: u64, progress: Progress) {
+        self.open.iter_mut().filter(|f| f.ticket == ticket).for_each(|f| f.progress = progress);
+    }
+}

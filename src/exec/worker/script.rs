@@ -1,0 +1,123 @@
+//! A device's part of a frame as a list of what its worker does, in order.
+
+use crate::exec::InjectedKind;
+
+/// A task, as far as the order of a worker's actions depends on it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Step {
+    Dispatch,
+    /// Rows leave for device `to`.
+    Download {
+        transfer: u32,
+        to: usize,
+    },
+    Upload {
+        transfer: u32,
+    },
+    /// The whole images are there; nothing is to be done.
+    Stitch,
+}
+
+/// Rows that have been copied for another device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Outgoing {
+    pub ticket: u64,
+    pub transfer: u32,
+    pub to: usize,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub(super) enum Operation {
+    Begin,
+    /// Put a dispatch or a copy of rows into the command encoder, by the number of the task.
+    Record(usize),
+    RecordTimestamps,
+    /// Submit what is recorded, with copies of these rows.
+    Submit(Vec<Outgoing>),
+    Inject(InjectedKind),
+    /// Write rows once they are there.
+    Write {
+        task: usize,
+        transfer: u32,
+    },
+}
+
+/// What a worker does for a frame.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub struct Script {
+    /// For its own tasks, which others may wait for.
+    pub(super) own: Vec<Operation>,
+    /// The uploads of the stitch: task and transfer.
+    pub(super) stitch: Vec<(usize, u32)>,
+}
+
+impl Script {
+    /// From the tasks of a device: its own and those of the stitch, numbered through. A fault is injected half-way
+    /// through its own.
+    ///
+    /// What is recorded is submitted as late as possible: when rows must be waited for, and at the end. Copies leave
+    /// together, as soon as the last of a run of them is recorded.
+    pub fn new(ticket: u64, own: &[Step], stitch: &[Step], injected: Option<InjectedKind>) -> Self {
+        let mut builder = Builder::default();
+        builder.operations.push(Operation::Begin);
+        for (i, step) in own.iter().enumerate() {
+            if let Some(kind) = injected.filter(|_| i == own.len() / 2) {
+                builder.submit();
+                builder.operations.push(Operation::Inject(kind));
+            }
+            if !builder.copies.is_empty() && !matches!(step, Step::Download { .. }) {
+                builder.submit();
+            }
+            match *step {
+                Step::Dispatch => builder.record(Operation::Record(i)),
+                Step::Download { transfer, to } => {
+                    builder.record(Operation::Record(i));
+                    builder.copies.push(Outgoing { ticket, transfer, to });
+                }
+                Step::Upload { transfer } => {
+                    builder.submit();
+                    builder.operations.push(Operation::Write { task: i, transfer });
+                }
+                Step::Stitch => {}
+            }
+        }
+        if own.is_empty() {
+            builder.operations.extend(injected.map(Operation::Inject));
+        }
+        if own.contains(&Step::Dispatch) {
+            builder.record(Operation::RecordTimestamps);
+        }
+        builder.submit();
+        let upload = |(i, step): (usize, &Step)| match *step {
+            Step::Upload { transfer } => Some((own.len() + i, transfer)),
+            _ => None,
+        };
+        Self { own: builder.operations, stitch: stitch.iter().enumerate().filter_map(upload).collect() }
+    }
+
+    /// Whether nothing but an empty submission carries the frame's last uploads out.
+    pub(super) fn ends_with_uploads(&self) -> bool {
+        !self.stitch.is_empty() || !self.own.iter().any(|o| matches!(o, Operation::Submit(_)))
+    }
+}
+
+#[derive(Default)]
+struct Builder {
+    operations: Vec<Operation>,
+    /// Whether anything is recorded that has not been submitted.
+    has_recorded: bool,
+    copies: Vec<Outgoing>,
+}
+
+impl Builder {
+    fn record(&mut self, operation: Operation) {
+        self.operations.push(operation);
+        self.has_recorded = true;
+    }
+
+    fn submit(&mut self) {
+        if std::mem::take(&mut self.has_recorded) {
+            self.operations.push(Operation::Submit(std::mem::take(&mut self.copies)));
+        }
+    }
+}
