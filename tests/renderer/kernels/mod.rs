@@ -7,6 +7,7 @@
 //! Rows that a kernel must not read hold values that are not finite, so that reading one shows in the result. The
 //! [`harness`] asserts that rows outside the stripe are not written.
 
+mod accumulate;
 mod atrous;
 mod camera;
 mod compose;
@@ -17,6 +18,7 @@ mod inputs;
 mod pack;
 mod packed_on_device;
 mod reproject;
+mod resolve;
 mod seam_filter;
 mod select;
 mod svgf;
