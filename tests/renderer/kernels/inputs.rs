@@ -1,7 +1,7 @@
 //! Random images of surfaces and light, and a record of the cases that a test has met.
 
 use std::collections::BTreeMap;
-use std::f64::consts::TAU;
+use std::f64::consts::{PI, TAU};
 use std::ops::Range;
 
 use glam::{DVec2, DVec3};
@@ -75,6 +75,8 @@ pub struct Wall {
     pub bumps: f64,
     /// Largest angle between a pixel's normal and the plane's.
     pub tilt: f64,
+    /// Share of pixels whose normal is any direction.
+    pub stray: f64,
     /// Share of pixels without a surface.
     pub sky: f64,
 }
@@ -82,7 +84,7 @@ pub struct Wall {
 impl Wall {
     pub fn new(bumps: f64, tilt: f64, sky: f64) -> Self {
         let normal = DVec3::new(0.2, 0.1, 1.0).normalize();
-        Self { point: DVec3::new(0.0, 0.0, -4.0), normal, bumps, tilt, sky }
+        Self { point: DVec3::new(0.0, 0.0, -4.0), normal, bumps, tilt, stray: 0.05, sky }
     }
 
     /// Where a ray meets the plane.
@@ -99,7 +101,8 @@ impl Wall {
         let eye = &constants.eyes[view];
         let on = self.met_by(eye, eye.ray(constants.through(x, y), constants.size()));
         let off = random.within(-self.bumps..self.bumps) * on.distance(eye.origin.as_dvec3());
-        pack_guide(on + self.normal * off, random.tilted(self.normal, self.tilt))
+        let tilt = if random.chance(self.stray) { PI } else { self.tilt };
+        pack_guide(on + self.normal * off, random.tilted(self.normal, tilt))
     }
 
     pub fn guides(&self, random: &mut Random, constants: &Constants, view: usize) -> Vec<[u32; 4]> {

@@ -193,6 +193,12 @@ impl Format {
         [pair(gloss.x, gloss.y), pair(gloss.z, albedo.roughness), pair(matte.x, matte.y), pair(matte.z, 0.0)]
     }
 
+    /// Whether an image holds this light as what was sampled in this frame, but for a relative error.
+    pub fn holds_sampled(&self, bits: [u32; 4], light: &Light, relative: f64) -> bool {
+        let [x, y, z, w] = bits;
+        w == SAMPLED && self.holds([x, y, z, 0], &Light { variance: DVec2::ZERO, ..*light }, relative, 0.0)
+    }
+
     /// Whether an image holds this light, but for a relative error of `relative`, an error of the variance of
     /// `variance`, and the rounding of its format.
     pub fn holds(&self, bits: [u32; 4], light: &Light, relative: f64, variance: f64) -> bool {

@@ -1,12 +1,13 @@
 //! The shaders' packing against its twins: both read what the other has written.
 
-use glam::DVec2;
+use std::f64::consts::PI;
+
+use glam::{DVec2, DVec3};
 
 use super::camera::Constants;
 use super::harness::{Buffer, Kernel, Stripe};
 use super::inputs::{HEIGHT, Random, WIDTH};
-use super::pack::{Albedo, Counts, Format, Light, MISSING, UNKNOWN, pack_normal, unpack_normal};
-use glam::DVec3;
+use super::pack::{Albedo, Counts, Format, Light, MISSING, UNKNOWN, floats, pack_normal, unpack_normal};
 
 /// Unpacks and packs each pixel once.
 const ROUND_TRIP: &str = "
@@ -15,6 +16,8 @@ const ROUND_TRIP: &str = "
 @group(1) @binding(2) var<storage, read_write> normal: array<vec4<f32>>;
 @group(1) @binding(3) var<storage, read_write> packed_normal: array<u32>;
 @group(1) @binding(4) var<storage, read_write> counts: array<u32>;
+@group(1) @binding(5) var<storage, read> unpacked: array<vec4<f32>>;
+@group(1) @binding(6) var<storage, read_write> sampled: array<vec4<u32>>;
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
@@ -29,6 +32,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     packed_normal[at] = pack_normal(normal[at].xyz);
     normal[at] = vec4<f32>(unpack_normal(bits), 0.0);
     counts[at] = add_tally(counts[at], pass_.arg0, pass_.arg1);
+    sampled[at] = pack_sampled(unpacked[at].rgb, unpacked[at].brg);
 }
 ";
 
@@ -55,9 +59,10 @@ fn compare(gloss: bool, seed: u64) {
             Albedo { all: matte + random.color(0.2), matte, roughness: random.within(0.0..1.0) }
         })
         .collect();
+    // Of all directions, and around the axes, where the octahedron's faces meet.
     let axes = [DVec3::X, DVec3::NEG_X, DVec3::Y, DVec3::NEG_Y, DVec3::Z, DVec3::NEG_Z];
-    let normals: Vec<DVec3> =
-        (0..area).map(|at| axes.get(at).copied().unwrap_or_else(|| random.tilted(DVec3::Z, 3.14))).collect();
+    let spread = |at: usize| [0.0, 0.1, PI][at / axes.len() % 3];
+    let normals: Vec<DVec3> = (0..area).map(|at| random.tilted(axes[at % axes.len()], spread(at))).collect();
     let tally: Vec<u32> = (0..area).map(|_| random.pick(&[5, 0x0ff0_0003, 0x30ff_fffe, 0x7000_0000])).collect();
     let packed_lights: Vec<_> = lights.iter().map(|light| format.pack(light)).collect();
     let packed_albedos: Vec<_> = albedos.iter().map(|albedo| format.pack_albedo(albedo)).collect();
@@ -74,11 +79,13 @@ fn compare(gloss: bool, seed: u64) {
             ("normal", Buffer::image(&float_normals)),
             ("packed_normal", Buffer::image(&packed_normals)),
             ("counts", Buffer::image(&tally)),
+            ("unpacked", Buffer::image(&lights.iter().map(|l| floats(l.matte, 0.0)).collect::<Vec<_>>())),
+            ("sampled", Buffer::image(&packed_lights)),
         ],
     );
     let (light, albedo) = (outputs.get::<[u32; 4]>("light"), outputs.get::<[u32; 4]>("albedo"));
     let (normal, packed) = (outputs.get::<[f32; 4]>("normal"), outputs.get::<u32>("packed_normal"));
-    let counts = outputs.get::<u32>("counts");
+    let (counts, sampled) = (outputs.get::<u32>("counts"), outputs.get::<[u32; 4]>("sampled"));
     for at in 0..area {
         // What was rounded once is not rounded again, but for the exposure that is divided out in between.
         let unpacked = format.unpack(packed_lights[at]);
@@ -86,6 +93,13 @@ fn compare(gloss: bool, seed: u64) {
             format.holds(light[at], &unpacked, 1e-6, 0.0),
             "{:?} instead of {unpacked:?}",
             format.unpack(light[at])
+        );
+        let matte = lights[at].matte;
+        let gloss = DVec3::new(matte.z, matte.x, matte.y);
+        assert!(
+            format.holds_sampled(sampled[at], &Light { matte, gloss, variance: DVec2::ZERO }, 1e-6),
+            "{:?} instead of {matte} and {gloss}",
+            format.unpack(sampled[at])
         );
         let (got, want) = (format.unpack_albedo(albedo[at]), format.unpack_albedo(packed_albedos[at]));
         let apart = (got.all - want.all).abs().max((got.matte - want.matte).abs()).max_element();
@@ -125,7 +139,7 @@ fn light_and_normals_survive_packing() {
             assert!((unpacked.matte - light.matte).abs().max_element() <= step * light.matte.max_element() + 1e-6);
             assert!((unpacked.variance - light.variance).abs().max_element() <= 2.0 * step * light.variance.x);
             assert_eq!(unpacked.gloss == DVec3::ZERO, !gloss);
-            let normal = random.tilted(DVec3::NEG_Z, 3.14);
+            let normal = random.tilted(DVec3::NEG_Z, PI);
             assert!(unpack_normal(pack_normal(normal)).distance(normal) < 1e-4, "{normal}");
         }
     }

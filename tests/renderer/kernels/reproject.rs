@@ -212,15 +212,9 @@ fn compare(gloss: bool, sparse: bool, adjust: impl Fn(&mut Constants), seed: u64
             match fate {
                 Fate::Gathered(light) => {
                     cases.meet("gathered");
-                    let bits = format.pack_sampled(&light);
-                    assert_eq!(radiance[at][3], bits[3], "{place}");
                     // The column is off by some roundings of its 21 pixels, and so is the share of either tap.
-                    let without_variance = |[x, y, z, _]: [u32; 4]| [x, y, z, 0];
-                    assert!(
-                        format.holds(without_variance(radiance[at]), &light, 2e-4, 0.0),
-                        "{place}: {:?}",
-                        radiance[at]
-                    );
+                    let holds = format.holds_sampled(radiance[at], &light, 2e-4);
+                    assert!(holds, "{place}: {:?}", format.unpack(radiance[at]));
                 }
                 Fate::Sky => cases.meet("sky"),
                 Fate::LeftToFilter => {

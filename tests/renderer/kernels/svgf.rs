@@ -98,7 +98,8 @@ fn compare(gloss: bool, layers: bool, seed: u64, expected: &[&'static str]) {
     for (iteration, stripe) in (0..3).flat_map(|i| stripes().into_iter().map(move |stripe| (i, stripe))) {
         let view = (iteration % 2) as usize;
         // Weights whose squares are no floats would leave a pixel without light of its own no variance.
-        let guide = Wall::new(0.02, 0.25, 0.1).guides(&mut random, &constants, view);
+        let wall = Wall { stray: 0.0, ..Wall::new(0.02, 0.25, 0.1) };
+        let guide = wall.guides(&mut random, &constants, view);
         let source: Vec<_> = (guide.iter())
             .map(|bits| {
                 if Surface::unpack(*bits).is_none() {

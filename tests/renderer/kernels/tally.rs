@@ -5,8 +5,6 @@ use super::harness::{Buffer, Kernel, Stripe, only_in};
 use super::inputs::{Cases, Random};
 use super::pack::Counts;
 
-/// Wider than two of the segments that one invocation sums.
-const WIDTH: u32 = 150;
 const HEIGHT: u32 = 11;
 /// Pixels that one invocation sums.
 const SEGMENT: u32 = 64;
@@ -34,10 +32,9 @@ fn sum(pixels: &[u32], cases: &mut Cases) -> Row {
     row
 }
 
-#[test]
-fn counts_are_summed_by_rows() {
-    let mut random = Random::new(31);
-    let constants = Constants::new(WIDTH, HEIGHT);
+fn compare(width: u32, seed: u64) {
+    let mut random = Random::new(seed);
+    let constants = Constants::new(width, HEIGHT);
     let mut pixel = || Counts {
         rays: random.pick(&[0, 1, 7, 900, 0xf_ffff]),
         dropped: random.pick(&[0, 0, 1, 255]),
@@ -52,8 +49,8 @@ fn counts_are_summed_by_rows() {
         let outputs = Kernel::new("tally", &[]).run(
             &constants,
             stripe.pass(0, [0; 3]),
-            WIDTH.div_ceil(SEGMENT),
-            &[("tally", Buffer::image(&only_in(&stripe.rows, WIDTH, &tally))), ("rows", Buffer::image(&before))],
+            width.div_ceil(SEGMENT),
+            &[("tally", Buffer::image(&only_in(&stripe.rows, width, &tally))), ("rows", Buffer::image(&before))],
         );
         let after = outputs.get::<Row>("rows");
         for y in stripe.rows {
@@ -64,4 +61,12 @@ fn counts_are_summed_by_rows() {
         }
     }
     cases.assert_met(&["no hole", "hole", "left to the filter"]);
+}
+
+#[test]
+fn counts_are_summed_by_rows() {
+    // Several segments, and the last one of part of a segment.
+    compare(3 * SEGMENT, 31);
+    compare(2 * SEGMENT + 5, 32);
+    compare(7, 33);
 }
