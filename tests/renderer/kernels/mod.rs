@@ -15,6 +15,7 @@ mod edges;
 mod foveation;
 mod harness;
 mod inputs;
+mod over_frames;
 mod pack;
 mod packed_on_device;
 mod reproject;

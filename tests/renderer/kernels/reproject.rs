@@ -1,6 +1,6 @@
 //! Reprojection of the left eye's light into the right one, and the list of holes.
 
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, Vec2};
 
 use super::camera::Constants;
 use super::edges::Surface;
@@ -248,10 +248,15 @@ fn gloss_is_gathered_beside_matte_light() {
     compare(true, false, |_| {}, 62, &[]);
 }
 
-/// Where frames are averaged, rays go through another point of the pixel.
+/// Where frames are averaged, rays go through another point of the pixel. The eyes are swapped, so that surfaces lie
+/// outside the left eye's image on its other side.
 #[test]
 fn light_is_gathered_where_rays_go_through_pixels() {
-    compare(false, false, |c| c.centre = glam::Vec2::new(0.2, 0.9), 63, &[]);
+    let adjust = |c: &mut Constants| {
+        c.centre = Vec2::new(0.2, 0.9);
+        c.eyes.swap(0, 1);
+    };
+    compare(false, false, adjust, 63, &[]);
 }
 
 #[test]

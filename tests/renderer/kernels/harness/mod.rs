@@ -1,88 +1,24 @@
 //! Runs one kernel on given buffers. Bindings, overrides and entry point are found in the shader's own text by their
 //! names, so that neither the order of bindings nor the renderer's declaration of its passes matters here.
 
-use std::collections::{BTreeMap, HashMap};
-use std::ops::Range;
+mod buffers;
+mod reflect;
+mod tests;
+
+use std::collections::HashMap;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
-use bytemuck::{Pod, Zeroable};
 use diptych::device::{GpuDevice, wgsl};
 use diptych::stages::layout::Pass;
-use naga::{AddressSpace, StorageAccess};
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
+pub use self::buffers::{Buffer, Outputs, Stripe, only_in};
+use self::reflect::{Binding, Kind, assert_same_names, binding, layout_entry};
 use super::camera::Constants;
 use crate::common;
 
 /// Edge of the workgroups of all kernels.
 const TILE: u32 = 8;
-
-/// The rows that a dispatch computes, and those that it may read.
-#[derive(Clone, Debug)]
-pub struct Stripe {
-    pub rows: Range<u32>,
-    pub valid: Range<u32>,
-}
-
-impl Stripe {
-    pub fn pass(&self, view: usize, args: [u32; 3]) -> Pass {
-        Pass {
-            view: view as u32,
-            row_begin: self.rows.start,
-            row_end: self.rows.end,
-            valid_begin: self.valid.start,
-            valid_end: self.valid.end,
-            args,
-        }
-    }
-}
-
-/// What stands at a binding: an image, of which only the stripe's rows may be written, or anything else.
-pub enum Buffer {
-    Image(Vec<u8>),
-    Whole(Vec<u8>),
-}
-
-impl Buffer {
-    pub fn image<T: Pod>(pixels: &[T]) -> Self {
-        Self::Image(bytemuck::cast_slice(pixels).to_vec())
-    }
-
-    pub fn whole<T: Pod>(values: &[T]) -> Self {
-        Self::Whole(bytemuck::cast_slice(values).to_vec())
-    }
-
-    fn bytes(&self) -> &[u8] {
-        match self {
-            Self::Image(bytes) | Self::Whole(bytes) => bytes,
-        }
-    }
-}
-
-/// What the writable bindings hold after a dispatch.
-pub struct Outputs(BTreeMap<String, Vec<u8>>);
-
-impl Outputs {
-    pub fn get<T: Pod>(&self, name: &str) -> Vec<T> {
-        let bytes = self.0.get(name).unwrap_or_else(|| panic!("no writable binding is named '{name}'"));
-        bytemuck::pod_collect_to_vec(bytes)
-    }
-}
-
-#[derive(Clone, Copy, PartialEq)]
-enum Kind {
-    Uniform,
-    Read,
-    Write,
-}
-
-/// A binding of group 1, as the shader declares it.
-#[derive(Clone)]
-struct Binding {
-    name: String,
-    number: u32,
-    kind: Kind,
-}
 
 #[derive(Clone)]
 struct Compiled {
@@ -244,52 +180,4 @@ impl Kernel {
 
 fn entry(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
     wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
-}
-
-/// Panics unless both lists hold the same names, each once.
-fn assert_same_names(what: &str, declared: &[&str], given: &[&str]) {
-    let missing: Vec<_> = declared.iter().filter(|name| !given.contains(name)).collect();
-    let unknown: Vec<_> = given.iter().filter(|name| !declared.contains(name)).collect();
-    assert!(
-        missing.is_empty() && unknown.is_empty() && declared.len() == given.len(),
-        "{what}: the shader declares {declared:?}; the test lacks {missing:?} and has {unknown:?} beside them"
-    );
-}
-
-fn binding(variable: &naga::GlobalVariable) -> Option<Binding> {
-    let place = variable.binding.filter(|b| b.group == 1)?;
-    let name = variable.name.clone()?;
-    let kind = match variable.space {
-        AddressSpace::Uniform => Kind::Uniform,
-        AddressSpace::Storage { access } if access.contains(StorageAccess::STORE) => Kind::Write,
-        AddressSpace::Storage { .. } => Kind::Read,
-        other => panic!("'{name}' is in {other:?}, which the harness does not bind"),
-    };
-    Some(Binding { name, number: place.binding, kind })
-}
-
-fn layout_entry(binding: u32, kind: Kind) -> wgpu::BindGroupLayoutEntry {
-    let ty = match kind {
-        Kind::Uniform => wgpu::BufferBindingType::Uniform,
-        Kind::Read => wgpu::BufferBindingType::Storage { read_only: true },
-        Kind::Write => wgpu::BufferBindingType::Storage { read_only: false },
-    };
-    wgpu::BindGroupLayoutEntry {
-        binding,
-        visibility: wgpu::ShaderStages::COMPUTE,
-        ty: wgpu::BindingType::Buffer { ty, has_dynamic_offset: false, min_binding_size: None },
-        count: None,
-    }
-}
-
-/// `value` in rows `rows` of an image, elsewhere what no kernel may read: bits that are not finite as any format.
-pub fn only_in<T: Zeroable + Pod>(rows: &Range<u32>, width: u32, pixels: &[T]) -> Vec<T> {
-    let mut out = pixels.to_vec();
-    let (begin, end) = ((rows.start * width) as usize, (rows.end * width) as usize);
-    for (at, pixel) in out.iter_mut().enumerate() {
-        if at < begin || at >= end {
-            bytemuck::bytes_of_mut(pixel).fill(0xff);
-        }
-    }
-    out
 }
