@@ -122,3 +122,14 @@ fn every_aligned_block_has_its_share_of_the_pixels() {
         assert!(counts.iter().all(|&n| n == edge * edge / 4), "blocks of {edge} x {edge} pixels: {counts:?}");
     }
 }
+
+#[test]
+fn pixels_are_dispatched_in_whole_groups() {
+    for count in [1, 64, 65, 128, 129] {
+        let constants = Constants::new(count, 1);
+        let (zero, tally) = (vec![[0; 4]; count as usize], vec![0; count as usize]);
+        let stripe = Stripe { rows: 0..1, valid: 0..1 };
+        let selected = select(&constants, &stripe, 0, [&zero, &zero, &zero], &tally);
+        assert_lists(&selected.list, (0..count).collect());
+    }
+}

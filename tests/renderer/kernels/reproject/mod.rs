@@ -1,130 +1,16 @@
 //! Reprojection of the left eye's light into the right one, and the list of holes.
 
-use glam::{DVec2, DVec3, Vec2};
+mod twin;
 
+use glam::{DVec3, Vec2};
+
+use self::twin::{Fate, Pixel, Twin};
 use super::camera::Constants;
 use super::edges::Surface;
-use super::harness::{Buffer, Kernel, only_in};
+use super::harness::{Buffer, Kernel, Outputs, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
-use super::pack::{Counts, Format, Light, MATERIAL_MASK, MIXED, VIEW_DEPENDENT, pack_guide};
+use super::pack::{Counts, Format, MATERIAL_MASK, MIXED, VIEW_DEPENDENT, pack_guide};
 use super::select::{assert_lists, empty_list};
-
-/// Why a pixel is a hole, as the shader numbers it.
-#[derive(Clone, Copy, Debug, PartialEq)]
-enum Why {
-    Outside = 1,
-    Normal,
-    Distance,
-    Material,
-    Mixed,
-    View,
-    /// Not sampled in the left eye.
-    Skipped,
-}
-
-impl Why {
-    fn name(self) -> &'static str {
-        match self {
-            Self::Outside => "outside",
-            Self::Normal => "normal",
-            Self::Distance => "distance",
-            Self::Material => "material",
-            Self::Mixed => "mixed",
-            Self::View => "view",
-            Self::Skipped => "skipped",
-        }
-    }
-}
-
-/// A pixel of either eye.
-#[derive(Clone, Copy)]
-struct Pixel {
-    surface: Option<Surface>,
-    is_mixed: bool,
-    is_view_dependent: bool,
-    material: u32,
-    /// What was sampled; of the left eye only.
-    light: Option<Light>,
-}
-
-/// What becomes of a pixel of the right eye.
-#[derive(Debug)]
-enum Fate {
-    Sky,
-    Gathered(Light),
-    Hole(Why),
-    LeftToFilter,
-}
-
-/// Why `left` has no light for the surface `right` of `material`, which is `reach` away from the left eye.
-fn refusal(left: Option<&Pixel>, material: u32, right: &Surface, reach: f64, slack: f64) -> Option<Why> {
-    let Some(left) = left else { return Some(Why::Outside) };
-    if left.is_mixed {
-        return Some(Why::Mixed);
-    }
-    if left.is_view_dependent {
-        return Some(Why::View);
-    }
-    let Some(seen) = left.surface.filter(|_| left.material == material) else { return Some(Why::Material) };
-    if right.normal.dot(seen.position - right.position).abs() >= 0.005 * slack * reach {
-        return Some(Why::Distance);
-    }
-    if right.normal.dot(seen.normal) <= 1.0 - 0.01 * slack {
-        return Some(Why::Normal);
-    }
-    left.light.is_none().then_some(Why::Skipped)
-}
-
-struct Twin<'a> {
-    constants: &'a Constants,
-    /// Whether pixels may be left to the filter.
-    sparse: bool,
-    left: &'a [Pixel],
-}
-
-impl Twin<'_> {
-    fn fate(&self, (x, y): (u32, u32), right: &Pixel, cases: &mut Cases) -> Fate {
-        let asked = !self.sparse || right.surface.is_none() || self.constants.is_sampled((x, y), 1);
-        let hole = |why, is_wanted| if is_wanted { Fate::Hole(why) } else { Fate::LeftToFilter };
-        if right.is_mixed {
-            return hole(Why::Mixed, asked);
-        }
-        let Some(surface) = right.surface else { return Fate::Sky };
-        if right.is_view_dependent {
-            return hole(Why::View, asked);
-        }
-        let (left_eye, size) = (&self.constants.eyes[0], self.constants.size());
-        let Some((seen, _)) = left_eye.seen_at(surface.position, size) else { return hole(Why::Outside, asked) };
-        let column = seen.x - f64::from(self.constants.centre.x);
-        let fraction = column - column.floor();
-        let layer = self.constants.layer((x, y), 1);
-        let reach = surface.position.distance(left_eye.origin.as_dvec3());
-        let slack = f64::from(1 << layer);
-        let taps = [0, 1].map(|i| {
-            let tap = (column.floor() + f64::from(i)) as i64;
-            let within = (0..i64::from(self.constants.width)).contains(&tap);
-            within.then(|| &self.left[self.constants.index(tap as u32, y)])
-        });
-        let refusals = taps.map(|tap| refusal(tap, right.material, &surface, reach, slack));
-        let light = |i: usize| taps[i].and_then(|tap| tap.light).filter(|_| refusals[i].is_none());
-        let weighted = [(light(0), 1.0 - fraction), (light(1), fraction)];
-        let weight: f64 = weighted.iter().filter_map(|(light, w)| light.map(|_| w)).sum();
-        if weight >= 1e-4 {
-            let of = |channel: fn(&Light) -> DVec3| -> DVec3 {
-                weighted.iter().filter_map(|(light, w)| light.map(|light| channel(&light) * *w)).sum::<DVec3>() / weight
-            };
-            return Fate::Gathered(Light { matte: of(|l| l.matte), gloss: of(|l| l.gloss), variance: DVec2::ZERO });
-        }
-        if refusals.contains(&Some(Why::Skipped)) {
-            // The filter fills it from what was sampled around it; only where all pixels are to have light it is traced.
-            let is_full = layer == 0 && self.constants.foveation.sampled_share >= 1.0;
-            cases.meet(if is_full { "not sampled, but traced" } else { "not sampled" });
-            return hole(Why::Outside, is_full);
-        }
-        let nearer = usize::from(fraction > 0.5);
-        hole(refusals[nearer].or(refusals[1 - nearer]).expect("both taps are refused"), asked)
-    }
-}
 
 struct Eyes {
     hit: [Vec<[u32; 4]>; 2],
@@ -162,6 +48,28 @@ fn inputs(random: &mut Random, constants: &Constants, format: Format, sparse: bo
     Eyes { hit, guide, left_radiance: (0..area).map(|_| radiance()).collect() }
 }
 
+fn run(
+    constants: &Constants,
+    stripe: &Stripe,
+    overrides: [(&'static str, bool); 4],
+    eyes: &Eyes,
+    before: &[[u32; 4]],
+    tally: &[u32],
+) -> Outputs {
+    let image = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.rows, constants.width, pixels));
+    let buffers = [
+        ("left_hit", image(&eyes.hit[0])),
+        ("left_guide", image(&eyes.guide[0])),
+        ("left_radiance", image(&eyes.left_radiance)),
+        ("right_hit", image(&eyes.hit[1])),
+        ("right_guide", image(&eyes.guide[1])),
+        ("right_radiance", Buffer::image(before)),
+        ("right_tally", Buffer::image(tally)),
+        ("holes", Buffer::whole(&empty_list(constants.area()))),
+    ];
+    Kernel::new("reproject", &overrides).run(constants, stripe.pass(1, [0; 3]), constants.width, &buffers)
+}
+
 fn compare(gloss: bool, sparse: bool, adjust: impl Fn(&mut Constants), seed: u64, expected: &[&'static str]) {
     let mut random = Random::new(seed);
     let mut constants = Constants { exposure: 1.7, ..Constants::new(WIDTH, HEIGHT) };
@@ -186,22 +94,7 @@ fn compare(gloss: bool, sparse: bool, adjust: impl Fn(&mut Constants), seed: u64
         let twin = Twin { constants: &constants, sparse, left: &left };
         let tally: Vec<u32> = (0..constants.area()).map(|_| random.bits() & 0x0fff_ffff).collect();
         let before = random.rubbish::<4>(constants.area());
-        let image = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.rows, WIDTH, pixels));
-        let outputs = Kernel::new("reproject", &overrides).run(
-            &constants,
-            stripe.pass(1, [0; 3]),
-            WIDTH,
-            &[
-                ("left_hit", image(&eyes.hit[0])),
-                ("left_guide", image(&eyes.guide[0])),
-                ("left_radiance", image(&eyes.left_radiance)),
-                ("right_hit", image(&eyes.hit[1])),
-                ("right_guide", image(&eyes.guide[1])),
-                ("right_radiance", Buffer::image(&before)),
-                ("right_tally", Buffer::image(&tally)),
-                ("holes", Buffer::whole(&empty_list(constants.area()))),
-            ],
-        );
+        let outputs = run(&constants, stripe, overrides, &eyes, &before, &tally);
         let (radiance, counted) = (outputs.get::<[u32; 4]>("right_radiance"), outputs.get::<u32>("right_tally"));
         let mut holes = Vec::new();
         for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
@@ -264,6 +157,7 @@ fn pixels_that_the_mask_does_not_ask_for_are_left_to_the_filter() {
     let share = |c: &mut Constants| c.foveation.sampled_share = 0.6;
     compare(false, true, share, 64, &["left to the filter", "not sampled"]);
     compare(true, true, share, 65, &["left to the filter", "not sampled"]);
+    compare(false, true, |_| {}, 68, &["not sampled, but traced"]);
 }
 
 #[test]
@@ -272,4 +166,18 @@ fn outer_layers_allow_surfaces_to_differ_more() {
     let expected = ["left to the filter", "not sampled", "not sampled, but traced"];
     compare(false, true, layers, 66, &expected);
     compare(true, true, layers, 67, &expected);
+}
+
+#[test]
+fn holes_are_dispatched_in_whole_groups() {
+    let overrides = [("HAS_GLOSS", false), ("SOBOL", true), ("FOVEATED", false), ("SPARSE", false)];
+    for count in [1, 64, 65, 128, 129] {
+        let constants = Constants::new(count, 1);
+        let zero = vec![[0; 4]; count as usize];
+        let hit = [zero.clone(), vec![[1, 2, 3, 7 | MIXED]; count as usize]];
+        let eyes = Eyes { hit, guide: [zero.clone(), zero.clone()], left_radiance: zero.clone() };
+        let stripe = Stripe { rows: 0..1, valid: 0..1 };
+        let outputs = run(&constants, &stripe, overrides, &eyes, &zero, &vec![0; count as usize]);
+        assert_lists(&outputs.get::<u32>("holes"), (0..count).collect());
+    }
 }
