@@ -14,15 +14,22 @@ pub struct Eye {
 }
 
 impl Eye {
-    /// Looks along -z, turned by `yaw` about the y axis and then by `pitch` about its own x axis.
-    pub fn new(origin: DVec3, yaw: f64, pitch: f64) -> Self {
-        let turn = DQuat::from_rotation_y(yaw) * DQuat::from_rotation_x(pitch);
+    /// Looks along -z.
+    pub fn at_origin(tan_half: Vec2) -> Self {
+        Self { origin: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: -Vec3::Z, tan_half }
+    }
+
+    /// The same eye elsewhere, turned about its own axes.
+    pub fn moved(&self, way: DVec3, yaw: f64, pitch: f64) -> Self {
+        let (up, right) = (self.up.as_dvec3().normalize(), self.right.as_dvec3().normalize());
+        let turn = DQuat::from_axis_angle(up, yaw) * DQuat::from_axis_angle(right, pitch);
+        let turned = |axis: Vec3| (turn * axis.as_dvec3()).as_vec3();
         Self {
-            origin: origin.as_vec3(),
-            right: (turn * DVec3::X).as_vec3(),
-            up: (turn * DVec3::Y).as_vec3(),
-            forward: (turn * -DVec3::Z).as_vec3(),
-            tan_half: Vec2::new(0.55, 0.5),
+            origin: (self.origin.as_dvec3() + way).as_vec3(),
+            right: turned(self.right),
+            up: turned(self.up),
+            forward: turned(self.forward),
+            tan_half: self.tan_half,
         }
     }
 
@@ -86,8 +93,11 @@ pub struct Foveation {
 impl Constants {
     pub fn new(width: u32, height: u32) -> Self {
         let middle = Vec2::new(width as f32, height as f32) * 0.5;
+        // The eyes differ in everything, lest one is taken for the other.
+        let left = Eye::at_origin(Vec2::new(0.55, 0.5)).moved(DVec3::new(-0.1, 0.2, 0.3), 0.15, -0.1);
+        let right = Eye::at_origin(Vec2::new(0.53, 0.52)).moved(DVec3::new(0.25, 0.19, 0.33), 0.16, -0.09);
         Self {
-            eyes: [Eye::new(DVec3::new(-0.1, 0.2, 0.3), 0.15, -0.1), Eye::new(DVec3::new(0.25, 0.2, 0.3), 0.15, -0.1)],
+            eyes: [left, right],
             width,
             height,
             spp: 1,

@@ -108,7 +108,7 @@ impl Counts {
 }
 
 /// Light over albedo: what the Lambertian lobe sends and what facets send, with the variance of either's luminance.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Light {
     pub matte: DVec3,
     pub gloss: DVec3,

@@ -152,10 +152,10 @@ fn compare(case: Case, cases: &mut Cases) {
     let mut constants = Constants { exposure: 1.3, spp: case.spp, ..Constants::new(WIDTH, HEIGHT) };
     constants.centre = Vec2::new(0.3, 0.8);
     let format = Format { gloss: case.gloss, exposure: constants.exposure.into() };
-    // About a pixel and a half downwards, of which history may have moved by one.
-    let moved = DVec3::new(0.07, -0.05, 0.02);
+    // By about a pixel and a half; history may have moved by one row.
+    let way = DVec3::new(0.07, -0.05, 0.02);
     let eyes_before = match case.motion {
-        Motion::Moved => constants.eyes.map(|e| Eye::new(e.origin.as_dvec3() + moved, 0.13, -0.16)),
+        Motion::Moved => constants.eyes.map(|eye| eye.moved(way, -0.02, -0.06)),
         Motion::None | Motion::Still => constants.eyes,
     };
     constants.history_rows = (!matches!(case.motion, Motion::None)).then_some(1);

@@ -4,12 +4,12 @@ mod twin;
 
 use glam::{DVec3, Vec2};
 
-use self::twin::{Fate, Pixel, Twin};
-use super::camera::Constants;
+use self::twin::{Fate, Pixel, Twin, Why};
+use super::camera::{Constants, Eye};
 use super::edges::Surface;
 use super::harness::{Buffer, Kernel, Outputs, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
-use super::pack::{Counts, Format, MATERIAL_MASK, MIXED, VIEW_DEPENDENT, pack_guide};
+use super::pack::{Counts, Format, Light, MATERIAL_MASK, MIXED, VIEW_DEPENDENT, pack_guide};
 use super::select::{assert_lists, empty_list};
 
 struct Eyes {
@@ -166,6 +166,43 @@ fn outer_layers_allow_surfaces_to_differ_more() {
     let expected = ["left to the filter", "not sampled", "not sampled, but traced"];
     compare(false, true, layers, 66, &expected);
     compare(true, true, layers, 67, &expected);
+}
+
+/// Where surfaces fall on whole pixels of the left eye, its neighbours' light is no substitute.
+#[test]
+fn whole_pixels_are_gathered_from_one_pixel() {
+    // At a distance of 4 the image is 4 wide, so that eyes 0.5 apart see surfaces two of 16 pixels apart.
+    let eye = Eye::at_origin(Vec2::splat(0.5));
+    let constants = Constants { eyes: [eye, eye.moved(0.5 * DVec3::X, 0.0, 0.0)], ..Constants::new(16, 1) };
+    let format = Format { gloss: false, exposure: 1.0 };
+    let overrides = [("HAS_GLOSS", false), ("SOBOL", true), ("FOVEATED", false), ("SPARSE", false)];
+    let guides = constants.eyes.map(|eye| {
+        let behind = |x: u32| f64::from(eye.origin.x) + (f64::from(x) + 0.5) / 4.0 - 2.0;
+        (0..16).map(|x| pack_guide(DVec3::new(behind(x), 0.0, -4.0), DVec3::Z)).collect::<Vec<_>>()
+    });
+    let light = |x: u32| Light { matte: DVec3::splat(f64::from(1 << x)), ..Light::default() };
+    let surface = [1, 2, 3, 7];
+    let mut hit = [vec![surface; 16], vec![surface; 16]];
+    hit[0][7][3] |= MIXED;
+    let radiance = (0..16).map(|x| format.pack_sampled(&light(x))).collect();
+    let eyes = Eyes { hit, guide: guides, left_radiance: radiance };
+    let stripe = Stripe { rows: 0..1, valid: 0..1 };
+    let outputs = run(&constants, &stripe, overrides, &eyes, &[[9; 4]; 16], &[0; 16]);
+    let (gathered, counted) = (outputs.get::<[u32; 4]>("right_radiance"), outputs.get::<u32>("right_tally"));
+    for x in 0..16 {
+        let expected = match x {
+            5 => Some(Why::Mixed),
+            14.. => Some(Why::Outside),
+            _ => None,
+        };
+        let why = Counts::unpack(counted[x as usize]).why;
+        assert_eq!(why, expected.map_or(0, |why| why as u32), "pixel {x}");
+        if expected.is_none() {
+            let (got, want) = (format.unpack(gathered[x as usize]), light(x + 2));
+            assert!(format.holds_sampled(gathered[x as usize], &want, 1e-5), "pixel {x}: {got:?} instead of {want:?}");
+        }
+    }
+    assert_lists(&outputs.get::<u32>("holes"), vec![5, 14, 15]);
 }
 
 #[test]

@@ -5,7 +5,7 @@ mod twin;
 use glam::{DVec3, Vec2};
 
 use self::twin::{DROPPED, Twin};
-use super::camera::{Constants, Eye};
+use super::camera::Constants;
 use super::harness::{Buffer, Kernel, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, stripes};
 use super::pack::{Counts, floats, is_near, rgb};
@@ -51,11 +51,7 @@ fn compare_within(tolerance: f64, turn: Option<Turn>, has_history: bool, seed: u
     let mut cases = Cases::default();
     for (round, stripe) in stripes().iter().enumerate() {
         let view = round % 2;
-        let before = |eye: Eye| match turn {
-            Some((way, yaw, pitch)) => Eye::new(eye.origin.as_dvec3() + way, 0.15 + yaw, -0.1 + pitch),
-            None => eye,
-        };
-        let eyes = constants.eyes.map(before);
+        let eyes = constants.eyes.map(|eye| turn.map_or(eye, |(way, yaw, pitch)| eye.moved(way, yaw, pitch)));
         let now: Vec<_> = (0..constants.area()).map(|at| composed(&mut random, at % WIDTH as usize)).collect();
         let last: Vec<_> = (0..constants.area()).map(|_| resolved(&mut random)).collect();
         let tally: Vec<u32> = (0..constants.area()).map(|_| random.bits()).collect();
