@@ -17,7 +17,7 @@ fn still() -> (Constants, Stripe) {
 /// Light of every frame: bright and dark in turns, so that the mean over the last frames stays near that over all.
 fn lights(random: &mut Random, constants: &Constants) -> Vec<Vec<Light>> {
     let mut light = |frame: u32| {
-        let around = if frame % 2 == 0 { 0.5 } else { 1.0 };
+        let around = [0.5, 1.0][frame as usize % 2];
         let mut color = || DVec3::from_array(std::array::from_fn(|_| around * random.within(0.8..1.2)));
         Light { matte: color(), gloss: 0.3 * color(), variance: DVec2::ZERO }
     };

@@ -91,7 +91,8 @@ fn present(random: &mut Random, format: Format) -> ([u32; 4], [u32; 4]) {
     let flags = random.pick(&[0, 0, 0, VIEW_DEPENDENT]) | (random.bits() & 0x3f) << 24;
     let radiance = match random.bits() % 40 {
         0 => [INFINITE[0], INFINITE[1], INFINITE[2], SAMPLED],
-        1..12 => [0; 4],
+        1 => format.pack_sampled(&random.light(1e20)),
+        2..12 => [0; 4],
         _ => format.pack_sampled(&random.light(1.5)),
     };
     ([1, 2, 3, random.pick(&[7, 7, 7, 8]) | flags], radiance)

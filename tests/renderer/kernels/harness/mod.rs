@@ -26,10 +26,13 @@ struct Compiled {
     bindings: Vec<Binding>,
 }
 
+/// An override constant's name and value.
+pub type Override = (&'static str, bool);
+
 /// The device that all tests of kernels share, with what was compiled on it.
 struct Bench {
     gpu: GpuDevice,
-    compiled: HashMap<(String, Vec<(&'static str, bool)>), Compiled>,
+    compiled: HashMap<(String, Vec<Override>), Compiled>,
 }
 
 fn bench() -> &'static Mutex<Bench> {
@@ -44,16 +47,16 @@ fn bench() -> &'static Mutex<Bench> {
 pub struct Kernel {
     name: &'static str,
     source: String,
-    overrides: Vec<(&'static str, bool)>,
+    overrides: Vec<Override>,
 }
 
 impl Kernel {
-    pub fn new(shader: &'static str, overrides: &[(&'static str, bool)]) -> Self {
+    pub fn new(shader: &'static str, overrides: &[Override]) -> Self {
         Self { name: shader, source: wgsl(shader), overrides: overrides.to_vec() }
     }
 
     /// The functions that `shader` includes, followed by a kernel of the test's own.
-    pub fn beside(shader: &'static str, overrides: &[(&'static str, bool)], kernel: &str) -> Self {
+    pub fn beside(shader: &'static str, overrides: &[Override], kernel: &str) -> Self {
         let whole = wgsl(shader);
         let end = whole.find("@group(1)").unwrap_or_else(|| panic!("shader '{shader}' binds nothing"));
         Self { name: shader, source: format!("{}{kernel}", &whole[..end]), overrides: overrides.to_vec() }

@@ -1,6 +1,6 @@
 //! The harness notices what a test gets wrong, and what a kernel writes where it should not.
 
-use super::{Buffer, Kernel, Stripe};
+use super::{Buffer, Kernel, Override, Stripe};
 use crate::kernels::camera::Constants;
 
 /// Adds to every row of an image, whatever the stripe.
@@ -16,7 +16,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 }
 ";
 
-fn add(rows: std::ops::Range<u32>, overrides: &[(&'static str, bool)], buffers: &[(&str, Buffer)]) -> Vec<u32> {
+fn add(rows: std::ops::Range<u32>, overrides: &[Override], buffers: &[(&str, Buffer)]) -> Vec<u32> {
     let constants = Constants::new(5, 4);
     let stripe = Stripe { valid: rows.clone(), rows };
     let kernel = Kernel::beside("tally", overrides, WRITES_EVERYWHERE);

@@ -7,7 +7,7 @@ use glam::{DVec3, Vec2};
 use self::twin::{Fate, Pixel, Twin, Why};
 use super::camera::{Constants, Eye};
 use super::edges::Surface;
-use super::harness::{Buffer, Kernel, Outputs, Stripe, only_in};
+use super::harness::{Buffer, Kernel, Outputs, Override, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
 use super::pack::{Counts, Format, Light, MATERIAL_MASK, MIXED, VIEW_DEPENDENT, pack_guide};
 use super::select::{assert_lists, empty_list};
@@ -51,7 +51,7 @@ fn inputs(random: &mut Random, constants: &Constants, format: Format, sparse: bo
 fn run(
     constants: &Constants,
     stripe: &Stripe,
-    overrides: [(&'static str, bool); 4],
+    overrides: [Override; 4],
     eyes: &Eyes,
     before: &[[u32; 4]],
     tally: &[u32],
