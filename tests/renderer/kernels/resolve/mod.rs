@@ -23,9 +23,9 @@ fn composed(random: &mut Random, x: usize) -> [f32; 4] {
 }
 
 /// A colour that is near what its surroundings allow or far from it, and the number of frames in it.
-fn resolved(random: &mut Random) -> [f32; 4] {
+fn resolved(random: &mut Random, damaged: f64) -> [f32; 4] {
     let frames = random.pick(&[1.0, 2.0, 6.0, 14.0, 255.0]);
-    if random.chance(0.005) {
+    if random.chance(damaged) {
         return [f32::INFINITY, 0.0, 0.0, frames];
     }
     floats(random.color(2.0), frames.into())
@@ -46,14 +46,16 @@ fn compare(turn: Option<Turn>, has_history: bool, seed: u64, expected: &[&'stati
 fn compare_within(tolerance: f64, turn: Option<Turn>, has_history: bool, seed: u64, expected: &[&'static str]) {
     let mut random = Random::new(seed);
     let mut constants = Constants { exposure: 1.6, ..Constants::new(WIDTH, HEIGHT) };
-    constants.history_rows = has_history.then_some(2);
+    constants.history_rows = has_history.then_some(1);
     constants.centre = Vec2::new(0.7, 0.4);
+    // The sky does not move with an eye that does not turn, but for rounding, which decides whether a neighbour counts.
+    let damaged = if matches!(turn, Some((_, 0.0, 0.0))) { 0.0 } else { 0.005 };
     let mut cases = Cases::default();
     for (round, stripe) in stripes().iter().enumerate() {
         let view = round % 2;
         let eyes = constants.eyes.map(|eye| turn.map_or(eye, |(way, yaw, pitch)| eye.moved(way, yaw, pitch)));
         let now: Vec<_> = (0..constants.area()).map(|at| composed(&mut random, at % WIDTH as usize)).collect();
-        let last: Vec<_> = (0..constants.area()).map(|_| resolved(&mut random)).collect();
+        let last: Vec<_> = (0..constants.area()).map(|_| resolved(&mut random, damaged)).collect();
         let tally: Vec<u32> = (0..constants.area()).map(|_| random.bits()).collect();
         let words = [0, 1].map(|_| random.rubbish::<4>(constants.area()));
         let outputs = Kernel::new("resolve", &[]).run(
@@ -104,8 +106,19 @@ fn frames_are_averaged_while_the_eyes_stand_still() {
 
 #[test]
 fn history_moves_with_the_surface() {
-    let turn = (DVec3::new(0.06, 0.09, -0.02), 0.02, 0.03);
-    compare(Some(turn), true, 123, &["history that moved", "history that is not finite", "no history"]);
+    let way = DVec3::new(0.06, 0.09, -0.02);
+    let expected = ["history that moved", "history that is not finite", "no history"];
+    compare(Some((way, 0.02, 0.03)), true, 123, &expected);
+    // Up and down by about as much as history may have moved, which is two rows where the second is interpolated.
+    compare(Some((way, 0.02, 0.09)), true, 126, &["history that moved", "no history"]);
+    compare(Some((-way, -0.03, -0.09)), true, 128, &["history that moved", "no history"]);
+    compare_within(
+        SLOW_TOLERANCE,
+        Some((way, 0.0, 0.0)),
+        true,
+        127,
+        &["history that moved", "history that moved slowly"],
+    );
 }
 
 #[test]
