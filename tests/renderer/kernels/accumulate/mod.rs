@@ -21,6 +21,8 @@ enum Motion {
     /// There is no frame before.
     None,
     Still,
+    /// By some thousandths of a pixel.
+    Slow,
     Moved,
 }
 
@@ -157,6 +159,7 @@ fn compare(case: Case, cases: &mut Cases) {
     let way = DVec3::new(0.07, -0.05, 0.02);
     let eyes_before = match case.motion {
         Motion::Moved => constants.eyes.map(|eye| eye.moved(way, -0.02, -0.06)),
+        Motion::Slow => constants.eyes.map(|eye| eye.moved(0.01 * way, 0.0, 0.0)),
         Motion::None | Motion::Still => constants.eyes,
     };
     constants.history_rows = (!matches!(case.motion, Motion::None)).then_some(1);
@@ -247,6 +250,17 @@ fn light_is_accumulated_while_the_eyes_stand_still() {
         let mut cases = Cases::default();
         compare(Case { gloss, view: 0, motion: Motion::Still, spp: 1, seed }, &mut cases);
         cases.assert_met(&WITH_HISTORY);
+    }
+}
+
+/// Hardly anything is blurred by resampling, but what depends on the eye's position changes.
+#[test]
+fn light_is_accumulated_while_the_eyes_move_slowly() {
+    for (gloss, seed) in [(false, 119), (true, 120)] {
+        let mut cases = Cases::default();
+        compare(Case { gloss, view: 0, motion: Motion::Slow, spp: 1, seed }, &mut cases);
+        cases.assert_met(&WITH_HISTORY);
+        cases.assert_met(if gloss { &[] } else { &["view-dependent history"] });
     }
 }
 
