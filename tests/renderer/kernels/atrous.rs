@@ -13,14 +13,17 @@ const REACH: f64 = 0.02;
 /// The cubic B-spline at the integers.
 const SPLINE: [f64; 5] = [1.0 / 16.0, 1.0 / 4.0, 3.0 / 8.0, 1.0 / 4.0, 1.0 / 16.0];
 
-/// Where pixels are left to the filter: whether this pixel has light yet, and what the frame asks of its layer.
+/// An iteration over one image.
 struct Twin<'a> {
     constants: &'a Constants,
     stripe: &'a Stripe,
     view: usize,
+    /// Whether pixels may be left to the filter.
     sparse: bool,
     step: u32,
     inverse_sigma2: f64,
+    /// Of a layer's iterations, those that do not compare light. Where no pixel is left to the filter, `inverse_sigma2`
+    /// says so.
     blind_iterations: u32,
     guide: &'a [Option<Surface>],
     source: &'a [[f32; 4]],

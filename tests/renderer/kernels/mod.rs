@@ -6,6 +6,9 @@
 //!
 //! Rows that a kernel must not read hold values that are not finite, so that reading one shows in the result. The
 //! [`harness`] asserts that rows outside the stripe are not written.
+//!
+//! The test of a new kernel is one more file: a twin, inputs, and a call of [`harness::Kernel::run`] that names the
+//! shader's bindings.
 
 mod accumulate;
 mod atrous;
