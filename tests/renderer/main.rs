@@ -8,6 +8,7 @@ mod faults;
 mod foveation;
 mod gbuffer;
 mod instances;
+mod kernels;
 mod lights;
 mod passes;
 #[path = "../reference/mod.rs"]

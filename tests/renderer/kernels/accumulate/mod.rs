@@ -1,0 +1,286 @@
+//! Accumulation of light over frames.
+
+mod moments;
+mod twin;
+
+use glam::{DVec2, DVec3, Vec2};
+
+use self::moments::Moments;
+use self::twin::{After, Before, Now, Twin};
+use super::camera::{Constants, Eye};
+use super::edges::Surface;
+use super::harness::{Buffer, Kernel, only_in};
+use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
+use super::pack::{
+    Counts, Format, HALF, HALF_STEP, Light, MATERIAL_MASK, MISSING, SAMPLED, UNKNOWN, VIEW_DEPENDENT, is_near,
+};
+
+/// How the eyes were before.
+#[derive(Clone, Copy)]
+enum Motion {
+    /// There is no frame before.
+    None,
+    Still,
+    /// By some thousandths of a pixel.
+    Slow,
+    Moved,
+}
+
+#[derive(Clone, Copy)]
+struct Case {
+    gloss: bool,
+    view: usize,
+    motion: Motion,
+    spp: u32,
+    seed: u64,
+}
+
+/// An eye's images of the frame before.
+struct Bits {
+    guide: Vec<[u32; 4]>,
+    moments: Vec<[u32; 4]>,
+    light: Vec<[u32; 4]>,
+}
+
+/// Half floats that are not finite, which are never packed; as floats they are not finite either.
+const INFINITE: [u32; 4] = [0x7f80_7c00; 4];
+
+/// `damaged` is the share of pixels with numbers that are not finite, and of those that lead to such.
+fn history(
+    random: &mut Random,
+    constants: &Constants,
+    (view, eye): (usize, Eye),
+    format: Format,
+    damaged: f64,
+) -> Bits {
+    let mut seen_by = constants.clone();
+    seen_by.eyes[view] = eye;
+    let guide = Wall::new(0.003, 0.3, 0.05).guides(random, &seen_by, view);
+    // The right eye's own history is short of pixels, so that the left one's is looked up.
+    let lost = if view == 1 { 0.6 } else { 0.15 };
+    let statistics = |random: &mut Random| {
+        let mean = DVec2::new(random.within(0.2..1.5), random.within(0.0..0.3));
+        let spread = random.pick(&[0.001, 0.1, 0.5]);
+        let moments = Moments {
+            mean,
+            variance: DVec2::new(spread * random.within(0.5..1.0), spread * random.within(0.0..0.2)),
+            recent: mean.x * random.within(0.6..1.6),
+            samples: if random.chance(lost) { 0.0 } else { random.within(0.3..150.0) },
+            // Not 3, lest a fourth frame is one only by rounding.
+            frames: random.pick(&[1.0, 2.0, 5.0, 7.0, 20.0, 100.0, 255.0]),
+            material: random.pick(&[7, 7, 7, 8]),
+        };
+        let mut bits = moments.pack(format);
+        if random.chance(damaged) {
+            // A variance near the largest float, of so few samples that the mean's variance is none.
+            bits = [bits[0], if format.gloss { 0x7c00 } else { 3e38f32.to_bits() }, 0x3800_3400, bits[3] | 0x0800_0000];
+        }
+        bits
+    };
+    let light = |random: &mut Random| match random.chance(damaged) {
+        true => INFINITE,
+        false => format.pack(&Light { variance: DVec2::splat(UNKNOWN), ..random.light(1.0) }),
+    };
+    Bits {
+        guide,
+        moments: (0..constants.area()).map(|_| statistics(random)).collect(),
+        light: (0..constants.area()).map(|_| light(random)).collect(),
+    }
+}
+
+/// Material and flags, and radiance.
+fn present(random: &mut Random, format: Format) -> ([u32; 4], [u32; 4]) {
+    let flags = random.pick(&[0, 0, 0, VIEW_DEPENDENT]) | (random.bits() & 0x3f) << 24;
+    let radiance = match random.bits() % 40 {
+        0 => [INFINITE[0], INFINITE[1], INFINITE[2], SAMPLED],
+        1 => format.pack_sampled(&random.light(1e20)),
+        2..12 => [0; 4],
+        _ => format.pack_sampled(&random.light(1.5)),
+    };
+    ([1, 2, 3, random.pick(&[7, 7, 7, 8]) | flags], radiance)
+}
+
+fn now(format: Format, hit: u32, guide: [u32; 4], radiance: [u32; 4]) -> Now {
+    Now {
+        surface: Surface::unpack(guide),
+        material: hit & MATERIAL_MASK,
+        roughness: f64::from((hit >> 24) & 63) / 63.0,
+        is_view_dependent: hit & VIEW_DEPENDENT != 0,
+        light: format.unpack(radiance),
+        is_sampled: radiance[3] == SAMPLED,
+    }
+}
+
+fn before(format: Format, eye: Eye, bits: &Bits) -> Before {
+    Before {
+        eye,
+        guide: bits.guide.iter().map(|bits| Surface::unpack(*bits)).collect(),
+        moments: bits.moments.iter().map(|bits| Moments::unpack(format, *bits)).collect(),
+        light: bits.light.iter().map(|bits| format.unpack(*bits)).collect(),
+    }
+}
+
+/// Image points are off by up to 5e-6 pixels, and so are the weights of the pixels around them. These are divided by
+/// their sum, which is 0.01 at least.
+const WEIGHTS: f64 = 5e-4;
+
+/// Compares a pixel of both images that the kernel writes.
+#[track_caller]
+fn assert_pixel(format: Format, light: [u32; 4], moments: [u32; 4], after: &After, place: &str) {
+    let (shown, got) = (format.unpack(light), Moments::unpack(format, moments));
+    let want = &after.moments;
+    let squares = 1e-6 * (1.0 + want.mean.max_element() + after.light.luminances().max_element()).powi(2);
+    let told = || format!("{place}: {shown:?}, {got:?} instead of {:?}, {want:?}", after.light);
+    assert!(format.holds(light, &after.light, WEIGHTS, squares), "{}", told());
+    assert_eq!(got.material, want.material, "{place}");
+    if after.light.variance.x == MISSING {
+        assert_eq!(moments, [0, 0, 0, want.material], "{}", told());
+        return;
+    }
+    let (relative, step) = if format.gloss { (WEIGHTS + HALF, HALF_STEP) } else { (WEIGHTS, 0.0) };
+    let step = step / format.exposure;
+    for c in 0..if format.gloss { 2 } else { 1 } {
+        assert!(is_near(got.mean[c], want.mean[c], relative, step), "mean {c} of {}", told());
+        let allowed = squares + (want.variance[c].sqrt() + step) * step;
+        assert!(is_near(got.variance[c], want.variance[c], 2.0 * relative, allowed), "variance {c} of {}", told());
+    }
+    assert!(is_near(got.recent, want.recent, WEIGHTS + HALF, 0.0), "recent mean of {}", told());
+    assert!(is_near(got.samples, want.samples, WEIGHTS + HALF, 0.0), "samples of {}", told());
+    // Rounded to the next whole frame.
+    assert!((got.frames - want.frames).abs() <= 0.5 + WEIGHTS * want.frames, "frames of {}", told());
+}
+
+fn compare(case: Case, cases: &mut Cases) {
+    let mut random = Random::new(case.seed);
+    let mut constants = Constants { exposure: 1.3, spp: case.spp, ..Constants::new(WIDTH, HEIGHT) };
+    constants.centre = Vec2::new(0.3, 0.8);
+    let format = Format { gloss: case.gloss, exposure: constants.exposure.into() };
+    // By about a pixel and a half; history may have moved by one row.
+    let way = DVec3::new(0.07, -0.05, 0.02);
+    let eyes_before = match case.motion {
+        Motion::Moved => constants.eyes.map(|eye| eye.moved(way, -0.02, -0.06)),
+        Motion::Slow => constants.eyes.map(|eye| eye.moved(0.01 * way, 0.0, 0.0)),
+        Motion::None | Motion::Still => constants.eyes,
+    };
+    constants.history_rows = (!matches!(case.motion, Motion::None)).then_some(1);
+    // Of eyes that stand still, image points are whole pixels but for rounding, which decides whether a neighbour counts.
+    let damaged = if matches!(case.motion, Motion::Moved) { 0.02 } else { 0.0 };
+    let views = eyes_before.map(|eye| eye.view());
+    for stripe in stripes() {
+        let guide = Wall::new(0.002, 0.2, 0.05).guides(&mut random, &constants, case.view);
+        let (hit, radiance): (Vec<_>, Vec<_>) = (0..constants.area()).map(|_| present(&mut random, format)).unzip();
+        let histories =
+            [0, case.view].map(|view| history(&mut random, &constants, (view, eyes_before[view]), format, damaged));
+        let tally: Vec<u32> = (0..constants.area()).map(|_| random.bits()).collect();
+        let words = [0, 1].map(|_| random.rubbish::<4>(constants.area()));
+        let valid = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.valid, WIDTH, pixels));
+        let own = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.rows, WIDTH, pixels));
+        let outputs = Kernel::new("accumulate", &[("HAS_GLOSS", case.gloss)]).run(
+            &constants,
+            stripe.pass(case.view, [0; 3]),
+            WIDTH,
+            &[
+                ("hit_image", own(&hit)),
+                ("guide_image", own(&guide)),
+                ("radiance", own(&radiance)),
+                ("last_guide", valid(&histories[1].guide)),
+                ("last_moments", valid(&histories[1].moments)),
+                ("last_history", valid(&histories[1].light)),
+                ("left_guide", valid(&histories[0].guide)),
+                ("left_moments", valid(&histories[0].moments)),
+                ("left_history", valid(&histories[0].light)),
+                ("accumulated", Buffer::image(&words[0])),
+                ("moments", Buffer::image(&words[1])),
+                ("previous", Buffer::whole(&views)),
+                ("tally", Buffer::image(&tally)),
+            ],
+        );
+        let (light, moments) = (outputs.get::<[u32; 4]>("accumulated"), outputs.get::<[u32; 4]>("moments"));
+        let counted = outputs.get::<u32>("tally");
+        let own = || before(format, eyes_before[case.view], &histories[1]);
+        let left = || before(format, eyes_before[0], &histories[0]);
+        let before = match (case.motion, case.view) {
+            (Motion::None, _) => vec![],
+            (_, 0) => vec![own()],
+            _ => vec![own(), left()],
+        };
+        let twin = Twin { constants: &constants, stripe: &stripe, gloss: case.gloss, view: case.view, before: &before };
+        for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
+            let at = constants.index(x, y);
+            let now = now(format, hit[at][3], guide[at], radiance[at]);
+            let place = format!("({x}, {y}) of {stripe:?}");
+            let after = twin.pixel(y, &now, cases);
+            let dropped = after.as_ref().is_some_and(|after| after.dropped);
+            match after {
+                None => assert_eq!((light[at], moments[at]), ([0; 4], [0, 0, 0, now.material]), "{place}"),
+                Some(after) => assert_pixel(format, light[at], moments[at], &after, &place),
+            }
+            let counts = Counts::unpack(tally[at]).with_dropped(u32::from(dropped));
+            assert_eq!(Counts::unpack(counted[at]), counts, "{place}");
+        }
+    }
+}
+
+/// Cases of all frames that have one before them.
+const WITH_HISTORY: [&str; 10] = [
+    "no surface",
+    "sampled",
+    "not sampled",
+    "nothing",
+    "own history",
+    "history that is cut short",
+    "light that is not finite",
+    "light that has changed",
+    "variance that is known",
+    "variance that is unknown",
+];
+
+#[test]
+fn a_first_frame_is_its_own_history() {
+    let mut cases = Cases::default();
+    for (gloss, seed) in [(false, 111), (true, 112)] {
+        compare(Case { gloss, view: 1, motion: Motion::None, spp: 3, seed }, &mut cases);
+    }
+    cases.assert_met(&["no surface", "sampled", "nothing", "light that is not finite", "variance that is unknown"]);
+}
+
+#[test]
+fn light_is_accumulated_while_the_eyes_stand_still() {
+    for (gloss, seed) in [(false, 113), (true, 114)] {
+        let mut cases = Cases::default();
+        compare(Case { gloss, view: 0, motion: Motion::Still, spp: 1, seed }, &mut cases);
+        cases.assert_met(&WITH_HISTORY);
+    }
+}
+
+/// Hardly anything is blurred by resampling, but what depends on the eye's position changes.
+#[test]
+fn light_is_accumulated_while_the_eyes_move_slowly() {
+    for (gloss, seed) in [(false, 119), (true, 120)] {
+        let mut cases = Cases::default();
+        compare(Case { gloss, view: 0, motion: Motion::Slow, spp: 1, seed }, &mut cases);
+        cases.assert_met(&WITH_HISTORY);
+        cases.assert_met(if gloss { &[] } else { &["view-dependent history"] });
+    }
+}
+
+#[test]
+fn light_is_accumulated_along_the_motion_of_the_eyes() {
+    for (gloss, seed) in [(false, 115), (true, 116)] {
+        let mut cases = Cases::default();
+        compare(Case { gloss, view: 0, motion: Motion::Moved, spp: 2, seed }, &mut cases);
+        cases.assert_met(&WITH_HISTORY);
+        cases.assert_met(&["history that is not finite"]);
+        cases.assert_met(if gloss { &[] } else { &["view-dependent history", "a sum that is not finite"] });
+    }
+}
+
+#[test]
+fn the_right_eye_falls_back_on_the_left_ones_history() {
+    for (gloss, seed) in [(false, 117), (true, 118)] {
+        let mut cases = Cases::default();
+        compare(Case { gloss, view: 1, motion: Motion::Moved, spp: 1, seed }, &mut cases);
+        cases.assert_met(&WITH_HISTORY);
+        cases.assert_met(&["the left eye's history"]);
+    }
+}

@@ -1,0 +1,56 @@
+//! How the statistics of a pixel's history are packed.
+
+use glam::DVec2;
+
+use crate::kernels::pack::{Format, MATERIAL_MASK, halves, pair};
+
+/// Statistics of a pixel's history.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Moments {
+    /// Of the luminance of matte light and of gloss, with the variance of a sample.
+    pub mean: DVec2,
+    pub variance: DVec2,
+    /// Mean luminance of matte light over the last frames.
+    pub recent: f64,
+    pub samples: f64,
+    pub frames: f64,
+    pub material: u32,
+}
+
+/// The power of two in a positive number that is a float; of 0 the smallest one.
+fn power_of_two_in(mean: f64) -> f64 {
+    f64::from(f32::from_bits(((mean as f32).to_bits() & 0x7f80_0000).max(0x0080_0000)))
+}
+
+impl Moments {
+    pub fn unpack(format: Format, bits: [u32; 4]) -> Self {
+        let float = |bits| f64::from(f32::from_bits(bits));
+        let (mean, variance) = if format.gloss {
+            (DVec2::from_array(halves(bits[0])) / format.exposure, format.unpack_variances(bits[1]))
+        } else {
+            (DVec2::new(float(bits[0]), 0.0), DVec2::new(float(bits[1]), 0.0))
+        };
+        let [samples, recent] = halves(bits[2]);
+        Self {
+            mean,
+            variance,
+            recent: recent * power_of_two_in(mean.x),
+            samples,
+            frames: f64::from(bits[3] >> 24),
+            material: bits[3] & MATERIAL_MASK,
+        }
+    }
+
+    /// Frames are rounded down.
+    pub fn pack(&self, format: Format) -> [u32; 4] {
+        let float = |v: f64| (v as f32).to_bits();
+        let [x, y] = if format.gloss {
+            let mean = self.mean * format.exposure;
+            [pair(mean.x, mean.y), format.pack_variances(self.variance)]
+        } else {
+            [float(self.mean.x), float(self.variance.x)]
+        };
+        let unit = power_of_two_in(Self::unpack(format, [x, y, 0, 0]).mean.x);
+        [x, y, pair(self.samples, self.recent / unit), self.material | (self.frames as u32) << 24]
+    }
+}

@@ -1,0 +1,90 @@
+//! Remodulation: light over albedo becomes light again.
+
+use glam::{DVec2, DVec3};
+
+use super::camera::Constants;
+use super::harness::{Buffer, Kernel, only_in};
+use super::inputs::{Cases, HEIGHT, Random, WIDTH, stripes};
+use super::pack::{Albedo, Format, Light, floats, is_finite, is_near, rgb};
+
+/// In place of a depth: the pixel's colour was not finite.
+const DROPPED: f64 = -1.0;
+
+/// Colour and depth of a pixel.
+fn twin(light: &Light, albedo: &Albedo, emission: DVec3, depth: f64, cases: &mut Cases) -> (DVec3, f64) {
+    let gloss = (albedo.all - albedo.matte).max(DVec3::ZERO);
+    let color = light.matte * albedo.matte + light.gloss * gloss + emission;
+    if !is_finite(color) {
+        cases.meet("dropped");
+        return (DVec3::ZERO, DROPPED);
+    }
+    cases.meet(if depth > 0.0 { "surface" } else { "sky" });
+    (color, depth)
+}
+
+fn compare(gloss: bool, seed: u64) {
+    let mut random = Random::new(seed);
+    let constants = Constants { exposure: 2.3, ..Constants::new(WIDTH, HEIGHT) };
+    let format = Format { gloss, exposure: constants.exposure.into() };
+    let mut radiance = Vec::new();
+    let mut albedo = Vec::new();
+    let mut emission = Vec::new();
+    for _ in 0..constants.area() {
+        let mut light = random.light(3.0);
+        let mut emitted = random.color(0.5);
+        match random.bits() % 60 {
+            0 => light.matte.y = f64::INFINITY,
+            1 => emitted.x = f64::NAN,
+            2 => (light.matte.z, emitted.z) = (3e38, 3e38),
+            _ => {}
+        }
+        let matte = DVec3::from_array(std::array::from_fn(|_| random.within(0.0..1.0)));
+        let all = matte + DVec3::from_array(std::array::from_fn(|_| random.within(0.0..0.3)));
+        let mut bits = format.pack_sampled(&Light { variance: DVec2::ZERO, ..light });
+        if gloss && !light.matte.is_finite() {
+            // Half floats are bounded when they are packed; this one is infinite all the same.
+            bits[0] = 0x7c00_0000;
+        }
+        radiance.push(bits);
+        albedo.push(format.pack_albedo(&Albedo { all, matte, roughness: 0.3 }));
+        let depth = if random.chance(0.2) { 0.0 } else { random.within(1.0..9.0) };
+        emission.push(floats(emitted, depth));
+    }
+    let before = random.rubbish::<4>(constants.area());
+    let mut cases = Cases::default();
+    for stripe in stripes() {
+        let outputs = Kernel::new("compose", &[("HAS_GLOSS", gloss)]).run(
+            &constants,
+            stripe.pass(0, [0; 3]),
+            WIDTH,
+            &[
+                ("radiance", Buffer::image(&only_in(&stripe.rows, WIDTH, &radiance))),
+                ("albedo", Buffer::image(&only_in(&stripe.rows, WIDTH, &albedo))),
+                ("emission", Buffer::image(&only_in(&stripe.rows, WIDTH, &emission))),
+                ("composed", Buffer::image(&before)),
+            ],
+        );
+        let composed = outputs.get::<[f32; 4]>("composed");
+        for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
+            let at = constants.index(x, y);
+            let (light, reflected) = (format.unpack(radiance[at]), format.unpack_albedo(albedo[at]));
+            let depth = f64::from(emission[at][3]);
+            let (color, depth) = twin(&light, &reflected, rgb(emission[at]), depth, &mut cases);
+            let got = rgb(composed[at]);
+            // A dozen roundings of floats.
+            let near = (0..3).all(|c| is_near(got[c], color[c], 1e-6, 0.0));
+            assert!(near && f64::from(composed[at][3]) == depth, "({x}, {y}): {:?}, not {color} {depth}", composed[at]);
+        }
+    }
+    cases.assert_met(&["dropped", "surface", "sky"]);
+}
+
+#[test]
+fn matte_light_is_multiplied_by_albedo() {
+    compare(false, 11);
+}
+
+#[test]
+fn gloss_is_multiplied_by_its_own_albedo() {
+    compare(true, 12);
+}

@@ -1,0 +1,36 @@
+//! The weights by which spatial filters keep to a surface.
+
+use glam::DVec3;
+
+use super::camera::Eye;
+use super::pack::{NO_NORMAL, luminance, position, unpack_normal};
+
+#[derive(Clone, Copy, Debug)]
+pub struct Surface {
+    pub position: DVec3,
+    pub normal: DVec3,
+}
+
+impl Surface {
+    pub fn unpack(bits: [u32; 4]) -> Option<Self> {
+        (bits[3] != NO_NORMAL).then(|| Self { position: position(bits), normal: unpack_normal(bits[3]) })
+    }
+
+    /// Largest distance off the surface's plane that counts as the same surface, for a share of the distance to the eye.
+    pub fn reach(&self, eye: &Eye, share: f64) -> f64 {
+        share * self.position.distance(eye.origin.as_dvec3())
+    }
+
+    /// How much `tap` belongs to this surface, less where the pixels differ otherwise by `difference`: the eighth power
+    /// of the cosine between the normals, and a Gaussian of the tap's distance off this surface's plane.
+    pub fn weight(&self, reach: f64, tap: &Self, difference: f64) -> f64 {
+        let cosine = self.normal.dot(tap.normal).max(0.0);
+        let off = self.normal.dot(tap.position - self.position) / reach;
+        cosine.powi(8) * (-(off * off + difference).min(80.0)).exp()
+    }
+}
+
+/// Colour for comparison.
+pub fn comparable(c: DVec3) -> DVec3 {
+    c / (1.0 + luminance(c))
+}

@@ -1,0 +1,186 @@
+//! Runs one kernel on given buffers. Bindings, overrides and entry point are found in the shader's own text by their
+//! names, so that neither the order of bindings nor the renderer's declaration of its passes matters here.
+
+mod buffers;
+mod reflect;
+mod tests;
+
+use std::collections::HashMap;
+use std::sync::{Mutex, OnceLock, PoisonError};
+
+use diptych::device::{GpuDevice, wgsl};
+use diptych::stages::layout::Pass;
+use wgpu::util::{BufferInitDescriptor, DeviceExt};
+
+pub use self::buffers::{Buffer, Outputs, Stripe, only_in};
+use self::reflect::{Binding, Kind, assert_same_names, binding, layout_entry};
+use super::camera::Constants;
+use crate::common;
+
+/// Edge of the workgroups of all kernels.
+const TILE: u32 = 8;
+
+#[derive(Clone)]
+struct Compiled {
+    pipeline: wgpu::ComputePipeline,
+    bindings: Vec<Binding>,
+}
+
+/// An override constant's name and value.
+pub type Override = (&'static str, bool);
+
+/// The device that all tests of kernels share, with what was compiled on it.
+struct Bench {
+    gpu: GpuDevice,
+    compiled: HashMap<(String, Vec<Override>), Compiled>,
+}
+
+fn bench() -> &'static Mutex<Bench> {
+    static BENCH: OnceLock<Mutex<Bench>> = OnceLock::new();
+    BENCH.get_or_init(|| {
+        let gpu = common::devices(1, common::all_cores()).remove(0);
+        Mutex::new(Bench { gpu, compiled: HashMap::new() })
+    })
+}
+
+/// A shader with values for all of its override constants.
+pub struct Kernel {
+    name: &'static str,
+    source: String,
+    overrides: Vec<Override>,
+}
+
+impl Kernel {
+    pub fn new(shader: &'static str, overrides: &[Override]) -> Self {
+        Self { name: shader, source: wgsl(shader), overrides: overrides.to_vec() }
+    }
+
+    /// The functions that `shader` includes, followed by a kernel of the test's own.
+    pub fn beside(shader: &'static str, overrides: &[Override], kernel: &str) -> Self {
+        let whole = wgsl(shader);
+        let end = whole.find("@group(1)").unwrap_or_else(|| panic!("shader '{shader}' binds nothing"));
+        Self { name: shader, source: format!("{}{kernel}", &whole[..end]), overrides: overrides.to_vec() }
+    }
+
+    /// Dispatches `columns` invocations for every row of the stripe that `pass` names.
+    pub fn run(&self, constants: &Constants, pass: Pass, columns: u32, buffers: &[(&str, Buffer)]) -> Outputs {
+        let mut bench = bench().lock().unwrap_or_else(PoisonError::into_inner);
+        let key = (self.source.clone(), self.overrides.clone());
+        if !bench.compiled.contains_key(&key) {
+            let new = self.compile(&bench.gpu);
+            bench.compiled.insert(key.clone(), new);
+        }
+        let outputs = self.dispatch(&bench.gpu, &bench.compiled[&key], constants, pass, columns, buffers);
+        drop(bench);
+        for (name, buffer) in buffers {
+            if let (Buffer::Image(before), Some(after)) = (buffer, outputs.0.get(*name)) {
+                let row = before.len() / constants.height as usize;
+                let (begin, end) = (row * pass.row_begin as usize, row * pass.row_end as usize);
+                assert!(before[..begin] == after[..begin], "{}: '{name}' was written above the stripe", self.name);
+                assert!(before[end..] == after[end..], "{}: '{name}' was written below the stripe", self.name);
+            }
+        }
+        outputs
+    }
+
+    fn compile(&self, gpu: &GpuDevice) -> Compiled {
+        let module = naga::front::wgsl::parse_str(&self.source)
+            .unwrap_or_else(|e| panic!("{}: {}", self.name, e.emit_to_string(&self.source)));
+        let declared: Vec<_> = module.overrides.iter().filter_map(|(_, o)| o.name.as_deref()).collect();
+        let given: Vec<_> = self.overrides.iter().map(|&(name, _)| name).collect();
+        assert_same_names(&format!("{}: override constants", self.name), &declared, &given);
+        let mut bindings: Vec<_> = module.global_variables.iter().filter_map(|(_, v)| binding(v)).collect();
+        bindings.sort_by_key(|b| b.number);
+        let (device, label) = (&gpu.device, Some(self.name));
+        let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label,
+            source: wgpu::ShaderSource::Wgsl(self.source.as_str().into()),
+        });
+        let group =
+            |entries: &[_]| device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries });
+        let constants = group(&[layout_entry(0, Kind::Uniform)]);
+        let buffers = group(&bindings.iter().map(|b| layout_entry(b.number, b.kind)).collect::<Vec<_>>());
+        let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label,
+            bind_group_layouts: &[Some(&constants), Some(&buffers)],
+            immediate_size: size_of::<Pass>() as u32,
+        });
+        let values: Vec<_> = self.overrides.iter().map(|&(name, on)| (name, f64::from(u8::from(on)))).collect();
+        let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+            label,
+            layout: Some(&layout),
+            module: &module,
+            entry_point: Some("main"),
+            compilation_options: wgpu::PipelineCompilationOptions { constants: &values, ..Default::default() },
+            cache: None,
+        });
+        assert!(gpu.failure().is_none(), "{}: {:?}", self.name, gpu.failure());
+        Compiled { pipeline, bindings }
+    }
+
+    fn dispatch(
+        &self,
+        gpu: &GpuDevice,
+        compiled: &Compiled,
+        constants: &Constants,
+        pass: Pass,
+        columns: u32,
+        buffers: &[(&str, Buffer)],
+    ) -> Outputs {
+        let declared: Vec<_> = compiled.bindings.iter().map(|b| b.name.as_str()).collect();
+        let given: Vec<_> = buffers.iter().map(|(name, _)| *name).collect();
+        assert_same_names(&format!("{}: bindings", self.name), &declared, &given);
+        let device = &gpu.device;
+        let made = |contents: &[u8], usage| {
+            device.create_buffer_init(&BufferInitDescriptor { label: Some(self.name), contents, usage })
+        };
+        let uniform = made(&constants.bytes(), wgpu::BufferUsages::UNIFORM);
+        let bound: Vec<_> = (compiled.bindings.iter())
+            .map(|binding| {
+                let bytes = buffers.iter().find(|(name, _)| *name == binding.name).map(|(_, b)| b.bytes());
+                let usage = match binding.kind {
+                    Kind::Uniform => wgpu::BufferUsages::UNIFORM,
+                    _ => wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_SRC,
+                };
+                (binding, made(bytes.expect("names were compared"), usage))
+            })
+            .collect();
+        let group = |index, entries: &[_]| {
+            let layout = &compiled.pipeline.get_bind_group_layout(index);
+            device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(self.name), layout, entries })
+        };
+        let frame_group = group(0, &[entry(0, &uniform)]);
+        let buffer_group = group(1, &bound.iter().map(|(b, buffer)| entry(b.number, buffer)).collect::<Vec<_>>());
+        let mut encoder = device.create_command_encoder(&Default::default());
+        {
+            let mut compute = encoder.begin_compute_pass(&Default::default());
+            compute.set_pipeline(&compiled.pipeline);
+            compute.set_bind_group(0, &frame_group, &[]);
+            compute.set_bind_group(1, &buffer_group, &[]);
+            compute.set_immediates(0, bytemuck::bytes_of(&pass));
+            let rows = pass.row_end - pass.row_begin;
+            compute.dispatch_workgroups(columns.div_ceil(TILE), rows.div_ceil(TILE), 1);
+        }
+        let read: Vec<_> = (bound.iter().filter(|(binding, _)| binding.kind == Kind::Write))
+            .map(|(binding, buffer)| {
+                let copy = device.create_buffer(&wgpu::BufferDescriptor {
+                    label: Some(&binding.name),
+                    size: buffer.size(),
+                    usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+                    mapped_at_creation: false,
+                });
+                encoder.copy_buffer_to_buffer(buffer, 0, &copy, 0, buffer.size());
+                (binding.name.clone(), copy)
+            })
+            .collect();
+        gpu.queue.submit([encoder.finish()]);
+        read.iter().for_each(|(_, copy)| copy.slice(..).map_async(wgpu::MapMode::Read, |_| {}));
+        gpu.wait(None).unwrap_or_else(|e| panic!("{}: {e:?}", self.name));
+        let bytes = |copy: &wgpu::Buffer| copy.slice(..).get_mapped_range().expect("the copy is mapped").to_vec();
+        Outputs(read.into_iter().map(|(name, copy)| (name, bytes(&copy))).collect())
+    }
+}
+
+fn entry(binding: u32, buffer: &wgpu::Buffer) -> wgpu::BindGroupEntry<'_> {
+    wgpu::BindGroupEntry { binding, resource: buffer.as_entire_binding() }
+}

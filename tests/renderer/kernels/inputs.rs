@@ -1,0 +1,128 @@
+//! Random images of surfaces and light, and a record of the cases that a test has met.
+
+use std::collections::BTreeMap;
+use std::f64::consts::{PI, TAU};
+use std::ops::Range;
+
+use glam::{DVec2, DVec3};
+
+use super::camera::{Constants, Eye};
+use super::harness::Stripe;
+use super::pack::{Light, NO_NORMAL, pack_guide};
+use crate::reference::sampling::{Rng, tangents};
+
+/// Size of most images: no multiple of the workgroups' edge.
+pub const WIDTH: u32 = 21;
+pub const HEIGHT: u32 = 19;
+
+/// The whole image, stripes at its upper and lower border and inside, with and without rows around them.
+pub fn stripes() -> [Stripe; 5] {
+    [(0..19, 0..19), (5..14, 2..18), (9..10, 9..10), (12..19, 10..19), (0..4, 0..8)]
+        .map(|(rows, valid)| Stripe { rows, valid })
+}
+
+pub struct Random(Rng);
+
+impl Random {
+    pub fn new(seed: u64) -> Self {
+        Self(Rng::new(seed, 0))
+    }
+
+    pub fn bits(&mut self) -> u32 {
+        self.0.bits() as u32
+    }
+
+    pub fn within(&mut self, range: Range<f64>) -> f64 {
+        range.start + (range.end - range.start) * self.0.uniform()
+    }
+
+    pub fn chance(&mut self, probability: f64) -> bool {
+        self.0.uniform() < probability
+    }
+
+    pub fn pick<T: Copy>(&mut self, from: &[T]) -> T {
+        from[self.0.bits() as usize % from.len()]
+    }
+
+    /// A colour whose components are below `most`, rarely much brighter.
+    pub fn color(&mut self, most: f64) -> DVec3 {
+        let most = if self.chance(0.05) { 30.0 * most } else { most };
+        DVec3::from_array(std::array::from_fn(|_| self.within(0.0..most)))
+    }
+
+    /// A unit vector at an angle of at most `angle` from the unit vector `n`.
+    pub fn tilted(&mut self, n: DVec3, angle: f64) -> DVec3 {
+        let ((t, b), tilt, turn) = (tangents(n), self.within(0.0..angle), self.within(0.0..TAU));
+        (n * tilt.cos() + (t * turn.cos() + b * turn.sin()) * tilt.sin()).normalize()
+    }
+
+    pub fn light(&mut self, most: f64) -> Light {
+        Light { matte: self.color(most), gloss: self.color(0.5 * most), variance: DVec2::ZERO }
+    }
+
+    /// Words of an image that a kernel is to overwrite.
+    pub fn rubbish<const N: usize>(&mut self, count: usize) -> Vec<[u32; N]> {
+        (0..count).map(|_| std::array::from_fn(|_| self.bits())).collect()
+    }
+}
+
+/// A plane that eyes look at, and how far pixels are off it.
+#[derive(Clone, Copy)]
+pub struct Wall {
+    pub point: DVec3,
+    pub normal: DVec3,
+    /// Largest distance of a pixel's surface off the plane, over its distance from the eye.
+    pub bumps: f64,
+    /// Largest angle between a pixel's normal and the plane's.
+    pub tilt: f64,
+    /// Share of pixels whose normal is any direction.
+    pub stray: f64,
+    /// Share of pixels without a surface.
+    pub sky: f64,
+}
+
+impl Wall {
+    pub fn new(bumps: f64, tilt: f64, sky: f64) -> Self {
+        let normal = DVec3::new(0.2, 0.1, 1.0).normalize();
+        Self { point: DVec3::new(0.0, 0.0, -4.0), normal, bumps, tilt, stray: 0.05, sky }
+    }
+
+    /// Where a ray meets the plane.
+    pub fn met_by(&self, eye: &Eye, direction: DVec3) -> DVec3 {
+        let origin = eye.origin.as_dvec3();
+        origin + direction * ((self.point - origin).dot(self.normal) / direction.dot(self.normal))
+    }
+
+    /// What the guide image holds of a pixel.
+    pub fn guide(&self, random: &mut Random, constants: &Constants, view: usize, (x, y): (u32, u32)) -> [u32; 4] {
+        if random.chance(self.sky) {
+            return [0, 0, 0, NO_NORMAL];
+        }
+        let eye = &constants.eyes[view];
+        let on = self.met_by(eye, eye.ray(constants.through(x, y), constants.size()));
+        let off = random.within(-self.bumps..self.bumps) * on.distance(eye.origin.as_dvec3());
+        let tilt = if random.chance(self.stray) { PI } else { self.tilt };
+        pack_guide(on + self.normal * off, random.tilted(self.normal, tilt))
+    }
+
+    pub fn guides(&self, random: &mut Random, constants: &Constants, view: usize) -> Vec<[u32; 4]> {
+        let pixels = (0..constants.height).flat_map(|y| (0..constants.width).map(move |x| (x, y)));
+        pixels.map(|pixel| self.guide(random, constants, view, pixel)).collect()
+    }
+}
+
+/// How often a test has met each case of a kernel.
+#[derive(Default)]
+pub struct Cases(BTreeMap<&'static str, usize>);
+
+impl Cases {
+    pub fn meet(&mut self, case: &'static str) {
+        *self.0.entry(case).or_default() += 1;
+    }
+
+    #[track_caller]
+    pub fn assert_met(&self, cases: &[&'static str]) {
+        let missing: Vec<_> = cases.iter().filter(|case| !self.0.contains_key(**case)).collect();
+        assert!(missing.is_empty(), "the inputs have no case of {missing:?}; they have {:?}", self.0);
+    }
+}

@@ -1,0 +1,222 @@
+//! How images hold light, albedo, normals and counts, in plain Rust.
+
+use exr::prelude::f16;
+use glam::{DVec2, DVec3};
+
+/// In the `hit` image's last word: several surfaces share the pixel, or what is seen depends on where from.
+pub const MIXED: u32 = 0x8000_0000;
+pub const VIEW_DEPENDENT: u32 = 0x4000_0000;
+pub const MATERIAL_MASK: u32 = 0x00ff_ffff;
+
+/// In place of a packed normal: there is no surface to light.
+pub const NO_NORMAL: u32 = 0x8000_8000;
+
+/// In the last word of radiance that was sampled in this frame.
+pub const SAMPLED: u32 = 0x3f80_0000;
+
+/// In place of a variance.
+pub const UNKNOWN: f64 = -1.0;
+pub const MISSING: f64 = -2.0;
+
+/// Relative rounding of a half float, with a margin for drivers that round towards zero.
+pub const HALF: f64 = 1.0 / 1024.0;
+/// Smallest step of half floats.
+pub const HALF_STEP: f64 = 1.0 / 16_777_216.0;
+const MOST_HALF: f64 = 65504.0;
+
+pub fn pair(a: f64, b: f64) -> u32 {
+    let half = |v: f64| u32::from(f16::from_f32(v.min(MOST_HALF) as f32).to_bits());
+    half(a) | half(b) << 16
+}
+
+pub fn halves(bits: u32) -> [f64; 2] {
+    [bits as u16, (bits >> 16) as u16].map(|half| f16::from_bits(half).to_f64())
+}
+
+/// Whether every component is finite once it is a float.
+pub fn is_finite(v: DVec3) -> bool {
+    v.as_vec3().is_finite()
+}
+
+pub fn luminance(c: DVec3) -> f64 {
+    c.dot(DVec3::new(0.2126, 0.7152, 0.0722))
+}
+
+/// A unit vector as a point of the octahedron |x| + |y| + |z| = 1, whose lower half is folded outwards over the upper.
+pub fn pack_normal(n: DVec3) -> u32 {
+    let p = DVec2::new(n.x, n.y) / (n.x.abs() + n.y.abs() + n.z.abs());
+    let folded = if n.z < 0.0 { fold(p) } else { p };
+    let snorm = |v: f64| u32::from((v.clamp(-1.0, 1.0) * 32767.0).round() as i16 as u16);
+    snorm(folded.x) | snorm(folded.y) << 16
+}
+
+pub fn unpack_normal(bits: u32) -> DVec3 {
+    let snorm = |half: u32| (f64::from(half as u16 as i16) / 32767.0).max(-1.0);
+    let p = DVec2::new(snorm(bits), snorm(bits >> 16));
+    let z = 1.0 - p.x.abs() - p.y.abs();
+    let p = if z < 0.0 { fold(p) } else { p };
+    DVec3::new(p.x, p.y, z).normalize()
+}
+
+/// Mirrors a point of the square's corner triangles at the diamond's edge; its own inverse.
+fn fold(p: DVec2) -> DVec2 {
+    let sign = |v: f64| if v >= 0.0 { 1.0 } else { -1.0 };
+    DVec2::new((1.0 - p.y.abs()) * sign(p.x), (1.0 - p.x.abs()) * sign(p.y))
+}
+
+pub fn position(bits: [u32; 4]) -> DVec3 {
+    DVec3::from_array([bits[0], bits[1], bits[2]].map(|b| f64::from(f32::from_bits(b))))
+}
+
+pub fn pack_guide(position: DVec3, normal: DVec3) -> [u32; 4] {
+    let [x, y, z] = position.to_array().map(|v| (v as f32).to_bits());
+    [x, y, z, pack_normal(normal)]
+}
+
+/// Three floats and a fourth.
+pub fn floats(color: DVec3, fourth: f64) -> [f32; 4] {
+    [color.x as f32, color.y as f32, color.z as f32, fourth as f32]
+}
+
+pub fn rgb(texel: [f32; 4]) -> DVec3 {
+    DVec3::new(texel[0].into(), texel[1].into(), texel[2].into())
+}
+
+/// Counts of a pixel: rays, samples that were dropped, and why the pixel is a hole.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Counts {
+    pub rays: u32,
+    pub dropped: u32,
+    pub why: u32,
+}
+
+impl Counts {
+    /// Of [`Self::why`]: the pixel is no hole, but left to the filter.
+    pub const SKIPPED: u32 = 7;
+
+    pub fn unpack(bits: u32) -> Self {
+        Self { rays: bits & 0xf_ffff, dropped: (bits >> 20) & 0xff, why: bits >> 28 }
+    }
+
+    pub fn pack(self) -> u32 {
+        self.rays.min(0xf_ffff) | self.dropped.min(0xff) << 20 | self.why << 28
+    }
+
+    pub fn with_dropped(self, more: u32) -> Self {
+        Self { dropped: (self.dropped + more).min(0xff), ..self }
+    }
+}
+
+/// Light over albedo: what the Lambertian lobe sends and what facets send, with the variance of either's luminance.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Light {
+    pub matte: DVec3,
+    pub gloss: DVec3,
+    pub variance: DVec2,
+}
+
+impl Light {
+    pub fn luminances(&self) -> DVec2 {
+        DVec2::new(luminance(self.matte), luminance(self.gloss)).min(DVec2::splat(1e18))
+    }
+}
+
+/// All that a surface reflects of even light, and the Lambertian lobe's part of it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Albedo {
+    pub all: DVec3,
+    pub matte: DVec3,
+    pub roughness: f64,
+}
+
+/// How light is packed: with gloss as half floats, which are scaled by the exposure; without it as floats.
+#[derive(Clone, Copy, Debug)]
+pub struct Format {
+    pub gloss: bool,
+    pub exposure: f64,
+}
+
+impl Format {
+    pub fn unpack(&self, bits: [u32; 4]) -> Light {
+        if !self.gloss {
+            let [r, g, b, a] = bits.map(|b| f64::from(f32::from_bits(b)));
+            return Light { matte: DVec3::new(r, g, b), gloss: DVec3::ZERO, variance: DVec2::splat(a) };
+        }
+        let ([mr, mg], [mb, gr], [gg, gb]) = (halves(bits[0]), halves(bits[1]), halves(bits[2]));
+        Light {
+            matte: DVec3::new(mr, mg, mb) / self.exposure,
+            gloss: DVec3::new(gr, gg, gb) / self.exposure,
+            variance: self.unpack_variances(bits[3]),
+        }
+    }
+
+    pub fn pack(&self, light: &Light) -> [u32; 4] {
+        if !self.gloss {
+            return floats(light.matte, light.variance.x).map(f32::to_bits);
+        }
+        let (matte, gloss) = (light.matte * self.exposure, light.gloss * self.exposure);
+        [pair(matte.x, matte.y), pair(matte.z, gloss.x), pair(gloss.y, gloss.z), self.pack_variances(light.variance)]
+    }
+
+    /// Light that was sampled in this frame.
+    pub fn pack_sampled(&self, light: &Light) -> [u32; 4] {
+        let [x, y, z, _] = self.pack(light);
+        [x, y, z, SAMPLED]
+    }
+
+    /// Two variances as standard deviations. What is below 0 stands for no variance and stays as it is.
+    pub fn pack_variances(&self, variances: DVec2) -> u32 {
+        let [x, y] = variances.to_array().map(|v| if v < 0.0 { v } else { v.sqrt() * self.exposure });
+        pair(x, y)
+    }
+
+    pub fn unpack_variances(&self, bits: u32) -> DVec2 {
+        let variance = |deviation: f64| if deviation < 0.0 { deviation } else { (deviation / self.exposure).powi(2) };
+        DVec2::from_array(halves(bits).map(variance))
+    }
+
+    pub fn unpack_albedo(&self, bits: [u32; 4]) -> Albedo {
+        if !self.gloss {
+            let [r, g, b, roughness] = bits.map(|b| f64::from(f32::from_bits(b)));
+            return Albedo { all: DVec3::new(r, g, b), matte: DVec3::new(r, g, b), roughness };
+        }
+        let [[gr, gg], [gb, roughness], [mr, mg], [mb, _]] = bits.map(halves);
+        let matte = DVec3::new(mr, mg, mb);
+        Albedo { all: matte + DVec3::new(gr, gg, gb), matte, roughness }
+    }
+
+    pub fn pack_albedo(&self, albedo: &Albedo) -> [u32; 4] {
+        if !self.gloss {
+            return floats(albedo.all, albedo.roughness).map(f32::to_bits);
+        }
+        let (gloss, matte) = ((albedo.all - albedo.matte).max(DVec3::ZERO), albedo.matte);
+        [pair(gloss.x, gloss.y), pair(gloss.z, albedo.roughness), pair(matte.x, matte.y), pair(matte.z, 0.0)]
+    }
+
+    /// Whether an image holds this light as what was sampled in this frame, but for a relative error.
+    pub fn holds_sampled(&self, bits: [u32; 4], light: &Light, relative: f64) -> bool {
+        let [x, y, z, w] = bits;
+        w == SAMPLED && self.holds([x, y, z, 0], &Light { variance: DVec2::ZERO, ..*light }, relative, 0.0)
+    }
+
+    /// Whether an image holds this light, but for a relative error of `relative`, an error of the variance of
+    /// `variance`, and the rounding of its format.
+    pub fn holds(&self, bits: [u32; 4], light: &Light, relative: f64, variance: f64) -> bool {
+        let (got, want) = (self.unpack(bits), self.unpack(self.pack(light)));
+        let relative = if self.gloss { relative + HALF } else { relative };
+        let step = if self.gloss { 2.0 * HALF_STEP / self.exposure } else { 0.0 };
+        let near = |a: f64, b: f64| is_near(a, b, relative, step);
+        // It is held as its root, whose error counts twice.
+        let near_variance = |a: f64, b: f64| match a >= 0.0 && b >= 0.0 {
+            true => is_near(a, b, 2.0 * relative, variance + (2.0 * b.sqrt() + step) * step),
+            false => a == b,
+        };
+        (0..3).all(|c| near(got.matte[c], want.matte[c]) && near(got.gloss[c], want.gloss[c]))
+            && (0..2).all(|c| near_variance(got.variance[c], want.variance[c]))
+    }
+}
+
+/// Whether `got` is off by no more than these. Not a number is near nothing.
+pub fn is_near(got: f64, want: f64, relative: f64, absolute: f64) -> bool {
+    (got - want).abs() <= relative * want.abs() + absolute
+}

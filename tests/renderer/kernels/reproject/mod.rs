@@ -1,0 +1,220 @@
+//! Reprojection of the left eye's light into the right one, and the list of holes.
+
+mod twin;
+
+use glam::{DVec3, Vec2};
+
+use self::twin::{Fate, Pixel, Twin, Why};
+use super::camera::{Constants, Eye};
+use super::edges::Surface;
+use super::harness::{Buffer, Kernel, Outputs, Override, Stripe, only_in};
+use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
+use super::pack::{Counts, Format, Light, MATERIAL_MASK, MIXED, VIEW_DEPENDENT, pack_guide};
+use super::select::{assert_lists, empty_list};
+
+struct Eyes {
+    hit: [Vec<[u32; 4]>; 2],
+    guide: [Vec<[u32; 4]>; 2],
+    left_radiance: Vec<[u32; 4]>,
+}
+
+fn inputs(random: &mut Random, constants: &Constants, format: Format, sparse: bool) -> Eyes {
+    // Bumps and tilts around what the thresholds allow, which are wider in outer layers.
+    let wall = if constants.foveation.layers { Wall::new(0.008, 0.2, 0.05) } else { Wall::new(0.003, 0.1, 0.05) };
+    let area = constants.area();
+    let mut hit = || -> Vec<[u32; 4]> {
+        let flags = |random: &mut Random| match random.bits() % 20 {
+            0 => MIXED,
+            1 => VIEW_DEPENDENT,
+            // Roughness has bits of its own.
+            2..6 => 0x3f00_0000,
+            _ => 0,
+        };
+        (0..area).map(|_| [1, 2, 3, random.pick(&[7, 7, 7, 8]) | flags(random)]).collect()
+    };
+    let hit = [hit(), hit()];
+    let mut guide = [0, 1].map(|view| wall.guides(random, constants, view));
+    let left = constants.eyes[0];
+    for bits in &mut guide[1] {
+        if random.chance(0.03) {
+            let behind = left.origin.as_dvec3() - left.forward.as_dvec3() * random.within(0.1..2.0);
+            *bits = pack_guide(behind + DVec3::Y, random.tilted(wall.normal, 0.1));
+        }
+    }
+    let mut radiance = || match sparse && random.chance(0.4) {
+        true => [0; 4],
+        false => format.pack_sampled(&random.light(2.0)),
+    };
+    Eyes { hit, guide, left_radiance: (0..area).map(|_| radiance()).collect() }
+}
+
+fn run(
+    constants: &Constants,
+    stripe: &Stripe,
+    overrides: [Override; 4],
+    eyes: &Eyes,
+    before: &[[u32; 4]],
+    tally: &[u32],
+) -> Outputs {
+    let image = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.rows, constants.width, pixels));
+    let buffers = [
+        ("left_hit", image(&eyes.hit[0])),
+        ("left_guide", image(&eyes.guide[0])),
+        ("left_radiance", image(&eyes.left_radiance)),
+        ("right_hit", image(&eyes.hit[1])),
+        ("right_guide", image(&eyes.guide[1])),
+        ("right_radiance", Buffer::image(before)),
+        ("right_tally", Buffer::image(tally)),
+        ("holes", Buffer::whole(&empty_list(constants.area()))),
+    ];
+    Kernel::new("reproject", &overrides).run(constants, stripe.pass(1, [0; 3]), constants.width, &buffers)
+}
+
+fn compare(gloss: bool, sparse: bool, adjust: impl Fn(&mut Constants), seed: u64, expected: &[&'static str]) {
+    let mut random = Random::new(seed);
+    let mut constants = Constants { exposure: 1.7, ..Constants::new(WIDTH, HEIGHT) };
+    adjust(&mut constants);
+    let format = Format { gloss, exposure: constants.exposure.into() };
+    let overrides =
+        [("HAS_GLOSS", gloss), ("SOBOL", true), ("FOVEATED", constants.foveation.layers), ("SPARSE", sparse)];
+    let mut cases = Cases::default();
+    for (round, stripe) in stripes().iter().enumerate() {
+        let eyes = inputs(&mut random, &constants, format, sparse);
+        let pixel = |view: usize, at: usize| {
+            let (hit, radiance) = (eyes.hit[view][at][3], eyes.left_radiance[at]);
+            Pixel {
+                surface: Surface::unpack(eyes.guide[view][at]),
+                is_mixed: hit & MIXED != 0,
+                is_view_dependent: hit & VIEW_DEPENDENT != 0,
+                material: hit & MATERIAL_MASK,
+                light: (radiance != [0; 4]).then(|| format.unpack(radiance)),
+            }
+        };
+        let left: Vec<_> = (0..constants.area()).map(|at| pixel(0, at)).collect();
+        let twin = Twin { constants: &constants, sparse, left: &left };
+        let tally: Vec<u32> = (0..constants.area()).map(|_| random.bits() & 0x0fff_ffff).collect();
+        let before = random.rubbish::<4>(constants.area());
+        let outputs = run(&constants, stripe, overrides, &eyes, &before, &tally);
+        let (radiance, counted) = (outputs.get::<[u32; 4]>("right_radiance"), outputs.get::<u32>("right_tally"));
+        let mut holes = Vec::new();
+        for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
+            let at = constants.index(x, y);
+            let fate = twin.fate((x, y), &pixel(1, at), &mut cases);
+            let place = format!("({x}, {y}) of round {round}: {fate:?}");
+            let mut why = 0;
+            match fate {
+                Fate::Gathered(light) => {
+                    cases.meet("gathered");
+                    // The column is off by some roundings of its 21 pixels, and so is the share of either tap.
+                    let holds = format.holds_sampled(radiance[at], &light, 2e-4);
+                    assert!(holds, "{place}: {:?}", format.unpack(radiance[at]));
+                }
+                Fate::Sky => cases.meet("sky"),
+                Fate::LeftToFilter => {
+                    cases.meet("left to the filter");
+                    why = Counts::SKIPPED;
+                }
+                Fate::Hole(reason) => {
+                    cases.meet(reason.name());
+                    why = reason as u32;
+                    holes.push(at as u32);
+                }
+            }
+            if !matches!(fate, Fate::Gathered(_)) {
+                assert_eq!(radiance[at], [0; 4], "{place}");
+            }
+            assert_eq!(Counts::unpack(counted[at]), Counts { why, ..Counts::unpack(tally[at]) }, "{place}");
+        }
+        assert_lists(&outputs.get::<u32>("holes"), holes);
+    }
+    cases.assert_met(&["gathered", "sky", "outside", "normal", "distance", "material", "mixed", "view"]);
+    cases.assert_met(expected);
+}
+
+#[test]
+fn light_is_gathered_and_holes_are_told_apart() {
+    compare(false, false, |_| {}, 61, &[]);
+}
+
+#[test]
+fn gloss_is_gathered_beside_matte_light() {
+    compare(true, false, |_| {}, 62, &[]);
+}
+
+/// Where frames are averaged, rays go through another point of the pixel. The eyes are swapped, so that surfaces lie
+/// outside the left eye's image on its other side.
+#[test]
+fn light_is_gathered_where_rays_go_through_pixels() {
+    let adjust = |c: &mut Constants| {
+        c.centre = Vec2::new(0.2, 0.9);
+        c.eyes.swap(0, 1);
+    };
+    compare(false, false, adjust, 63, &[]);
+}
+
+#[test]
+fn pixels_that_the_mask_does_not_ask_for_are_left_to_the_filter() {
+    let share = |c: &mut Constants| c.foveation.sampled_share = 0.6;
+    compare(false, true, share, 64, &["left to the filter", "not sampled"]);
+    compare(true, true, share, 65, &["left to the filter", "not sampled"]);
+    compare(false, true, |_| {}, 68, &["not sampled, but traced"]);
+}
+
+#[test]
+fn outer_layers_allow_surfaces_to_differ_more() {
+    let layers = |c: &mut Constants| c.foveation.layers = true;
+    let expected = ["left to the filter", "not sampled", "not sampled, but traced"];
+    compare(false, true, layers, 66, &expected);
+    compare(true, true, layers, 67, &expected);
+}
+
+/// Where surfaces fall on whole pixels of the left eye, its neighbours' light is no substitute.
+#[test]
+fn whole_pixels_are_gathered_from_one_pixel() {
+    // At a distance of 4 the image is 4 wide, so that eyes 0.5 apart see surfaces two of 16 pixels apart.
+    let eye = Eye::at_origin(Vec2::splat(0.5));
+    let constants = Constants { eyes: [eye, eye.moved(0.5 * DVec3::X, 0.0, 0.0)], ..Constants::new(16, 1) };
+    let format = Format { gloss: false, exposure: 1.0 };
+    let overrides = [("HAS_GLOSS", false), ("SOBOL", true), ("FOVEATED", false), ("SPARSE", false)];
+    let guides = constants.eyes.map(|eye| {
+        let behind = |x: u32| f64::from(eye.origin.x) + (f64::from(x) + 0.5) / 4.0 - 2.0;
+        (0..16).map(|x| pack_guide(DVec3::new(behind(x), 0.0, -4.0), DVec3::Z)).collect::<Vec<_>>()
+    });
+    let light = |x: u32| Light { matte: DVec3::splat(f64::from(1 << x)), ..Light::default() };
+    let surface = [1, 2, 3, 7];
+    let mut hit = [vec![surface; 16], vec![surface; 16]];
+    hit[0][7][3] |= MIXED;
+    let radiance = (0..16).map(|x| format.pack_sampled(&light(x))).collect();
+    let eyes = Eyes { hit, guide: guides, left_radiance: radiance };
+    let stripe = Stripe { rows: 0..1, valid: 0..1 };
+    let outputs = run(&constants, &stripe, overrides, &eyes, &[[9; 4]; 16], &[0; 16]);
+    let (gathered, counted) = (outputs.get::<[u32; 4]>("right_radiance"), outputs.get::<u32>("right_tally"));
+    for x in 0..16 {
+        let expected = match x {
+            5 => Some(Why::Mixed),
+            14.. => Some(Why::Outside),
+            _ => None,
+        };
+        let why = Counts::unpack(counted[x as usize]).why;
+        assert_eq!(why, expected.map_or(0, |why| why as u32), "pixel {x}");
+        if expected.is_none() {
+            let (got, want) = (format.unpack(gathered[x as usize]), light(x + 2));
+            assert!(format.holds_sampled(gathered[x as usize], &want, 1e-5), "pixel {x}: {got:?} instead of {want:?}");
+        }
+    }
+    assert_lists(&outputs.get::<u32>("holes"), vec![5, 14, 15]);
+}
+
+#[test]
+fn holes_are_dispatched_in_whole_groups() {
+    let overrides = [("HAS_GLOSS", false), ("SOBOL", true), ("FOVEATED", false), ("SPARSE", false)];
+    for count in [1, 64, 65, 128, 129] {
+        let constants = Constants::new(count, 1);
+        let zero = vec![[0; 4]; count as usize];
+        let hit = [zero.clone(), vec![[1, 2, 3, 7 | MIXED]; count as usize]];
+        let eyes = Eyes { hit, guide: [zero.clone(), zero.clone()], left_radiance: zero.clone() };
+        let stripe = Stripe { rows: 0..1, valid: 0..1 };
+        let outputs = run(&constants, &stripe, overrides, &eyes, &zero, &vec![0; count as usize]);
+        assert_lists(&outputs.get::<u32>("holes"), (0..count).collect());
+    }
+}

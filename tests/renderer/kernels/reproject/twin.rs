@@ -1,0 +1,126 @@
+//! Reprojection as the method has it (Adelson & Hodges 1993): a pixel of the right eye interpolates between the two
+//! pixels of its row where the left eye sees its surface, as far as they show the same.
+
+use glam::{DVec2, DVec3};
+
+use crate::kernels::camera::Constants;
+use crate::kernels::edges::Surface;
+use crate::kernels::inputs::Cases;
+use crate::kernels::pack::Light;
+
+/// Why a pixel is a hole, as the shader numbers it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Why {
+    Outside = 1,
+    Normal,
+    Distance,
+    Material,
+    Mixed,
+    View,
+    /// Not sampled in the left eye.
+    Skipped,
+}
+
+impl Why {
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Outside => "outside",
+            Self::Normal => "normal",
+            Self::Distance => "distance",
+            Self::Material => "material",
+            Self::Mixed => "mixed",
+            Self::View => "view",
+            Self::Skipped => "skipped",
+        }
+    }
+}
+
+/// A pixel of either eye.
+#[derive(Clone, Copy)]
+pub struct Pixel {
+    pub surface: Option<Surface>,
+    pub is_mixed: bool,
+    pub is_view_dependent: bool,
+    pub material: u32,
+    /// What was sampled; of the left eye only.
+    pub light: Option<Light>,
+}
+
+/// What becomes of a pixel of the right eye.
+#[derive(Debug)]
+pub enum Fate {
+    Sky,
+    Gathered(Light),
+    Hole(Why),
+    LeftToFilter,
+}
+
+/// Why `left` has no light for the surface `right` of `material`, which is `reach` away from the left eye.
+fn refusal(left: Option<&Pixel>, material: u32, right: &Surface, reach: f64, slack: f64) -> Option<Why> {
+    let Some(left) = left else { return Some(Why::Outside) };
+    if left.is_mixed {
+        return Some(Why::Mixed);
+    }
+    if left.is_view_dependent {
+        return Some(Why::View);
+    }
+    let Some(seen) = left.surface.filter(|_| left.material == material) else { return Some(Why::Material) };
+    if right.normal.dot(seen.position - right.position).abs() >= 0.005 * slack * reach {
+        return Some(Why::Distance);
+    }
+    if right.normal.dot(seen.normal) <= 1.0 - 0.01 * slack {
+        return Some(Why::Normal);
+    }
+    left.light.is_none().then_some(Why::Skipped)
+}
+
+pub struct Twin<'a> {
+    pub constants: &'a Constants,
+    /// Whether pixels may be left to the filter.
+    pub sparse: bool,
+    pub left: &'a [Pixel],
+}
+
+impl Twin<'_> {
+    pub fn fate(&self, (x, y): (u32, u32), right: &Pixel, cases: &mut Cases) -> Fate {
+        let asked = !self.sparse || right.surface.is_none() || self.constants.is_sampled((x, y), 1);
+        let hole = |why, is_wanted| if is_wanted { Fate::Hole(why) } else { Fate::LeftToFilter };
+        if right.is_mixed {
+            return hole(Why::Mixed, asked);
+        }
+        let Some(surface) = right.surface else { return Fate::Sky };
+        if right.is_view_dependent {
+            return hole(Why::View, asked);
+        }
+        let (left_eye, size) = (&self.constants.eyes[0], self.constants.size());
+        let Some((seen, _)) = left_eye.seen_at(surface.position, size) else { return hole(Why::Outside, asked) };
+        let column = seen.x - f64::from(self.constants.centre.x);
+        let fraction = column - column.floor();
+        let layer = self.constants.layer((x, y), 1);
+        let reach = surface.position.distance(left_eye.origin.as_dvec3());
+        let slack = f64::from(1 << layer);
+        let taps = [0, 1].map(|i| {
+            let tap = (column.floor() + f64::from(i)) as i64;
+            let within = (0..i64::from(self.constants.width)).contains(&tap);
+            within.then(|| &self.left[self.constants.index(tap as u32, y)])
+        });
+        let refusals = taps.map(|tap| refusal(tap, right.material, &surface, reach, slack));
+        let light = |i: usize| taps[i].and_then(|tap| tap.light).filter(|_| refusals[i].is_none());
+        let weighted = [(light(0), 1.0 - fraction), (light(1), fraction)];
+        let weight: f64 = weighted.iter().filter_map(|(light, w)| light.map(|_| w)).sum();
+        if weight >= 1e-4 {
+            let of = |channel: fn(&Light) -> DVec3| -> DVec3 {
+                weighted.iter().filter_map(|(light, w)| light.map(|light| channel(&light) * *w)).sum::<DVec3>() / weight
+            };
+            return Fate::Gathered(Light { matte: of(|l| l.matte), gloss: of(|l| l.gloss), variance: DVec2::ZERO });
+        }
+        if refusals.contains(&Some(Why::Skipped)) {
+            // The filter fills it from what was sampled around it; only where all pixels are to have light it is traced.
+            let is_full = layer == 0 && self.constants.foveation.sampled_share >= 1.0;
+            cases.meet(if is_full { "not sampled, but traced" } else { "not sampled" });
+            return hole(Why::Outside, is_full);
+        }
+        let nearer = usize::from(fraction > 0.5);
+        hole(refusals[nearer].or(refusals[1 - nearer]).expect("both taps are refused"), asked)
+    }
+}

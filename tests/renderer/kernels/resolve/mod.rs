@@ -1,0 +1,133 @@
+//! Antialiasing over frames.
+
+mod twin;
+
+use glam::{DVec3, Vec2};
+
+use self::twin::{DROPPED, Twin};
+use super::camera::Constants;
+use super::harness::{Buffer, Kernel, only_in};
+use super::inputs::{Cases, HEIGHT, Random, WIDTH, stripes};
+use super::pack::{Counts, floats, is_near, rgb};
+use super::tonemap::{display_levels, shows};
+
+/// A colour, sometimes much brighter than white, and a depth, 0 for the sky or `DROPPED`. The sky is mostly on the left.
+fn composed(random: &mut Random, x: usize) -> [f32; 4] {
+    let sky = if x < 7 { 0.97 } else { 0.3 };
+    let depth = if random.chance(sky) { 0.0 } else { random.within(2.0..6.0) };
+    match random.bits() % 40 {
+        0 => [0.0, 0.0, 0.0, DROPPED],
+        1 => [1.0, f32::INFINITY, 1.0, depth as f32],
+        _ => floats(random.color(1.0), depth),
+    }
+}
+
+/// A colour that is near what its surroundings allow or far from it, and the number of frames in it.
+fn resolved(random: &mut Random, damaged: f64) -> [f32; 4] {
+    let frames = random.pick(&[1.0, 2.0, 6.0, 14.0, 255.0]);
+    if random.chance(damaged) {
+        return [f32::INFINITY, 0.0, 0.0, frames];
+    }
+    floats(random.color(2.0), frames.into())
+}
+
+/// By how much an eye has moved and turned since the frame before.
+type Turn = (DVec3, f64, f64);
+
+/// Image points are off by some 1e-6 pixels, and so are the shares of pixels as bright as 60.
+const TOLERANCE: f64 = 1e-4;
+/// Motion of some 1e-3 pixels is a difference of such points, and how long history counts follows from it.
+const SLOW_TOLERANCE: f64 = 5e-3;
+
+fn compare(turn: Option<Turn>, has_history: bool, seed: u64, expected: &[&'static str]) {
+    compare_within(TOLERANCE, turn, has_history, seed, expected);
+}
+
+fn compare_within(tolerance: f64, turn: Option<Turn>, has_history: bool, seed: u64, expected: &[&'static str]) {
+    let mut random = Random::new(seed);
+    let mut constants = Constants { exposure: 1.6, ..Constants::new(WIDTH, HEIGHT) };
+    constants.history_rows = has_history.then_some(1);
+    constants.centre = Vec2::new(0.7, 0.4);
+    // The sky does not move with an eye that does not turn, but for rounding, which decides whether a neighbour counts.
+    let damaged = if matches!(turn, Some((_, 0.0, 0.0))) { 0.0 } else { 0.005 };
+    let mut cases = Cases::default();
+    for (round, stripe) in stripes().iter().enumerate() {
+        let view = round % 2;
+        let eyes = constants.eyes.map(|eye| turn.map_or(eye, |(way, yaw, pitch)| eye.moved(way, yaw, pitch)));
+        let now: Vec<_> = (0..constants.area()).map(|at| composed(&mut random, at % WIDTH as usize)).collect();
+        let last: Vec<_> = (0..constants.area()).map(|_| resolved(&mut random, damaged)).collect();
+        let tally: Vec<u32> = (0..constants.area()).map(|_| random.bits()).collect();
+        let words = [0, 1].map(|_| random.rubbish::<4>(constants.area()));
+        let outputs = Kernel::new("resolve", &[]).run(
+            &constants,
+            stripe.pass(view, [0; 3]),
+            WIDTH,
+            &[
+                ("composed", Buffer::image(&only_in(&stripe.valid, WIDTH, &now))),
+                ("last_resolved", Buffer::image(&only_in(&stripe.valid, WIDTH, &last))),
+                ("resolved", Buffer::image(&words[0])),
+                ("linear", Buffer::image(&words[1])),
+                ("display", Buffer::image(&tally)),
+                ("previous", Buffer::whole(&eyes.map(|eye| eye.view()))),
+                ("tally", Buffer::image(&tally)),
+            ],
+        );
+        let (kept, linear) = (outputs.get::<[f32; 4]>("resolved"), outputs.get::<[f32; 4]>("linear"));
+        let (display, counted) = (outputs.get::<u32>("display"), outputs.get::<u32>("tally"));
+        let twin = Twin { constants: &constants, stripe, view, eye: eyes[view], composed: &now, last: &last };
+        for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
+            let at = constants.index(x, y);
+            let want = twin.pixel(x, y, &mut cases);
+            let place =
+                || format!("({x}, {y}) of {stripe:?}: {:?} instead of {} {}", kept[at], want.color, want.frames);
+            let got = rgb(kept[at]);
+            let near = (0..3).all(|c| got[c] == want.color[c] || is_near(got[c], want.color[c], tolerance, tolerance));
+            assert!(near && is_near(kept[at][3].into(), want.frames, tolerance, 0.0), "{}", place());
+            assert_eq!(linear[at], [kept[at][0], kept[at][1], kept[at][2], 1.0], "{}", place());
+            let levels = display_levels(rgb(kept[at]), constants.exposure.into());
+            assert!(shows(display[at], levels), "{}: {:08x} instead of {levels}", place(), display[at]);
+            let counts = Counts::unpack(tally[at]).with_dropped(u32::from(want.is_dropped));
+            assert_eq!(Counts::unpack(counted[at]), counts, "{}", place());
+        }
+    }
+    cases.assert_met(&["sky", "a surface", "a silhouette", "a pixel that was dropped", "a colour that is not finite"]);
+    cases.assert_met(expected);
+}
+
+#[test]
+fn a_first_frame_stands_for_itself() {
+    compare(None, false, 121, &["no history"]);
+}
+
+#[test]
+fn frames_are_averaged_while_the_eyes_stand_still() {
+    compare(None, true, 122, &["history of an eye that stands still", "history that is not finite"]);
+}
+
+#[test]
+fn history_moves_with_the_surface() {
+    let way = DVec3::new(0.06, 0.09, -0.02);
+    let expected = ["history that moved", "history that is not finite", "no history"];
+    compare(Some((way, 0.02, 0.03)), true, 123, &expected);
+    // Up and down by about as much as history may have moved, which is two rows where the second is interpolated.
+    compare(Some((way, 0.02, 0.09)), true, 126, &["history that moved", "no history"]);
+    compare(Some((-way, -0.03, -0.09)), true, 128, &["history that moved", "no history"]);
+    compare_within(
+        SLOW_TOLERANCE,
+        Some((way, 0.0, 0.0)),
+        true,
+        127,
+        &["history that moved", "history that moved slowly"],
+    );
+}
+
+#[test]
+fn what_moves_slowly_has_a_longer_history() {
+    let turn = (DVec3::new(2e-4, -1e-4, 1e-4), 1e-4, -5e-5);
+    compare_within(SLOW_TOLERANCE, Some(turn), true, 124, &["history that moved slowly"]);
+}
+
+#[test]
+fn what_was_behind_the_eye_has_no_history() {
+    compare(Some((DVec3::ZERO, 2.5, 0.0)), true, 125, &["no history"]);
+}

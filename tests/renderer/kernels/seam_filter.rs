@@ -1,0 +1,111 @@
+//! The filter across the seams between stripes.
+
+use glam::DVec3;
+
+use super::camera::Constants;
+use super::edges::{Surface, comparable};
+use super::harness::{Buffer, Kernel, Stripe, only_in};
+use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
+use super::pack::{Format, Light};
+
+/// Share of the distance to the eye by which the same surface may be off the centre's plane.
+const SURFACE_REACH: f64 = 0.01;
+/// Rows on either side of a seam that are smoothed, and how far the filter reaches from each pixel.
+const REACH: u32 = 4;
+const INVERSE_SIGMA2: f32 = 2.0;
+
+struct Twin<'a> {
+    constants: &'a Constants,
+    stripe: &'a Stripe,
+    view: usize,
+    guide: &'a [Option<Surface>],
+    source: &'a [Light],
+}
+
+impl Twin<'_> {
+    /// Nothing where a pixel stays as it is.
+    fn pixel(&self, (x, y): (u32, u32), cases: &mut Cases) -> Option<Light> {
+        let Some(surface) = &self.guide[self.constants.index(x, y)] else {
+            cases.meet("no surface");
+            return None;
+        };
+        let is_below = self.stripe.rows.start > 0 && y < self.stripe.rows.start + REACH;
+        let is_above = self.stripe.rows.end < self.constants.height && y + REACH >= self.stripe.rows.end;
+        if !is_below && !is_above {
+            cases.meet("far from seams");
+            return None;
+        }
+        cases.meet(if is_below { "below a seam" } else { "above a seam" });
+        let centre = &self.source[self.constants.index(x, y)];
+        let color = comparable(centre.matte + centre.gloss);
+        let reach = surface.reach(&self.constants.eyes[self.view], SURFACE_REACH);
+        let (mut matte, mut gloss, mut weight) = (DVec3::ZERO, DVec3::ZERO, 0.0);
+        let steps = -(REACH as i32)..=REACH as i32;
+        for (dx, dy) in steps.clone().flat_map(|dy| steps.clone().map(move |dx| (dx, dy))) {
+            let Some(tap) = self.constants.tap((x, y), (dx, dy), &self.stripe.valid) else { continue };
+            let Some(other) = &self.guide[tap] else { continue };
+            let value = &self.source[tap];
+            let apart = (color - comparable(value.matte + value.gloss)).length_squared();
+            let near = (-f64::from(dx * dx + dy * dy) / 8.0).exp();
+            let w = near * surface.weight(reach, other, apart * f64::from(INVERSE_SIGMA2));
+            matte += value.matte * w;
+            gloss += value.gloss * w;
+            weight += w;
+        }
+        Some(Light { matte: matte / weight, gloss: gloss / weight, ..*centre })
+    }
+}
+
+fn compare(gloss: bool, seed: u64) {
+    let mut random = Random::new(seed);
+    let constants = Constants { exposure: 1.2, ..Constants::new(WIDTH, HEIGHT) };
+    let format = Format { gloss, exposure: constants.exposure.into() };
+    let mut cases = Cases::default();
+    for (round, stripe) in stripes().iter().enumerate() {
+        let view = round % 2;
+        let guide = Wall::new(0.01, 0.6, 0.1).guides(&mut random, &constants, view);
+        let source: Vec<_> = (0..constants.area())
+            .map(|_| {
+                let light = random.light(1.5);
+                format.pack(&Light { variance: glam::DVec2::splat(random.within(0.0..1.0)), ..light })
+            })
+            .collect();
+        let before = random.rubbish::<4>(constants.area());
+        let outputs = Kernel::new("seam_filter", &[("HAS_GLOSS", gloss)]).run(
+            &constants,
+            stripe.pass(view, [0, INVERSE_SIGMA2.to_bits(), 0]),
+            WIDTH,
+            &[
+                ("guide_image", Buffer::image(&only_in(&stripe.valid, WIDTH, &guide))),
+                ("source", Buffer::image(&only_in(&stripe.valid, WIDTH, &source))),
+                ("filtered", Buffer::image(&before)),
+            ],
+        );
+        let filtered = outputs.get::<[u32; 4]>("filtered");
+        let guide: Vec<_> = guide.into_iter().map(Surface::unpack).collect();
+        let lights: Vec<_> = source.iter().map(|bits| format.unpack(*bits)).collect();
+        let twin = Twin { constants: &constants, stripe, view, guide: &guide, source: &lights };
+        for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
+            let at = constants.index(x, y);
+            let (got, place) = (filtered[at], format!("({x}, {y}) of {stripe:?}"));
+            match twin.pixel((x, y), &mut cases) {
+                None => assert_eq!(got, source[at], "{place}"),
+                Some(light) => {
+                    let unpacked = format.unpack(got);
+                    assert!(format.holds(got, &light, 2e-5, 0.0), "{place}: {unpacked:?} instead of {light:?}");
+                }
+            }
+        }
+    }
+    cases.assert_met(&["no surface", "far from seams", "below a seam", "above a seam"]);
+}
+
+#[test]
+fn rows_near_a_seam_are_smoothed() {
+    compare(false, 101);
+}
+
+#[test]
+fn gloss_is_smoothed_by_the_same_weights() {
+    compare(true, 102);
+}

@@ -1,0 +1,172 @@
+//! One iteration of the filter guided by variance.
+
+use glam::{DVec2, DVec3};
+
+use super::camera::Constants;
+use super::edges::Surface;
+use super::harness::{Buffer, Kernel, Stripe, only_in};
+use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
+use super::pack::{Format, Light, MISSING, UNKNOWN};
+
+/// Share of the distance to the eye by which the same surface may be off the centre's plane.
+const REACH: f64 = 0.02;
+/// Square of the standard deviations by which luminance may differ.
+const SIGMA2: f32 = 16.0;
+
+/// What a pixel becomes.
+enum Filtered {
+    Black,
+    /// As it was.
+    Kept,
+    Light(Light),
+}
+
+struct Twin<'a> {
+    constants: &'a Constants,
+    stripe: &'a Stripe,
+    view: usize,
+    iteration: u32,
+    guide: &'a [Option<Surface>],
+    source: &'a [Light],
+}
+
+impl Twin<'_> {
+    fn pixel(&self, (x, y): (u32, u32), cases: &mut Cases) -> Filtered {
+        let at = self.constants.index(x, y);
+        let Some(surface) = &self.guide[at] else {
+            cases.meet("no surface");
+            return Filtered::Black;
+        };
+        let foveation = &self.constants.foveation;
+        // A layer of K iterations takes part in the first K.
+        if foveation.layers && self.iteration >= foveation.layer_iterations[self.constants.layer((x, y), self.view)] {
+            cases.meet("another layer's iteration");
+            return Filtered::Kept;
+        }
+        let matte =
+            self.channel((x, y), surface, |light| (light.matte, light.variance.x), |light| light.luminances().x);
+        let gloss =
+            self.channel((x, y), surface, |light| (light.gloss, light.variance.y), |light| light.luminances().y);
+        cases.meet(match (self.source[at].variance.x >= 0.0, matte.1 >= 0.0) {
+            (true, _) => "filtered",
+            (false, true) => "filled",
+            (false, false) => "nothing around",
+        });
+        Filtered::Light(Light { matte: matte.0, gloss: gloss.0, variance: DVec2::new(matte.1, gloss.1) })
+    }
+
+    /// Light of one kind and its variance, averaged by weights that sum to 1: variances by their squares.
+    fn channel(
+        &self,
+        (x, y): (u32, u32),
+        surface: &Surface,
+        light: fn(&Light) -> (DVec3, f64),
+        luminance: fn(&Light) -> f64,
+    ) -> (DVec3, f64) {
+        let centre = &self.source[self.constants.index(x, y)];
+        let is_missing = centre.variance.x < 0.0;
+        let reach = surface.reach(&self.constants.eyes[self.view], REACH);
+        let unseen = (1e-10 / f64::from(self.constants.exposure)).powi(2);
+        let (mut sum, mut variances, mut weight) = (DVec3::ZERO, 0.0, 0.0);
+        for (dx, dy) in (-1..=1).flat_map(|dy| (-1..=1).map(move |dx| (dx, dy))) {
+            let step = 1 << self.iteration;
+            let Some(tap) = self.constants.tap((x, y), (dx * step, dy * step), &self.stripe.valid) else { continue };
+            let (other, value) = (self.guide[tap], &self.source[tap]);
+            let Some(other) = other.filter(|_| value.variance.x >= 0.0) else { continue };
+            let (own, its) = (luminance(centre), luminance(value));
+            let allowed = f64::from(SIGMA2) * (light(centre).1.max(0.0) + light(value).1) + 1e-6 * own * its + unseen;
+            // A pixel without light takes whatever its surface has.
+            let difference = if is_missing { 0.0 } else { ((own - its).powi(2) / allowed).sqrt() };
+            let similarity = if (dx, dy) == (0, 0) { 1.0 } else { surface.weight(reach, &other, difference) };
+            let k = f64::from((2 - dx.abs()) * (2 - dy.abs())) / 16.0 * similarity;
+            sum += light(value).0 * k;
+            variances += light(value).1 * k * k;
+            weight += k;
+        }
+        if weight > 0.0 { (sum / weight, variances / (weight * weight)) } else { (DVec3::ZERO, MISSING) }
+    }
+}
+
+fn compare(gloss: bool, layers: bool, seed: u64, expected: &[&'static str]) {
+    let mut random = Random::new(seed);
+    let mut constants = Constants { exposure: 0.8, ..Constants::new(WIDTH, HEIGHT) };
+    constants.foveation.layers = layers;
+    constants.foveation.layer_iterations = [1, 2, 3];
+    let format = Format { gloss, exposure: constants.exposure.into() };
+    let overrides = [("HAS_GLOSS", gloss), ("SOBOL", true), ("SPARSE", layers), ("FOVEATED", layers)];
+    let mut cases = Cases::default();
+    for (iteration, stripe) in (0..3).flat_map(|i| stripes().into_iter().map(move |stripe| (i, stripe))) {
+        let view = (iteration % 2) as usize;
+        // Weights whose squares are no floats would leave a pixel without light of its own no variance.
+        let wall = Wall { stray: 0.0, ..Wall::new(0.02, 0.25, 0.1) };
+        let guide = wall.guides(&mut random, &constants, view);
+        // In one stripe light is so faint that what nobody sees decides, in another so bright that it is bounded.
+        let (unit, square) = match stripe.rows.start {
+            9 => (1e19, 1e36),
+            12 => (1e-10, 1e-20),
+            _ => (1.0, 1.0),
+        };
+        let source: Vec<_> = (guide.iter())
+            .map(|bits| {
+                if Surface::unpack(*bits).is_none() {
+                    return [0; 4];
+                }
+                let variance = match random.bits() % 5 {
+                    0 => DVec2::splat(MISSING),
+                    1 => DVec2::splat(UNKNOWN),
+                    2 => DVec2::ZERO,
+                    _ => DVec2::new(random.within(0.0..0.3), random.within(0.0..0.1)) * square,
+                };
+                let brightness = random.pick(&[0.0, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5]);
+                format.pack(&Light { variance, ..random.light(brightness * unit) })
+            })
+            .collect();
+        let before = random.rubbish::<4>(constants.area());
+        let outputs = Kernel::new("svgf", &overrides).run(
+            &constants,
+            stripe.pass(view, [1 << iteration, SIGMA2.to_bits(), iteration]),
+            WIDTH,
+            &[
+                ("guide_image", Buffer::image(&only_in(&stripe.valid, WIDTH, &guide))),
+                ("source", Buffer::image(&only_in(&stripe.valid, WIDTH, &source))),
+                ("filtered", Buffer::image(&before)),
+            ],
+        );
+        let filtered = outputs.get::<[u32; 4]>("filtered");
+        let guide: Vec<_> = guide.into_iter().map(Surface::unpack).collect();
+        let lights: Vec<_> = source.iter().map(|bits| format.unpack(*bits)).collect();
+        let twin = Twin { constants: &constants, stripe: &stripe, view, iteration, guide: &guide, source: &lights };
+        for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
+            let at = constants.index(x, y);
+            let got = filtered[at];
+            let place = format!("({x}, {y}) of iteration {iteration}, {stripe:?}");
+            match twin.pixel((x, y), &mut cases) {
+                Filtered::Black => assert_eq!(got, [0; 4], "{place}"),
+                Filtered::Kept => assert_eq!(got, source[at], "{place}"),
+                // Differences may be many deviations, and drivers' exponential functions are off by as many roundings.
+                Filtered::Light(light) => {
+                    let unpacked = format.unpack(got);
+                    assert!(format.holds(got, &light, 1e-4, 0.0), "{place}: {unpacked:?} instead of {light:?}");
+                }
+            }
+        }
+    }
+    cases.assert_met(&["no surface", "filtered", "filled", "nothing around"]);
+    cases.assert_met(expected);
+}
+
+#[test]
+fn light_is_averaged_as_far_as_variance_allows() {
+    compare(false, false, 91, &[]);
+}
+
+#[test]
+fn gloss_is_averaged_by_its_own_variance() {
+    compare(true, false, 92, &[]);
+}
+
+#[test]
+fn layers_take_part_in_the_first_iterations() {
+    compare(false, true, 93, &["another layer's iteration"]);
+    compare(true, true, 94, &["another layer's iteration"]);
+}

@@ -1,0 +1,72 @@
+//! Counts of pixels, summed into rows.
+
+use super::camera::Constants;
+use super::harness::{Buffer, Kernel, Stripe, only_in};
+use super::inputs::{Cases, Random};
+use super::pack::Counts;
+
+const HEIGHT: u32 = 11;
+/// Pixels that one invocation sums.
+const SEGMENT: u32 = 64;
+
+/// Rays, dropped samples, holes by reason 1 to 6, pixels left to the filter.
+type Row = [u32; 9];
+
+fn sum(pixels: &[u32], cases: &mut Cases) -> Row {
+    let mut row = Row::default();
+    for counts in pixels.iter().map(|&bits| Counts::unpack(bits)) {
+        row[0] += counts.rays;
+        row[1] += counts.dropped;
+        match counts.why {
+            0 => cases.meet("no hole"),
+            1..=6 => {
+                cases.meet("hole");
+                row[1 + counts.why as usize] += 1;
+            }
+            _ => {
+                cases.meet("left to the filter");
+                row[8] += 1;
+            }
+        }
+    }
+    row
+}
+
+fn compare(width: u32, seed: u64) {
+    let mut random = Random::new(seed);
+    let constants = Constants::new(width, HEIGHT);
+    let mut pixel = || Counts {
+        rays: random.pick(&[0, 1, 7, 900, 0xf_ffff]),
+        dropped: random.pick(&[0, 0, 1, 255]),
+        why: random.pick(&[0, 0, 1, 2, 3, 4, 5, 6, 7]),
+    };
+    let tally: Vec<u32> = (0..constants.area()).map(|_| pixel().pack()).collect();
+    // Sums are added to what is there.
+    let before: Vec<Row> = (0..HEIGHT).map(|y| std::array::from_fn(|i| 1000 * y + i as u32)).collect();
+    let mut cases = Cases::default();
+    for rows in [0..HEIGHT, 3..10, 4..5] {
+        let stripe = Stripe { rows: rows.clone(), valid: rows };
+        let outputs = Kernel::new("tally", &[]).run(
+            &constants,
+            stripe.pass(0, [0; 3]),
+            width.div_ceil(SEGMENT),
+            &[("tally", Buffer::image(&only_in(&stripe.rows, width, &tally))), ("rows", Buffer::image(&before))],
+        );
+        let after = outputs.get::<Row>("rows");
+        for y in stripe.rows {
+            let pixels = &tally[constants.index(0, y)..constants.index(0, y + 1)];
+            let sums = sum(pixels, &mut cases);
+            let expected: Row = std::array::from_fn(|i| before[y as usize][i] + sums[i]);
+            assert_eq!(after[y as usize], expected, "row {y}");
+        }
+    }
+    cases.assert_met(&["no hole", "hole", "left to the filter"]);
+}
+
+#[test]
+fn counts_are_summed_by_rows() {
+    // Several segments, and the last one of part of a segment.
+    compare(3 * SEGMENT, 31);
+    compare(2 * SEGMENT + 5, 32);
+    compare(7, 33);
+}

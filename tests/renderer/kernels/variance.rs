@@ -1,0 +1,155 @@
+//! The variance that guides the filter over frames.
+
+use glam::DVec2;
+
+use super::camera::Constants;
+use super::edges::Surface;
+use super::harness::{Buffer, Kernel, Stripe, only_in};
+use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
+use super::pack::{Format, Light, MISSING, UNKNOWN};
+use glam::DVec3;
+
+/// Share of the distance to the eye by which the same surface may be off the centre's plane.
+const REACH: f64 = 0.02;
+/// Weight of pixels of other surfaces where a pixel has no light of its own.
+const LAST_RESORT: f64 = 1e-6;
+
+struct Twin<'a> {
+    constants: &'a Constants,
+    stripe: &'a Stripe,
+    view: usize,
+    guide: &'a [Option<Surface>],
+    source: &'a [Light],
+}
+
+impl Twin<'_> {
+    /// Valid pixels at most `reach` rows and columns away, with their offsets.
+    fn around(&self, pixel: (u32, u32), reach: i32) -> impl Iterator<Item = ((i32, i32), usize)> {
+        let offsets = (-reach..=reach).flat_map(move |dy| (-reach..=reach).map(move |dx| (dx, dy)));
+        offsets.filter_map(move |o| self.constants.tap(pixel, o, &self.stripe.valid).map(|tap| (o, tap)))
+    }
+
+    /// Nothing where there is no surface.
+    fn pixel(&self, pixel: (u32, u32), cases: &mut Cases) -> Option<Light> {
+        let at = self.constants.index(pixel.0, pixel.1);
+        let Some(surface) = &self.guide[at] else {
+            cases.meet("no surface");
+            return None;
+        };
+        let centre = &self.source[at];
+        if centre.variance.x >= 0.0 {
+            cases.meet("known");
+            return Some(Light { variance: self.smoothed(pixel), ..*centre });
+        }
+        let is_missing = centre.variance.x == MISSING;
+        let reach = surface.reach(&self.constants.eyes[self.view], REACH);
+        let (mut matte, mut gloss, mut weight) = (DVec3::ZERO, DVec3::ZERO, 0.0);
+        let (mut first, mut second) = (DVec2::ZERO, DVec2::ZERO);
+        for (offset, tap) in self.around(pixel, 3) {
+            let light = &self.source[tap];
+            if light.variance.x == MISSING {
+                continue;
+            }
+            let Some(other) = &self.guide[tap] else { continue };
+            let w = match offset {
+                (0, 0) => 1.0,
+                _ if is_missing => surface.weight(reach, other, 0.0).max(LAST_RESORT),
+                _ => surface.weight(reach, other, 0.0),
+            };
+            matte += light.matte * w;
+            gloss += light.gloss * w;
+            first += light.luminances() * w;
+            second += light.luminances().powf(2.0) * w;
+            weight += w;
+        }
+        if weight == 0.0 {
+            cases.meet("nothing around");
+            return Some(Light { matte: DVec3::ZERO, gloss: DVec3::ZERO, variance: DVec2::splat(MISSING) });
+        }
+        cases.meet(if is_missing { "missing" } else { "unknown" });
+        let mean = first / weight;
+        let variance = (second / weight - mean * mean).max(DVec2::ZERO);
+        Some(Light { matte: matte / weight, gloss: gloss / weight, variance })
+    }
+
+    /// The mean of the known variances around a pixel, by a tent of 3x3 pixels.
+    fn smoothed(&self, pixel: (u32, u32)) -> DVec2 {
+        let (mut sum, mut weight) = (DVec2::ZERO, 0.0);
+        for ((dx, dy), tap) in self.around(pixel, 1).filter(|&(_, tap)| self.source[tap].variance.x >= 0.0) {
+            let w = f64::from((2 - dx.abs()) * (2 - dy.abs())) / 16.0;
+            sum += self.source[tap].variance * w;
+            weight += w;
+        }
+        sum / weight
+    }
+}
+
+fn compare(gloss: bool, seed: u64) {
+    let mut random = Random::new(seed);
+    let constants = Constants { exposure: 1.4, ..Constants::new(WIDTH, HEIGHT) };
+    let format = Format { gloss, exposure: constants.exposure.into() };
+    let mut cases = Cases::default();
+    for (round, stripe) in stripes().iter().enumerate() {
+        let view = round % 2;
+        // In one round so little is left that some pixels find nothing.
+        let (sky, missing) = if round == 2 { (0.5, 0.9) } else { (0.1, 0.3) };
+        let guide = Wall::new(0.03, 0.6, sky).guides(&mut random, &constants, view);
+        // In another, light is so bright that it is bounded.
+        let unit = if round == 3 { 1e18 } else { 1.0 };
+        let source: Vec<_> = (guide.iter())
+            .map(|bits| {
+                if Surface::unpack(*bits).is_none() {
+                    return [0; 4];
+                }
+                let known = DVec2::new(random.within(0.0..2.0), random.within(0.0..0.5));
+                if random.chance(missing) {
+                    // Light that is missing is black, but nothing may depend on that.
+                    return format.pack(&Light { variance: DVec2::splat(MISSING), ..random.light(9.0) });
+                }
+                let variance = if random.chance(0.5) { known } else { DVec2::splat(UNKNOWN) };
+                format.pack(&Light { variance, ..random.light(2.0 * unit) })
+            })
+            .collect();
+        let before = random.rubbish::<4>(constants.area());
+        let outputs = Kernel::new("variance", &[("HAS_GLOSS", gloss)]).run(
+            &constants,
+            stripe.pass(view, [0; 3]),
+            WIDTH,
+            &[
+                ("guide_image", Buffer::image(&only_in(&stripe.valid, WIDTH, &guide))),
+                ("source", Buffer::image(&only_in(&stripe.valid, WIDTH, &source))),
+                ("filtered", Buffer::image(&before)),
+            ],
+        );
+        let filtered = outputs.get::<[u32; 4]>("filtered");
+        let guide: Vec<_> = guide.into_iter().map(Surface::unpack).collect();
+        let source: Vec<_> = source.into_iter().map(|bits| format.unpack(bits)).collect();
+        let twin = Twin { constants: &constants, stripe, view, guide: &guide, source: &source };
+        for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
+            let got = filtered[constants.index(x, y)];
+            match twin.pixel((x, y), &mut cases) {
+                None => assert_eq!(got, [0; 4], "({x}, {y}) of round {round}"),
+                Some(light) => {
+                    let unpacked = format.unpack(got);
+                    // Variance is a difference of squares.
+                    let rounding = 1e-6 * light.luminances().max_element().powi(2);
+                    assert!(
+                        format.holds(got, &light, 1e-5, rounding),
+                        "({x}, {y}) of round {round}: {unpacked:?} instead of {light:?}"
+                    );
+                }
+            }
+        }
+    }
+    cases.assert_met(&["no surface", "known", "unknown", "missing", "nothing around"]);
+}
+
+#[test]
+fn variance_is_smoothed_or_estimated() {
+    compare(false, 81);
+}
+
+#[test]
+fn gloss_has_variance_of_its_own() {
+    compare(true, 82);
+}
