@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use bytemuck::Pod;
-use diptych::stages::layout::Pass;
+use diptych::stages::layout::PassConstants;
 
 /// The rows that a dispatch computes, and those that it may read.
 #[derive(Clone, Debug)]
@@ -14,14 +14,15 @@ pub struct Stripe {
 }
 
 impl Stripe {
-    pub fn pass(&self, view: usize, args: [u32; 3]) -> Pass {
-        Pass {
+    pub fn pass(&self, view: usize, args: [u32; 3]) -> PassConstants {
+        PassConstants {
             view: view as u32,
             row_begin: self.rows.start,
             row_end: self.rows.end,
             valid_begin: self.valid.start,
             valid_end: self.valid.end,
             args,
+            ..PassConstants::default()
         }
     }
 }

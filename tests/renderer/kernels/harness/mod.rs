@@ -9,7 +9,7 @@ use std::collections::HashMap;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 use diptych::device::{GpuDevice, wgsl};
-use diptych::stages::layout::Pass;
+use diptych::stages::layout::PassConstants;
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
 pub use self::buffers::{Buffer, Outputs, Stripe, only_in};
@@ -63,7 +63,7 @@ impl Kernel {
     }
 
     /// Dispatches `columns` invocations for every row of the stripe that `pass` names.
-    pub fn run(&self, constants: &Constants, pass: Pass, columns: u32, buffers: &[(&str, Buffer)]) -> Outputs {
+    pub fn run(&self, constants: &Constants, pass: PassConstants, columns: u32, buffers: &[(&str, Buffer)]) -> Outputs {
         let mut bench = bench().lock().unwrap_or_else(PoisonError::into_inner);
         let key = (self.source.clone(), self.overrides.clone());
         if !bench.compiled.contains_key(&key) {
@@ -103,7 +103,7 @@ impl Kernel {
         let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label,
             bind_group_layouts: &[Some(&constants), Some(&buffers)],
-            immediate_size: size_of::<Pass>() as u32,
+            immediate_size: size_of::<PassConstants>() as u32,
         });
         let values: Vec<_> = self.overrides.iter().map(|&(name, on)| (name, f64::from(u8::from(on)))).collect();
         let pipeline = device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
@@ -123,7 +123,7 @@ impl Kernel {
         gpu: &GpuDevice,
         compiled: &Compiled,
         constants: &Constants,
-        pass: Pass,
+        pass: PassConstants,
         columns: u32,
         buffers: &[(&str, Buffer)],
     ) -> Outputs {
