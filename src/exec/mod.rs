@@ -37,9 +37,14 @@ pub use quality::Foresight;
 pub use renderer::Renderer;
 pub use report::{FrameReport, RightEye, Stereo, Tally, TaskTiming, TimedTask};
 
-use crate::graph::Seam;
-use crate::passes::{FrameSpec, Views};
-use crate::stages::{StageError, StageSettings};
+use crate::device::ShaderChecks;
+use crate::graph::{HaloPlan, Seam};
+use crate::image::Extent;
+use crate::passes::{Declarations, FrameSpec, Views};
+use crate::quality::Denoiser;
+use crate::scene::Scene;
+use crate::scene::needs::SceneNeeds;
+use crate::stages::{Sampler, SceneTables, StageError, StageSettings};
 
 #[derive(Debug, thiserror::Error)]
 pub enum ExecError {
@@ -77,6 +82,37 @@ pub struct RenderSettings {
 }
 
 impl RenderSettings {
+    /// The defaults of `diptych render`: one sample per pixel, six bounces, a reprojected right eye, and SVGF. `tables`
+    /// are those of `scene`.
+    pub fn new(extent: Extent, scene: &Scene, tables: &SceneTables) -> Self {
+        let stages = StageSettings {
+            extent,
+            needs: SceneNeeds { instances: tables.has_instances(), ..SceneNeeds::of(scene) },
+            sampler: Sampler::default(),
+            spp: 1,
+            mixes_spp: false,
+            filter: Some(Denoiser::Svgf),
+            iterations: Denoiser::DEFAULT_ITERATIONS,
+            reproject: true,
+            sparse: false,
+            foveation: None,
+            aovs: Vec::new(),
+            declarations: Declarations::default(),
+            frames_in_flight: 1,
+            checks: ShaderChecks::default(),
+        };
+        Self {
+            stages,
+            seam: Seam::Halo(HaloPlan::RECOMPUTE),
+            adapts_halo: true,
+            seed: 0,
+            bounces: 6,
+            scale: 1.0,
+            indirect_clamp: 0.0,
+            exposure_ev: 0.0,
+        }
+    }
+
     /// What frames must do on so many devices, with a history; `has_surfaces`: of the scene, whether anything reflects.
     pub fn spec(&self, devices: usize, has_surfaces: bool) -> FrameSpec {
         let stages = &self.stages;

@@ -6,6 +6,7 @@ mod bench;
 mod common;
 mod export;
 mod files;
+mod graph;
 mod help;
 mod host_trace;
 mod image_files;
