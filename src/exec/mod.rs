@@ -37,14 +37,12 @@ pub use quality::Foresight;
 pub use renderer::Renderer;
 pub use report::{FrameReport, RightEye, Stereo, Tally, TaskTiming, TimedTask};
 
-use crate::device::ShaderChecks;
 use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
-use crate::passes::{Declarations, FrameSpec, Views};
-use crate::quality::Denoiser;
+use crate::passes::{FrameSpec, Views};
 use crate::scene::Scene;
 use crate::scene::needs::SceneNeeds;
-use crate::stages::{Sampler, SceneTables, StageError, StageSettings};
+use crate::stages::{SceneTables, StageError, StageSettings};
 
 #[derive(Debug, thiserror::Error)]
 pub enum ExecError {
@@ -85,24 +83,9 @@ impl RenderSettings {
     /// The defaults of `diptych render`: one sample per pixel, six bounces, a reprojected right eye, and SVGF. `tables`
     /// are those of `scene`.
     pub fn new(extent: Extent, scene: &Scene, tables: &SceneTables) -> Self {
-        let stages = StageSettings {
-            extent,
-            needs: SceneNeeds { instances: tables.has_instances(), ..SceneNeeds::of(scene) },
-            sampler: Sampler::default(),
-            spp: 1,
-            mixes_spp: false,
-            filter: Some(Denoiser::Svgf),
-            iterations: Denoiser::DEFAULT_ITERATIONS,
-            reproject: true,
-            sparse: false,
-            foveation: None,
-            aovs: Vec::new(),
-            declarations: Declarations::default(),
-            frames_in_flight: 1,
-            checks: ShaderChecks::default(),
-        };
+        let needs = SceneNeeds { instances: tables.has_instances(), ..SceneNeeds::of(scene) };
         Self {
-            stages,
+            stages: StageSettings::new(extent, needs),
             seam: Seam::Halo(HaloPlan::RECOMPUTE),
             adapts_halo: true,
             seed: 0,
@@ -117,8 +100,6 @@ impl RenderSettings {
     pub fn spec(&self, devices: usize, has_surfaces: bool) -> FrameSpec {
         let stages = &self.stages;
         FrameSpec {
-            extent: stages.extent,
-            devices,
             views: if stages.reproject { Views::Reprojected } else { Views::Traced },
             filter: stages.filter,
             sparse: stages.leaves_pixels(),
@@ -127,6 +108,7 @@ impl RenderSettings {
             seam: self.seam,
             aovs: stages.aovs.clone(),
             has_surfaces,
+            ..FrameSpec::new(stages.extent, devices)
         }
     }
 }

@@ -102,9 +102,11 @@ fn finish(spec: &FrameSpec, denoiser: &dyn denoise::Denoise, view: Eye, light: &
     frame.passes.extend(spec.aovs.iter().enumerate().map(|(index, aov)| aov::pass(view, index as u8, *aov)));
 }
 
+type Declare = dyn Fn(&FrameSpec) -> Vec<Pass> + Send + Sync;
+
 /// Says which passes a frame has.
 #[derive(Clone)]
-pub struct Declarations(Arc<dyn Fn(&FrameSpec) -> Vec<Pass> + Send + Sync>);
+pub struct Declarations(Arc<Declare>);
 
 impl Default for Declarations {
     /// The renderer's own.
@@ -152,18 +154,7 @@ impl Declarations {
 pub fn cut_groups() -> Vec<CutGroup> {
     let mut groups = Vec::new();
     for filter in [None, Some(Denoiser::Atrous), Some(Denoiser::Svgf)] {
-        let spec = FrameSpec {
-            extent: Extent::new(1, 1),
-            devices: 1,
-            views: Views::Reprojected,
-            sparse: false,
-            filter,
-            iterations: 1,
-            history_rows: None,
-            seam: Seam::None,
-            aovs: Vec::new(),
-            has_surfaces: true,
-        };
+        let spec = FrameSpec { filter, iterations: 1, ..FrameSpec::new(Extent::new(1, 1), 1) };
         for pass in declare(&spec).passes {
             if !groups.contains(&pass.cut_group) {
                 groups.push(pass.cut_group);
