@@ -1,4 +1,4 @@
-//! What was counted per pixel, summed by rows.
+//! Sums what was counted per pixel by rows.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -7,11 +7,11 @@ use super::tonemap::CUT;
 use crate::graph::{Dispatch, Grid, Kernel, Pass, Resource, Size, Stage, Use};
 use crate::scene::rig::Eye;
 
-/// [`RowTally`] of each row.
+/// The [`RowTally`] of each row.
 pub const ROW_TALLY: Resource =
     Resource::image("row_tally", size_of::<RowTally>() as u32).on(Grid::table(Size::FrameRows)).output();
 
-/// Pixels that one invocation sums; `SEGMENT` in the shader.
+/// The number of pixels that one invocation sums, `SEGMENT` in the shader.
 const SEGMENT: u32 = 64;
 
 pub fn pass(view: Eye) -> Pass {
@@ -20,7 +20,7 @@ pub fn pass(view: Eye) -> Pass {
         .dispatch(Dispatch::Invocations([SEGMENT, 1]))
 }
 
-/// One row of `tally.wgsl`.
+/// The sums of one row, as `tally.wgsl` writes them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct RowTally {
@@ -39,13 +39,13 @@ pub enum HoleReason {
     Outside,
     /// The left eye saw a surface turned another way.
     Normal,
-    /// ... or at another depth.
+    /// The left eye saw a surface at another depth.
     Distance,
-    /// ... or of another material, or none.
+    /// The left eye saw a surface of another material, or none.
     Material,
     /// Several surfaces share the pixel.
     Mixed,
-    /// What is seen depends on where from: polished metal, glass, a gloss at grazing angles.
+    /// The appearance depends on the view: polished metal, glass, gloss at grazing angles.
     View,
 }
 

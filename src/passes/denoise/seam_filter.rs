@@ -1,4 +1,4 @@
-//! Bilateral smoothing across the seams of stripes that were filtered apart.
+//! Smooths across the seams of stripes that were filtered separately, with a bilateral filter.
 
 use super::atrous::inverse_sigma2_bits;
 use super::{CUT, Light};
@@ -6,7 +6,7 @@ use crate::graph::{Kernel, Pass, Stage, Use};
 use crate::passes::gbuffer::GUIDE;
 use crate::scene::rig::Eye;
 
-/// Rows read beyond a stripe: `REACH` in the shader.
+/// The number of rows read beyond a stripe, `REACH` in the shader.
 const REACH_ROWS: u32 = 4;
 
 pub fn pass(view: Eye, light: &mut Light) -> Pass {
