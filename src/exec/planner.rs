@@ -103,6 +103,11 @@ impl Planner {
         self.graphs.spec(plan)
     }
 
+    /// The graph of a plan.
+    pub fn graph(&self, plan: &Plan) -> Arc<FrameGraph> {
+        self.graphs.of(plan)
+    }
+
     /// Plans the next frame on the devices that are `left`. `history` has who had which rows in the frame before, and
     /// how many rows its surfaces may have moved.
     pub fn plan(

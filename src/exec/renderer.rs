@@ -13,11 +13,15 @@ use super::worker_pool::WorkerPool;
 use super::{ExecError, Fault, FrameReport, InjectedFaults, RenderSettings, costs, quality};
 use crate::device::{DeviceFailure, DeviceInfo, GpuDevice};
 use crate::graph::{FrameGraph, Resource};
-use crate::quality::Quality;
+use crate::quality::{Denoiser, Quality};
 use crate::scene::rig::Rig;
 use crate::scene::shot::Gaze;
 use crate::schedule::{CostModel, Effort, FrameCosts, Policy, simulate};
 use crate::stages::{Foveation, Place, SceneTables, StageError, layout};
+
+/// Graphs that are kept beside those of the frames in flight: one for each number of iterations that frames are predicted
+/// with.
+const OTHER_GRAPHS: usize = Denoiser::MAX_ITERATIONS as usize + 1;
 
 /// Renders frames on a set of devices.
 pub struct Renderer {
@@ -29,7 +33,7 @@ pub struct Renderer {
     tables: Arc<SceneTables>,
     devices: Vec<DeviceInfo>,
     pub(super) costs: CostModel,
-    planner: Planner,
+    pub(super) planner: Planner,
     /// The latest plan and its graph.
     pub(super) planned: Option<(Plan, Arc<FrameGraph>)>,
     pub(super) frames: Frames,
@@ -56,7 +60,7 @@ impl Renderer {
         let stages = &settings.stages;
         let spec = settings.spec(gpus.len(), tables.has_surfaces());
         let frames_in_flight = stages.frames_in_flight;
-        let graphs = Graphs::new(spec.clone(), stages.declarations.clone(), frames_in_flight + 1);
+        let graphs = Graphs::new(spec.clone(), stages.declarations.clone(), frames_in_flight + OTHER_GRAPHS);
         let graphs = Arc::new(graphs.map_err(StageError::Program)?);
         let costs = CostModel::new(&spec, &stages.declarations);
         let planner = Planner::new(policy, &settings, gpus.len(), Arc::clone(&graphs));
