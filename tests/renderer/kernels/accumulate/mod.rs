@@ -167,7 +167,7 @@ fn compare(case: Case, cases: &mut Cases) {
         Motion::None | Motion::Still => constants.eyes,
     };
     constants.history_rows = (!matches!(case.motion, Motion::None)).then_some(1);
-    // Of eyes that stand still, image points are whole pixels but for rounding, which decides whether a neighbour counts.
+    // While eyes hardly move, image points are whole pixels but for rounding, which decides whether a neighbour counts.
     let damaged = if matches!(case.motion, Motion::Moved | Motion::MovedBack) { 0.02 } else { 0.0 };
     let views = eyes_before.map(|eye| eye.view());
     for stripe in stripes() {
