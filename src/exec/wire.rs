@@ -97,10 +97,11 @@ impl AssignmentFields {
     /// None: the fields contradict one another.
     fn assignment(&self) -> Option<Assignment> {
         let devices = self.edges.first()?.len() + 1;
-        if self.primary >= devices || self.edges.iter().any(|edges| edges.len() + 1 != devices) {
+        let are_even = self.edges.len() == groups().count() && self.edges.iter().all(|e| e.len() + 1 == devices);
+        if self.primary >= devices || !are_even {
             return None;
         }
-        // Devices above the primary have been taken out and have no rows.
+        // Devices before the primary have been taken out and have no rows.
         let stripes = |edges: &Vec<u32>| Stripes::from_edges(self.height, &edges[self.primary..]);
         let mut assignment = Assignment::uniform(stripes(&self.edges[0]));
         for ((stage, eye), edges) in groups().zip(&self.edges) {
@@ -139,5 +140,25 @@ pub mod history {
         };
         let before = fields.assignment().ok_or_else(|| D::Error::custom("no such assignment"))?;
         Ok(Some((before, rows)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn contradictions_are_refused() {
+        let fields = |primary, devices: usize, edges: Vec<u32>| {
+            let edges = vec![edges; groups().count() - 1].into_iter().chain([vec![4; devices - 1]]).collect();
+            AssignmentFields { primary, height: 9, edges }.assignment()
+        };
+        assert_eq!(fields(1, 3, vec![0, 5]).map(|a| a.primary()), Some(1));
+        assert_eq!(fields(3, 3, vec![0, 5]), None);
+        assert_eq!(fields(1, 3, vec![0, 5, 6]), None);
+        assert_eq!(AssignmentFields { primary: 0, height: 9, edges: vec![vec![4]] }.assignment(), None);
+        for text in ["{\"Halo\":0}", "{\"Halo\":4294967294}", "\"Wall\""] {
+            assert!(SeamFields::deserialize(&mut serde_json::Deserializer::from_str(text)).is_err(), "{text}");
+        }
     }
 }
