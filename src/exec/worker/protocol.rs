@@ -311,3 +311,36 @@ impl<B> Protocol<B> {
         self.open.iter_mut().filter(|f| f.ticket == ticket).for_each(|f| f.progress = progress);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::script::Step;
+    use super::*;
+
+    #[test]
+    fn rows_that_never_come_are_waited_for_for_so_many_slices() {
+        let mut worker = Protocol::<()>::new(false);
+        let script = Arc::new(Script::new(1, &[Step::Upload { transfer: 0 }], &[], None));
+        worker.command(1, || Command::Frame(script));
+        assert_eq!(worker.next(), Action::Begin { ticket: 1 });
+        assert_eq!(worker.next(), Action::Receive { ticket: 1, transfer: 0 });
+        for _ in 0..DEPENDENT_SLICES {
+            assert_eq!(worker.next(), Action::AwaitMessage);
+            worker.timed_out();
+        }
+        assert_eq!(worker.next(), Action::AwaitMessage);
+        worker.timed_out();
+        assert_eq!(worker.next(), Action::Answer { ticket: 1, outcome: Outcome::Aborted });
+        assert_eq!(worker.next(), Action::TakeCommand { waits: true });
+    }
+
+    #[test]
+    fn a_device_that_has_failed_makes_nothing_of_commands() {
+        let mut worker = Protocol::<()>::new(false);
+        worker.fail();
+        worker.command(5, || unreachable!("the device can no longer be used"));
+        assert_eq!(worker.next(), Action::CallOff { ticket: 5 });
+        assert_eq!(worker.next(), Action::Answer { ticket: 5, outcome: Outcome::Failed });
+        assert_eq!(worker.next(), Action::TakeCommand { waits: true });
+    }
+}
