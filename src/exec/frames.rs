@@ -29,6 +29,8 @@ pub struct Inputs {
     pub place: Place,
     /// The images that come back with its answer.
     pub reads: Arc<[Output]>,
+    /// The images that end up whole on the primary; none: all.
+    pub outputs: Option<Arc<[Output]>>,
 }
 
 impl Inputs {
@@ -306,7 +308,9 @@ impl Frames {
     /// [`ExecError::NoFrame`] if there is no such frame or its images may be those of later ones already;
     /// [`ExecError::Stuck`] if the worker gave no answer of this kind.
     pub fn fetch(&mut self, image: Output) -> Result<Result<Pixels, DeviceFailure>, ExecError> {
-        let whole = self.whole.as_ref().filter(|_| self.in_flight.is_empty()).ok_or(ExecError::NoFrame)?;
+        let is_there = |whole: &&Whole| whole.inputs.outputs.as_ref().is_none_or(|outputs| outputs.contains(&image));
+        let whole = self.whole.as_ref().filter(|_| self.in_flight.is_empty()).filter(is_there);
+        let whole = whole.ok_or(ExecError::NoFrame)?;
         let Whole { primary, inputs: Inputs { place, .. }, .. } = *whole;
         let limit = self.limit(&whole.inputs);
         let (_, injected) = self.injected.take(primary, whole.inputs.constants.index);

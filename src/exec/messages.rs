@@ -183,7 +183,7 @@ mod tests {
         let assignment = assignment.renumbered(&[1, 2, 3], 4);
         let constants = layout::Frame { index: 7, env_rotation: f32::NEG_INFINITY, ..Default::default() };
         FrameJob {
-            plan: Plan { seam, iterations: 5, assignment, history },
+            plan: Plan { seam, iterations: 5, assignment, history, outputs: Some(vec![LINEAR.into()]) },
             constants,
             previous: [layout::View { tan_half_x: 0.3, ..Default::default() }; 2],
             place: Place { slot: 2, turn: 1 },

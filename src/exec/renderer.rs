@@ -39,6 +39,8 @@ pub struct Renderer {
     pub(super) frames: Frames,
     /// What the last frame that was begun was made of.
     last: Option<Inputs>,
+    /// The images that frames bring to the primary; none: all.
+    outputs: Option<Vec<Output>>,
     begun: u64,
     /// The next frame is not to build on those before.
     begins_anew: bool,
@@ -76,6 +78,7 @@ impl Renderer {
             planned: None,
             frames: Frames::new(workers, frames_in_flight, origin),
             last: None,
+            outputs: None,
             begun: 0,
             begins_anew: false,
         })
@@ -101,6 +104,12 @@ impl Renderer {
     /// How often each device runs its dispatches from here on; once where nothing is said.
     pub fn set_slowdown(&mut self, slowdown: Vec<u32>) {
         self.frames.injected.slowdown = slowdown;
+    }
+
+    /// Has frames that are begun from here on bring these images to the primary, beside those that [`Self::begin`] is
+    /// asked for, and no others: what nobody reads need not cross between devices.
+    pub fn set_outputs(&mut self, images: &[Resource]) {
+        self.outputs = Some(images.iter().map(|image| Output::from(*image)).collect());
     }
 
     /// The next frame finds no history.
@@ -190,9 +199,10 @@ impl Renderer {
         let previous = self.last.as_ref().map_or(constants.views, |l| l.constants.views);
         let place = Place::of(self.begun, self.settings.stages.frames_in_flight);
         self.begun += 1;
-        let reads = reads.iter().map(|image| Output::from(*image)).collect();
+        let reads: Arc<[Output]> = reads.iter().map(|image| Output::from(*image)).collect();
         let (quality, effort) = (self.quality, self.effort.clone());
-        let inputs = Inputs { constants, quality, effort, previous, place, reads };
+        let outputs = self.outputs.as_ref().map(|outputs| outputs.iter().chain(&*reads).cloned().collect());
+        let inputs = Inputs { constants, quality, effort, previous, place, reads, outputs };
         self.last = Some(inputs.clone());
         self.hand_out(inputs, None);
         Ok(())

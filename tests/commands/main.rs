@@ -6,6 +6,7 @@ mod bench;
 mod common;
 mod export;
 mod files;
+mod graph;
 mod help;
 mod host_trace;
 mod image_files;
@@ -17,7 +18,6 @@ mod scale;
 mod schema;
 mod shots;
 mod stale;
-
 mod studies;
 mod tools;
 mod trace_files;
