@@ -63,7 +63,8 @@ impl SeamFields {
     }
 }
 
-/// Filters with more passes than this exchange rows before each of them.
+/// Passes of the longest filter whose plans are searched. The planner tries all plans of a frame too, so filters are
+/// far shorter.
 const MOST_PASSES: usize = 17;
 
 fn receives(plan: HaloPlan) -> u32 {
