@@ -90,7 +90,7 @@ impl<B> Protocol<B> {
     }
 
     /// The next action. All messages that have come should have been given to [`Self::message`] before.
-    pub fn next(&mut self) -> Action<B> {
+    pub fn next_action(&mut self) -> Action<B> {
         loop {
             if let Some(action) = self.due.pop_front() {
                 if let Action::Answer { ticket, .. } = action {
@@ -322,16 +322,16 @@ mod tests {
         let mut worker = Protocol::<()>::new(false);
         let script = Arc::new(Script::new(1, &[Step::Upload { transfer: 0 }], &[], None));
         worker.command(1, || Command::Frame(script));
-        assert_eq!(worker.next(), Action::Begin { ticket: 1 });
-        assert_eq!(worker.next(), Action::Receive { ticket: 1, transfer: 0 });
+        assert_eq!(worker.next_action(), Action::Begin { ticket: 1 });
+        assert_eq!(worker.next_action(), Action::Receive { ticket: 1, transfer: 0 });
         for _ in 0..DEPENDENT_SLICES {
-            assert_eq!(worker.next(), Action::AwaitMessage);
+            assert_eq!(worker.next_action(), Action::AwaitMessage);
             worker.timed_out();
         }
-        assert_eq!(worker.next(), Action::AwaitMessage);
+        assert_eq!(worker.next_action(), Action::AwaitMessage);
         worker.timed_out();
-        assert_eq!(worker.next(), Action::Answer { ticket: 1, outcome: Outcome::Aborted });
-        assert_eq!(worker.next(), Action::TakeCommand { waits: true });
+        assert_eq!(worker.next_action(), Action::Answer { ticket: 1, outcome: Outcome::Aborted });
+        assert_eq!(worker.next_action(), Action::TakeCommand { waits: true });
     }
 
     #[test]
@@ -339,8 +339,8 @@ mod tests {
         let mut worker = Protocol::<()>::new(false);
         worker.fail();
         worker.command(5, || unreachable!("the device can no longer be used"));
-        assert_eq!(worker.next(), Action::CallOff { ticket: 5 });
-        assert_eq!(worker.next(), Action::Answer { ticket: 5, outcome: Outcome::Failed });
-        assert_eq!(worker.next(), Action::TakeCommand { waits: true });
+        assert_eq!(worker.next_action(), Action::CallOff { ticket: 5 });
+        assert_eq!(worker.next_action(), Action::Answer { ticket: 5, outcome: Outcome::Failed });
+        assert_eq!(worker.next_action(), Action::TakeCommand { waits: true });
     }
 }
