@@ -9,27 +9,24 @@
 @group(1) @binding(3) var<storage, read_write> tally_image: array<u32>;
 @group(1) @binding(4) var<storage, read_write> guide_image: array<vec4<u32>>;
 
-// As pass_.arg2: path tracing brings the means of the pixels that it samples.
-const UNSAMPLED_ONLY: u32 = 1u;
-
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
+    if pixel.x >= frame.camera.width || pixel.y >= pass_.row_end {
         return;
     }
     let at = pixel_index(pixel);
     if JITTER {
-        if pass_.arg1 > 0u {
-            if SPARSE && pass_.arg2 == UNSAMPLED_ONLY && is_sampled(pixel, pass_.view) {
+        if pass_.args[1] > 0u {
+            if SPARSE && pass_.args[2] == UNSAMPLED_ONLY && is_sampled(pixel, pass_.view) {
                 return;
             }
-            average_footprint(pixel, at, pass_.arg0, pass_.arg1);
+            average_footprint(pixel, at, pass_.args[0], pass_.args[1]);
             return;
         }
     }
-    let origin = frame.views[pass_.view].origin;
-    let direction = ray_direction(pass_.view, vec2<f32>(pixel) + frame.centre);
+    let origin = frame.camera.views[pass_.view].origin;
+    let direction = ray_direction(pass_.view, vec2<f32>(pixel) + frame.camera.centre);
     var rng = rng_for(pixel, pass_.view, 0u);
     let hit = trace_closest(origin, direction, alpha_key(rng));
     var first = first_hit(hit, pass_.view, direction);
@@ -66,7 +63,7 @@ fn average_footprint(pixel: vec2<u32>, at: u32, begin: u32, end: u32) {
     for (var i = begin; i < end; i += 1u) {
         var rng = rng_for(pixel, pass_.view, i);
         let direction = ray_direction(pass_.view, vec2<f32>(pixel) + sample_offset(&rng));
-        let hit = trace_closest(frame.views[pass_.view].origin, direction, alpha_key(rng));
+        let hit = trace_closest(frame.camera.views[pass_.view].origin, direction, alpha_key(rng));
         var first = first_hit(hit, pass_.view, direction);
         dropped += select(1u, 0u, is_sound(&first));
         mixed = mixed || is_elsewhere(at, first);

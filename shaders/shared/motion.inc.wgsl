@@ -1,8 +1,5 @@
 // Where a surface was seen before. Nothing but the eyes moves.
 
-// Of frame.history_rows.
-const NO_HISTORY: u32 = 0xffffffffu;
-
 struct Previous {
     views: array<View, 2>,
 }
@@ -22,5 +19,5 @@ fn seen_at(p: vec3<f32>, eye: View) -> vec3<f32> {
         dot(v, eye.right) / (front * eye.tan_half_x),
         -dot(v, eye.up) / (front * eye.tan_half_y),
     );
-    return vec3<f32>((ndc * 0.5 + 0.5) * vec2<f32>(f32(frame.width), f32(frame.height)), z);
+    return vec3<f32>((ndc * 0.5 + 0.5) * vec2<f32>(f32(frame.camera.width), f32(frame.camera.height)), z);
 }

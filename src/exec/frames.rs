@@ -36,8 +36,8 @@ pub struct Inputs {
 impl Inputs {
     /// Of both eyes.
     fn samples(&self) -> u64 {
-        let layout::Frame { width, height, spp, .. } = self.constants;
-        2 * u64::from(width) * u64::from(height) * u64::from(spp.max(1))
+        let layout::Frame { camera, sampling, .. } = self.constants;
+        2 * u64::from(camera.width) * u64::from(camera.height) * u64::from(sampling.spp.max(1))
     }
 }
 
@@ -313,7 +313,7 @@ impl Frames {
         let whole = whole.ok_or(ExecError::NoFrame)?;
         let Whole { primary, inputs: Inputs { place, .. }, .. } = *whole;
         let limit = self.limit(&whole.inputs);
-        let (_, injected) = self.injected.take(primary, whole.inputs.constants.index);
+        let (_, injected) = self.injected.take(primary, whole.inputs.constants.sampling.index);
         let ticket = self.workers.ask(vec![(primary, Order::Read { image, place, injected })], limit);
         match self.workers.answers(ticket, limit).pop() {
             Some((_, Ok(Answer::Pixels(pixels)))) => Ok(Ok(pixels)),

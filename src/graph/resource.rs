@@ -61,6 +61,9 @@ pub enum Format {
     Uniform(u32),
 }
 
+/// Numbers before the first index of a [`Format::List`].
+pub const LIST_HEADER: u32 = 4;
+
 /// Of which there is one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Scope {
@@ -167,7 +170,7 @@ impl Resource {
 
     /// Bytes before the first row.
     pub fn header_bytes(&self) -> u64 {
-        if self.format == Format::List { 16 } else { 0 }
+        if self.format == Format::List { u64::from(4 * LIST_HEADER) } else { 0 }
     }
 
     /// Bytes of all of it.
