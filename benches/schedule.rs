@@ -11,7 +11,7 @@ use std::time::Instant;
 
 use diptych::graph::{Assignment, FrameGraph, HaloPlan, Seam, TaskKind};
 use diptych::image::Extent;
-use diptych::passes::{Declarations, FrameSpec, Views};
+use diptych::passes::{Declarations, FrameSpec};
 use diptych::quality::Denoiser;
 use diptych::schedule::{
     CostModel, FrameCosts, Heft, Measured, Policy, StageCost, TransferCost, choose_halo, simulate,
@@ -76,18 +76,8 @@ fn median(values: &mut [f64]) -> f64 {
 
 fn main() {
     let Options { reps, devices, height, iterations } = options();
-    let spec = FrameSpec {
-        extent: Extent::new(height * 16 / 9, height),
-        devices,
-        views: Views::Reprojected,
-        filter: Some(Denoiser::Atrous),
-        sparse: false,
-        iterations,
-        history_rows: None,
-        seam: Seam::Halo(HaloPlan::RECOMPUTE),
-        aovs: Vec::new(),
-        has_surfaces: true,
-    };
+    let frame = FrameSpec::new(Extent::new(height * 16 / 9, height), devices);
+    let spec = FrameSpec { filter: Some(Denoiser::Atrous), iterations, ..frame };
     println!("ms per frame, medians of {reps} frames, {devices} devices, {height} rows, {iterations} iterations");
     let policies: [Box<dyn Policy>; 2] =
         [Box::new(Measured::new(height, devices)), Box::new(Heft::new(height, devices))];

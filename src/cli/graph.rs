@@ -14,6 +14,7 @@ use super::options::{self, RenderOptions};
 use super::setup;
 
 #[derive(clap::Args, Clone, Debug)]
+#[command(mut_arg("out", |out| out.required(false).default_value(".").hide(true)))]
 pub struct Args {
     #[command(flatten)]
     options: RenderOptions,

@@ -6,7 +6,6 @@ use std::time::Instant;
 use diptych::accel::{Accel, Layout};
 use diptych::device::{self, GpuDevice, Selection};
 use diptych::exec::{FrameReport, RenderSettings, Renderer};
-use diptych::passes::Declarations;
 use diptych::quality::Quality;
 use diptych::scene::Scene;
 use diptych::scene::needs::SceneNeeds;
@@ -114,9 +113,9 @@ pub fn varying_renderer(
 /// What the options ask of all frames.
 pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool) -> RenderSettings {
     let quality = options.quality();
+    let needs =
+        if options.no_skip { SceneNeeds { gloss: loaded.needs.gloss, ..SceneNeeds::ALL } } else { loaded.needs };
     let stages = StageSettings {
-        extent: options.size,
-        needs: if options.no_skip { SceneNeeds { gloss: loaded.needs.gloss, ..SceneNeeds::ALL } } else { loaded.needs },
         sampler: options.sampler,
         spp: options.spp,
         mixes_spp,
@@ -126,9 +125,9 @@ pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool
         sparse: options.scale < 1.0,
         foveation: options.foveated.of(&loaded.shot.gaze),
         aovs: options.aovs(),
-        declarations: Declarations::default(),
         frames_in_flight: usize::from(options.frames_in_flight),
         checks: options.shader_checks,
+        ..StageSettings::new(options.size, needs)
     };
     RenderSettings {
         stages,

@@ -36,9 +36,12 @@ pub use faults::{Fault, InjectedFaults, InjectedKind, Injection};
 pub use renderer::Renderer;
 pub use report::{FrameReport, RightEye, Stereo, Tally, TaskTiming, TimedTask};
 
-use crate::graph::Seam;
+use crate::graph::{HaloPlan, Seam};
+use crate::image::Extent;
 use crate::passes::{FrameSpec, Views};
-use crate::stages::{StageError, StageSettings};
+use crate::scene::Scene;
+use crate::scene::needs::SceneNeeds;
+use crate::stages::{SceneTables, StageError, StageSettings};
 
 #[derive(Debug, thiserror::Error)]
 pub enum ExecError {
@@ -76,12 +79,26 @@ pub struct RenderSettings {
 }
 
 impl RenderSettings {
+    /// The defaults of `diptych render`: one sample per pixel, six bounces, a reprojected right eye, and SVGF. `tables`
+    /// are those of `scene`.
+    pub fn new(extent: Extent, scene: &Scene, tables: &SceneTables) -> Self {
+        let needs = SceneNeeds { instances: tables.has_instances(), ..SceneNeeds::of(scene) };
+        Self {
+            stages: StageSettings::new(extent, needs),
+            seam: Seam::Halo(HaloPlan::RECOMPUTE),
+            adapts_halo: true,
+            seed: 0,
+            bounces: 6,
+            scale: 1.0,
+            indirect_clamp: 0.0,
+            exposure_ev: 0.0,
+        }
+    }
+
     /// What frames must do on so many devices, with a history; `has_surfaces`: of the scene, whether anything reflects.
     pub fn spec(&self, devices: usize, has_surfaces: bool) -> FrameSpec {
         let stages = &self.stages;
         FrameSpec {
-            extent: stages.extent,
-            devices,
             views: if stages.reproject { Views::Reprojected } else { Views::Traced },
             filter: stages.filter,
             sparse: stages.leaves_pixels(),
@@ -90,6 +107,7 @@ impl RenderSettings {
             seam: self.seam,
             aovs: stages.aovs.clone(),
             has_surfaces,
+            ..FrameSpec::new(stages.extent, devices)
         }
     }
 }

@@ -151,22 +151,11 @@ mod tests {
     use super::*;
     use crate::graph::Stripes;
     use crate::image::Extent;
-    use crate::passes::Views;
     use crate::quality::Denoiser;
 
     fn graphs(capacity: usize) -> Graphs {
-        let spec = FrameSpec {
-            extent: Extent::new(16, 12),
-            devices: 2,
-            views: Views::Traced,
-            sparse: false,
-            filter: Some(Denoiser::Atrous),
-            iterations: 3,
-            history_rows: None,
-            seam: Seam::None,
-            aovs: Vec::new(),
-            has_surfaces: true,
-        };
+        let frame = FrameSpec::new(Extent::new(16, 12), 2);
+        let spec = FrameSpec { filter: Some(Denoiser::Atrous), iterations: 3, seam: Seam::None, ..frame };
         Graphs::new(spec, Declarations::default(), capacity).unwrap()
     }
 

@@ -102,9 +102,11 @@ fn finish(spec: &FrameSpec, denoiser: &dyn denoise::Denoise, view: Eye, light: &
     frame.passes.extend(spec.aovs.iter().enumerate().map(|(index, aov)| aov::pass(view, index as u8, *aov)));
 }
 
+type Declare = dyn Fn(&FrameSpec) -> Vec<Pass> + Send + Sync;
+
 /// Says which passes a frame has.
 #[derive(Clone)]
-pub struct Declarations(Arc<dyn Fn(&FrameSpec) -> Vec<Pass> + Send + Sync>);
+pub struct Declarations(Arc<Declare>);
 
 impl Default for Declarations {
     /// The renderer's own.
@@ -151,19 +153,9 @@ impl Declarations {
 /// Passes of frames that between them have every stage.
 fn all_passes() -> impl Iterator<Item = Pass> {
     [None, Some(Denoiser::Atrous), Some(Denoiser::Svgf)].into_iter().flat_map(|filter| {
-        let spec = FrameSpec {
-            extent: Extent::new(1, 1),
-            devices: 2,
-            views: Views::Reprojected,
-            sparse: true,
-            filter,
-            iterations: 1,
-            history_rows: None,
-            seam: Seam::Filter,
-            aovs: vec![Aov::Albedo],
-            has_surfaces: true,
-        };
-        declare(&spec).passes
+        let (seam, aovs) = (Seam::Filter, vec![Aov::Albedo]);
+        let small = FrameSpec::new(Extent::new(1, 1), 2);
+        declare(&FrameSpec { sparse: true, filter, iterations: 1, seam, aovs, ..small }).passes
     })
 }
 

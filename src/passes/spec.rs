@@ -1,7 +1,7 @@
 //! What a frame must do.
 
 use super::Aov;
-use crate::graph::Seam;
+use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
 use crate::quality::Denoiser;
 
@@ -36,6 +36,22 @@ pub struct FrameSpec {
 }
 
 impl FrameSpec {
+    /// A frame without history or auxiliary images, with SVGF and a reprojected right eye.
+    pub fn new(extent: Extent, devices: usize) -> Self {
+        Self {
+            extent,
+            devices,
+            views: Views::Reprojected,
+            sparse: false,
+            filter: Some(Denoiser::Svgf),
+            iterations: Denoiser::DEFAULT_ITERATIONS,
+            history_rows: None,
+            seam: Seam::Halo(HaloPlan::RECOMPUTE),
+            aovs: Vec::new(),
+            has_surfaces: true,
+        }
+    }
+
     /// What denoises, if anything does.
     pub fn denoiser(&self) -> Option<Denoiser> {
         self.filter.filter(|_| self.has_surfaces && self.iterations > 0)

@@ -3,18 +3,8 @@ use crate::graph::HaloPlan;
 
 /// A frame of 64x180 with à-trous, reprojection and an auxiliary image.
 pub fn spec(devices: usize, seam: Seam) -> FrameSpec {
-    FrameSpec {
-        extent: Extent::new(64, 180),
-        devices,
-        views: Views::Reprojected,
-        sparse: false,
-        filter: Some(Denoiser::Atrous),
-        iterations: 5,
-        history_rows: None,
-        seam,
-        aovs: vec![Aov::Albedo],
-        has_surfaces: true,
-    }
+    let frame = FrameSpec::new(Extent::new(64, 180), devices);
+    FrameSpec { filter: Some(Denoiser::Atrous), seam, aovs: vec![Aov::Albedo], ..frame }
 }
 
 /// Frames that between them have every pass.

@@ -7,26 +7,15 @@ use crate::graph::{Assignment, CutGroup, FrameGraph, HaloPlan, Pass, Seam, Strip
 use crate::image::Extent;
 use crate::passes::graph_tests::{check_order, graph, replay};
 use crate::passes::path_trace::CUT;
-use crate::passes::{Declarations, FrameSpec, Views, cut_groups, denoise};
+use crate::passes::{Declarations, FrameSpec, cut_groups, denoise};
 use crate::quality::Denoiser;
 use crate::scene::rig::Eye;
 
 const WIDTH: u32 = 64;
 
 fn spec(height: u32, devices: usize, iterations: u32, seam: Seam) -> FrameSpec {
-    let extent = Extent::new(WIDTH, height);
-    FrameSpec {
-        extent,
-        devices,
-        views: Views::Reprojected,
-        sparse: false,
-        filter: Some(Denoiser::Atrous),
-        iterations,
-        history_rows: None,
-        seam,
-        aovs: Vec::new(),
-        has_surfaces: true,
-    }
+    let frame = FrameSpec::new(Extent::new(WIDTH, height), devices);
+    FrameSpec { filter: Some(Denoiser::Atrous), iterations, seam, ..frame }
 }
 
 /// A scene and devices whose true costs are known.

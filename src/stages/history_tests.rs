@@ -5,13 +5,12 @@ use std::sync::Arc;
 use glam::{DVec3, UVec3, Vec2};
 
 use super::layout::{Camera, Display, Foveation, Frame, History, NO_CURVE, Sampling, View};
-use super::{DeviceStages, Place, Sampler, SceneTables, StageSettings, StageTask, Stamps};
+use super::{DeviceStages, Place, SceneTables, StageSettings, StageTask, Stamps};
 use crate::accel::Accel;
-use crate::device::{self, GpuDevice, Selection, ShaderChecks};
-use crate::graph::{Assignment, Bound, FrameGraph, HaloPlan, Program, Seam, Stripes, TaskKind};
+use crate::device::{self, GpuDevice, Selection};
+use crate::graph::{Assignment, Bound, FrameGraph, Program, Stripes, TaskKind};
 use crate::image::Extent;
 use crate::passes::{Declarations, FrameSpec, RowTally, Views};
-use crate::quality::Denoiser;
 use crate::scene::builtin;
 use crate::scene::needs::SceneNeeds;
 use crate::scene::rig::{Eye, Rig, RigKey};
@@ -34,18 +33,7 @@ struct Bench {
 }
 
 fn spec(history_rows: Option<u32>) -> FrameSpec {
-    FrameSpec {
-        extent: EXTENT,
-        devices: 1,
-        views: Views::Traced,
-        sparse: false,
-        filter: Some(Denoiser::Svgf),
-        iterations: ITERATIONS,
-        history_rows,
-        seam: Seam::Halo(HaloPlan::RECOMPUTE),
-        aovs: Vec::new(),
-        has_surfaces: true,
-    }
+    FrameSpec { views: Views::Traced, iterations: ITERATIONS, history_rows, ..FrameSpec::new(EXTENT, 1) }
 }
 
 fn program(history_rows: Option<u32>) -> Program {
@@ -63,22 +51,8 @@ impl Bench {
         let selection = Selection { adapters: None, virtual_devices: 1, threads_per_device: None };
         let mut gpu = device::open(&selection).expect("this test needs an adapter").swap_remove(0);
         let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
-        let settings = StageSettings {
-            extent: EXTENT,
-            needs: SceneNeeds { gloss, ..SceneNeeds::of(&scene) },
-            sampler: Sampler::Sobol,
-            spp: 1,
-            mixes_spp: false,
-            filter: Some(Denoiser::Svgf),
-            iterations: ITERATIONS,
-            reproject: false,
-            sparse: false,
-            foveation: None,
-            aovs: Vec::new(),
-            declarations: Declarations::default(),
-            frames_in_flight: 1,
-            checks: ShaderChecks::Fast,
-        };
+        let needs = SceneNeeds { gloss, ..SceneNeeds::of(&scene) };
+        let settings = StageSettings { iterations: ITERATIONS, reproject: false, ..StageSettings::new(EXTENT, needs) };
         let stages = DeviceStages::new(&mut gpu, settings, &tables, &[program(Some(0))]).unwrap();
         let stamps = Stamps::new(&gpu.device);
         Self { gpu, stages, stamps, tables, frames: 0, before: None }

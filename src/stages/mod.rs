@@ -72,6 +72,26 @@ pub struct StageSettings {
 }
 
 impl StageSettings {
+    /// One sample per pixel, a reprojected right eye, and SVGF.
+    pub fn new(extent: Extent, needs: SceneNeeds) -> Self {
+        Self {
+            extent,
+            needs,
+            sampler: Sampler::default(),
+            spp: 1,
+            mixes_spp: false,
+            filter: Some(Denoiser::Svgf),
+            iterations: Denoiser::DEFAULT_ITERATIONS,
+            reproject: true,
+            sparse: false,
+            foveation: None,
+            aovs: Vec::new(),
+            declarations: Declarations::default(),
+            frames_in_flight: 1,
+            checks: ShaderChecks::default(),
+        }
+    }
+
     /// Whether the samples of a frame of `spp` are spread over the pixel: one alone goes through its centre.
     pub fn jitter(&self, spp: u32) -> bool {
         if self.mixes_spp { spp > 1 } else { self.spp > 1 }

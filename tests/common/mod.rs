@@ -9,11 +9,9 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
 use diptych::accel::{Accel, Layout};
-use diptych::device::{self, GpuDevice, Selection, ShaderChecks};
+use diptych::device::{self, GpuDevice, Selection};
 use diptych::exec::{FrameReport, RenderSettings, Renderer, Stereo};
-use diptych::graph::{HaloPlan, Seam};
 use diptych::image::{Extent, Image, RgbImage};
-use diptych::passes::Declarations;
 use diptych::passes::tonemap::LINEAR;
 use diptych::quality::Denoiser;
 use diptych::scene::Scene;
@@ -21,7 +19,7 @@ use diptych::scene::load::load_shot;
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::rig::{Rig, RigKey};
 use diptych::schedule::{Even, Policy};
-use diptych::stages::{Sampler, SceneTables, StageSettings};
+use diptych::stages::SceneTables;
 pub use effort::is_thorough;
 
 /// A scene ready to be put on devices, and where it is seen from.
@@ -52,33 +50,11 @@ impl Subject {
 
     /// One traced sample per pixel of either eye's pinhole, six reflections, nothing after it.
     pub fn settings(&self, width: u32, height: u32) -> RenderSettings {
-        let stages = StageSettings {
-            extent: Extent::new(width, height),
-            needs: self.needs,
-            sampler: Sampler::Sobol,
-            spp: 1,
-            mixes_spp: false,
-            filter: Some(Denoiser::Atrous),
-            iterations: 0,
-            reproject: false,
-            sparse: false,
-            foveation: None,
-            aovs: Vec::new(),
-            declarations: Declarations::default(),
-            frames_in_flight: 1,
-            checks: ShaderChecks::Fast,
-        };
-        let seam = Seam::Halo(HaloPlan::RECOMPUTE);
-        RenderSettings {
-            stages,
-            seam,
-            adapts_halo: true,
-            seed: 0,
-            bounces: 6,
-            scale: 1.0,
-            indirect_clamp: 0.0,
-            exposure_ev: 0.0,
-        }
+        let mut settings = RenderSettings::new(Extent::new(width, height), &self.scene, &self.tables);
+        let stages = &mut settings.stages;
+        (stages.needs, stages.reproject) = (self.needs, false);
+        (stages.filter, stages.iterations) = (Some(Denoiser::Atrous), 0);
+        settings
     }
 
     /// [`Self::settings`] with the right eye reprojected and five filter iterations.

@@ -5,6 +5,7 @@ mod bsdf;
 mod control;
 #[path = "../common/effort.rs"]
 mod effort;
+mod imports;
 mod protocol;
 #[path = "../reference/mod.rs"]
 mod reference;

@@ -1,3 +1,5 @@
+#![expect(clippy::single_range_in_vec_init, reason = "rows that are transferred are lists of ranges")]
+
 use std::collections::HashMap;
 
 use super::*;

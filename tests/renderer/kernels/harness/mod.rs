@@ -63,8 +63,9 @@ impl Kernel {
         Self { name: shader, source: format!("{}{kernel}", &whole[..end]), overrides: overrides.to_vec() }
     }
 
-    /// Dispatches `columns` invocations for every row of the stripe that `pass` names.
+    /// Dispatches `columns` invocations for every row of the stripe that `pass` names. The pass's grid is the frame.
     pub fn run(&self, constants: &Constants, pass: PassConstants, columns: u32, buffers: &[(&str, Buffer)]) -> Outputs {
+        let pass = PassConstants { width: constants.width, height: constants.height, ..pass };
         let mut bench = bench().lock().unwrap_or_else(PoisonError::into_inner);
         let key = (self.source.clone(), self.overrides.clone());
         if !bench.compiled.contains_key(&key) {

@@ -1,0 +1,90 @@
+//! Appends a pass to those of the renderer: an outline where the distance to the eye jumps from a pixel to its neighbour.
+//! The pass is compared with its shader, runs on two virtual devices, and its output is read and written as a PNG.
+//!
+//! `cargo run --release --example own_pass -- [FILE.png]`
+
+use std::path::PathBuf;
+use std::sync::Arc;
+use std::time::Instant;
+
+use diptych::accel::Accel;
+use diptych::device::{self, Selection};
+use diptych::exec::{RenderSettings, Renderer, TimedTask};
+use diptych::graph::{Kernel, Pass, Resource, Stage, Use};
+use diptych::image::display::write_png;
+use diptych::image::stereo::side_by_side;
+use diptych::image::{Extent, Image};
+use diptych::passes::gbuffer::EMISSION;
+use diptych::passes::{Declarations, declare, tonemap};
+use diptych::scene::load::load_shot;
+use diptych::scene::rig::Eye;
+use diptych::schedule::Even;
+use diptych::stages::{SceneTables, verify};
+
+const EXTENT: Extent = Extent::new(160, 90);
+
+const OUTLINE_STAGE: Stage = Stage("outline");
+
+/// One byte of grey in 4 bytes per pixel. As an output, it is whole on the primary at the end of the frame.
+const OUTLINE: Resource = Resource::image("outline", 4).output();
+
+/// The fourth channel of `emission` is the distance along the ray, 0 for the sky.
+const SHADER: &str = "
+//!include frame
+
+@group(1) @binding(0) var<storage, read> emission: array<vec4<f32>>;
+@group(1) @binding(1) var<storage, read_write> outline: array<u32>;
+
+const JUMP: f32 = 1.1;
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
+    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
+        return;
+    }
+    let last = vec2<u32>(pass_.width, pass_.height) - 1u;
+    let here = emission[pixel_index(pixel)].w;
+    let right = emission[pixel_index(vec2<u32>(min(pixel.x + 1u, last.x), pixel.y))].w;
+    let below = emission[pixel_index(vec2<u32>(pixel.x, min(pixel.y + 1u, last.y)))].w;
+    let least = min(here, min(right, below));
+    let most = max(here, max(right, below));
+    outline[pixel_index(pixel)] = select(0u, 255u, most > JUMP * least);
+}";
+
+/// It reads one row more on each side of a stripe, and has the stripes of tonemap.
+fn outline(view: Eye) -> Pass {
+    let kernel = Kernel { text: Some(SHADER), ..Kernel::new("outline") };
+    let uses = [Use::read(EMISSION).halo(1), Use::write(OUTLINE)];
+    Pass::new(OUTLINE_STAGE, view, tonemap::CUT, kernel).uses(uses)
+}
+
+fn main() -> anyhow::Result<()> {
+    let file = std::env::args().nth(1).map_or_else(|| std::env::temp_dir().join("diptych_outline.png"), PathBuf::from);
+    verify(&outline(Eye::Left))?;
+    let (shot, scene) = load_shot("builtin:cornell")?;
+    let tables = Arc::new(SceneTables::new(&scene, Accel::build(&scene)?)?);
+    let mut settings = RenderSettings::new(EXTENT, &scene, &tables);
+    settings.stages.declarations = Declarations::new(|spec| {
+        let mut passes = declare(spec).passes;
+        passes.extend(Eye::ALL.map(outline));
+        passes
+    });
+    let devices = device::open(&Selection { virtual_devices: 2, ..Selection::default() })?;
+    let policy = Box::new(Even::new(EXTENT.height, devices.len()));
+    let mut renderer = Renderer::new(devices, tables, settings, policy, Instant::now())?;
+    let report = renderer.render(&shot.rig, 0.0, 0)?;
+    for task in report.tasks.iter().filter(|task| task.kind == TimedTask::Gpu(OUTLINE_STAGE)) {
+        let (device, rows, ms) = (task.device, &task.rows, task.end_ms - task.begin_ms);
+        println!("outline of the {} eye, rows {rows:?} on device {device}: {ms:.2} ms", task.view);
+    }
+    let found = renderer.read_output(OUTLINE)?;
+    let [left, right] = [found.left, found.right].map(|bytes| {
+        let pixels = bytes.chunks_exact(4).map(|pixel| [pixel[0]; 3]).collect();
+        Image { extent: EXTENT, pixels }
+    });
+    println!("{} pixels of the left eye are on an outline", left.pixels.iter().filter(|p| p[0] > 0).count());
+    write_png(&file, &side_by_side(&left, &right)?)?;
+    println!("{}", file.display());
+    Ok(())
+}
