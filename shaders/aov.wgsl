@@ -1,6 +1,6 @@
 // One auxiliary image per dispatch, from the hit behind the pixel's centre.
 
-//!include frame rng scene light_tree environment lights trace surface bsdf path split pack motion
+//!include frame grid rng scene light_tree environment lights trace surface bsdf path split pack motion
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> albedo_image: array<vec4<u32>>;
@@ -10,7 +10,7 @@
 @group(1) @binding(5) var<uniform> previous: Previous;
 
 fn centre_hit(pixel: vec2<u32>, hit: vec4<u32>) -> FirstHit {
-    let direction = ray_direction(pass_.view, vec2<f32>(pixel) + frame.camera.centre);
+    let direction = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);
     return first_hit(Hit(0.0, hit.x, bitcast<vec2<f32>>(hit.yz)), pass_.view, direction);
 }
 
@@ -33,7 +33,7 @@ fn material_value(kind: u32, s: Surface, hit: vec4<u32>, to_viewer: vec3<f32>) -
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= frame.camera.width || pixel.y >= pass_.row_end {
+    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }
     let at = pixel_index(pixel);
@@ -67,7 +67,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         }
         default: {
             let centre = vec2<f32>(pixel) + frame.camera.centre;
-            let direction = ray_direction(pass_.view, centre);
+            let direction = ray_of(pass_.view, centre);
             let origin = frame.camera.views[pass_.view].origin;
             if (hit.x & SPHERE) == 0u {
                 let s = surface_at(hit.x, bitcast<vec2<f32>>(hit.yz), origin, direction);
@@ -78,7 +78,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
                 } else if pass_.args[0] == POSITION {
                     value = s.position + frame.geometry.world_origin;
                 } else {
-                    value = vec3<f32>(seen_at(s.position, previous.views[pass_.view]).xy - centre, 0.0);
+                    value = vec3<f32>(pixel_of(s.position, previous.views[pass_.view]).xy - centre, 0.0);
                 }
             } else if hit.x != NO_PRIM {
                 let p = origin + direction * emission_image[at].a;
@@ -90,7 +90,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
                 } else if pass_.args[0] == POSITION {
                     value = p + frame.geometry.world_origin;
                 } else {
-                    value = vec3<f32>(seen_at(p, previous.views[pass_.view]).xy - centre, 0.0);
+                    value = vec3<f32>(pixel_of(p, previous.views[pass_.view]).xy - centre, 0.0);
                 }
             }
         }

@@ -2,7 +2,7 @@
 // from their compacted list, so that no lane idles: the divergence that Leria et al. name as the limit of their
 // hole-filling. One pipeline for both, since drivers take seconds to compile it.
 
-//!include frame rng scene light_tree environment lights trace surface bsdf split path pack footprint pixel
+//!include frame grid rng scene light_tree environment lights trace surface bsdf split path pack footprint pixel
 
 @group(1) @binding(0) var<storage, read_write> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read_write> albedo_image: array<vec4<u32>>;
@@ -26,7 +26,7 @@ fn main(
     let listed_only = pass_.args[2] == LISTED_ONLY;
     var pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
     var i = 0u;
-    var end = select(0u, 1u, pixel.x < frame.camera.width && pixel.y < pass_.row_end);
+    var end = select(0u, 1u, pixel.x < pass_.width && pixel.y < pass_.row_end);
     if listed_only {
         i = group.x * LANES + lane;
         end = holes[0];
@@ -34,7 +34,7 @@ fn main(
     for (; i < end; i += groups.x * LANES) {
         if listed_only {
             let at = holes[LIST_HEADER + i];
-            pixel = vec2<u32>(at % frame.camera.width, at / frame.camera.width);
+            pixel = vec2<u32>(at % pass_.width, at / pass_.width);
         }
         sample_pixel(pixel, pass_.view);
     }

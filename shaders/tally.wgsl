@@ -1,6 +1,6 @@
 // Sums what was counted per pixel into rows: the scheduler's work per row, and the run's totals.
 
-//!include frame pack
+//!include frame grid pack
 
 @group(1) @binding(0) var<storage, read> tally: array<u32>;
 // COUNTS numbers a row: rays, dropped non-finite samples, holes by reason 1 to 6, pixels left to the filter.
@@ -10,12 +10,12 @@
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let row = pass_.row_begin + id.y;
     let first = id.x * SEGMENT;
-    if first >= frame.camera.width || row >= pass_.row_end {
+    if first >= pass_.width || row >= pass_.row_end {
         return;
     }
     var counts: array<u32, COUNTS>;
-    for (var x = first; x < min(first + SEGMENT, frame.camera.width); x += 1u) {
-        let t = tally[row * frame.camera.width + x];
+    for (var x = first; x < min(first + SEGMENT, pass_.width); x += 1u) {
+        let t = tally[row * pass_.width + x];
         counts[0] += t & 0xfffffu;
         counts[1] += (t >> 20u) & 0xffu;
         let why = t >> 28u;

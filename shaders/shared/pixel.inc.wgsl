@@ -31,7 +31,7 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
     for (; i < end; i += 1u) {
         was_cut_short = false;
         var rng = rng_for(pixel, view, i);
-        let direction = ray_direction(view, vec2<f32>(pixel) + sample_offset(&rng));
+        let direction = ray_of(view, vec2<f32>(pixel) + sample_offset(&rng));
         var rays = 0u;
         var hit: Hit;
         if JITTER {

@@ -96,10 +96,7 @@ fn quiet_mesa() {
 
 /// The command line's definition.
 fn command() -> clap::Command {
-    // What writes no files takes the options of those that do.
-    let unused = |arg: clap::Arg| arg.required(false).hide(true);
-    let graph = |graph: clap::Command| graph.mut_arg("out", |a| unused(a).default_value(".")).mut_arg("trace", unused);
-    Cli::command().mut_subcommand("graph", graph)
+    Cli::command()
 }
 
 pub fn run() -> ExitCode {

@@ -5,7 +5,7 @@
 // - Gloss, where a scene has it, is accumulated beside matte light and counts on fewer of the same frames.
 // - Where the right eye finds no history, the left eye's is looked up.
 
-//!include frame split motion pack variance
+//!include frame grid split motion pack variance
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> guide_image: array<vec4<u32>>;
@@ -96,7 +96,7 @@ fn gloss_longest(hit: u32) -> f32 {
 // History of the surface at `position` around image point `seen` of the frame before.
 fn past_at(seen: vec3<f32>, row: u32, of_left: bool, position: vec3<f32>, normal: vec3<f32>, material: u32) -> Past {
     var past = Past();
-    let size = vec2<f32>(f32(frame.camera.width), f32(frame.camera.height));
+    let size = vec2<f32>(f32(pass_.width), f32(pass_.height));
     let corner = clamp(seen.xy - frame.camera.centre, vec2<f32>(-2.0), size + 1.0);
     let base = floor(corner);
     let fraction = corner - base;
@@ -106,9 +106,9 @@ fn past_at(seen: vec3<f32>, row: u32, of_left: bool, position: vec3<f32>, normal
         let there = vec2<i32>(base) + offset;
         let low = max(i32(pass_.valid_begin), i32(row) - i32(frame.history.rows));
         let high = min(i32(pass_.valid_end), i32(row) + i32(frame.history.rows) + 1);
-        let inside = seen.z > 0.0 && there.x >= 0 && there.x < i32(frame.camera.width)
+        let inside = seen.z > 0.0 && there.x >= 0 && there.x < i32(pass_.width)
             && there.y >= low && there.y < high;
-        let at = select(0u, u32(there.y) * frame.camera.width + u32(there.x), inside);
+        let at = select(0u, u32(there.y) * pass_.width + u32(there.x), inside);
         let tap = tap_at(at, of_left);
         let off = abs(dot(normal, bitcast<vec3<f32>>(tap.guide.xyz) - position));
         let is_same = inside && tap.guide.w != NO_NORMAL && (tap.moments.w & MATERIAL_MASK) == material
@@ -156,7 +156,7 @@ fn leave_nothing(at: u32, material: u32, dropped: bool) {
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= frame.camera.width || pixel.y >= pass_.row_end {
+    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }
     let at = pixel_index(pixel);
@@ -184,7 +184,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let eyes = select(pass_.view + 1u, 0u, frame.history.rows == NO_HISTORY);
     for (var i = 0u; i < eyes && past.found < 0.01; i += 1u) {
         let eye = pass_.view - i;
-        let seen = seen_at(position, previous.views[eye]);
+        let seen = pixel_of(position, previous.views[eye]);
         past = past_at(seen, pixel.y, i == 1u, position, normal, material);
         if !is_finite_past(past) {
             past = Past();

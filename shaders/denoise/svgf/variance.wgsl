@@ -3,7 +3,7 @@
 // authors' code. Gloss has its own, by the same taps. Departure: the 3x3 smoothing comes once, before the first iteration
 // instead of in each.
 
-//!include frame split pack edges variance
+//!include frame grid split pack edges variance
 
 @group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> source: array<vec4<u32>>;
@@ -16,7 +16,7 @@ const LAST_RESORT: f32 = 1e-6;
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= frame.camera.width || pixel.y >= pass_.row_end {
+    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }
     let at = pixel_index(pixel);
@@ -27,7 +27,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let low = vec2<i32>(0, i32(pass_.valid_begin));
-    let high = vec2<i32>(i32(frame.camera.width) - 1, i32(pass_.valid_end) - 1);
+    let high = vec2<i32>(i32(pass_.width) - 1, i32(pass_.valid_end) - 1);
     let is_known = centre.a.x >= 0.0;
     var smooth_sum = max(centre.a, vec2<f32>(0.0)) * 0.25;
     var smooth_weight = 0.25;
@@ -36,7 +36,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         for (var dx = -1; dx <= 1; dx += 1) {
             let there = vec2<i32>(pixel) + vec2<i32>(dx, dy);
             let inside = clamp(there, low, high);
-            let variance = unpack_light(source[u32(inside.y) * frame.camera.width + u32(inside.x)]).a;
+            let variance = unpack_light(source[u32(inside.y) * pass_.width + u32(inside.x)]).a;
             let k = select(0.0625, 0.125, dx == 0 || dy == 0);
             let w = select(0.0, k, all(inside == there) && variance.x >= 0.0 && (dx != 0 || dy != 0));
             smooth_sum += max(variance, vec2<f32>(0.0)) * w;
@@ -56,7 +56,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         for (var dx = -REACH; dx <= REACH; dx += 1) {
             let there = vec2<i32>(pixel) + vec2<i32>(dx, dy);
             let inside = clamp(there, low, high);
-            let tap = u32(inside.y) * frame.camera.width + u32(inside.x);
+            let tap = u32(inside.y) * pass_.width + u32(inside.x);
             let value = unpack_light(source[tap]);
             let counts = all(inside == there) && (dx != 0 || dy != 0) && value.a.x != MISSING;
             let tap_bits = guide_image[tap];
