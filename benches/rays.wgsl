@@ -18,11 +18,11 @@ override ANY_HIT: bool = false;
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x >= frame.width || id.y >= frame.height {
+    if id.x >= frame.camera.width || id.y >= frame.camera.height {
         return;
     }
     for (var segment = 0u; segment < SEGMENTS; segment += 1u) {
-        let at = (segment * frame.height + id.y) * frame.width + id.x;
+        let at = (segment * frame.camera.height + id.y) * frame.camera.width + id.x;
         let ray = bench_rays[at];
         if ray.t_max == 0.0 {
             break;

@@ -1,6 +1,6 @@
 // One auxiliary image per dispatch, from the hit behind the pixel's centre.
 
-//!include frame rng scene light_tree environment lights trace surface bsdf path split pack motion
+//!include frame grid rng scene light_tree environment lights trace surface bsdf path split pack motion
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> albedo_image: array<vec4<u32>>;
@@ -9,22 +9,8 @@
 @group(1) @binding(4) var<storage, read_write> aov: array<vec4<f32>>;
 @group(1) @binding(5) var<uniform> previous: Previous;
 
-// Mirrors `stages::aov::Aov`.
-const ALBEDO: u32 = 0u;
-const NORMAL: u32 = 1u;
-const POSITION: u32 = 2u;
-const DEPTH: u32 = 3u;
-const MOTION: u32 = 4u;
-const ROUGHNESS: u32 = 5u;
-const HOLES: u32 = 6u;
-const SPP: u32 = 7u;
-const STRIPES: u32 = 8u;
-const BASE_COLOR: u32 = 9u;
-const DIFFUSE_ALBEDO: u32 = 10u;
-const SPECULAR_ALBEDO: u32 = 11u;
-
 fn centre_hit(pixel: vec2<u32>, hit: vec4<u32>) -> FirstHit {
-    let direction = ray_direction(pass_.view, vec2<f32>(pixel) + frame.centre);
+    let direction = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);
     return first_hit(Hit(0.0, hit.x, bitcast<vec2<f32>>(hit.yz)), pass_.view, direction);
 }
 
@@ -47,17 +33,17 @@ fn material_value(kind: u32, s: Surface, hit: vec4<u32>, to_viewer: vec3<f32>) -
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
+    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }
     let at = pixel_index(pixel);
     let hit = hit_image[at];
     var value = vec3<f32>(0.0);
-    switch pass_.arg0 {
+    switch pass_.args[0] {
         case ALBEDO: {
             value = unpack_albedo(albedo_image[at]).all;
             // Packed with gloss it is rounded; the surface itself is not.
-            if HAS_GLOSS && frame.spp == 1u {
+            if HAS_GLOSS && frame.sampling.spp == 1u {
                 value = centre_hit(pixel, hit).albedo;
             }
         }
@@ -74,37 +60,37 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             value = vec3<f32>(f32(tally_image[at] >> 28u));
         }
         case SPP: {
-            value = vec3<f32>(select(f32(frame.spp), 0.0, (tally_image[at] >> 28u) == SKIPPED));
+            value = vec3<f32>(select(f32(frame.sampling.spp), 0.0, (tally_image[at] >> 28u) == SKIPPED));
         }
         case STRIPES: {
             value = vec3<f32>(f32(pass_.device));
         }
         default: {
-            let centre = vec2<f32>(pixel) + frame.centre;
-            let direction = ray_direction(pass_.view, centre);
-            let origin = frame.views[pass_.view].origin;
+            let centre = vec2<f32>(pixel) + frame.camera.centre;
+            let direction = ray_of(pass_.view, centre);
+            let origin = frame.camera.views[pass_.view].origin;
             if (hit.x & SPHERE) == 0u {
                 let s = surface_at(hit.x, bitcast<vec2<f32>>(hit.yz), origin, direction);
-                if pass_.arg0 >= BASE_COLOR {
-                    value = material_value(pass_.arg0, s, hit, -direction);
-                } else if pass_.arg0 == NORMAL {
+                if pass_.args[0] >= BASE_COLOR {
+                    value = material_value(pass_.args[0], s, hit, -direction);
+                } else if pass_.args[0] == NORMAL {
                     value = s.normal;
-                } else if pass_.arg0 == POSITION {
-                    value = s.position + frame.world_origin;
+                } else if pass_.args[0] == POSITION {
+                    value = s.position + frame.geometry.world_origin;
                 } else {
-                    value = vec3<f32>(seen_at(s.position, previous.views[pass_.view]).xy - centre, 0.0);
+                    value = vec3<f32>(pixel_of(s.position, previous.views[pass_.view]).xy - centre, 0.0);
                 }
             } else if hit.x != NO_PRIM {
                 let p = origin + direction * emission_image[at].a;
                 let light = lights[hit.x & ~SPHERE];
-                if pass_.arg0 >= BASE_COLOR {
+                if pass_.args[0] >= BASE_COLOR {
                     value = vec3<f32>(0.0);
-                } else if pass_.arg0 == NORMAL {
+                } else if pass_.args[0] == NORMAL {
                     value = normalize(p - light.position);
-                } else if pass_.arg0 == POSITION {
-                    value = p + frame.world_origin;
+                } else if pass_.args[0] == POSITION {
+                    value = p + frame.geometry.world_origin;
                 } else {
-                    value = vec3<f32>(seen_at(p, previous.views[pass_.view]).xy - centre, 0.0);
+                    value = vec3<f32>(pixel_of(p, previous.views[pass_.view]).xy - centre, 0.0);
                 }
             }
         }

@@ -1,7 +1,7 @@
 // Primary visibility of one view: the surface behind each pixel's centre. Where later stages need the mean over the
 // pixel (several samples, and no path tracing to bring it), it is taken here too.
 
-//!include frame rng scene light_tree environment lights trace surface bsdf split path pack footprint foveation
+//!include frame grid rng scene light_tree environment lights trace surface bsdf split path pack footprint foveation
 
 @group(1) @binding(0) var<storage, read_write> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read_write> albedo_image: array<vec4<u32>>;
@@ -9,27 +9,24 @@
 @group(1) @binding(3) var<storage, read_write> tally_image: array<u32>;
 @group(1) @binding(4) var<storage, read_write> guide_image: array<vec4<u32>>;
 
-// As pass_.arg2: path tracing brings the means of the pixels that it samples.
-const UNSAMPLED_ONLY: u32 = 1u;
-
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
+    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }
     let at = pixel_index(pixel);
     if JITTER {
-        if pass_.arg1 > 0u {
-            if SPARSE && pass_.arg2 == UNSAMPLED_ONLY && is_sampled(pixel, pass_.view) {
+        if pass_.args[1] > 0u {
+            if SPARSE && pass_.args[2] == UNSAMPLED_ONLY && is_sampled(pixel, pass_.view) {
                 return;
             }
-            average_footprint(pixel, at, pass_.arg0, pass_.arg1);
+            average_footprint(pixel, at, pass_.args[0], pass_.args[1]);
             return;
         }
     }
-    let origin = frame.views[pass_.view].origin;
-    let direction = ray_direction(pass_.view, vec2<f32>(pixel) + frame.centre);
+    let origin = frame.camera.views[pass_.view].origin;
+    let direction = ray_of(pass_.view, vec2<f32>(pixel) + frame.camera.centre);
     var rng = rng_for(pixel, pass_.view, 0u);
     let hit = trace_closest(origin, direction, alpha_key(rng));
     var first = first_hit(hit, pass_.view, direction);
@@ -65,8 +62,8 @@ fn average_footprint(pixel: vec2<u32>, at: u32, begin: u32, end: u32) {
     var dropped = 0u;
     for (var i = begin; i < end; i += 1u) {
         var rng = rng_for(pixel, pass_.view, i);
-        let direction = ray_direction(pass_.view, vec2<f32>(pixel) + sample_offset(&rng));
-        let hit = trace_closest(frame.views[pass_.view].origin, direction, alpha_key(rng));
+        let direction = ray_of(pass_.view, vec2<f32>(pixel) + sample_offset(&rng));
+        let hit = trace_closest(frame.camera.views[pass_.view].origin, direction, alpha_key(rng));
         var first = first_hit(hit, pass_.view, direction);
         dropped += select(1u, 0u, is_sound(&first));
         mixed = mixed || is_elsewhere(at, first);

@@ -2,7 +2,7 @@
 // from their compacted list, so that no lane idles: the divergence that Leria et al. name as the limit of their
 // hole-filling. One pipeline for both, since drivers take seconds to compile it.
 
-//!include frame rng scene light_tree environment lights trace surface bsdf split path pack footprint pixel
+//!include frame grid rng scene light_tree environment lights trace surface bsdf split path pack footprint pixel
 
 @group(1) @binding(0) var<storage, read_write> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read_write> albedo_image: array<vec4<u32>>;
@@ -14,8 +14,6 @@
 // Count of holes, then the dispatch's three workgroup counts, then pixel indices.
 @group(1) @binding(6) var<storage, read> holes: array<u32>;
 
-// As pass_.arg2: only the holes.
-const HOLES_ONLY: u32 = 1u;
 const LANES: u32 = 64u;
 
 @compute @workgroup_size(8, 8)
@@ -25,18 +23,18 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) lane: u32,
 ) {
-    let holes_only = pass_.arg2 == HOLES_ONLY;
+    let listed_only = pass_.args[2] == LISTED_ONLY;
     var pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
     var i = 0u;
-    var end = select(0u, 1u, pixel.x < frame.width && pixel.y < pass_.row_end);
-    if holes_only {
+    var end = select(0u, 1u, pixel.x < pass_.width && pixel.y < pass_.row_end);
+    if listed_only {
         i = group.x * LANES + lane;
         end = holes[0];
     }
     for (; i < end; i += groups.x * LANES) {
-        if holes_only {
-            let at = holes[4u + i];
-            pixel = vec2<u32>(at % frame.width, at / frame.width);
+        if listed_only {
+            let at = holes[LIST_HEADER + i];
+            pixel = vec2<u32>(at % pass_.width, at / pass_.width);
         }
         sample_pixel(pixel, pass_.view);
     }

@@ -4,7 +4,7 @@
 // Where pixels are left to the filter, left ones that were not sampled give nothing, and only those that the right eye's
 // own mask asks for become holes. With foveation surfaces may differ more in the outer layers.
 
-//!include frame split rng pack foveation
+//!include frame grid split rng pack foveation
 
 @group(1) @binding(0) var<storage, read> left_hit: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> left_guide: array<vec4<u32>>;
@@ -15,19 +15,12 @@
 @group(1) @binding(6) var<storage, read_write> right_tally: array<u32>;
 @group(1) @binding(7) var<storage, read_write> holes: array<atomic<u32>>;
 
-// Why a pixel is a hole; 0: it is none. Mirrors `stages::tally`.
-const OUTSIDE: u32 = 1u;
-const NORMAL: u32 = 2u;
-const DISTANCE: u32 = 3u;
-const MATERIAL: u32 = 4u;
-const MIXED: u32 = 5u;
-const VIEW: u32 = 6u;
-
+// Why a pixel is a hole; 0: it is none.
 fn why_not(x: i32, row: u32, position: vec3<f32>, normal: vec3<f32>, material: u32, reach: f32, slack: f32) -> u32 {
-    if x < 0 || x >= i32(frame.width) {
+    if x < 0 || x >= i32(pass_.width) {
         return OUTSIDE;
     }
-    let at = row * frame.width + u32(x);
+    let at = row * pass_.width + u32(x);
     let hit = left_hit[at];
     if (hit.w & FLAG_MIXED) != 0u {
         return MIXED;
@@ -59,7 +52,7 @@ fn open_hole(at: u32, why: u32, wanted: bool) {
     }
     right_tally[at] |= why << 28u;
     let slot = atomicAdd(&holes[0], 1u);
-    atomicStore(&holes[4u + slot], at);
+    atomicStore(&holes[LIST_HEADER + slot], at);
     if slot % 64u == 0u && slot / 64u < 65535u {
         atomicAdd(&holes[1], 1u);
     }
@@ -68,7 +61,7 @@ fn open_hole(at: u32, why: u32, wanted: bool) {
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
+    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }
     let at = pixel_index(pixel);
@@ -84,7 +77,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         slack = f32(1u << layer);
     }
     if SPARSE {
-        is_full = is_full && frame.sampled_share >= 1.0;
+        is_full = is_full && frame.sampling.sampled_share >= 1.0;
         // No filter brings light to a pixel without a surface at its centre.
         wanted = guide.w == NO_NORMAL || is_sampled(pixel, 1u);
     }
@@ -101,18 +94,16 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let position = bitcast<vec3<f32>>(guide.xyz);
     let normal = unpack_normal(guide.w);
-    let from_left = position - frame.views[0].origin;
-    let z = dot(from_left, frame.views[0].forward);
-    if z <= 0.0 {
+    let seen = pixel_of(position, frame.camera.views[0]);
+    if seen.z <= 0.0 {
         open_hole(at, OUTSIDE, wanted);
         return;
     }
-    let ndc = dot(from_left, frame.views[0].right) / (z * frame.views[0].tan_half_x);
-    let x = clamp((ndc * 0.5 + 0.5) * f32(frame.width) - frame.centre.x, -2.0, f32(frame.width) + 1.0);
+    let x = clamp(seen.x - frame.camera.centre.x, -2.0, f32(pass_.width) + 1.0);
     let base = floor(x);
     let fraction = x - base;
     let first = i32(base);
-    let reach = length(from_left);
+    let reach = length(position - frame.camera.views[0].origin);
     let material = hit.w & MATERIAL_MASK;
     let why0 = why_not(first, pixel.y, position, normal, material, reach, slack);
     let why1 = why_not(first + 1, pixel.y, position, normal, material, reach, slack);
@@ -129,8 +120,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         open_hole(at, why, wanted);
         return;
     }
-    let row = pixel.y * frame.width;
-    let last = i32(frame.width) - 1;
+    let row = pixel.y * pass_.width;
+    let last = i32(pass_.width) - 1;
     let tap0 = unpack_light(left_radiance[row + u32(clamp(first, 0, last))]);
     let tap1 = unpack_light(left_radiance[row + u32(clamp(first + 1, 0, last))]);
     let matte = (tap0.matte * w0 + tap1.matte * w1) / sum;

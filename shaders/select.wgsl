@@ -3,7 +3,7 @@
 // moves with every frame, so each device lists the pixels of its own rows, and nothing waits for the host. Pixels left out
 // have radiance with alpha 0, the mask that the filter weighs with.
 
-//!include frame rng pack foveation
+//!include frame grid rng pack foveation
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> guide_image: array<vec4<u32>>;
@@ -24,7 +24,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocation_
     let at = pixel_index(pixel);
     var wanted = false;
     var slot = 0u;
-    if pixel.x < frame.width && pixel.y < pass_.row_end {
+    if pixel.x < pass_.width && pixel.y < pass_.row_end {
         // No filter brings light to a pixel without a surface at its centre: one at the rim of a surface is traced.
         let is_rim = guide_image[at].w == NO_NORMAL && (hit_image[at].w & FLAG_MIXED) != 0u;
         wanted = is_rim || is_sampled(pixel, pass_.view);
@@ -43,6 +43,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocation_
     }
     let first = workgroupUniformLoad(&first_slot);
     if wanted {
-        atomicStore(&holes[4u + first + slot], at);
+        atomicStore(&holes[LIST_HEADER + first + slot], at);
     }
 }

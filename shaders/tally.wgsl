@@ -1,23 +1,21 @@
 // Sums what was counted per pixel into rows: the scheduler's work per row, and the run's totals.
 
-//!include frame pack
+//!include frame grid pack
 
 @group(1) @binding(0) var<storage, read> tally: array<u32>;
-// Nine numbers a row: rays, dropped non-finite samples, holes by reason 1 to 6, pixels left to the filter.
+// COUNTS numbers a row: rays, dropped non-finite samples, holes by reason 1 to 6, pixels left to the filter.
 @group(1) @binding(1) var<storage, read_write> rows: array<atomic<u32>>;
-
-const SEGMENT: u32 = 64u;
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let row = pass_.row_begin + id.y;
     let first = id.x * SEGMENT;
-    if first >= frame.width || row >= pass_.row_end {
+    if first >= pass_.width || row >= pass_.row_end {
         return;
     }
-    var counts: array<u32, 9>;
-    for (var x = first; x < min(first + SEGMENT, frame.width); x += 1u) {
-        let t = tally[row * frame.width + x];
+    var counts: array<u32, COUNTS>;
+    for (var x = first; x < min(first + SEGMENT, pass_.width); x += 1u) {
+        let t = tally[row * pass_.width + x];
         counts[0] += t & 0xfffffu;
         counts[1] += (t >> 20u) & 0xffu;
         let why = t >> 28u;
@@ -25,9 +23,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             counts[min(why, SKIPPED) + 1u] += 1u;
         }
     }
-    for (var i = 0u; i < 9u; i += 1u) {
+    for (var i = 0u; i < COUNTS; i += 1u) {
         if counts[i] != 0u {
-            atomicAdd(&rows[row * 9u + i], counts[i]);
+            atomicAdd(&rows[row * COUNTS + i], counts[i]);
         }
     }
 }

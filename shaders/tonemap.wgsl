@@ -1,6 +1,6 @@
 // Puts albedo and emission back (remodulation) and encodes for display: c / (1 + c), then sRGB.
 
-//!include frame pack display
+//!include frame grid pack display
 
 @group(1) @binding(0) var<storage, read> radiance: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read> albedo: array<vec4<f32>>;
@@ -12,7 +12,7 @@
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
+    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }
     let at = pixel_index(pixel);

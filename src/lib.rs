@@ -53,6 +53,7 @@
 pub mod image;
 pub mod scene;
 pub mod quality;
+pub mod wgsl;
 pub mod accel;
 pub mod graph;
 pub mod passes;

@@ -4,8 +4,10 @@ use std::path::Path;
 
 use diptych::accel::Layout;
 use diptych::device::{self, GpuDevice, Selection, ShaderChecks};
-use diptych::stages::layout::Frame;
-use diptych::stages::{SceneBuffers, scene_layout_entries};
+use diptych::graph::Kernel;
+use diptych::image::Extent;
+use diptych::stages::layout::{Camera, Frame};
+use diptych::stages::{SceneBuffers, override_names, scene_layout_entries, shader_text};
 use wgpu::util::DeviceExt;
 
 use super::{BenchRay, Case, Workload};
@@ -20,15 +22,12 @@ pub struct Gpu {
 
 /// What path tracing includes up to the traversal, with `trace` in the place of the present one, and the entry point.
 fn source(trace: &Path) -> String {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let read = |path: &Path| std::fs::read_to_string(path).unwrap_or_else(|e| panic!("{}: {e}", path.display()));
-    let stage = read(&folder.join("shaders/path_trace.wgsl"));
-    let includes = stage.lines().find_map(|l| l.strip_prefix("//!include ")).expect("path_trace includes its parts");
-    let mut text = String::new();
-    for name in includes.split(' ').take_while(|name| *name != "trace") {
-        text += &read(&folder.join(format!("shaders/shared/{name}.inc.wgsl")));
-    }
-    text + &read(trace) + include_str!("../rays.wgsl")
+    let stage = include_str!("../../shaders/path_trace.wgsl");
+    let includes = stage.lines().find(|l| l.starts_with("//!include ")).expect("path_trace includes its parts");
+    let before = includes.split_once(" trace").expect("path_trace includes the traversal").0;
+    let trace = std::fs::read_to_string(trace).unwrap_or_else(|e| panic!("{}: {e}", trace.display()));
+    let text = [before, &trace, include_str!("../rays.wgsl")].join("\n");
+    shader_text(&Kernel { text: Some(text.leak()), ..Kernel::with_scene("rays") })
 }
 
 fn entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLayoutEntry {
@@ -64,7 +63,7 @@ fn pipeline(
         bind_group_layouts: &layouts.map(Some),
         immediate_size: 32,
     });
-    let declared = device::override_names(text);
+    let declared = override_names(text);
     // Opaque triangles only, as obvhs sees them.
     let value = |name: &str| f64::from(u8::from(name == "HAS_INSTANCES" && has_instances));
     let mut constants: Vec<_> = declared.iter().filter(|n| n.starts_with("HAS_")).map(|n| (*n, value(n))).collect();
@@ -90,7 +89,8 @@ impl Gpu {
         let gpu = device::open(&Selection::default()).expect("a device").swap_remove(0);
         let tables = workload.tables(layout);
         let scene = SceneBuffers::new(&gpu, &tables).expect("the scene fits");
-        let mut frame = Frame { width: workload.extent.width, height: workload.extent.height, ..Default::default() };
+        let Extent { width, height } = workload.extent;
+        let mut frame = Frame { camera: Camera { width, height, ..Default::default() }, ..Default::default() };
         tables.describe(&mut frame);
         let init = |contents: &[u8], usage| {
             gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor { label: None, contents, usage })

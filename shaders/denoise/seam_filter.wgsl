@@ -1,22 +1,22 @@
 // Bilateral filter across the seams between stripes that were filtered apart (Leria et al.). Rows near a seam are
 // smoothed, all others copied.
 
-//!include frame split pack edges
+//!include frame grid split pack edges
 
 @group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> source: array<vec4<u32>>;
 @group(1) @binding(2) var<storage, read_write> filtered: array<vec4<u32>>;
 
-const REACH: i32 = 4;
+const REACH: i32 = i32(SEAM_REACH);
 
 fn is_near(row: u32, seam: u32) -> bool {
-    return seam > 0u && seam < frame.height && abs(i32(row) * 2 + 1 - i32(seam) * 2) < 2 * REACH;
+    return seam > 0u && seam < pass_.height && abs(i32(row) * 2 + 1 - i32(seam) * 2) < 2 * REACH;
 }
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
+    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }
     let at = pixel_index(pixel);
@@ -26,10 +26,11 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         filtered[at] = source[at];
         return;
     }
-    let guide = guide_for(bits, frame.views[pass_.view].origin, 0.01);
+    let guide = guide_for(bits, frame.camera.views[pass_.view].origin, 0.01);
     let colour = comparable(centre.matte + centre.gloss);
+    let inverse_sigma2 = bitcast<f32>(pass_.args[1]);
     let low = vec2<i32>(0, i32(pass_.valid_begin));
-    let high = vec2<i32>(i32(frame.width) - 1, i32(pass_.valid_end) - 1);
+    let high = vec2<i32>(i32(pass_.width) - 1, i32(pass_.valid_end) - 1);
     var sum = vec3<f32>(0.0);
     var gloss_sum = vec3<f32>(0.0);
     var weight = 0.0;
@@ -37,10 +38,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         for (var dx = -REACH; dx <= REACH; dx += 1) {
             let there = vec2<i32>(pixel) + vec2<i32>(dx, dy);
             let inside = clamp(there, low, high);
-            let tap = u32(inside.y) * frame.width + u32(inside.x);
+            let tap = u32(inside.y) * pass_.width + u32(inside.x);
             let value = unpack_light(source[tap]);
             let near = exp(-f32(dx * dx + dy * dy) / 8.0);
-            let w = near * edge_weight(guide, colour, guide_image[tap], value.matte + value.gloss, bitcast<f32>(pass_.arg1));
+            let w = near * edge_weight(guide, colour, guide_image[tap], value.matte + value.gloss, inverse_sigma2);
             let k = select(0.0, w, all(inside == there));
             sum += value.matte * k;
             gloss_sum += value.gloss * k;

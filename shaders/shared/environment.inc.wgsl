@@ -2,20 +2,13 @@
 
 override HAS_ENV_MAP: bool = true;
 
-// Alias table and density of the grid. Densities are over the map's (u, v) square.
-struct EnvCell {
-    keep: f32,
-    alias_: u32,
-    density: f32,
-}
-
 @group(0) @binding(10) var env_map: texture_2d<f32>;
 @group(0) @binding(11) var<storage, read> env_cells: array<EnvCell>;
 
 fn env_texel(x: i32, y: i32) -> vec3<f32> {
-    let w = i32(frame.env_width);
+    let w = i32(frame.environment.width);
     let column = select(x % w, x % w + w, x % w < 0);
-    return textureLoad(env_map, vec2<i32>(column, clamp(y, 0, i32(frame.env_height) - 1)), 0).rgb;
+    return textureLoad(env_map, vec2<i32>(column, clamp(y, 0, i32(frame.environment.height) - 1)), 0).rgb;
 }
 
 // Angle of (x, y), -pi to pi, to f32 rounding. The built-in atan2 and acos may be off by 4096 ulp, and on software
@@ -42,15 +35,15 @@ fn angle_of(y: f32, x: f32) -> f32 {
 }
 
 fn env_uv(direction: vec3<f32>) -> vec2<f32> {
-    let u = 0.5 + angle_of(direction.x, -direction.z) / (2.0 * PI) + frame.env_rotation;
+    let u = 0.5 + angle_of(direction.x, -direction.z) / (2.0 * PI) + frame.environment.rotation;
     return vec2<f32>(u - floor(u), angle_of(length(direction.xz), direction.y) / PI);
 }
 
 fn environment(direction: vec3<f32>) -> vec3<f32> {
-    if !HAS_ENV_MAP || frame.env_width == 0u {
-        return frame.env_radiance;
+    if !HAS_ENV_MAP || frame.environment.width == 0u {
+        return frame.environment.radiance;
     }
-    let at = env_uv(direction) * vec2<f32>(f32(frame.env_width), f32(frame.env_height)) - 0.5;
+    let at = env_uv(direction) * vec2<f32>(f32(frame.environment.width), f32(frame.environment.height)) - 0.5;
     let base = floor(at);
     let f = at - base;
     let b = vec2<i32>(base);
@@ -61,8 +54,8 @@ fn environment(direction: vec3<f32>) -> vec3<f32> {
 
 // Density of the environment's grid at column `x`, which wraps, and row `y`, which is clamped.
 fn env_density(x: u32, y: u32) -> f32 {
-    let column = select(x, 0u, x >= frame.env_grid_width);
-    return env_cells[min(y, frame.env_grid_height - 1u) * frame.env_grid_width + column].density;
+    let column = select(x, 0u, x >= frame.environment.grid_width);
+    return env_cells[min(y, frame.environment.grid_height - 1u) * frame.environment.grid_width + column].density;
 }
 
 // Densities at the corners of patch (x, y): above left, above right, below left, below right.
@@ -73,14 +66,15 @@ fn env_patch(x: u32, y: u32) -> vec4<f32> {
 
 // Density with which `sample_light` takes the direction to the environment.
 fn env_light_pdf(direction: vec3<f32>) -> f32 {
-    if frame.env_grid_width == 0u {
+    if frame.environment.grid_width == 0u {
         return 0.0;
     }
-    let size = vec2<f32>(f32(frame.env_grid_width), f32(frame.env_grid_height));
+    let size = vec2<f32>(f32(frame.environment.grid_width), f32(frame.environment.grid_height));
     let at = env_uv(direction) * size + vec2<f32>(size.x - 0.5, 0.5);
     let base = floor(at);
     let f = at - base;
-    let corners = env_patch(u32(base.x) % max(frame.env_grid_width, 1u), min(u32(base.y), frame.env_grid_height));
+    let column = u32(base.x) % max(frame.environment.grid_width, 1u);
+    let corners = env_patch(column, min(u32(base.y), frame.environment.grid_height));
     let density = mix(mix(corners.x, corners.y, f.x), mix(corners.z, corners.w, f.x), f.y);
     let sin_theta = length(direction.xz);
     return group_probability() * density / max(2.0 * PI * PI * sin_theta, 1e-12);
@@ -94,8 +88,8 @@ fn sample_linear(u: f32, a: f32, b: f32) -> f32 {
 fn sample_env_map(choice: vec2<f32>, u: vec2<f32>) -> LightSample {
     // A number for rows and one for columns: one alone has too few digits for all patches. What remains of both
     // decides on the alias.
-    let width = max(frame.env_grid_width, 1u);
-    let height = frame.env_grid_height;
+    let width = max(frame.environment.grid_width, 1u);
+    let height = frame.environment.grid_height;
     let scaled = choice * vec2<f32>(f32(width), f32(height + 1u));
     let column = min(u32(scaled.x), width - 1u);
     let row = min(u32(scaled.y), height);
@@ -103,7 +97,7 @@ fn sample_env_map(choice: vec2<f32>, u: vec2<f32>) -> LightSample {
     var patch_ = row * width + column;
     let entry = env_cells[patch_];
     let keep = fract(rest.x + rest.y * 0x1p-11);
-    patch_ = select(entry.alias_, patch_, keep < entry.keep);
+    patch_ = select(entry.alias_index, patch_, keep < entry.keep);
     let x = patch_ % width;
     let y = patch_ / width;
     let corners = env_patch(x, y);
@@ -113,7 +107,7 @@ fn sample_env_map(choice: vec2<f32>, u: vec2<f32>) -> LightSample {
     down = select(down, 0.5 * u.y, y == height);
     let across = sample_linear(u.x, mix(corners.x, corners.z, down), mix(corners.y, corners.w, down));
     let uv = vec2<f32>((f32(x) + across + 0.5) / f32(width), (f32(y) + down - 0.5) / f32(height));
-    let phi = 2.0 * PI * (uv.x - frame.env_rotation - 0.5);
+    let phi = 2.0 * PI * (uv.x - frame.environment.rotation - 0.5);
     let theta = PI * uv.y;
     var s = no_light();
     s.direction = vec3<f32>(sin(theta) * sin(phi), cos(theta), -sin(theta) * cos(phi));

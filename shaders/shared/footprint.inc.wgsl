@@ -7,7 +7,7 @@ fn sample_offset(rng: ptr<function, Rng>) -> vec2<f32> {
     if JITTER {
         return random2(rng);
     }
-    return frame.centre;
+    return frame.camera.centre;
 }
 
 // The first hit through the pixel's centre, as the G-buffer has it.

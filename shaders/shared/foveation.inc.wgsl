@@ -16,28 +16,28 @@ const OUTER: u32 = 2u;
 
 // From the eye's gaze to the pixel's centre, pixels.
 fn gaze_distance(pixel: vec2<u32>, view: u32) -> f32 {
-    let gaze = select(frame.gaze.xy, frame.gaze.zw, view == 1u);
+    let gaze = select(frame.foveation.gaze.xy, frame.foveation.gaze.zw, view == 1u);
     return length(vec2<f32>(pixel) + 0.5 - gaze);
 }
 
 fn layer_of(pixel: vec2<u32>, view: u32) -> u32 {
     let distance = gaze_distance(pixel, view);
-    return select(select(OUTER, MIDDLE, distance < frame.fovea_radii.y), INNER, distance < frame.fovea_radii.x);
+    return select(select(OUTER, MIDDLE, distance < frame.foveation.radii.y), INNER, distance < frame.foveation.radii.x);
 }
 
 fn sampling_probability(pixel: vec2<u32>, view: u32) -> f32 {
     if !FOVEATED {
-        return frame.sampled_share;
+        return frame.sampling.sampled_share;
     }
-    let radii = frame.fovea_radii;
+    let radii = frame.foveation.radii;
     let outward = clamp((gaze_distance(pixel, view) - radii.x) / (radii.y - radii.x), 0.0, 1.0);
-    return frame.sampled_share * (1.0 - frame.unsampled_share * outward);
+    return frame.sampling.sampled_share * (1.0 - frame.foveation.unsampled_share * outward);
 }
 
 // Whether the mask asks for this pixel. `mask_turn` is 0 for spatial filters; one that adds the golden ratio to it every
 // frame gives all pixels their turns.
 fn is_sampled(pixel: vec2<u32>, view: u32) -> bool {
     let place = spread_bits(pixel.x) | (spread_bits(pixel.y) << 1u);
-    let threshold = reverseBits(laine_karras(place, 0x5f3759dfu)) + frame.mask_turn;
+    let threshold = reverseBits(laine_karras(place, 0x5f3759dfu)) + frame.sampling.mask_turn;
     return unit_float(threshold) < sampling_probability(pixel, view);
 }

@@ -2,10 +2,7 @@
 // with Adaptive Tree Splitting", HPG 2018). See `emitters/light_tree.rs`.
 
 // Nodes of the light tree: (centre, radius), (power, axis, cosines, next).
-const LIGHT_LEAF: u32 = 0x80000000u;
-const LIGHT_TWO_SIDED: u32 = 0x40000000u;
-const LIGHT_INDEX: u32 = 0x3fffffffu;
-const LIGHT_LEVELS: u32 = 32u;
+const LIGHT_INDEX: u32 = ~(LIGHT_LEAF | LIGHT_TWO_SIDED);
 // Least probability of a child that may bring light: no less than random numbers resolve.
 const LEAST_SHARE: f32 = 0x1p-12;
 // What rounding may take from a cosine.
@@ -30,8 +27,8 @@ fn sine(cosine: f32) -> f32 {
 
 // PBRT 4e, 12.6.3, for bounds that are spheres. 0 only where no light of the node reaches the side of `n`.
 fn prospect(p: vec3<f32>, n: vec3<f32>, node: u32) -> Prospect {
-    let place = bitcast<vec4<f32>>(tree_row(frame.light_tree + 2u * node));
-    let kind = tree_row(frame.light_tree + 2u * node + 1u);
+    let place = bitcast<vec4<f32>>(tree_row(frame.lights.tree + 2u * node));
+    let kind = tree_row(frame.lights.tree + 2u * node + 1u);
     let power = bitcast<f32>(kind.x);
     let cosines = unpack2x16snorm(kind.z);
     let away = p - place.xyz;
@@ -85,7 +82,7 @@ struct Pick {
 }
 
 fn light_root() -> u32 {
-    return tree_row(frame.light_tree + 1u).w;
+    return tree_row(frame.lights.tree + 1u).w;
 }
 
 // Goes down the light tree. Levels take turns in using up the two numbers, so that neither runs out of digits.

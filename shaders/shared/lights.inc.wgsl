@@ -11,36 +11,9 @@ override HAS_DIRECTIONAL: bool = true;
 override HAS_ALPHA_EMITTERS: bool = true;
 override HAS_COATED_EMITTERS: bool = true;
 
-struct Light {
-    // Triangle: unused. Local: position. Directional: the way to the light.
-    position: vec3<f32>,
-    kind: u32,
-    // Triangle: unused (materials hold it). Local: W/sr, or radiance of a sphere. Directional: W/m2.
-    strength: vec3<f32>,
-    // Triangle: area. Local: of the sphere. Directional: 1 - cos of the disc's half-angle.
-    radius: f32,
-    // Triangle: normal. Spot: axis.
-    axis: vec3<f32>,
-    cos_outer: f32,
-    // Spot: 1 / (cos_inner - cos_outer).
-    cone_scale: f32,
-    // Directional: probability in its group; alias table: keep this entry with probability `keep`, else take `alias_`.
-    pick: f32,
-    keep: f32,
-    alias_: u32,
-    prim: u32,
-    // The way through the light tree: bit k is set where it takes the second child at level k.
-    trail: u32,
-    pad0: u32,
-    pad1: u32,
-}
-const LIGHT_SPOT: u32 = 1u;
-const LIGHT_TRIANGLE: u32 = 2u;
-
 // Spheres first, then other local lights, then directional ones.
 @group(0) @binding(9) var<storage, read> lights: array<Light>;
 
-const NO_LIGHT: u32 = 0xffffffffu;
 const PI: f32 = 3.14159265358979;
 
 struct LightSample {
@@ -63,7 +36,7 @@ fn no_light() -> LightSample {
 
 // The group's share of the choice.
 fn group_probability() -> f32 {
-    return 1.0 / f32(frame.light_groups);
+    return 1.0 / f32(frame.lights.group_count);
 }
 
 fn spot_factor(light: Light, away: vec3<f32>) -> f32 {
@@ -192,9 +165,9 @@ fn sample_local_light(p: vec3<f32>, index: u32, probability: f32, u: vec2<f32>) 
 }
 
 fn sample_directional_light(choice: vec2<f32>, u: vec2<f32>) -> LightSample {
-    let count = frame.directional_lights;
-    var index = frame.local_lights + min(u32(choice.y * f32(count)), count - 1u);
-    index = select(lights[index].alias_, index, choice.x < lights[index].keep);
+    let count = frame.lights.directional_count;
+    var index = frame.lights.local_count + min(u32(choice.y * f32(count)), count - 1u);
+    index = select(lights[index].alias_index, index, choice.x < lights[index].keep);
     let light = lights[index];
     var s = no_light();
     // A disc has the given irradiance, whatever its size. It is no part of the sky: neither camera nor bounces see it.
@@ -211,16 +184,16 @@ fn sample_directional_light(choice: vec2<f32>, u: vec2<f32>) -> LightSample {
 
 // Whether there is any light to pick.
 fn has_lights() -> bool {
-    return (HAS_EMISSIVE || HAS_LOCAL_LIGHTS || HAS_DIRECTIONAL || HAS_ENV_MAP) && frame.light_groups > 0u;
+    return (HAS_EMISSIVE || HAS_LOCAL_LIGHTS || HAS_DIRECTIONAL || HAS_ENV_MAP) && frame.lights.group_count > 0u;
 }
 
 // Light that may reach point `p` on the side of the unit vector `n`; on either side if that is zero.
 fn sample_light(p: vec3<f32>, n: vec3<f32>, choice: vec2<f32>, u: vec2<f32>) -> LightSample {
     // The k-th group that is not empty.
-    let scaled = choice.x * f32(frame.light_groups);
-    var k = min(u32(scaled), frame.light_groups - 1u);
+    let scaled = choice.x * f32(frame.lights.group_count);
+    var k = min(u32(scaled), frame.lights.group_count - 1u);
     let rest = vec2<f32>(scaled - f32(k), choice.y);
-    if (HAS_EMISSIVE || HAS_LOCAL_LIGHTS) && frame.local_lights > 0u {
+    if (HAS_EMISSIVE || HAS_LOCAL_LIGHTS) && frame.lights.local_count > 0u {
         if k == 0u {
             let pick = pick_from_tree(p, n, rest);
             if pick.probability <= 0.0 {
@@ -236,7 +209,7 @@ fn sample_light(p: vec3<f32>, n: vec3<f32>, choice: vec2<f32>, u: vec2<f32>) -> 
         }
         k -= 1u;
     }
-    if HAS_DIRECTIONAL && frame.directional_lights > 0u {
+    if HAS_DIRECTIONAL && frame.lights.directional_count > 0u {
         if k == 0u {
             return sample_directional_light(rest, u);
         }

@@ -1,4 +1,4 @@
-// How stages pass a pixel on. Mirrors `graph::resource`.
+// How stages pass a pixel on.
 
 // `hit` image: triangle or NO_PRIM or SPHERE | light, barycentrics as bits, material and flags.
 const FLAG_MIXED: u32 = 0x80000000u;
@@ -29,9 +29,8 @@ fn unpack_normal(bits: u32) -> vec3<f32> {
     return normalize(vec3<f32>(p + select(vec2<f32>(t), vec2<f32>(-t), p >= vec2<f32>(0.0)), z));
 }
 
-// `tally` image: rays traced (20 bits), samples and later values dropped (8 bits), why a pixel is a hole (4 bits).
-// One that is left to the filter is none.
-const SKIPPED: u32 = 7u;
+// `tally` image: rays traced (20 bits), samples and later values dropped (8 bits), why a pixel is a hole (4 bits):
+// one that is left to the filter, SKIPPED, is none.
 
 fn add_tally(tally: u32, rays: u32, nonfinite: u32) -> u32 {
     let r = min((tally & 0xfffffu) + rays, 0xfffffu);

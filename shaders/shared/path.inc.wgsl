@@ -1,5 +1,5 @@
 // Paths: next-event estimation and bounces, joined by multiple importance sampling with the balance heuristic
-// (Veach 1997), on surfaces that light reaches the eye from through at most `frame.reflections` reflections.
+// (Veach 1997), on surfaces that light reaches the eye from through at most `frame.sampling.reflections` reflections.
 
 override HAS_CONSTANT_ENV: bool = true;
 
@@ -56,12 +56,12 @@ fn first_hit(hit: Hit, view: u32, direction: vec3<f32>) -> FirstHit {
     } else if (hit.prim & SPHERE) != 0u {
         f.emission = vec3<f32>(0.0);
         if HAS_SPHERES {
-            f.emission = sphere_radiance(hit.prim & ~SPHERE, frame.views[view].origin);
+            f.emission = sphere_radiance(hit.prim & ~SPHERE, frame.camera.views[view].origin);
         }
     } else {
-        f.surface = surface_at(hit.prim, hit.bary, frame.views[view].origin, direction);
+        f.surface = surface_at(hit.prim, hit.bary, frame.camera.views[view].origin, direction);
         if HAS_TRANSMISSION {
-            let distance = dot(f.surface.position - frame.views[view].origin, direction);
+            let distance = dot(f.surface.position - frame.camera.views[view].origin, direction);
             f.transmittance = transmittance(Medium(vec3<f32>(0.0), false), distance, f.surface);
         }
         f.emission = f.surface.emission * f.transmittance;
@@ -120,7 +120,8 @@ fn direct_light(s: Surface, v: vec3<f32>, medium: Medium, depth: u32, rng: ptr<f
 
 fn clamp_indirect(c: vec3<f32>) -> vec3<f32> {
     let peak = max3(c);
-    return select(c, c * (frame.indirect_clamp / peak), frame.indirect_clamp > 0.0 && peak > frame.indirect_clamp);
+    let most = frame.sampling.indirect_clamp;
+    return select(c, c * (most / peak), most > 0.0 && peak > most);
 }
 
 // Density with which light sampling at `p` takes the direction to what a scattered ray has hit.
@@ -135,10 +136,10 @@ fn found_light_pdf(p: vec3<f32>, n: vec3<f32>, direction: vec3<f32>, hit: Hit) -
 }
 
 fn escaped_light(direction: vec3<f32>, b: BsdfSample) -> vec3<f32> {
-    if HAS_ENV_MAP && frame.env_width > 0u {
+    if HAS_ENV_MAP && frame.environment.width > 0u {
         return environment(direction) * select(b.pdf / (b.pdf + env_light_pdf(direction)), 1.0, b.is_delta);
     }
-    return frame.env_radiance;
+    return frame.environment.radiance;
 }
 
 fn gather(into: ptr<function, PathSample>, light: vec3<f32>, share: vec3<f32>) {
@@ -161,8 +162,8 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, rng: ptr<function, Rng>) 
     var throughput = vec3<f32>(1.0);
     var rays = 0u;
     var share = vec3<f32>(1.0);
-    for (var depth = 1u; depth <= frame.reflections; depth += 1u) {
-        let is_last = depth == frame.reflections;
+    for (var depth = 1u; depth <= frame.sampling.reflections; depth += 1u) {
+        let is_last = depth == frame.sampling.reflections;
         if has_lights() {
             let direct = throughput * direct_light(s, v, medium, depth, rng, &rays, &share);
             gather(&result, select(clamp_indirect(direct), direct, depth == 1u), share);

@@ -13,12 +13,12 @@ fn leave_radiance(at: u32, reflected: vec3<f32>, gloss: vec3<f32>, albedo: Albed
     tally_image[at] = add_tally(counts, 0u, select(1u, 0u, ok));
 }
 
-// Samples [pass_.arg0, pass_.arg1) of `pixel` of view `view`. Albedo, emission and radiance hold running means until
-// the pass that ends at the last sample, which leaves radiance divided by albedo.
+// Samples from pass_.args[0] to before pass_.args[1] of `pixel` of view `view`. Albedo, emission and radiance hold running
+// means until the pass that ends at the last sample, which leaves radiance divided by albedo.
 fn sample_pixel(pixel: vec2<u32>, view: u32) {
     let at = pixel_index(pixel);
-    let begin = pass_.arg0;
-    let end = pass_.arg1;
+    let begin = pass_.args[0];
+    let end = pass_.args[1];
     let scale = 1.0 / f32(end);
     var tally = tally_image[at];
     var mixed = false;
@@ -31,11 +31,11 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
     for (; i < end; i += 1u) {
         was_cut_short = false;
         var rng = rng_for(pixel, view, i);
-        let direction = ray_direction(view, vec2<f32>(pixel) + sample_offset(&rng));
+        let direction = ray_of(view, vec2<f32>(pixel) + sample_offset(&rng));
         var rays = 0u;
         var hit: Hit;
         if JITTER {
-            hit = trace_closest(frame.views[view].origin, direction, alpha_key(rng));
+            hit = trace_closest(frame.camera.views[view].origin, direction, alpha_key(rng));
             rays = 1u;
         } else {
             hit = stored_hit(at);
@@ -84,7 +84,7 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
     let mean_gloss = old_radiance.gloss * keep + gloss * scale;
     albedo_image[at] = pack_albedo(mean_albedo);
     emission_image[at] = vec4<f32>(old_emission.rgb * keep + emission * scale, emission_image[at].a);
-    if end < frame.spp {
+    if end < frame.sampling.spp {
         radiance_image[at] = pack_sampled(mean_reflected, mean_gloss);
         tally_image[at] = tally;
         return;

@@ -13,8 +13,6 @@
 
 override SOBOL: bool = true;
 
-const NO_CURVE: u32 = 32u;
-
 struct Rng {
     key: u32,
     sample: u32,
@@ -33,11 +31,11 @@ fn hash_combine(a: u32, b: u32) -> u32 {
 
 // `sample` counts from the frame's first.
 fn rng_for(pixel: vec2<u32>, view: u32, sample: u32) -> Rng {
-    let key = hash_combine(hash_combine(frame.seed, frame.index), view);
-    let number = frame.sample_base + sample;
-    if SOBOL && frame.curve_shift < NO_CURVE {
+    let key = hash_combine(hash_combine(frame.sampling.seed, frame.sampling.index), view);
+    let number = frame.sampling.sample_base + sample;
+    if SOBOL && frame.sampling.curve_shift < NO_CURVE {
         let place = spread_bits(pixel.x) | (spread_bits(pixel.y) << 1u);
-        return Rng(key, (place << frame.curve_shift) | number, 0u);
+        return Rng(key, (place << frame.sampling.curve_shift) | number, 0u);
     }
     return Rng(hash_combine(hash_combine(key, pixel.x), pixel.y), number, 0u);
 }

@@ -1,4 +1,4 @@
-// The scene's tables and what a hit finds there. Mirrors `accel` (triangles) and `stages::layout` (the rest).
+// The scene's tables and what a hit finds there.
 
 override HAS_TEXTURES: bool = true;
 override HAS_SECOND_UVS: bool = true;
@@ -7,88 +7,8 @@ override HAS_ALPHA: bool = true;
 // Whether triangles stand anywhere else than where the tables have them.
 override HAS_INSTANCES: bool = true;
 
-// Factors of glTF's metallic-roughness material and its extensions, and the textures that multiply them.
-struct Material {
-    base_color: vec4<f32>,
-    emissive: vec3<f32>,
-    pad0: u32,
-    roughness: f32,
-    metallic: f32,
-    alpha_cutoff: f32,
-    flags: u32,
-    ior: f32,
-    specular: f32,
-    transmission: f32,
-    clearcoat: f32,
-    specular_color: vec3<f32>,
-    clearcoat_roughness: f32,
-    // Inside a volume, per scene unit.
-    absorption: vec3<f32>,
-    normal_scale: f32,
-    clearcoat_normal_scale: f32,
-    // Its entries of `textures`; those of base colour and emission come first, in this order.
-    first_texture: u32,
-    texture_count: u32,
-    pad: u32,
-}
-const DOUBLE_SIDED: u32 = 1u;
-const ALPHA_MASK: u32 = 2u;
-const ALPHA_BLEND: u32 = 4u;
-// Encloses a volume; transmission is through a thin sheet otherwise.
-const THICK: u32 = 8u;
-const UNLIT: u32 = 16u;
-const BASE_COLOR_TEXTURE: u32 = 32u;
-const EMISSIVE_TEXTURE: u32 = 64u;
-const NORMAL_MAP: u32 = 128u;
-const CLEARCOAT_NORMAL_MAP: u32 = 256u;
-
-// Vertices are exact: an edge shared by two triangles has the same bits in both.
-struct Triangle {
-    v0: vec3<f32>,
-    material: u32,
-    v1: vec3<f32>,
-    flags: u32,
-    v2: vec3<f32>,
-    // Which of `lights` it is, if any.
-    light: u32,
-}
-const TRIANGLE_ALPHA: u32 = 1u;
-
-struct Shading {
-    n0: vec3<f32>, u0: f32,
-    n1: vec3<f32>, v0: f32,
-    n2: vec3<f32>, u1: f32,
-    v1: f32, u2: f32, v2: f32, pad: f32,
-}
-
-// Texels lie one after another in pages of 2048 x 2048; `first` is the index of the top left one.
-struct TextureInfo {
-    first: u32,
-    width: u32,
-    height: u32,
-    flags: u32,
-    // uv' = (m00 u + m01 v + tx, m10 u + m11 v + ty) as KHR_texture_transform.
-    uv_matrix: vec4<f32>,
-    uv_offset: vec2<f32>,
-    pad: vec2<u32>,
-}
-const TEXTURE_LINEAR: u32 = 1u;
-const TEXTURE_SECOND_UVS: u32 = 2u;
-const TEXTURE_SRGB: u32 = 64u;
-// What a material's texture is for, in bits 8 to 11 of the flags. Mirrors `layout::TextureRole`.
-const ROLE_BASE_COLOR: u32 = 0u;
-const ROLE_EMISSIVE: u32 = 1u;
-const ROLE_METALLIC_ROUGHNESS: u32 = 2u;
-const ROLE_NORMAL: u32 = 3u;
-const ROLE_SPECULAR: u32 = 4u;
-const ROLE_SPECULAR_COLOR: u32 = 5u;
-const ROLE_TRANSMISSION: u32 = 6u;
-const ROLE_CLEARCOAT: u32 = 7u;
-const ROLE_CLEARCOAT_ROUGHNESS: u32 = 8u;
-const ROLE_CLEARCOAT_NORMAL: u32 = 9u;
-
-// Five texels per node, 1024 nodes a row. In a texture, since software drivers read texels without a loop over lanes,
-// which they make for each read of a storage buffer.
+// TEXELS_PER_NODE texels per node, NODES_PER_ROW nodes a row. In a texture, since software drivers read texels without a
+// loop over lanes, which they make for each read of a storage buffer.
 @group(0) @binding(1) var nodes: texture_2d<u32>;
 @group(0) @binding(2) var<storage, read> triangles: array<Triangle>;
 @group(0) @binding(3) var<storage, read> shadings: array<Shading>;
@@ -102,12 +22,13 @@ const ROLE_CLEARCOAT_NORMAL: u32 = 9u;
 @group(0) @binding(8) var<storage, read> srgb_to_linear: array<f32, 256>;
 
 fn node_part(node: u32, part: u32) -> vec4<u32> {
-    return textureLoad(nodes, vec2<u32>((node & 1023u) * 5u + part, node >> 10u), 0);
+    return textureLoad(nodes, vec2<u32>((node % NODES_PER_ROW) * TEXELS_PER_NODE + part, node / NODES_PER_ROW), 0);
 }
 
 // The same table by texels, for the trees behind that of the triangles.
 fn tree_row(row: u32) -> vec4<u32> {
-    return textureLoad(nodes, vec2<u32>(row % 5120u, row / 5120u), 0);
+    const WIDTH: u32 = NODES_PER_ROW * TEXELS_PER_NODE;
+    return textureLoad(nodes, vec2<u32>(row % WIDTH, row / WIDTH), 0);
 }
 
 // A triangle where one instance of it stands. Its number in a hit is its own, several may share a row of the tables.
@@ -120,14 +41,12 @@ struct Placed {
     is_moved: bool,
 }
 
-// Three rows of a matrix; of instances `accel::Instance` has the order.
+// Three rows of a matrix.
 struct Affine {
     x: vec4<f32>,
     y: vec4<f32>,
     z: vec4<f32>,
 }
-const ROWS_PER_INSTANCE: u32 = 7u;
-const LOCAL_FROM_WORLD: u32 = 3u;
 
 fn affine_at(row: u32) -> Affine {
     return Affine(bitcast<vec4<f32>>(tree_row(row)), bitcast<vec4<f32>>(tree_row(row + 1u)), bitcast<vec4<f32>>(tree_row(row + 2u)));
@@ -143,7 +62,7 @@ fn transform_point(m: Affine, p: vec3<f32>) -> vec3<f32> {
 
 // First triangle's number, what leads from a number to its row, root of its tree, whether it is moved.
 fn instance_header(instance: u32) -> vec4<u32> {
-    return tree_row(instance + 6u);
+    return tree_row(instance + INSTANCE_HEADER);
 }
 
 fn placed(prim: u32) -> Placed {
@@ -152,14 +71,14 @@ fn placed(prim: u32) -> Placed {
     }
     // The last instance whose numbers begin there or before.
     var low = 0u;
-    var high = frame.instance_count;
+    var high = frame.geometry.instance_count;
     while high - low > 1u {
         let middle = (low + high) >> 1u;
-        let is_before = instance_header(frame.instances + ROWS_PER_INSTANCE * middle).x <= prim;
+        let is_before = instance_header(frame.geometry.instances + ROWS_PER_INSTANCE * middle).x <= prim;
         low = select(low, middle, is_before);
         high = select(middle, high, is_before);
     }
-    let instance = frame.instances + ROWS_PER_INSTANCE * low;
+    let instance = frame.geometry.instances + ROWS_PER_INSTANCE * low;
     let header = instance_header(instance);
     return Placed(prim + header.y, instance, header.w != 0u);
 }
@@ -223,20 +142,20 @@ fn magnitudes(m: Affine) -> Affine {
 }
 
 fn wrap(coordinate: i32, size: i32, mode: u32) -> i32 {
-    if mode == 2u {
+    if mode == WRAP_CLAMP {
         return clamp(coordinate, 0, size - 1);
     }
-    let period = select(size, 2 * size, mode == 1u);
+    let period = select(size, 2 * size, mode == WRAP_MIRROR);
     var c = coordinate % period;
     c = select(c, c + period, c < 0);
     return select(c, 2 * size - 1 - c, c >= size);
 }
 
 fn texel(info: TextureInfo, x: i32, y: i32, srgb: bool) -> vec4<f32> {
-    let column = wrap(x, i32(info.width), (info.flags >> 2u) & 3u);
-    let row = wrap(y, i32(info.height), (info.flags >> 4u) & 3u);
+    let column = wrap(x, i32(info.width), (info.flags >> WRAP_U_SHIFT) & 3u);
+    let row = wrap(y, i32(info.height), (info.flags >> WRAP_V_SHIFT) & 3u);
     let at = info.first + u32(row) * info.width + u32(column);
-    let stored = textureLoad(texels, vec2<u32>(at & 2047u, (at >> 11u) & 2047u), at >> 22u, 0);
+    let stored = textureLoad(texels, vec2<u32>(at % PAGE, (at / PAGE) % PAGE), at / (PAGE * PAGE), 0);
     if !srgb {
         return stored;
     }

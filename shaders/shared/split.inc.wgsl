@@ -25,7 +25,7 @@ fn unpack_light(bits: vec4<u32>) -> SplitLight {
         let all = bitcast<vec4<f32>>(bits);
         return SplitLight(all.rgb, vec3<f32>(0.0), vec2<f32>(all.a));
     }
-    let scale = 1.0 / frame.exposure;
+    let scale = 1.0 / frame.display.exposure;
     let y = unpack2x16float(bits.y);
     let matte = vec3<f32>(unpack2x16float(bits.x), y.x);
     let gloss = vec3<f32>(y.y, unpack2x16float(bits.z));
@@ -36,8 +36,8 @@ fn pack_light(light: SplitLight) -> vec4<u32> {
     if !HAS_GLOSS {
         return bitcast<vec4<u32>>(vec4<f32>(light.matte, light.a.x));
     }
-    let matte = light.matte * frame.exposure;
-    let gloss = light.gloss * frame.exposure;
+    let matte = light.matte * frame.display.exposure;
+    let gloss = light.gloss * frame.display.exposure;
     return vec4<u32>(
         pack_pair(matte.r, matte.g),
         pack_pair(matte.b, gloss.r),
@@ -53,13 +53,14 @@ fn pack_sampled(matte: vec3<f32>, gloss: vec3<f32>) -> vec4<u32> {
 
 // Variances as standard deviations; what is below 0 stays.
 fn pack_deviations(variances: vec2<f32>) -> u32 {
-    let deviations = select(sqrt(max(variances, vec2<f32>(0.0))) * frame.exposure, variances, variances < vec2<f32>(0.0));
+    let scaled = sqrt(max(variances, vec2<f32>(0.0))) * frame.display.exposure;
+    let deviations = select(scaled, variances, variances < vec2<f32>(0.0));
     return pack_pair(deviations.x, deviations.y);
 }
 
 fn unpack_deviations(bits: u32) -> vec2<f32> {
     let deviations = unpack2x16float(bits);
-    let scaled = deviations / frame.exposure;
+    let scaled = deviations / frame.display.exposure;
     return select(scaled * scaled, deviations, deviations < vec2<f32>(0.0));
 }
 
@@ -111,7 +112,7 @@ fn remodulated(light: SplitLight, albedo: Albedo) -> vec3<f32> {
 
 // Square of a difference in luminance that nobody sees: 1e-10 of white.
 fn unseen_square() -> f32 {
-    return 1e-20 / (frame.exposure * frame.exposure);
+    return 1e-20 / (frame.display.exposure * frame.display.exposure);
 }
 
 // Bounded, so that squares and sums of squares stay finite.

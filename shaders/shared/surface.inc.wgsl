@@ -6,9 +6,6 @@ override HAS_TRANSMISSION: bool = true;
 override HAS_CLEARCOAT: bool = true;
 override HAS_UNLIT: bool = true;
 
-// Microfacets smoother than this are a mirror.
-const SMOOTH: f32 = 1e-4;
-
 struct Surface {
     position: vec3<f32>,
     // Bound of the position's rounding error along the geometric normal.
@@ -55,7 +52,6 @@ struct Surface {
 // Directional albedo of GGX reflection over cosine and perceptual roughness, as (scale of f0, scale of f90): a grid of
 // ALBEDO_GRID x ALBEDO_GRID nodes, and behind it the means over directions per roughness. `stages::albedo_table`.
 @group(0) @binding(14) var<storage, read> albedo_table: array<vec2<f32>>;
-const ALBEDO_GRID: u32 = 32u;
 
 struct LayerAlbedo {
     towards: vec2<f32>,
@@ -122,7 +118,7 @@ fn parameters_at(row: u32, bary: vec2<f32>, m: Material) -> Parameters {
     for (var i = m.first_texture; i < m.first_texture + m.texture_count; i += 1u) {
         let info = textures[i];
         let value = sample_texture(info, interpolate_uv(row, bary, info));
-        let role = (info.flags >> 8u) & 15u;
+        let role = (info.flags >> ROLE_SHIFT) & 15u;
         p.base *= select(vec3<f32>(1.0), value.rgb, role == ROLE_BASE_COLOR);
         p.emissive *= select(vec3<f32>(1.0), value.rgb, role == ROLE_EMISSIVE);
         p.roughness *= select(1.0, value.g, role == ROLE_METALLIC_ROUGHNESS);

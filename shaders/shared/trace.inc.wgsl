@@ -11,10 +11,6 @@ struct Hit {
     prim: u32,
     bary: vec2<f32>,
 }
-const SPHERE: u32 = 0x80000000u;
-
-// Deepest tree that `accel` lets through; an instance's own counts together with the one over instances.
-const STACK_SIZE: u32 = 32u;
 
 // Node groups to come back to. Private to the invocation, so that it is zeroed once and not at every traversal: software
 // drivers zero an array element by element and lane by lane.
@@ -147,8 +143,8 @@ fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, key: u32, any: 
     var base = 0u;
     // A triangle group whose triangles are instances, still to be entered.
     var entries = vec2<u32>(0u);
-    if HAS_INSTANCES && frame.instance_count > 1u {
-        stack[0] = vec2<u32>(frame.instance_tree, 0x80000000u);
+    if HAS_INSTANCES && frame.geometry.instance_count > 1u {
+        stack[0] = vec2<u32>(frame.geometry.instance_tree, 0x80000000u);
         top = 1u;
         base = 1u;
     }
@@ -212,7 +208,8 @@ fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, key: u32, any: 
                     is_over = false;
                     is_inside = entries.y != 0u;
                     if is_inside {
-                        let instance = frame.instances + ROWS_PER_INSTANCE * (entries.x + firstTrailingBit(entries.y));
+                        let number = entries.x + firstTrailingBit(entries.y);
+                        let instance = frame.geometry.instances + ROWS_PER_INSTANCE * number;
                         entries.y &= entries.y - 1u;
                         let header = instance_header(instance);
                         row_offset = header.y;
@@ -268,8 +265,8 @@ fn hit_barycentrics(origin: vec3<f32>, direction: vec3<f32>, hit: Hit) -> vec2<f
 fn traverse_spheres(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, except: u32, any: bool) -> Hit {
     var hit = Hit(t_max, NO_PRIM, vec2<f32>(0.0));
     let inverse = inverse_of(direction);
-    var row = frame.sphere_tree;
-    while row < frame.sphere_tree_end {
+    var row = frame.lights.sphere_tree;
+    while row < frame.lights.sphere_tree_end {
         let low = tree_row(row);
         let high = tree_row(row + 1u);
         let a = (bitcast<vec3<f32>>(low.xyz) - origin) * inverse;

@@ -23,7 +23,7 @@ const LEAST_SAVING: usize = 2;
 const MAX_SCALE: f64 = 1e4;
 const MAX_STRETCH: f64 = 1e3;
 
-/// A mesh's tree put into the world. `ROWS_PER_INSTANCE` of the tables' rows of 16 bytes.
+/// A mesh's tree put into the world, as rows of 16 bytes of the table of nodes.
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 #[repr(C)]
 pub struct Instance {

@@ -8,7 +8,6 @@ mod clearance;
 mod flatten;
 mod instances;
 
-use bytemuck::{Pod, Zeroable};
 use glam::{DVec3, Vec3};
 use obvhs::BvhBuildParams;
 use obvhs::cwbvh::CwBvh;
@@ -19,15 +18,19 @@ pub use self::instances::Instance;
 use self::instances::{Division, Shared};
 use crate::scene::budget::{Budget, Exceeded};
 use crate::scene::{Bounds, Scene};
+use crate::wgsl::shared_structs;
 
-/// Deepest tree the shader's stack holds; `STACK_SIZE` there.
-const MAX_DEPTH: usize = 32;
+/// Deepest tree that the shaders' stack holds.
+pub const MAX_DEPTH: usize = 32;
 
 /// Most triangles: their tables take 112 bytes each on the host and on every device, 7 GiB in all.
 const MAX_TRIANGLES: usize = 1 << 26;
 
+/// Bit of what a ray hits: a sphere, by the number of its light, instead of a triangle.
+pub const SPHERE: u32 = 1 << 31;
+
 /// Most triangles after instancing: numbers from there on name spheres.
-const MAX_PRIMS: usize = 1 << 31;
+const MAX_PRIMS: usize = SPHERE as usize;
 
 /// Largest coordinate: the tree's costs are sums of areas, which must not overflow.
 const MAX_REACH: f64 = 1e14;
@@ -42,39 +45,39 @@ const INSTANCE_BYTES: usize = 1000;
 /// Bit of [`Triangle::flags`]: whether a ray is stopped must be asked of the material's alpha.
 pub const TRIANGLE_ALPHA: u32 = 1;
 
-/// A triangle as rays meet it: exact vertices, counter-clockwise from the front.
-#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-#[repr(C)]
-pub struct Triangle {
-    pub v0: Vec3,
-    pub material: u32,
-    pub v1: Vec3,
-    pub flags: u32,
-    pub v2: Vec3,
-    /// Which light it is; set where the lights are known.
-    pub light: u32,
+shared_structs! {
+    /// A triangle as rays meet it: exact vertices, counter-clockwise from the front. An edge that two triangles share has
+    /// the same bits in both.
+    pub struct Triangle {
+        pub v0: Vec3,
+        pub material: u32,
+        pub v1: Vec3,
+        /// [`TRIANGLE_ALPHA`] or 0.
+        pub flags: u32,
+        pub v2: Vec3,
+        /// Which light it is, if any; set where the lights are known.
+        pub light: u32,
+    }
+
+    /// What is interpolated over a triangle: normals and texture coordinates, u and v packed between the normals.
+    pub struct Shading {
+        pub n0: Vec3,
+        pub u0: f32,
+        pub n1: Vec3,
+        pub v0: f32,
+        pub n2: Vec3,
+        pub u1: f32,
+        pub v1: f32,
+        pub u2: f32,
+        pub v2: f32,
+        pub pad: f32,
+    }
 }
 
 impl Triangle {
     pub fn area(&self) -> f32 {
         0.5 * (self.v1 - self.v0).cross(self.v2 - self.v0).length()
     }
-}
-
-/// What is interpolated over a triangle: normals and texture coordinates, u and v packed between the normals.
-#[derive(Clone, Copy, Debug, Default, Pod, Zeroable)]
-#[repr(C)]
-pub struct Shading {
-    pub n0: Vec3,
-    pub u0: f32,
-    pub n1: Vec3,
-    pub v0: f32,
-    pub n2: Vec3,
-    pub u1: f32,
-    pub v1: f32,
-    pub u2: f32,
-    pub v2: f32,
-    pub pad: f32,
 }
 
 /// A node: 80 bytes, as obvhs packs them.

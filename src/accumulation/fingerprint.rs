@@ -7,11 +7,10 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::fnv::Fnv;
-use crate::device::wgsl;
 use crate::image::{Extent, Image};
 use crate::scene::rig::{Eye, Rig};
 use crate::scene::{Environment, Mesh, Scene};
-use crate::stages::Sampler;
+use crate::stages::{Sampler, shader_text_of};
 
 /// Everything that decides an accumulation's samples.
 #[derive(Clone, Copy, Debug)]
@@ -51,7 +50,7 @@ impl Fingerprint {
             ("bounces", subject.bounces.max(1).to_string()),
             ("pass_spp", subject.pass_spp.to_string()),
             ("version", env!("CARGO_PKG_VERSION").to_owned()),
-            ("shaders", hash(|h| SHADERS.iter().try_for_each(|s| h.write_str(&wgsl(s))))),
+            ("shaders", hash(|h| SHADERS.iter().try_for_each(|s| h.write_str(&shader_text_of(s))))),
         ];
         Self(entries.map(|(name, value)| (name.to_owned(), value)).into())
     }

@@ -15,7 +15,7 @@ use anyhow::Context;
 
 use diptych::accumulation::hash_of;
 use diptych::control::{Ladder, Measure, Origin};
-use diptych::device::{DeviceInfo, all_wgsl};
+use diptych::device::DeviceInfo;
 use diptych::quality::{Denoiser, Quality};
 use diptych::report::Table;
 use diptych::report::bench::{
@@ -24,6 +24,7 @@ use diptych::report::bench::{
 };
 use diptych::report::peers::Peers;
 use diptych::report::run::RunReport;
+use diptych::stages::all_shader_text;
 
 use super::failure::Failure;
 use super::foveation::{FoveationMode, FoveationOptions};
@@ -200,7 +201,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 fn subject(args: &Args, loaded: &Loaded, devices: &[DeviceInfo]) -> Result<String, Failure> {
     let quiet = RunOptions { out: PathBuf::new(), trace: None, quiet: true, json: false, ..args.options.clone() };
     let seen = reference::plan(args)?.fingerprint(loaded, 0).key();
-    let shaders = all_wgsl();
+    let shaders = all_shader_text();
     let Args { virtual_devices, repeats, warm_up, .. } = args;
     let devices = Table::of_devices([devices]).rows;
     let shown = format!("{} EV", loaded.shot.exposure_ev);

@@ -12,6 +12,7 @@ mod session;
 
 use diptych::control::{Ladder, Measure, Origin};
 use diptych::exec::TaskTiming;
+use diptych::passes::tonemap::{DISPLAY, LINEAR};
 use diptych::quality::Denoiser;
 use diptych::report::frames::FrameLine;
 use diptych::report::play::{Play, PlaySummary};
@@ -76,7 +77,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let gpus = setup::open_devices(options, usize::from(args.options.virtual_devices))?;
     Disturbances(&args.disturb).check(args.frames, gpus.len())?;
-    let session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
+    let mut session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
+    let outputs = [DISPLAY, LINEAR];
+    session.renderer.set_outputs(if args.report { &outputs } else { &outputs[..1] });
     let options = &prepared.render;
     let denoiser = Denoiser::name_of(prepared.choice.denoiser);
     let ladder = ladder_name(&args.options, &session.ladder);

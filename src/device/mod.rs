@@ -1,24 +1,23 @@
-//! One device: adapters, virtual devices, shaders and clocks.
+//! One device: adapters, virtual devices, pipelines and clocks.
 //!
 //! Every device, virtual ones included, is made from a wgpu instance of its own: on Mesa's lavapipe, devices of one
 //! instance share one pool of worker threads and do not run side by side.
 
 mod adapters;
+mod checks;
 mod clock;
 mod failure;
 mod pipelines;
 #[cfg(feature = "view")]
 mod screen;
-mod shader;
 
 pub use adapters::{AdapterReport, DeviceInfo, Selection, adapters, open};
+pub use checks::ShaderChecks;
 pub use clock::GpuClock;
 pub use failure::{DeviceFailure, FailureKind};
 pub use pipelines::{Pipeline, PipelineKey};
 #[cfg(feature = "view")]
 pub use screen::ScreenDevice;
-pub(crate) use shader::expand;
-pub use shader::{ShaderChecks, all_wgsl, override_names, wgsl};
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};

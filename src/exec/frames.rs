@@ -29,13 +29,15 @@ pub struct Inputs {
     pub place: Place,
     /// The images that come back with its answer.
     pub reads: Arc<[Output]>,
+    /// The images that end up whole on the primary; none: all.
+    pub outputs: Option<Arc<[Output]>>,
 }
 
 impl Inputs {
     /// Of both eyes.
     fn samples(&self) -> u64 {
-        let layout::Frame { width, height, spp, .. } = self.constants;
-        2 * u64::from(width) * u64::from(height) * u64::from(spp.max(1))
+        let layout::Frame { camera, sampling, .. } = self.constants;
+        2 * u64::from(camera.width) * u64::from(camera.height) * u64::from(sampling.spp.max(1))
     }
 }
 
@@ -306,10 +308,12 @@ impl Frames {
     /// [`ExecError::NoFrame`] if there is no such frame or its images may be those of later ones already;
     /// [`ExecError::Stuck`] if the worker gave no answer of this kind.
     pub fn fetch(&mut self, image: Output) -> Result<Result<Pixels, DeviceFailure>, ExecError> {
-        let whole = self.whole.as_ref().filter(|_| self.in_flight.is_empty()).ok_or(ExecError::NoFrame)?;
+        let is_there = |whole: &&Whole| whole.inputs.outputs.as_ref().is_none_or(|outputs| outputs.contains(&image));
+        let whole = self.whole.as_ref().filter(|_| self.in_flight.is_empty()).filter(is_there);
+        let whole = whole.ok_or(ExecError::NoFrame)?;
         let Whole { primary, inputs: Inputs { place, .. }, .. } = *whole;
         let limit = self.limit(&whole.inputs);
-        let (_, injected) = self.injected.take(primary, whole.inputs.constants.index);
+        let (_, injected) = self.injected.take(primary, whole.inputs.constants.sampling.index);
         let ticket = self.workers.ask(vec![(primary, Order::Read { image, place, injected })], limit);
         match self.workers.answers(ticket, limit).pop() {
             Some((_, Ok(Answer::Pixels(pixels)))) => Ok(Ok(pixels)),

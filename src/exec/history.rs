@@ -3,7 +3,7 @@
 use glam::{DVec2, DVec3};
 
 use crate::stages::SceneTables;
-use crate::stages::layout::{Frame, View};
+use crate::stages::layout::{Camera, View};
 
 /// Rows are asked for in steps, so that graphs last while a camera moves.
 const STEP_ROWS: u32 = 4;
@@ -14,14 +14,14 @@ const LARGEST_SHARE: u32 = 4;
 /// moved further than a quarter of the height. None where the eyes turned so far that hardly anything is seen again.
 ///
 /// The images depend on it, and it on nothing but scene and cameras, so it is the same for any devices.
-pub fn history_rows(frame: &Frame, previous: &[View; 2], tables: &SceneTables) -> Option<u32> {
-    let far = most_rows(frame, previous, [0.0; 2])?;
-    let largest = (frame.height / LARGEST_SHARE).max(STEP_ROWS);
+pub fn history_rows(camera: &Camera, previous: &[View; 2], tables: &SceneTables) -> Option<u32> {
+    let far = most_rows(camera, previous, [0.0; 2])?;
+    let largest = (camera.height / LARGEST_SHARE).max(STEP_ROWS);
     if far > f64::from(largest) {
         return None;
     }
-    let nearest = frame.views.each_ref().map(|v| 1.0 / f64::from(tables.clearance(v.origin)));
-    let near = most_rows(frame, previous, nearest).unwrap_or(f64::INFINITY);
+    let nearest = camera.views.each_ref().map(|v| 1.0 / f64::from(tables.clearance(v.origin)));
+    let near = most_rows(camera, previous, nearest).unwrap_or(f64::INFINITY);
     let rows = far.max(near).min(f64::from(largest)) as u32;
     Some(rows.next_multiple_of(STEP_ROWS).min(largest))
 }
@@ -31,18 +31,18 @@ pub fn history_rows(frame: &Frame, previous: &[View; 2], tables: &SceneTables) -
 ///
 /// Where a point was is a quotient of two functions, each linear in the column and in the inverse depth, so that it is
 /// largest and smallest at the ends of both: at infinity and at the nearest that a point may be.
-fn most_rows(frame: &Frame, previous: &[View; 2], nearness: [f64; 2]) -> Option<f64> {
+fn most_rows(camera: &Camera, previous: &[View; 2], nearness: [f64; 2]) -> Option<f64> {
     let mut most: f64 = 0.0;
-    let centre = frame.centre.as_dvec2();
+    let centre = camera.centre.as_dvec2();
     for (now, before) in [(0, 0), (1, 1), (1, 0)] {
-        let (eye, last) = (&frame.views[now], &previous[before]);
+        let (eye, last) = (&camera.views[now], &previous[before]);
         // Depth is shorter than distance by at most the cosine at the corners.
         let corner = f64::from(eye.tan_half_x).hypot(f64::from(eye.tan_half_y)).hypot(1.0);
         let inverse_depth = nearness[now] * corner;
-        for row in 0..frame.height {
-            for column in [0, frame.width - 1] {
+        for row in 0..camera.height {
+            for column in [0, camera.width - 1] {
                 let at = centre + DVec2::new(f64::from(column), f64::from(row));
-                most = most.max((seen_row(frame, eye, last, at, inverse_depth)? - at.y).abs());
+                most = most.max((seen_row(camera, eye, last, at, inverse_depth)? - at.y).abs());
             }
         }
     }
@@ -50,9 +50,9 @@ fn most_rows(frame: &Frame, previous: &[View; 2], nearness: [f64; 2]) -> Option<
     Some((most + 0.02).ceil())
 }
 
-fn seen_row(frame: &Frame, eye: &View, last: &View, at: DVec2, inverse_depth: f64) -> Option<f64> {
+fn seen_row(camera: &Camera, eye: &View, last: &View, at: DVec2, inverse_depth: f64) -> Option<f64> {
     let axis = |v: glam::Vec3| v.as_dvec3();
-    let (width, height) = (f64::from(frame.width), f64::from(frame.height));
+    let (width, height) = (f64::from(camera.width), f64::from(camera.height));
     let x = (2.0 * at.x / width - 1.0) * f64::from(eye.tan_half_x);
     let y = (1.0 - 2.0 * at.y / height) * f64::from(eye.tan_half_y);
     let ray: DVec3 = axis(eye.forward) + axis(eye.right) * x + axis(eye.up) * y;
@@ -90,10 +90,9 @@ mod tests {
         for (to, turned) in moves.into_iter().flat_map(|m| [(m, DVec3::ZERO), (m, DVec3::new(0.1, 0.2, 0.0))]) {
             let rig = rig(to, turned);
             let (now, before) = (eyes(&rig, 1.0), eyes(&rig, 0.0));
-            let frame =
-                Frame { views: now, width: 160, height: 90, centre: glam::Vec2::splat(0.5), ..Default::default() };
+            let camera = Camera { views: now, width: 160, height: 90, centre: glam::Vec2::splat(0.5) };
             let clearance = 0.7;
-            let bounds = [0.0, 1.0 / clearance].map(|n| most_rows(&frame, &before, [n; 2]).unwrap());
+            let bounds = [0.0, 1.0 / clearance].map(|n| most_rows(&camera, &before, [n; 2]).unwrap());
             let bound = bounds[0].max(bounds[1]);
             let mut most: f64 = 0.0;
             for i in 0..20_000 {
@@ -116,12 +115,12 @@ mod tests {
     fn eyes_that_turn_away_have_no_history() {
         let scene = (builtin::find("cornell").unwrap().build)();
         let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
-        let frame = |rig: &Rig| Frame { views: eyes(rig, 1.0), width: 160, height: 90, ..Default::default() };
+        let camera = |rig: &Rig| Camera { views: eyes(rig, 1.0), width: 160, height: 90, ..Default::default() };
         let still = rig(DVec3::ZERO, DVec3::ZERO);
-        assert_eq!(history_rows(&frame(&still), &eyes(&still, 0.0), &tables), Some(4));
+        assert_eq!(history_rows(&camera(&still), &eyes(&still, 0.0), &tables), Some(4));
         let away = rig(DVec3::ZERO, DVec3::new(0.0, 6.0, 0.0));
-        assert_eq!(history_rows(&frame(&away), &eyes(&away, 0.0), &tables), None);
+        assert_eq!(history_rows(&camera(&away), &eyes(&away, 0.0), &tables), None);
         let back = rig(DVec3::ZERO, DVec3::Z * 9.0);
-        assert_eq!(history_rows(&frame(&back), &eyes(&back, 0.0), &tables), None);
+        assert_eq!(history_rows(&camera(&back), &eyes(&back, 0.0), &tables), None);
     }
 }

@@ -181,9 +181,11 @@ mod tests {
         assignment.set(CUT, Eye::Right, Stripes::from_edges(90, &[10, 70]));
         // Device 0 has been taken out.
         let assignment = assignment.renumbered(&[1, 2, 3], 4);
-        let constants = layout::Frame { index: 7, env_rotation: f32::NEG_INFINITY, ..Default::default() };
+        let mut constants = layout::Frame::default();
+        constants.sampling.index = 7;
+        constants.environment.rotation = f32::NEG_INFINITY;
         FrameJob {
-            plan: Plan { seam, iterations: 5, assignment, history },
+            plan: Plan { seam, iterations: 5, assignment, history, outputs: Some(vec![LINEAR.into()]) },
             constants,
             previous: [layout::View { tan_half_x: 0.3, ..Default::default() }; 2],
             place: Place { slot: 2, turn: 1 },

@@ -33,7 +33,6 @@ pub mod protocol {
 }
 
 pub use faults::{Fault, InjectedFaults, InjectedKind, Injection};
-pub use quality::Foresight;
 pub use renderer::Renderer;
 pub use report::{FrameReport, RightEye, Stereo, Tally, TaskTiming, TimedTask};
 

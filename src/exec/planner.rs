@@ -5,9 +5,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 use serde::{Deserialize, Serialize};
 
 use super::frames::Inputs;
+use super::output::Output;
 use super::{RenderSettings, wire};
-use crate::graph::{Assignment, FrameGraph, Program, ProgramError, Seam};
-use crate::passes::{Declarations, FrameSpec};
+use crate::graph::{Assignment, FrameGraph, Program, ProgramError, Resource, Seam};
+use crate::passes::{Declarations, FrameSpec, ROW_TALLY};
 use crate::schedule::{CostModel, Policy, choose_halo};
 
 /// What distinguishes the graphs of a run from one another.
@@ -20,6 +21,8 @@ pub struct Plan {
     /// Who had which rows in the frame before, and how many rows its surfaces may have moved.
     #[serde(with = "wire::history")]
     pub history: Option<(Assignment, u32)>,
+    /// The images that end up whole on the primary, beside the row tallies; none: all.
+    pub outputs: Option<Vec<Output>>,
 }
 
 /// The graphs of the latest plans. The renderer and the workers of a process share them, so that each is built once.
@@ -63,7 +66,11 @@ impl Graphs {
             let program = alike.map(|(_, graph)| Arc::clone(&graph.program));
             let program = program.unwrap_or_else(|| self.declarations.program(&spec));
             let before = plan.history.as_ref().map(|(before, _)| before);
-            (plan.clone(), Arc::new(FrameGraph::build(&program, &plan.assignment, before)))
+            let is_read = |image: &Resource| {
+                let is_listed = |outputs: &Vec<Output>| outputs.contains(&Output::from(*image));
+                *image == ROW_TALLY || plan.outputs.as_ref().is_none_or(is_listed)
+            };
+            (plan.clone(), Arc::new(FrameGraph::build_for(&program, &plan.assignment, before, is_read)))
         });
         latest.push((plan, Arc::clone(&graph)));
         if latest.len() > self.capacity {
@@ -103,6 +110,11 @@ impl Planner {
         self.graphs.spec(plan)
     }
 
+    /// The graph of a plan.
+    pub fn graph(&self, plan: &Plan) -> Arc<FrameGraph> {
+        self.graphs.of(plan)
+    }
+
     /// Plans the next frame on the devices that are `left`. `history` has who had which rows in the frame before, and
     /// how many rows its surfaces may have moved.
     pub fn plan(
@@ -116,7 +128,8 @@ impl Planner {
         costs.set_quality(iterations, &inputs.effort);
         self.plan_halo(costs, left);
         let assignment = self.policy.assign(&costs.of_devices(left)).renumbered(left, self.devices);
-        let plan = Plan { seam: self.seam, iterations, assignment, history };
+        let outputs = inputs.outputs.as_ref().map(|outputs| outputs.to_vec());
+        let plan = Plan { seam: self.seam, iterations, assignment, history, outputs };
         let graph = self.graphs.of(&plan);
         (plan, graph)
     }
@@ -148,7 +161,7 @@ mod tests {
 
     fn plan(edge: u32, iterations: u32) -> Plan {
         let assignment = Assignment::uniform(Stripes::from_edges(12, &[edge]));
-        Plan { seam: Seam::Filter, iterations, assignment, history: None }
+        Plan { seam: Seam::Filter, iterations, assignment, history: None, outputs: None }
     }
 
     #[test]

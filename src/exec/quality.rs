@@ -1,12 +1,9 @@
 //! What may differ from frame to frame, and what a frame would take with it.
 
-use std::collections::HashMap;
-use std::sync::Arc;
-
+use super::planner::Plan;
 use super::{ExecError, RenderSettings, Renderer};
-use crate::graph::FrameGraph;
 use crate::quality::{Denoiser, Quality};
-use crate::schedule::{CostModel, Effort, simulate};
+use crate::schedule::{Effort, simulate_at};
 
 /// The quality of every frame, as long as nothing else is said.
 pub(super) fn of(settings: &RenderSettings) -> Quality {
@@ -61,37 +58,11 @@ impl Renderer {
         Ok(())
     }
 
-    /// What frames would take on the stripes of the last one.
-    pub fn foresight(&self) -> Foresight<'_> {
-        Foresight { renderer: self, plans: HashMap::new() }
-    }
-}
-
-/// Foretells makespans of one and the same frame at several qualities.
-pub struct Foresight<'a> {
-    renderer: &'a Renderer,
-    /// By iterations: what graphs depend on.
-    plans: HashMap<u32, (CostModel, Arc<FrameGraph>)>,
-}
-
-impl Foresight<'_> {
-    /// The makespan that the cost model foretells, ms; none before it has learned from a frame.
-    pub fn makespan_ms(&mut self, quality: &Quality, effort: &Effort) -> Option<f64> {
-        let Renderer { planned, costs, .. } = self.renderer;
-        let (plan, graph) = planned.as_ref().filter(|_| costs.has_learned())?;
-        let iterations = quality.most_iterations();
-        let (model, graph) = self.plans.entry(iterations).or_insert_with(|| {
-            let mut model = costs.clone();
-            model.set_quality(iterations, effort);
-            if iterations == plan.iterations {
-                return (model, Arc::clone(graph));
-            }
-            let history_rows = plan.history.as_ref().map(|(_, rows)| *rows);
-            let before = history_rows.map(|_| &plan.assignment);
-            let graph = FrameGraph::build(&model.program_with(history_rows), &plan.assignment, before);
-            (model, Arc::new(graph))
-        });
-        model.set_quality(iterations, effort);
-        simulate(graph, model).ok().map(|p| p.makespan_ms)
+    /// The makespan that the cost model predicts for a frame of this quality and effort on the stripes of the last one,
+    /// milliseconds; none before it has learned from a frame.
+    pub fn predicted_ms(&self, quality: &Quality, effort: &Effort) -> Option<f64> {
+        let (plan, _) = self.planned.as_ref().filter(|_| self.costs.has_learned())?;
+        let graph = self.planner.graph(&Plan { iterations: quality.most_iterations(), ..plan.clone() });
+        simulate_at(&graph, &self.costs, effort).ok().map(|p| p.makespan_ms)
     }
 }

@@ -53,7 +53,8 @@ impl Renderer {
     pub fn read_linear(&mut self) -> Result<Stereo<RgbImage>, ExecError> {
         let extent = self.settings.stages.extent;
         let pixels = self.read(LINEAR)?;
-        let image = |bytes| Image { extent, pixels: values(bytes).map(|[r, g, b, _]: [f32; 4]| [r, g, b]).collect() };
+        let image =
+            |bytes: &Vec<u8>| Image { extent, pixels: values(bytes).map(|[r, g, b, _]: [f32; 4]| [r, g, b]).collect() };
         let [left, right] = pixels.each_ref().map(image);
         Ok(Stereo { left, right })
     }
@@ -65,7 +66,7 @@ impl Renderer {
     pub fn read_display(&mut self) -> Result<Stereo<Image<[u8; 4]>>, ExecError> {
         let extent = self.settings.stages.extent;
         let pixels = self.read(DISPLAY)?;
-        let [left, right] = pixels.each_ref().map(|bytes| Image { extent, pixels: values(bytes).collect() });
+        let [left, right] = pixels.each_ref().map(|bytes: &Vec<u8>| Image { extent, pixels: values(bytes).collect() });
         Ok(Stereo { left, right })
     }
 
@@ -77,13 +78,13 @@ impl Renderer {
         let aov: Aov = self.settings.stages.aovs[i];
         let pixels = self.read(aov_image(i as u8))?;
         let channel = |bytes: &Vec<u8>, c: usize| values(bytes).map(|pixel: [f32; 4]| pixel[c]).collect();
-        let channels = |bytes| (0..aov.channels().len()).map(|c| channel(bytes, c)).collect();
+        let channels = |bytes: &Vec<u8>| (0..aov.channels().len()).map(|c| channel(bytes, c)).collect();
         let [left, right] = pixels.each_ref().map(channels);
         Ok(Stereo { left, right })
     }
 }
 
 /// The pixels of an image, whose bytes need not be aligned.
-fn values<T: Pod>(bytes: &Vec<u8>) -> impl Iterator<Item = T> {
+fn values<T: Pod>(bytes: &[u8]) -> impl Iterator<Item = T> {
     bytes.chunks_exact(size_of::<T>()).map(bytemuck::pod_read_unaligned)
 }

@@ -4,7 +4,7 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use super::constants::{constants, curve_shift};
+use super::constants::{Samples, constants};
 use super::frames::{Attempt, Finished, Frames, InFlight, Inputs, Whole};
 use super::history::history_rows;
 use super::output::Output;
@@ -13,11 +13,15 @@ use super::worker_pool::WorkerPool;
 use super::{ExecError, Fault, FrameReport, InjectedFaults, RenderSettings, costs, quality};
 use crate::device::{DeviceFailure, DeviceInfo, GpuDevice};
 use crate::graph::{FrameGraph, Resource};
-use crate::quality::Quality;
+use crate::quality::{Denoiser, Quality};
 use crate::scene::rig::Rig;
 use crate::scene::shot::Gaze;
 use crate::schedule::{CostModel, Effort, FrameCosts, Policy, simulate};
 use crate::stages::{Foveation, Place, SceneTables, StageError, layout};
+
+/// Graphs that are kept beside those of the frames in flight: one for each number of iterations that frames are predicted
+/// with.
+const OTHER_GRAPHS: usize = Denoiser::MAX_ITERATIONS as usize + 1;
 
 /// Renders frames on a set of devices.
 pub struct Renderer {
@@ -29,12 +33,14 @@ pub struct Renderer {
     tables: Arc<SceneTables>,
     devices: Vec<DeviceInfo>,
     pub(super) costs: CostModel,
-    planner: Planner,
+    pub(super) planner: Planner,
     /// The latest plan and its graph.
     pub(super) planned: Option<(Plan, Arc<FrameGraph>)>,
     pub(super) frames: Frames,
     /// What the last frame that was begun was made of.
     last: Option<Inputs>,
+    /// The images that frames bring to the primary; none: all.
+    outputs: Option<Vec<Output>>,
     begun: u64,
     /// The next frame is not to build on those before.
     begins_anew: bool,
@@ -56,7 +62,7 @@ impl Renderer {
         let stages = &settings.stages;
         let spec = settings.spec(gpus.len(), tables.has_surfaces());
         let frames_in_flight = stages.frames_in_flight;
-        let graphs = Graphs::new(spec.clone(), stages.declarations.clone(), frames_in_flight + 1);
+        let graphs = Graphs::new(spec.clone(), stages.declarations.clone(), frames_in_flight + OTHER_GRAPHS);
         let graphs = Arc::new(graphs.map_err(StageError::Program)?);
         let costs = CostModel::new(&spec, &stages.declarations);
         let planner = Planner::new(policy, &settings, gpus.len(), Arc::clone(&graphs));
@@ -72,6 +78,7 @@ impl Renderer {
             planned: None,
             frames: Frames::new(workers, frames_in_flight, origin),
             last: None,
+            outputs: None,
             begun: 0,
             begins_anew: false,
         })
@@ -97,6 +104,12 @@ impl Renderer {
     /// How often each device runs its dispatches from here on; once where nothing is said.
     pub fn set_slowdown(&mut self, slowdown: Vec<u32>) {
         self.frames.injected.slowdown = slowdown;
+    }
+
+    /// Has frames that are begun from here on bring these images to the primary, beside those that [`Self::begin`] is
+    /// asked for, and no others: what nobody reads need not cross between devices.
+    pub fn set_outputs(&mut self, images: &[Resource]) {
+        self.outputs = Some(images.iter().map(|image| Output::from(*image)).collect());
     }
 
     /// The next frame finds no history.
@@ -157,8 +170,7 @@ impl Renderer {
         index: u32,
         samples: Range<u32>,
     ) -> Result<FrameReport, ExecError> {
-        let constants = self.constants(rig, time_s, index, samples);
-        self.begin_with(constants, &[])?;
+        self.begin_with(rig, time_s, index, &Samples::Own(samples), &[])?;
         self.finish_last()
     }
 
@@ -169,26 +181,28 @@ impl Renderer {
     /// # Errors
     /// Those of [`Self::finish`], if the oldest frame is finished first.
     pub fn begin(&mut self, rig: &Rig, time_s: f64, index: u32, reads: &[Resource]) -> Result<(), ExecError> {
-        let spp = self.quality.spp;
-        let curve_shift = curve_shift(self.settings.stages.extent, spp);
-        let constants = layout::Frame { curve_shift, ..self.constants(rig, time_s, index, 0..spp) };
-        self.begin_with(constants, reads)
+        self.begin_with(rig, time_s, index, &Samples::First(self.quality.spp), reads)
     }
 
-    fn constants(&self, rig: &Rig, time_s: f64, index: u32, samples: Range<u32>) -> layout::Frame {
-        constants(&self.settings, &self.quality, &self.tables, rig, time_s, index, samples)
-    }
-
-    fn begin_with(&mut self, constants: layout::Frame, reads: &[Resource]) -> Result<(), ExecError> {
+    fn begin_with(
+        &mut self,
+        rig: &Rig,
+        time_s: f64,
+        index: u32,
+        samples: &Samples,
+        reads: &[Resource],
+    ) -> Result<(), ExecError> {
+        let constants = constants(&self.settings, &self.quality, &self.tables, rig, time_s, index, samples);
         if self.frames.is_full() {
             self.finish()?;
         }
-        let previous = self.last.as_ref().map_or(constants.views, |l| l.constants.views);
+        let previous = self.last.as_ref().map_or(constants.camera.views, |l| l.constants.camera.views);
         let place = Place::of(self.begun, self.settings.stages.frames_in_flight);
         self.begun += 1;
-        let reads = reads.iter().map(|image| Output::from(*image)).collect();
+        let reads: Arc<[Output]> = reads.iter().map(|image| Output::from(*image)).collect();
         let (quality, effort) = (self.quality, self.effort.clone());
-        let inputs = Inputs { constants, quality, effort, previous, place, reads };
+        let outputs = self.outputs.as_ref().map(|outputs| outputs.iter().chain(&*reads).cloned().collect());
+        let inputs = Inputs { constants, quality, effort, previous, place, reads, outputs };
         self.last = Some(inputs.clone());
         self.hand_out(inputs, None);
         Ok(())
@@ -258,14 +272,14 @@ impl Renderer {
     pub(super) fn make_again(&mut self, failure: DeviceFailure) -> Result<(), ExecError> {
         let Some(Whole { inputs, primary, .. }) = self.frames.whole.take() else { return Err(ExecError::NoFrame) };
         let attempt = Attempt { number: 2, ..self.frames.first_attempt(self.frames.now_ms()) };
-        self.take_out(inputs.constants.index, [(primary, failure)])?;
+        self.take_out(inputs.constants.sampling.index, [(primary, failure)])?;
         self.hand_out(inputs, Some(attempt));
         self.finish_last().map(drop)
     }
 
     /// Plans a frame and gives every device its part. `again` is the attempt if the frame was begun before.
     fn hand_out(&mut self, mut inputs: Inputs, again: Option<Attempt>) {
-        let index = inputs.constants.index;
+        let index = inputs.constants.sampling.index;
         let _span = tracing::info_span!("begin frame", frame = index).entered();
         let now_ms = self.frames.now_ms();
         let attempt = again.unwrap_or_else(|| self.frames.first_attempt(now_ms));
@@ -274,7 +288,7 @@ impl Renderer {
         let is_lost = again.is_some() | std::mem::take(&mut self.begins_anew);
         let before = self.planned.take().map(|(plan, _)| plan.assignment).filter(|_| !is_lost);
         let history = before.and_then(|before| Some((before, self.history_rows(&inputs)?)));
-        inputs.constants.history_rows = history.as_ref().map_or(layout::NO_HISTORY, |(_, rows)| *rows);
+        inputs.constants.history = layout::History::new(history.as_ref().map(|(_, rows)| *rows));
         let left = self.frames.devices_left();
         let (plan, graph) = self.planner.plan(&mut self.costs, &inputs, &left, history);
         let known = self.costs.has_learned() && !overlapped;
@@ -295,7 +309,7 @@ impl Renderer {
             assignment: plan.assignment.clone(),
             spec: self.planner.spec(&plan),
             program: Arc::clone(&graph.program),
-            pixel_centre: inputs.constants.centre.to_array(),
+            pixel_centre: inputs.constants.camera.centre.to_array(),
         };
         self.frames.hand_out(inputs, (&plan, Arc::clone(&graph)), report, attempt);
         self.planned = Some((plan, graph));
@@ -304,6 +318,6 @@ impl Renderer {
     /// How many rows up and down a frame looks for the history of its surfaces; none if there is none.
     fn history_rows(&self, inputs: &Inputs) -> Option<u32> {
         let keeps = self.settings.stages.keeps_history();
-        keeps.then(|| history_rows(&inputs.constants, &inputs.previous, &self.tables)).flatten()
+        keeps.then(|| history_rows(&inputs.constants.camera, &inputs.previous, &self.tables)).flatten()
     }
 }

@@ -93,3 +93,21 @@ pub mod history {
         Ok(Some((before, rows)))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn contradictions_are_refused() {
+        let fields = |primary, name: &str, eye, edges: Vec<u32>| {
+            let own = vec![(name.to_owned(), eye, edges)];
+            AssignmentFields { primary, height: 9, common: vec![4, 5], own }.assignment()
+        };
+        assert_eq!(fields(1, "path_trace", 1, vec![0, 5]).map(|a| a.primary()), Some(1));
+        assert_eq!(fields(3, "path_trace", 1, vec![0, 5]), None);
+        assert_eq!(fields(1, "path_trace", 2, vec![0, 5]), None);
+        assert_eq!(fields(1, "path_trace", 1, vec![0, 5, 6]), None);
+        assert_eq!(fields(1, "no such group", 1, vec![0, 5]), None);
+    }
+}

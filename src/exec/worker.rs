@@ -61,7 +61,7 @@ impl Worker {
             while let Some(message) = self.transport.message(Duration::ZERO) {
                 self.protocol.message(message);
             }
-            let action = self.protocol.next();
+            let action = self.protocol.next_action();
             self.follow(&action, &mut spans);
             // A panic is a bug; those who wait for this device must hear of it all the same.
             let done = catch_unwind(AssertUnwindSafe(|| self.perform(action)))

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use petgraph::graph::{DiGraph, NodeIndex};
 
 use super::program::{Linked, Program};
-use super::resource::Scope;
+use super::resource::{Resource, Scope};
 use super::{Assignment, Dispatch};
 use crate::scene::rig::Eye;
 
@@ -71,9 +71,19 @@ pub struct FrameGraph {
 }
 
 impl FrameGraph {
-    /// Builds the graph of a frame. `before` says which device had which rows in the frame before, if this one has a
-    /// history.
+    /// `before`: who had which rows in the frame before, if this one is to know its history. All outputs end up on the
+    /// primary.
     pub fn build(program: &Arc<Program>, assignment: &Assignment, before: Option<&Assignment>) -> Self {
+        Self::build_for(program, assignment, before, |_| true)
+    }
+
+    /// ... of the outputs, those that are read.
+    pub fn build_for(
+        program: &Arc<Program>,
+        assignment: &Assignment,
+        before: Option<&Assignment>,
+        is_read: impl Fn(&Resource) -> bool,
+    ) -> Self {
         let mut builder = Builder::new(program, assignment);
         if let Some(before) = before {
             builder.know_history(before);
@@ -82,7 +92,7 @@ impl FrameGraph {
             builder.add_pass(number as u32, linked, assignment);
         }
         let stitch_pass = program.passes().len() as u32;
-        builder.stitch(stitch_pass, assignment.primary());
+        builder.stitch(stitch_pass, assignment.primary(), is_read);
         let dag = builder.dag;
         let mut order: Vec<NodeIndex> = dag.node_indices().collect();
         order.sort_by_key(|&node| dag[node].key);
@@ -315,13 +325,14 @@ impl<'a> Builder<'a> {
         Holding { rows, device: to, node: Some(up) }
     }
 
-    /// Brings what leaves the frame to the primary.
-    fn stitch(&mut self, pass: u32, primary: usize) {
+    /// Brings what is read of the frame to the primary.
+    fn stitch(&mut self, pass: u32, primary: usize, is_read: impl Fn(&Resource) -> bool) {
         let key = Key { pass, phase: DISPATCH, serial: u32::MAX };
         let rows = self.program.extent.rows();
         let task = Task { kind: TaskKind::Stitch, view: Eye::Left, device: primary, rows, key };
         let node = self.dag.add_node(task);
-        let outputs: Vec<usize> = self.program.outputs().collect();
+        let is_read = |image: &usize| is_read(&self.program.images()[*image].resource);
+        let outputs: Vec<usize> = self.program.outputs().filter(is_read).collect();
         for view in Eye::ALL {
             self.downloads.clear();
             for &image in &outputs {

@@ -16,7 +16,7 @@ pub use build::{FrameGraph, Key, Task, TaskKind};
 pub use halo::{HaloPlan, Seam};
 pub use pass::{Access, Chain, CutGroup, Dispatch, Kernel, Launch, Pass, Reach, Stage, Use, Work};
 pub use program::{Bound, Linked, Program, ProgramError};
-pub use resource::{Format, Grid, Image, Life, Projection, Resource, Scope, Size};
+pub use resource::{Format, Grid, Image, LIST_HEADER, Life, Projection, Resource, Scope, Size};
 pub use stripes::{Stripes, StripesError};
 
 use crate::scene::rig::Eye;

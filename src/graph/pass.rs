@@ -5,6 +5,7 @@ use std::ops::Range;
 
 use super::resource::{Grid, Image, Resource, Scope};
 use crate::scene::rig::Eye;
+use crate::wgsl::Constant;
 
 /// A kind of pass. All iterations of a filter on both views are one stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
@@ -33,17 +34,24 @@ pub struct Kernel {
     pub workgroup: [u32; 3],
     /// Whether it reads the scene.
     pub reads_scene: bool,
+    /// What it knows of its pass, by the names that it has in the shader.
+    pub constants: &'static [Constant],
 }
 
 impl Kernel {
     /// A kernel from a file of `shaders/`, with workgroups of 8 x 8, that does not read the scene.
     pub const fn new(name: &'static str) -> Self {
-        Self { name, text: None, workgroup: [8, 8, 1], reads_scene: false }
+        Self { name, text: None, workgroup: [8, 8, 1], reads_scene: false, constants: &[] }
     }
 
     /// A kernel like [`Self::new`] that reads the scene.
     pub const fn with_scene(name: &'static str) -> Self {
         Self { reads_scene: true, ..Self::new(name) }
+    }
+
+    /// ... and has these constants.
+    pub const fn with(self, constants: &'static [Constant]) -> Self {
+        Self { constants, ..self }
     }
 }
 

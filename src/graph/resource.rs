@@ -62,6 +62,9 @@ pub enum Format {
     Uniform(u32),
 }
 
+/// Numbers before the first index of a [`Format::List`].
+pub const LIST_HEADER: u32 = 4;
+
 /// Says how many there are of a resource.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Scope {
@@ -168,7 +171,7 @@ impl Resource {
 
     /// Bytes before the first row.
     pub fn header_bytes(&self) -> u64 {
-        if self.format == Format::List { 16 } else { 0 }
+        if self.format == Format::List { u64::from(4 * LIST_HEADER) } else { 0 }
     }
 
     /// Bytes of all of it.

@@ -14,8 +14,23 @@ pub const fn image(index: u8) -> Resource {
     Resource::image("aov", 16).output().numbered(index)
 }
 
+const KERNEL: Kernel = Kernel::with_scene("aov").with(&[
+    ("ALBEDO", Aov::Albedo as u32),
+    ("NORMAL", Aov::Normal as u32),
+    ("POSITION", Aov::Position as u32),
+    ("DEPTH", Aov::Depth as u32),
+    ("MOTION", Aov::Motion as u32),
+    ("ROUGHNESS", Aov::Roughness as u32),
+    ("HOLES", Aov::Holes as u32),
+    ("SPP", Aov::Spp as u32),
+    ("STRIPES", Aov::Stripes as u32),
+    ("BASE_COLOR", Aov::BaseColor as u32),
+    ("DIFFUSE_ALBEDO", Aov::DiffuseAlbedo as u32),
+    ("SPECULAR_ALBEDO", Aov::SpecularAlbedo as u32),
+]);
+
 pub fn pass(view: Eye, index: u8, aov: Aov) -> Pass {
-    Pass::new(STAGE, view, CUT, Kernel::with_scene("aov"))
+    Pass::new(STAGE, view, CUT, KERNEL)
         .index(index.into())
         .uses([
             Use::read(HIT),
@@ -28,8 +43,7 @@ pub fn pass(view: Eye, index: u8, aov: Aov) -> Pass {
         .args([aov as u32, 0, 0])
 }
 
-/// An auxiliary image: the surface behind the pixel's centre, or how the pixel was made. The discriminants are the
-/// shader's constants.
+/// An auxiliary image: the surface behind the pixel's centre, or how the pixel was made.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, clap::ValueEnum, serde::Serialize)]
 #[serde(rename_all = "snake_case")]
 #[value(rename_all = "snake_case")]

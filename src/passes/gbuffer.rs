@@ -3,6 +3,7 @@
 use super::{FrameSpec, Views};
 use crate::graph::{CutGroup, Kernel, Launch, Pass, Resource, Stage, Use};
 use crate::scene::rig::Eye;
+use crate::wgsl::constants;
 
 pub const STAGE: Stage = Stage("gbuffer");
 pub const CUT: CutGroup = CutGroup("gbuffer");
@@ -21,8 +22,10 @@ pub const TALLY: Resource = Resource::image("tally", 4);
 /// Primary rays per pixel in one launch.
 const RAYS_PER_LAUNCH: u32 = 64;
 
-/// A constant of the shader.
+/// As the third argument: path tracing brings the means of the pixels that it samples.
 const UNSAMPLED_ONLY: u32 = 1;
+
+const KERNEL: Kernel = Kernel::with_scene("gbuffer").with(constants![UNSAMPLED_ONLY]);
 
 pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
     // Path tracing brings the means over the pixels that it samples. All other pixels, and those of a reprojected view,
@@ -32,7 +35,7 @@ pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
     let means = Launch::Samples { most: RAYS_PER_LAUNCH, third, only_jittered: true };
     let means = (reprojected || spec.sparse).then_some(means);
     let images = [HIT, ALBEDO, EMISSION, TALLY, GUIDE];
-    Pass::new(STAGE, view, CUT, Kernel::with_scene("gbuffer"))
+    Pass::new(STAGE, view, CUT, KERNEL)
         .uses(images.map(Use::write_then_read))
         .launches(std::iter::once(Launch::Once([0; 3])).chain(means).collect())
 }

@@ -18,9 +18,9 @@ use std::sync::Arc;
 pub use aov::{Aov, STAGE as AOV, image as aov_image};
 pub use reproject::HOLES;
 pub use spec::{FrameSpec, Views};
-pub use tally::{HoleReason, ROW_TALLY, RowTally};
+pub use tally::{HoleReason, ROW_TALLY, RowTally, SKIPPED};
 
-use crate::graph::{CutGroup, Pass, Program, ProgramError, Resource, Seam, Stage};
+use crate::graph::{CutGroup, Kernel, Pass, Program, ProgramError, Resource, Seam, Stage};
 use crate::image::Extent;
 use crate::quality::Denoiser;
 use crate::scene::rig::Eye;
@@ -150,18 +150,35 @@ impl Declarations {
     }
 }
 
+/// Passes of frames that between them have every stage.
+fn all_passes() -> impl Iterator<Item = Pass> {
+    [None, Some(Denoiser::Atrous), Some(Denoiser::Svgf)].into_iter().flat_map(|filter| {
+        let (seam, aovs) = (Seam::Filter, vec![Aov::Albedo]);
+        let small = FrameSpec::new(Extent::new(1, 1), 2);
+        declare(&FrameSpec { sparse: true, filter, iterations: 1, seam, aovs, ..small }).passes
+    })
+}
+
 /// All groups of passes that have the same stripes, in order.
 pub fn cut_groups() -> Vec<CutGroup> {
     let mut groups = Vec::new();
-    for filter in [None, Some(Denoiser::Atrous), Some(Denoiser::Svgf)] {
-        let spec = FrameSpec { filter, iterations: 1, ..FrameSpec::new(Extent::new(1, 1), 1) };
-        for pass in declare(&spec).passes {
-            if !groups.contains(&pass.cut_group) {
-                groups.push(pass.cut_group);
-            }
+    for pass in all_passes() {
+        if !groups.contains(&pass.cut_group) {
+            groups.push(pass.cut_group);
         }
     }
     groups
+}
+
+/// The kernels of all passes, each once.
+pub fn kernels() -> Vec<Kernel> {
+    let mut kernels = Vec::new();
+    for pass in all_passes() {
+        if !kernels.contains(&pass.kernel) {
+            kernels.push(pass.kernel);
+        }
+    }
+    kernels
 }
 
 #[cfg(test)]

@@ -5,6 +5,7 @@ use super::gbuffer::{ALBEDO, EMISSION, GUIDE, HIT, TALLY};
 use super::reproject::{CUT as REPROJECT, HOLES};
 use crate::graph::{CutGroup, Dispatch, Kernel, Launch, Pass, Resource, Stage, Use, Work};
 use crate::scene::rig::Eye;
+use crate::wgsl::constants;
 
 pub const STAGE: Stage = Stage("path_trace");
 pub const HOLE_FILL: Stage = Stage("hole_fill");
@@ -18,17 +19,19 @@ pub const RADIANCE: Resource = Resource::image("radiance", 16);
 /// long dispatches.
 const PATHS_PER_LAUNCH: u32 = 4;
 
-/// `LISTED_ONLY` in the shader.
+/// As the third argument: only the pixels that an earlier pass listed.
 const LISTED_ONLY: u32 = 1;
 
-/// Both stages share one kernel, since drivers take seconds to compile it.
+/// One for both, since drivers take seconds to compile it.
+const KERNEL: Kernel = Kernel::with_scene("path_trace").with(constants![LISTED_ONLY]);
+
 fn trace(stage: Stage, view: Eye, cut: CutGroup, is_listed: bool) -> Pass {
     let (radiance, dispatch, third) = match is_listed {
         true => (Use::update(RADIANCE), Dispatch::List(HOLES), LISTED_ONLY),
         false => (Use::write_then_read(RADIANCE), Dispatch::PIXELS, 0),
     };
     let [hit, albedo, emission] = [HIT, ALBEDO, EMISSION].map(Use::update);
-    Pass::new(stage, view, cut, Kernel::with_scene("path_trace"))
+    Pass::new(stage, view, cut, KERNEL)
         .uses([hit, albedo, emission, radiance, Use::add(TALLY), Use::read(GUIDE), Use::read(HOLES).if_written()])
         .dispatch(dispatch)
         .launches(vec![Launch::Samples { most: PATHS_PER_LAUNCH, third, only_jittered: false }])

@@ -2,6 +2,7 @@
 
 use super::gbuffer::{GUIDE, HIT, TALLY};
 use super::path_trace::RADIANCE;
+use super::tally::HoleReason;
 use crate::graph::{CutGroup, Kernel, Pass, Resource, Stage, Use};
 use crate::scene::rig::Eye;
 
@@ -10,8 +11,21 @@ pub const CUT: CutGroup = CutGroup("reproject");
 /// The pixels that are to be path traced.
 pub const HOLES: Resource = Resource::list("holes");
 
+const fn code(reason: HoleReason) -> u32 {
+    reason as u32 + 1
+}
+
+const KERNEL: Kernel = Kernel::new("reproject").with(&[
+    ("OUTSIDE", code(HoleReason::Outside)),
+    ("NORMAL", code(HoleReason::Normal)),
+    ("DISTANCE", code(HoleReason::Distance)),
+    ("MATERIAL", code(HoleReason::Material)),
+    ("MIXED", code(HoleReason::Mixed)),
+    ("VIEW", code(HoleReason::View)),
+]);
+
 pub fn pass() -> Pass {
-    Pass::new(Stage("reproject"), Eye::Right, CUT, Kernel::new("reproject")).uses([
+    Pass::new(Stage("reproject"), Eye::Right, CUT, KERNEL).uses([
         Use::read(HIT).of(Eye::Left),
         Use::read(GUIDE).of(Eye::Left),
         Use::read(RADIANCE).of(Eye::Left),

@@ -6,21 +6,27 @@ use super::gbuffer::TALLY;
 use super::tonemap::CUT;
 use crate::graph::{Dispatch, Grid, Kernel, Pass, Resource, Size, Stage, Use};
 use crate::scene::rig::Eye;
+use crate::wgsl::constants;
 
 /// The [`RowTally`] of each row.
 pub const ROW_TALLY: Resource =
     Resource::image("row_tally", size_of::<RowTally>() as u32).on(Grid::table(Size::FrameRows)).output();
 
-/// The number of pixels that one invocation sums, `SEGMENT` in the shader.
+/// Pixels that one invocation sums.
 const SEGMENT: u32 = 64;
 
+/// Numbers of a [`RowTally`].
+const COUNTS: u32 = size_of::<RowTally>() as u32 / 4;
+
+const KERNEL: Kernel = Kernel::new("tally").with(constants![SEGMENT, COUNTS]);
+
 pub fn pass(view: Eye) -> Pass {
-    Pass::new(Stage("tally"), view, CUT, Kernel::new("tally"))
+    Pass::new(Stage("tally"), view, CUT, KERNEL)
         .uses([Use::read(TALLY), Use::write_then_read(ROW_TALLY).cleared()])
         .dispatch(Dispatch::Invocations([SEGMENT, 1]))
 }
 
-/// The sums of one row, as `tally.wgsl` writes them.
+/// What was counted in one row, in the shader's order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct RowTally {
@@ -32,7 +38,11 @@ pub struct RowTally {
     pub unsampled: u32,
 }
 
-/// Why a pixel of the right eye could not be reprojected, in the order of [`RowTally::holes`].
+/// In the place of a [`HoleReason`]: the pixel is left to the filter.
+pub const SKIPPED: u32 = HoleReason::ALL.len() as u32 + 1;
+
+/// Why a pixel of the right eye could not be reprojected, in the order of [`RowTally::holes`]. Pixels have the reason's
+/// number + 1; 0 is none.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum HoleReason {
     /// Outside the left eye's image, or not sampled there in the right eye's fovea.

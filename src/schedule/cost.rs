@@ -149,11 +149,6 @@ impl CostModel {
         &self.program
     }
 
-    /// The program of such a frame with this many rows of history.
-    pub fn program_with(&self, history_rows: Option<u32>) -> Arc<Program> {
-        self.declarations.program(&FrameSpec { history_rows, ..self.spec.clone() })
-    }
-
     /// Sets what happens where stripes meet, on which margins depend.
     pub fn set_seam(&mut self, seam: Seam) {
         self.spec.seam = seam;
@@ -301,17 +296,26 @@ impl CostModel {
         }
     }
 
-    /// The time per unit of work at the effort of frames that are planned. A device that never ran this stage is
-    /// assumed to be like the mean of those that did.
-    fn ms_per_unit(&self, number: usize, device: usize) -> f64 {
+    /// A device that never did this stage is taken to be like the mean of those that did.
+    fn ms_per_unit(&self, number: usize, device: usize, effort: &Effort) -> f64 {
         let ms = self.devices[device].ms_per_unit[number].value();
-        ms.unwrap_or_else(|| self.mean_ms(|d| d.ms_per_unit[number])) * self.effort.of(self.stages[number].stage)
+        ms.unwrap_or_else(|| self.mean_ms(|d| d.ms_per_unit[number])) * effort.of(self.stages[number].stage)
     }
 
-    /// Predicted time of a pass on these rows.
+    /// Predicted time of a pass on these rows in frames that are planned.
     pub fn pass_ms(&self, pass: &Pass, device: usize, rows: &Range<u32>) -> f64 {
+        self.pass_ms_at(&self.effort, pass, device, rows)
+    }
+
+    /// ... in a frame that takes another effort.
+    pub fn pass_ms_at(&self, effort: &Effort, pass: &Pass, device: usize, rows: &Range<u32>) -> f64 {
         let number = self.number_of(pass.stage, pass.view);
-        number.map_or(0.0, |n| self.ms_per_unit(n, device) * self.units(self.stages[n].unit(), rows))
+        number.map_or(0.0, |n| self.ms_per_unit(n, device, effort) * self.units(self.stages[n].unit(), rows))
+    }
+
+    /// What the frames that are planned must do.
+    pub fn effort(&self) -> &Effort {
+        &self.effort
     }
 
     /// Predicted host time to take rows off a device.

@@ -15,9 +15,10 @@ pub fn choose_halo(model: &CostModel, now: HaloPlan) -> HaloPlan {
         return now;
     }
     let costs = HaloCosts::of(model);
-    let plans = HaloPlan::all(links).map(|plan| (plan, costs.ms(plan)));
+    let mut rows = Vec::with_capacity(links);
+    let plans = HaloPlan::all(links).map(|plan| (plan, costs.ms(plan, &mut rows)));
     let Some((best, best_ms)) = plans.min_by(|a, b| a.1.total_cmp(&b.1)) else { return now };
-    if best_ms < (1.0 - HYSTERESIS) * costs.ms(now) { best } else { now }
+    if best_ms < (1.0 - HYSTERESIS) * costs.ms(now, &mut Vec::new()) { best } else { now }
 }
 
 /// The mean cost of halos to a device. There are many plans to choose from, so it is looked up once.
@@ -71,17 +72,21 @@ impl HaloCosts {
 
     /// The cost of margins that are filtered, of rows received and sent on both sides, and of waits for them. The rows
     /// of the first pass are part of every plan, and its waits are for tracing.
-    fn ms(&self, plan: HaloPlan) -> f64 {
-        self.views.iter().map(|passes| self.view_ms(passes, plan)).sum()
+    fn ms(&self, plan: HaloPlan, rows: &mut Vec<Rows>) -> f64 {
+        let view_ms = |passes: &Vec<FilterPass>| {
+            rows_of(passes, plan, rows);
+            self.view_ms(passes, rows)
+        };
+        self.views.iter().map(view_ms).sum()
     }
 
-    fn view_ms(&self, passes: &[FilterPass], plan: HaloPlan) -> f64 {
+    fn view_ms(&self, passes: &[FilterPass], rows: &[Rows]) -> f64 {
         let transfer_ms = |rows: u32, row_bytes: u64| match u64::from(rows) * row_bytes {
             0 => 0.0,
             bytes => self.transfer_ms[0] + self.transfer_ms[1] * bytes as f64,
         };
         let (mut ms, mut kept_rows) = (0.0, 0);
-        for (index, (pass, rows)) in passes.iter().zip(rows(passes, plan)).enumerate() {
+        for (index, (pass, rows)) in passes.iter().zip(rows).enumerate() {
             ms += self.sides * pass.ms_per_row * f64::from(rows.margin);
             let Some(halo) = rows.halo else { continue };
             let new_ms: f64 = pass.new_bytes.iter().map(|bytes| transfer_ms(halo, *bytes)).sum();
@@ -126,8 +131,9 @@ fn filter_passes(program: &Program, ms_per_row: impl Fn(&Pass) -> f64) -> [Vec<F
 }
 
 /// The rows that each pass needs for all passes up to the next exchange.
-fn rows(passes: &[FilterPass], plan: HaloPlan) -> Vec<Rows> {
-    let (mut rows, mut margin) = (Vec::with_capacity(passes.len()), 0);
+fn rows_of(passes: &[FilterPass], plan: HaloPlan, rows: &mut Vec<Rows>) {
+    rows.clear();
+    let mut margin = 0;
     for (index, pass) in passes.iter().enumerate().rev() {
         margin += pass.after_rows;
         let wanted = margin + pass.reach_rows;
@@ -136,7 +142,6 @@ fn rows(passes: &[FilterPass], plan: HaloPlan) -> Vec<Rows> {
         margin = if receives { 0 } else { wanted };
     }
     rows.reverse();
-    rows
 }
 
 #[cfg(test)]
@@ -153,7 +158,11 @@ mod tests {
             for (filter, iterations) in [(Denoiser::Atrous, 6), (Denoiser::Svgf, 5)] {
                 let spec = FrameSpec { filter: Some(filter), iterations, ..spec(2, Seam::Halo(plan)) };
                 let program = Declarations::default().program(&spec);
-                let found = filter_passes(&program, |_| 0.0).map(|passes| rows(&passes, plan));
+                let found = filter_passes(&program, |_| 0.0).map(|passes| {
+                    let mut rows = Vec::new();
+                    rows_of(&passes, plan, &mut rows);
+                    rows
+                });
                 for eye in Eye::ALL {
                     let links = program.passes().iter().filter(|p| p.link.is_some() && p.pass.view == eye);
                     let of = |p: &Linked| Rows {

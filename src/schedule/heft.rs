@@ -43,7 +43,7 @@ impl Policy for Heft {
 const BLOCKS_PER_DEVICE: usize = 16;
 const LEAST_BLOCKS: usize = 64;
 
-/// A block of rows of one set of groups.
+/// A block of one group.
 struct Block {
     group: usize,
     /// The time that it takes on each device.
@@ -72,10 +72,10 @@ fn place(model: &CostModel) -> Vec<Vec<f64>> {
     let mut order: Vec<usize> = (0..blocks.len()).collect();
     // The sort is stable: equal ranks keep their order, from the first row of the first set on.
     order.sort_by(|&a, &b| blocks[b].rank_ms.total_cmp(&blocks[a].rank_ms));
-    let mut free_ms = vec![0.0; spec.devices];
+    let (mut free_ms, mut ready) = (vec![0.0; spec.devices], vec![0.0; spec.devices]);
     let mut shares = vec![vec![0.0; spec.devices]; costs.len()];
     for index in order {
-        let ready = ready_ms(&blocks, index, count, reach, spec.devices, transfer_ms);
+        ready_ms(&blocks, index, count, reach, transfer_ms, &mut ready);
         let end = |d: usize| f64::max(free_ms[d], ready[d]) + blocks[index].ms[d];
         // There is at least one device.
         let device = (0..spec.devices).min_by(|&a, &b| end(a).total_cmp(&end(b))).unwrap_or(0);
@@ -114,17 +114,19 @@ fn neighbours(index: usize, count: usize, reach: usize) -> Range<usize> {
 }
 
 /// The time at which everything that a block reads has arrived, for each device.
-fn ready_ms(blocks: &[Block], index: usize, count: usize, reach: usize, devices: usize, transfer_ms: f64) -> Vec<f64> {
-    let mut ready = vec![0.0; devices];
+fn ready_ms(blocks: &[Block], index: usize, count: usize, reach: usize, transfer_ms: f64, ready: &mut [f64]) {
+    ready.fill(0.0);
     if index < count {
-        return ready;
+        return;
     }
+    let mut ends = vec![f64::NEG_INFINITY; ready.len()];
     for (device, end_ms) in neighbours(index - count, count, reach).filter_map(|i| blocks[i].placed) {
-        for (d, ready) in ready.iter_mut().enumerate() {
-            *ready = f64::max(*ready, if d == device { end_ms } else { end_ms + transfer_ms });
-        }
+        ends[device] = f64::max(ends[device], end_ms);
     }
-    ready
+    for (d, ready) in ready.iter_mut().enumerate() {
+        let there = |(device, end_ms): (usize, &f64)| if d == device { *end_ms } else { end_ms + transfer_ms };
+        *ready = ends.iter().enumerate().map(there).fold(*ready, f64::max);
+    }
 }
 
 /// The number of rows that the filter reads beyond its own.

@@ -10,6 +10,7 @@ use petgraph::Direction;
 use petgraph::graph::NodeIndex;
 
 use super::cost::CostModel;
+use super::effort::Effort;
 use crate::graph::{FrameGraph, Stage, Task, TaskKind};
 use crate::scene::rig::Eye;
 
@@ -82,12 +83,20 @@ pub struct Stuck {
     pub transfer: u32,
 }
 
-/// Predicts how a frame with this graph will go.
+/// Predicts how a frame with this graph will go, with the effort of the frames that the model plans.
 ///
 /// # Errors
 /// [`Stuck`] if a task depends on one that comes after it. Graphs of [`FrameGraph::build`] have no such task.
 pub fn simulate(graph: &FrameGraph, model: &CostModel) -> Result<Prediction, Stuck> {
-    let mut play = Play::new(graph, model);
+    simulate_at(graph, model, model.effort())
+}
+
+/// ... of a frame that takes another effort.
+///
+/// # Errors
+/// Those of [`simulate`].
+pub fn simulate_at(graph: &FrameGraph, model: &CostModel, effort: &Effort) -> Result<Prediction, Stuck> {
+    let mut play = Play::new(graph, model, effort);
     graph.order().iter().try_for_each(|&node| play.play(node))?;
     Ok(play.conclude())
 }
@@ -126,6 +135,7 @@ struct Clock {
 struct Play<'a> {
     graph: &'a FrameGraph,
     model: &'a CostModel,
+    effort: &'a Effort,
     clocks: Vec<Clock>,
     /// The simulated tasks by node.
     played: Vec<Option<Played>>,
@@ -134,7 +144,7 @@ struct Play<'a> {
 }
 
 impl<'a> Play<'a> {
-    fn new(graph: &'a FrameGraph, model: &'a CostModel) -> Self {
+    fn new(graph: &'a FrameGraph, model: &'a CostModel, effort: &'a Effort) -> Self {
         let clock = |device| {
             let begin = Free { at_ms: model.lead_ms(device), cause: None };
             Clock { queue: begin, host: begin, gate: begin, last: None }
@@ -142,7 +152,7 @@ impl<'a> Play<'a> {
         let devices = graph.devices();
         let clocks = (0..devices).map(clock).collect();
         let played = vec![None; graph.dag.node_count()];
-        Self { graph, model, clocks, played, busy_ms: vec![0.0; devices], transfer_ms: 0.0 }
+        Self { graph, model, effort, clocks, played, busy_ms: vec![0.0; devices], transfer_ms: 0.0 }
     }
 
     /// The time at which the rows of an upload have left the device that had them.
@@ -189,7 +199,8 @@ impl<'a> Play<'a> {
     fn task_ms(&self, task: &Task) -> f64 {
         match task.kind {
             TaskKind::Dispatch { pass, .. } => {
-                self.model.pass_ms(&self.graph.program.passes()[pass].pass, task.device, &task.rows)
+                let pass = &self.graph.program.passes()[pass].pass;
+                self.model.pass_ms_at(self.effort, pass, task.device, &task.rows)
             }
             TaskKind::Download { .. } => self.model.download_ms(task.device, self.graph.bytes(task)),
             TaskKind::Upload { .. } => self.model.upload_ms(task.device, self.graph.bytes(task)),

@@ -5,12 +5,11 @@
 
 use std::f64::consts::PI;
 
-/// Nodes along the cosine and along perceptual roughness, both from 0 to 1; `ALBEDO_GRID` in the shader.
-const GRID: usize = 32;
+use super::layout::{ALBEDO_GRID, SMOOTH};
+
+const GRID: usize = ALBEDO_GRID as usize;
 /// Samples a node, squared.
 const STRATA: usize = 16;
-/// Facets as smooth as this are a mirror.
-const SMOOTH: f64 = 1e-4;
 
 /// (a, b) per node, cosines of one roughness side by side, then the means over directions per roughness.
 pub fn table() -> Vec<[f32; 2]> {
@@ -36,7 +35,7 @@ fn mean(row: &[[f64; 2]]) -> [f64; 2] {
 
 /// Integrates over visible normals (Heitz 2018), each of which weighs G2 / G1.
 fn albedo(cosine: f64, alpha: f64) -> [f64; 2] {
-    if alpha < SMOOTH {
+    if alpha < f64::from(SMOOTH) {
         let weight = (1.0 - cosine).powi(5);
         return [1.0 - weight, weight];
     }

@@ -3,7 +3,8 @@
 use super::StageSettings;
 use super::layout::PassConstants;
 use super::scene_tables::TableError;
-use crate::device::{GpuDevice, Pipeline, PipelineKey, expand, override_names, wgsl};
+use super::shader::{override_names, shader_text};
+use crate::device::{GpuDevice, Pipeline, PipelineKey};
 use crate::graph::{Access, Format, Kernel, Pass, ProgramError, Use};
 
 const PASS_BYTES: u32 = size_of::<PassConstants>() as u32;
@@ -28,11 +29,6 @@ pub struct Built {
     pub pipeline: Pipeline,
 }
 
-/// The whole text of a kernel's shader.
-pub fn text(kernel: &Kernel) -> String {
-    kernel.text.map_or_else(|| wgsl(kernel.name), |text| expand(kernel.name, text))
-}
-
 /// The pipelines of a pass for all frames that there may be.
 pub fn build(
     gpu: &mut GpuDevice,
@@ -41,7 +37,7 @@ pub fn build(
     settings: &StageSettings,
 ) -> Result<Vec<Built>, StageError> {
     let kernel = pass.kernel;
-    let source = text(&kernel);
+    let source = shader_text(&kernel);
     let declared = override_names(&source);
     let mut one = |kind: Option<bool>, jitter| {
         let constants = settings.constants(jitter).into_iter().filter(|(n, _)| declared.contains(n)).collect();

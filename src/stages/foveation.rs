@@ -2,7 +2,8 @@
 
 use glam::{Vec2, Vec4};
 
-use super::layout::Frame;
+use super::layout;
+use crate::image::Extent;
 use crate::scene::shot::Gaze;
 
 /// Sampling and filtering that follow the gaze (Peres, sections 4.2 and 4.4). The gaze may move with every frame.
@@ -46,14 +47,17 @@ impl Foveation {
         (radii.map(|r| r * f64::from(width)), [x * f64::from(width), y * f64::from(height)])
     }
 
-    /// Sets the constants of a frame whose size is set. Without radii all of it is the inner layer.
-    pub(crate) fn describe(&self, frame: &mut Frame, time_s: f64, radii: Option<[f64; 2]>) {
+    /// The constants of a frame of so many pixels, but for the iterations. Without radii all of it is the inner layer.
+    pub(crate) fn describe(&self, extent: Extent, time_s: f64, radii: Option<[f64; 2]>) -> layout::Foveation {
         let radii = radii.unwrap_or(EVERYWHERE);
-        let circles = |eye| self.circles_of(radii, eye, time_s, frame.width, frame.height);
+        let circles = |eye| self.circles_of(radii, eye, time_s, extent.width, extent.height);
         let [(radii, left), (_, right)] = [0, 1].map(circles);
-        frame.fovea_radii = Vec2::from(radii.map(|r| r as f32));
-        frame.gaze = Vec4::from([left[0], left[1], right[0], right[1]].map(|c| c as f32));
-        frame.unsampled_share = self.unsampled_share as f32;
+        layout::Foveation {
+            gaze: Vec4::from([left[0], left[1], right[0], right[1]].map(|c| c as f32)),
+            unsampled_share: self.unsampled_share as f32,
+            radii: Vec2::from(radii.map(|r| r as f32)),
+            ..Default::default()
+        }
     }
 }
 

@@ -2,9 +2,9 @@
 
 use std::sync::Arc;
 
-use glam::{DVec3, Vec2};
+use glam::{DVec3, UVec3, Vec2};
 
-use super::layout::{Frame, NO_CURVE, NO_HISTORY, View};
+use super::layout::{Camera, Display, Foveation, Frame, History, NO_CURVE, Sampling, View};
 use super::{DeviceStages, Place, SceneTables, StageSettings, StageTask, Stamps};
 use crate::accel::Accel;
 use crate::device::{self, GpuDevice, Selection};
@@ -62,11 +62,11 @@ impl Bench {
     /// colours of both eyes and how many values were dropped.
     fn frame(&mut self, step: f64) -> (Vec<f32>, u32) {
         let (frame, place) = (self.constants(step), Place::of(u64::from(self.frames), 1));
-        let before = self.before.replace(frame.views);
+        let before = self.before.replace(frame.camera.views);
         let assignment = Assignment::uniform(Stripes::even(EXTENT.height, 1));
         let program = Arc::new(program(before.map(|_| HISTORY_ROWS)));
         let graph = FrameGraph::build(&program, &assignment, before.map(|_| &assignment));
-        self.stages.set_frame(&self.gpu, &program, &frame, &before.unwrap_or(frame.views), place);
+        self.stages.set_frame(&self.gpu, &program, &frame, &before.unwrap_or(frame.camera.views), place);
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         for task in graph.tasks_of(0) {
             if let TaskKind::Dispatch { pass, valid } = task.kind.clone() {
@@ -88,18 +88,23 @@ impl Bench {
         let key = RigKey { time_s: 0.0, position, target: position + DVec3::new(0.0, -0.15, -10.0), up: DVec3::Y };
         let rig = Rig { yfov_rad: 1.05, baseline_m: 0.064, metres_per_unit: 1.0, keys: vec![key] };
         let mut frame = Frame {
-            views: Eye::ALL.map(|eye| View::new(&rig.view(0.0, eye), 1.5)),
-            width: EXTENT.width,
-            height: EXTENT.height,
-            index: self.frames,
-            spp: 1,
-            reflections: 2,
-            exposure: 1.0,
-            curve_shift: NO_CURVE,
-            history_rows: if self.before.is_some() { HISTORY_ROWS } else { NO_HISTORY },
-            centre: Vec2::splat(0.5),
-            layer_iterations: [ITERATIONS; 3],
-            sampled_share: 1.0,
+            camera: Camera {
+                views: Eye::ALL.map(|eye| View::new(&rig.view(0.0, eye), 1.5)),
+                centre: Vec2::splat(0.5),
+                width: EXTENT.width,
+                height: EXTENT.height,
+            },
+            sampling: Sampling {
+                index: self.frames,
+                spp: 1,
+                reflections: 2,
+                curve_shift: NO_CURVE,
+                sampled_share: 1.0,
+                ..Default::default()
+            },
+            foveation: Foveation { layer_iterations: UVec3::splat(ITERATIONS), ..Default::default() },
+            history: History::new(self.before.map(|_| HISTORY_ROWS)),
+            display: Display { exposure: 1.0, ..Default::default() },
             ..Frame::default()
         };
         self.tables.describe(&mut frame);

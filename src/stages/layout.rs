@@ -1,22 +1,173 @@
-//! What shaders and host share, byte for byte. A test checks every struct against the shaders by reflection.
+//! What shaders and host share, byte for byte: the text of every shader begins with [`declarations`].
 
-use bytemuck::{Pod, Zeroable};
-use glam::{UVec2, Vec2, Vec3, Vec4};
+mod tables;
 
+use glam::{UVec3, Vec2, Vec3, Vec4};
+
+pub use self::tables::*;
+use crate::accel::{Shading, Triangle};
+use crate::graph::LIST_HEADER;
+use crate::passes::SKIPPED;
 use crate::scene::rig;
+use crate::wgsl::{Constant, Declaration, constants, declare, shared_structs};
 
-/// An eye; `View` in `frame.inc.wgsl`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-#[repr(C)]
-pub struct View {
-    pub origin: Vec3,
-    pub tan_half_x: f32,
-    pub right: Vec3,
-    pub tan_half_y: f32,
-    pub up: Vec3,
-    pub pad0: u32,
-    pub forward: Vec3,
-    pub pad1: u32,
+shared_structs! {
+    /// An eye: a pinhole. Its axes are of unit length.
+    pub struct View {
+        /// Relative to the origin of the scene's tables, scene units.
+        pub origin: Vec3,
+        /// Tangent of half the horizontal field of view.
+        pub tan_half_x: f32,
+        pub right: Vec3,
+        /// Tangent of half the vertical field of view.
+        pub tan_half_y: f32,
+        pub up: Vec3,
+        pub pad0: u32,
+        pub forward: Vec3,
+        pub pad1: u32,
+    }
+
+    /// What is seen, on how many pixels.
+    pub struct Camera {
+        /// Of the left and the right eye.
+        pub views: [View; 2],
+        /// Where in a pixel rays go that stand for all of it.
+        pub centre: Vec2,
+        /// Pixels.
+        pub width: u32,
+        pub height: u32,
+    }
+
+    /// Which random numbers a frame draws, of which pixels and for how long paths.
+    pub struct Sampling {
+        /// Number of the frame.
+        pub index: u32,
+        pub seed: u32,
+        /// Samples per pixel.
+        pub spp: u32,
+        /// Number of the frame's first sample: passes of one accumulation continue one another's sequences.
+        pub sample_base: u32,
+        /// Bits of a sample's number below its pixel's place on the Z curve; [`NO_CURVE`]: each pixel has sequences of its
+        /// own.
+        pub curve_shift: u32,
+        /// Surfaces that a path is reflected by, at most.
+        pub reflections: u32,
+        /// Upper bound of indirect radiance; 0: none.
+        pub indirect_clamp: f32,
+        /// Of all pixels, before foveation leaves out more.
+        pub sampled_share: f32,
+        /// Added to every pixel's threshold of being sampled; 2^32 is a whole turn.
+        pub mask_turn: u32,
+        pub pad0: u32,
+        pub pad1: u32,
+        pub pad2: u32,
+    }
+
+    /// Where shaders find the lights.
+    pub struct Lights {
+        /// In `nodes`: first row of the tree of spheres, and the row after its last.
+        pub sphere_tree: u32,
+        pub sphere_tree_end: u32,
+        /// In `nodes`: row of the light tree's root.
+        pub tree: u32,
+        /// How many of the groups local, directional and environment have any.
+        pub group_count: u32,
+        /// In `lights`: those that the light tree picks from; directional ones stand behind them.
+        pub local_count: u32,
+        pub directional_count: u32,
+        pub pad0: u32,
+        pub pad1: u32,
+    }
+
+    /// Light from infinitely far.
+    pub struct Environment {
+        /// Where there is no image.
+        pub radiance: Vec3,
+        /// Of the image, in whole turns.
+        pub rotation: f32,
+        /// Of the image, pixels; 0: there is none.
+        pub width: u32,
+        pub height: u32,
+        /// Of the grid that directions are drawn from, cells.
+        pub grid_width: u32,
+        pub grid_height: u32,
+    }
+
+    /// Where the scene is and shaders find its instances.
+    pub struct Geometry {
+        /// Where (0, 0, 0) of the tables is in the world, scene units.
+        pub world_origin: Vec3,
+        /// In `nodes`: the root of the tree over all instances but the first.
+        pub instance_tree: u32,
+        /// In `nodes`: the instances' first row.
+        pub instances: u32,
+        pub instance_count: u32,
+        pub pad0: u32,
+        pub pad1: u32,
+    }
+
+    /// Layers around the gaze.
+    pub struct Foveation {
+        /// Of the left eye in x and y, of the right eye in z and w; pixels.
+        pub gaze: Vec4,
+        /// Filter iterations that pixels of the inner, middle and outer layer take part in; of all pixels the first, where
+        /// there are no layers.
+        pub layer_iterations: UVec3,
+        /// Of the outer layer's pixels that would be sampled without foveation.
+        pub unsampled_share: f32,
+        /// Where the inner and the middle layer end, pixels.
+        pub radii: Vec2,
+        pub pad0: u32,
+        pub pad1: u32,
+    }
+
+    /// What is known of the frame before.
+    pub struct History {
+        /// How many rows up and down it may have moved; [`NO_HISTORY`]: nothing is known.
+        pub rows: u32,
+        pub pad0: u32,
+        pub pad1: u32,
+        pub pad2: u32,
+    }
+
+    /// How light becomes what a display shows.
+    pub struct Display {
+        /// What radiance is multiplied by, so that white is 1.
+        pub exposure: f32,
+        pub pad0: u32,
+        pub pad1: u32,
+        pub pad2: u32,
+    }
+
+    /// Constants of a frame.
+    pub struct Frame {
+        pub camera: Camera,
+        pub sampling: Sampling,
+        pub lights: Lights,
+        pub environment: Environment,
+        pub geometry: Geometry,
+        pub foveation: Foveation,
+        pub history: History,
+        pub display: Display,
+    }
+
+    /// Constants of a dispatch.
+    pub struct PassConstants {
+        pub view: u32,
+        /// The rows to compute: the first, and the one after the last.
+        pub row_begin: u32,
+        pub row_end: u32,
+        /// Rows that may be read: the stripe plus what was received or recomputed around it.
+        pub valid_begin: u32,
+        pub valid_end: u32,
+        /// What these mean is the pass's own business.
+        pub args: [u32; 3],
+        /// Columns and rows of the pass's grid.
+        pub width: u32,
+        pub height: u32,
+        /// Number of the device.
+        pub device: u32,
+    }
 }
 
 impl View {
@@ -27,177 +178,52 @@ impl View {
             right: view.right,
             tan_half_y: view.tan_half_yfov,
             up: view.up,
-            pad0: 0,
             forward: view.forward,
-            pad1: 0,
+            ..Self::default()
         }
     }
 }
 
-/// Constants of a frame; `Frame` in `frame.inc.wgsl`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-#[repr(C)]
-pub struct Frame {
-    pub views: [View; 2],
-    pub width: u32,
-    pub height: u32,
-    pub index: u32,
-    pub seed: u32,
-    pub spp: u32,
-    pub reflections: u32,
-    pub indirect_clamp: f32,
-    pub exposure: f32,
-    pub sphere_tree: u32,
-    pub light_groups: u32,
-    pub env_width: u32,
-    pub env_height: u32,
-    pub env_radiance: Vec3,
-    pub env_rotation: f32,
-    pub sphere_tree_end: u32,
-    pub light_tree: u32,
-    pub local_lights: u32,
-    pub directional_lights: u32,
-    pub env_grid_width: u32,
-    pub env_grid_height: u32,
-    pub sample_base: u32,
-    pub instances: u32,
-    pub world_origin: Vec3,
-    pub instance_tree: u32,
-    pub instance_count: u32,
-    pub curve_shift: u32,
-    pub history_rows: u32,
-    pub mask_turn: u32,
-    pub centre: Vec2,
-    pub fovea_radii: Vec2,
-    pub gaze: Vec4,
-    pub layer_iterations: [u32; 3],
-    pub unsampled_share: f32,
-    pub sampled_share: f32,
-    pub pad: [u32; 3],
-}
-
-/// Of [`Frame::curve_shift`]: each pixel has sequences of its own.
-pub const NO_CURVE: u32 = 32;
-
-/// Of [`Frame::history_rows`]: the frame knows nothing of the one before.
-pub const NO_HISTORY: u32 = u32::MAX;
-
-/// Constants of a dispatch; `Pass` in `frame.inc.wgsl`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-#[repr(C)]
-pub struct PassConstants {
-    pub view: u32,
-    pub row_begin: u32,
-    pub row_end: u32,
-    pub valid_begin: u32,
-    pub valid_end: u32,
-    pub args: [u32; 3],
-    /// Of the pass's grid.
-    pub width: u32,
-    pub height: u32,
-    pub device: u32,
-}
-
-/// `Material` in `scene.inc.wgsl`. Its textures stand one after another in the texture table.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-#[repr(C)]
-pub struct Material {
-    pub base_color: Vec4,
-    pub emissive: Vec3,
-    pub pad0: u32,
-    pub roughness: f32,
-    pub metallic: f32,
-    pub alpha_cutoff: f32,
-    pub flags: u32,
-    pub ior: f32,
-    pub specular: f32,
-    pub transmission: f32,
-    pub clearcoat: f32,
-    pub specular_color: Vec3,
-    pub clearcoat_roughness: f32,
-    pub absorption: Vec3,
-    pub normal_scale: f32,
-    pub clearcoat_normal_scale: f32,
-    pub first_texture: u32,
-    pub texture_count: u32,
-    pub pad: u32,
-}
-
-pub const DOUBLE_SIDED: u32 = 1;
-pub const ALPHA_MASK: u32 = 2;
-pub const ALPHA_BLEND: u32 = 4;
-pub const THICK: u32 = 8;
-pub const UNLIT: u32 = 16;
-pub const BASE_COLOR_TEXTURE: u32 = 32;
-pub const EMISSIVE_TEXTURE: u32 = 64;
-pub const NORMAL_MAP: u32 = 128;
-pub const CLEARCOAT_NORMAL_MAP: u32 = 256;
-
-/// What a material's texture is for; bits 8 to 11 of [`TextureInfo::flags`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[repr(u32)]
-pub enum TextureRole {
-    BaseColor,
-    Emissive,
-    MetallicRoughness,
-    Normal,
-    Specular,
-    SpecularColor,
-    Transmission,
-    Clearcoat,
-    ClearcoatRoughness,
-    ClearcoatNormal,
-}
-
-impl TextureRole {
-    /// Whether it holds colours, sRGB-encoded; bit 6 of [`TextureInfo::flags`].
-    pub fn is_color(self) -> bool {
-        matches!(self, Self::BaseColor | Self::Emissive | Self::SpecularColor)
+impl History {
+    /// That reaches so many rows up and down; none: there is none.
+    pub fn new(rows: Option<u32>) -> Self {
+        Self { rows: rows.unwrap_or(NO_HISTORY), ..Self::default() }
     }
 }
 
-/// `TextureInfo` in `scene.inc.wgsl`: a texture as one material refers to it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-#[repr(C)]
-pub struct TextureInfo {
-    pub first: u32,
-    pub width: u32,
-    pub height: u32,
-    /// Bit 0: bilinear. Bit 1: coordinate set 1. Bits 2, 3: wrap of u. Bits 4, 5: wrap of v (0 repeat, 1 mirror, 2 clamp).
-    /// Bit 6: colours. Bits 8 to 11: [`TextureRole`].
-    pub flags: u32,
-    pub uv_matrix: Vec4,
-    pub uv_offset: Vec2,
-    pub pad: UVec2,
+/// Of [`Sampling::curve_shift`]: each pixel has sequences of its own.
+pub const NO_CURVE: u32 = 32;
+
+/// Of [`History::rows`]: the frame knows nothing of the one before.
+pub const NO_HISTORY: u32 = u32::MAX;
+
+const CONSTANTS: &[Constant] = constants![NO_CURVE, NO_HISTORY, SKIPPED, LIST_HEADER];
+
+/// The structs that shaders have.
+pub fn structs() -> Vec<Declaration> {
+    vec![
+        View::declaration(),
+        Camera::declaration(),
+        Sampling::declaration(),
+        Lights::declaration(),
+        Environment::declaration(),
+        Geometry::declaration(),
+        Foveation::declaration(),
+        History::declaration(),
+        Display::declaration(),
+        Frame::declaration(),
+        PassConstants::declaration(),
+        Material::declaration(),
+        TextureInfo::declaration(),
+        Light::declaration(),
+        EnvCell::declaration(),
+        Triangle::declaration(),
+        Shading::declaration(),
+    ]
 }
 
-/// `Light` in `lights.inc.wgsl`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-#[repr(C)]
-pub struct Light {
-    pub position: Vec3,
-    pub kind: u32,
-    pub strength: Vec3,
-    pub radius: f32,
-    pub axis: Vec3,
-    pub cos_outer: f32,
-    pub cone_scale: f32,
-    pub pick: f32,
-    pub keep: f32,
-    pub alias: u32,
-    pub prim: u32,
-    pub trail: u32,
-    pub pad: [u32; 2],
-}
-
-pub const LIGHT_SPOT: u32 = 1;
-pub const LIGHT_TRIANGLE: u32 = 2;
-
-/// `EnvCell` in `environment.inc.wgsl`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
-#[repr(C)]
-pub struct EnvCell {
-    pub keep: f32,
-    pub alias: u32,
-    pub density: f32,
+/// What every shader's text begins with: structs and constants.
+pub fn declarations() -> String {
+    let structs: String = structs().iter().map(ToString::to_string).collect();
+    structs + &declare(CONSTANTS) + &tables::declarations()
 }

@@ -3,10 +3,12 @@
 use glam::{Affine3A, Vec3};
 use wgpu::util::DeviceExt;
 
-use super::layout::{Frame, NO_CURVE};
+use super::layout::{Frame, NO_CURVE, Sampling};
 use super::scene_tables::{SceneBuffers, SceneTables, layout_entries};
+use super::shader_text;
 use crate::accel::Accel;
-use crate::device::{self, Selection, ShaderChecks, expand};
+use crate::device::{self, Selection, ShaderChecks};
+use crate::graph::Kernel;
 use crate::image::{Extent, RgbImage};
 use crate::scene::{Environment, Instance, Light, LightKind, Material, Mesh, Scene};
 
@@ -48,8 +50,8 @@ fn densities(p: vec3<f32>, n: vec3<f32>, direction: vec3<f32>) -> vec2<f32> {
 
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    let p = frame.views[0].origin;
-    let n = frame.views[0].forward;
+    let p = frame.camera.views[0].origin;
+    let n = frame.camera.views[0].forward;
     var rng = rng_for(vec2<u32>(id.x, 0u), 0u, 0u);
     let choice = random2(&rng);
     let s = sample_light(p, n, choice, random2(&rng));
@@ -80,9 +82,10 @@ fn ask(scene: &Scene, p: Vec3, n: Vec3) -> Vec<Answer> {
     let gpus = device::open(&selection).expect("this test needs an adapter");
     let (gpu, accel) = (&gpus[0], Accel::build(scene).unwrap());
     let tables = SceneTables::new(scene, accel).unwrap();
-    let mut frame = Frame { width: COUNT as u32, height: 1, seed: 5, curve_shift: NO_CURVE, ..Frame::default() };
-    frame.views[0].origin = p;
-    frame.views[0].forward = n;
+    let sampling = Sampling { seed: 5, curve_shift: NO_CURVE, ..Default::default() };
+    let mut frame = Frame { sampling, ..Frame::default() };
+    frame.camera.views[0].origin = p;
+    frame.camera.views[0].forward = n;
     tables.describe(&mut frame);
     let scene = SceneBuffers::new(gpu, &tables).unwrap();
     let buffer_type = |binding, ty| wgpu::BindGroupLayoutEntry {
@@ -132,7 +135,7 @@ fn ask(scene: &Scene, p: Vec3, n: Vec3) -> Vec<Answer> {
 }
 
 fn probe(gpu: &device::GpuDevice, layouts: &[Option<&wgpu::BindGroupLayout>]) -> wgpu::ComputePipeline {
-    let source = expand("probe", PROBE);
+    let source = shader_text(&Kernel { text: Some(PROBE), ..Kernel::with_scene("probe") });
     let descriptor =
         wgpu::ShaderModuleDescriptor { label: None, source: wgpu::ShaderSource::Wgsl(source.as_str().into()) };
     // SAFETY: as for the stages, of whose text this is.

@@ -12,6 +12,7 @@ pub mod layout;
 mod pipeline;
 mod reflect;
 mod scene_tables;
+mod shader;
 
 pub use compile::StageError;
 pub use foveation::Foveation;
@@ -21,6 +22,7 @@ pub use reflect::{Mismatch, verify};
 #[doc(hidden)] // For benchmarks.
 pub use scene_tables::{SceneBuffers, layout_entries as scene_layout_entries};
 pub use scene_tables::{SceneTables, TableError};
+pub use shader::{all_shader_text, override_names, shader_text, shader_text_of};
 
 use glam::Vec2;
 

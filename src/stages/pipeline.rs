@@ -156,7 +156,7 @@ impl DeviceStages {
             self.program = Some(Arc::clone(program));
             self.of_passes.clear();
         }
-        (self.spp, self.place) = (frame.spp, place);
+        (self.spp, self.place) = (frame.sampling.spp, place);
         gpu.queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(frame));
         if self.images.has(&PREVIOUS_VIEWS) {
             let bound = Bound { resource: PREVIOUS_VIEWS, buffer: 0, is_before: false };

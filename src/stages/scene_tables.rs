@@ -10,20 +10,14 @@ use super::albedo_table;
 use super::emitters::{self, Emitters};
 use super::layout::{
     self, ALPHA_BLEND, ALPHA_MASK, BASE_COLOR_TEXTURE, CLEARCOAT_NORMAL_MAP, DOUBLE_SIDED, EMISSIVE_TEXTURE,
-    NORMAL_MAP, THICK, TextureInfo, TextureRole, UNLIT,
+    NODES_PER_ROW, NORMAL_MAP, PAGE, ROLE_SHIFT, TEXEL_BYTES, TEXTURE_LINEAR, TEXTURE_SECOND_UVS, TEXTURE_SRGB, THICK,
+    TextureInfo, TextureRole, UNLIT, WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, WRAP_U_SHIFT, WRAP_V_SHIFT,
 };
 use crate::accel::{Accel, Node};
 use crate::device::GpuDevice;
 use crate::image::{Extent, RgbImage};
 use crate::scene::budget::{Budget, Exceeded};
 use crate::scene::{self, AlphaMode, Environment, Scene, TexelImage, Wrap};
-
-/// Nodes in a row of the tree's texture; the shift and mask in `trace.inc.wgsl`.
-const NODES_PER_ROW: usize = 1024;
-const TREE_TEXEL_BYTES: usize = 16;
-
-/// Edge of a texel page; the shift and mask in `scene.inc.wgsl`.
-const PAGE: u32 = 2048;
 
 #[derive(Debug, thiserror::Error)]
 pub enum TableError {
@@ -92,18 +86,26 @@ impl SceneTables {
 
     /// Fills in what the scene says about a frame.
     pub fn describe(&self, frame: &mut layout::Frame) {
-        frame.world_origin = self.accel.origin.as_vec3();
-        frame.instances = self.instances;
-        frame.instance_count = self.accel.instances.len() as u32;
-        frame.instance_tree = self.accel.instance_tree;
-        self.emitters.describe(frame);
+        frame.geometry = layout::Geometry {
+            world_origin: self.accel.origin.as_vec3(),
+            instance_tree: self.accel.instance_tree,
+            instances: self.instances,
+            instance_count: self.accel.instances.len() as u32,
+            ..Default::default()
+        };
+        frame.lights = self.emitters.describe();
+        frame.environment = self.describe_environment();
+    }
+
+    fn describe_environment(&self) -> layout::Environment {
+        let [grid_width, grid_height] = self.emitters.env_size;
+        let grid = layout::Environment { grid_width, grid_height, ..Default::default() };
         match &self.environment {
-            Environment::Black => {}
-            Environment::Constant(radiance) => frame.env_radiance = *radiance,
+            Environment::Black => grid,
+            Environment::Constant(radiance) => layout::Environment { radiance: *radiance, ..grid },
             Environment::Map { image, rotation_deg } => {
-                frame.env_width = image.extent.width;
-                frame.env_height = image.extent.height;
-                frame.env_rotation = rotation_deg / 360.0;
+                let Extent { width, height } = image.extent;
+                layout::Environment { rotation: rotation_deg / 360.0, width, height, ..grid }
             }
         }
     }
@@ -140,19 +142,21 @@ struct TextureTable<'a> {
 impl TextureTable<'_> {
     fn info(&self, r: &scene::TextureRef, role: TextureRole) -> TextureInfo {
         let wrap = |w| match w {
-            Wrap::Repeat => 0,
-            Wrap::MirroredRepeat => 1,
-            Wrap::ClampToEdge => 2,
+            Wrap::Repeat => WRAP_REPEAT,
+            Wrap::MirroredRepeat => WRAP_MIRROR,
+            Wrap::ClampToEdge => WRAP_CLAMP,
         };
         let texture = &self.scene.textures[r.texture];
         let Extent { width, height } = self.scene.images[texture.image].extent;
-        let sampler = u32::from(texture.linear) | wrap(texture.wrap_u) << 2 | wrap(texture.wrap_v) << 4;
+        let wraps = wrap(texture.wrap_u) << WRAP_U_SHIFT | wrap(texture.wrap_v) << WRAP_V_SHIFT;
+        let flags =
+            [(texture.linear, TEXTURE_LINEAR), (r.uv_set == 1, TEXTURE_SECOND_UVS), (role.is_color(), TEXTURE_SRGB)];
         let m = r.uv_from_uv.matrix2;
         TextureInfo {
             first: self.firsts[texture.image],
             width,
             height,
-            flags: sampler | (r.uv_set as u32) << 1 | u32::from(role.is_color()) << 6 | (role as u32) << 8,
+            flags: all_set(&flags) | wraps | (role as u32) << ROLE_SHIFT,
             uv_matrix: Vec4::new(m.x_axis.x, m.y_axis.x, m.x_axis.y, m.y_axis.y),
             uv_offset: r.uv_from_uv.translation,
             ..Default::default()
@@ -185,7 +189,7 @@ impl TextureTable<'_> {
             roughness: m.roughness,
             metallic: m.metallic,
             alpha_cutoff,
-            flags: flags.iter().filter(|(set, _)| *set).fold(alpha, |all, (_, bit)| all | bit),
+            flags: alpha | all_set(&flags),
             ior: m.ior,
             specular: m.specular,
             transmission: m.transmission,
@@ -200,6 +204,11 @@ impl TextureTable<'_> {
             ..Default::default()
         }
     }
+}
+
+/// The bits that are set.
+fn all_set(flags: &[(bool, u32)]) -> u32 {
+    flags.iter().filter(|(is_set, _)| *is_set).fold(0, |all, (_, bit)| all | bit)
 }
 
 /// Base colour and emission come first: shaders look for them alone, too.
@@ -309,21 +318,21 @@ fn bytes_of<T: bytemuck::Pod>(table: &[T]) -> Cow<'_, [u8]> {
     if table.is_empty() { Cow::Owned(vec![0; size_of::<T>()]) } else { Cow::Borrowed(bytemuck::cast_slice(table)) }
 }
 
-/// Five texels per node, row after row.
+/// Nodes row after row.
 fn upload_tree(gpu: &GpuDevice, nodes: &[Node]) -> Result<wgpu::TextureView, TableError> {
-    let row_bytes = NODES_PER_ROW * size_of::<Node>();
-    let rows = nodes.len().div_ceil(NODES_PER_ROW);
+    let row_bytes = NODES_PER_ROW as usize * size_of::<Node>();
+    let rows = nodes.len().div_ceil(NODES_PER_ROW as usize);
     let max_rows = gpu.device.limits().max_texture_dimension_2d as usize;
     if rows > max_rows {
         let [mib, limit] = [rows, max_rows].map(|r| (r * row_bytes) as u64 >> 20);
         return Err(TableError::TooLarge { what: "tree", mib, limit, device: gpu.info.index });
     }
-    let (width, height) = ((row_bytes / TREE_TEXEL_BYTES) as u32, rows as u32);
+    let (width, height) = (row_bytes as u32 / TEXEL_BYTES, rows as u32);
     let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
     let texture = new_texture(gpu, "tree", size, wgpu::TextureFormat::Rgba32Uint);
     let mut bytes: Vec<u8> = bytemuck::cast_slice(nodes).to_vec();
     bytes.resize(rows * row_bytes, 0);
-    write_layer(gpu, &texture, 0, [width, height], TREE_TEXEL_BYTES as u32, &bytes);
+    write_layer(gpu, &texture, 0, [width, height], TEXEL_BYTES, &bytes);
     Ok(texture.create_view(&Default::default()))
 }
 

@@ -1,6 +1,50 @@
-//! `diptych graph` shows the passes of a frame without a device.
+//! `diptych graph`: the passes of a frame, without a device.
 
 use crate::common::diptych;
+
+#[track_caller]
+fn graph(args: &[&str]) -> String {
+    let output = diptych(&[&["graph", "builtin:cornell", "--size", "64x36"], args].concat());
+    assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
+    String::from_utf8(output.stdout).unwrap()
+}
+
+/// The lines of the table of passes that begin with a number and this name.
+fn lines<'a>(text: &'a str, pass: &str) -> Vec<Vec<&'a str>> {
+    let cells = |line: &'a str| line.split_whitespace().collect::<Vec<_>>();
+    text.lines().map(cells).filter(|c| c.len() > 2 && c[0].parse::<u32>().is_ok() && c[1] == pass).collect()
+}
+
+#[test]
+fn it_prints_passes_transfers_and_what_is_left_out() {
+    let text = graph(&["--virtual", "2", "--halo", "exchange"]);
+    assert_eq!(lines(&text, "svgf").len(), 2 * 5);
+    assert_eq!(lines(&text, "path_trace")[0][2..4], ["left", "64x36"]);
+    let left_out = |text: &str, stage: &str, why: &str| {
+        text.lines().any(|line| line.starts_with(stage) && line.trim_end().ends_with(why))
+    };
+    assert!(left_out(&text, "select", "no pixel is left to the filter"), "{text}");
+    assert!(left_out(&text, "path_trace", "the right eye is reprojected"), "{text}");
+    assert!(text.contains("last_guide") && text.contains("2 device(s)"), "{text}");
+
+    let alone = graph(&["--denoiser", "none", "--reproject", "off"]);
+    assert!(lines(&alone, "svgf").is_empty() && lines(&alone, "path_trace").len() == 2);
+    assert!(left_out(&alone, "reproject", "both eyes are path traced"), "{alone}");
+    assert!(alone.contains("0.00 MiB cross between devices"), "{alone}");
+}
+
+#[test]
+fn it_writes_a_graph_for_graphviz() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("frame.dot");
+    graph(&["--virtual", "3", "--dot", file.to_str().unwrap()]);
+    let dot = std::fs::read_to_string(&file).unwrap();
+    assert!(dot.starts_with("digraph {") && dot.contains("whole images") && dot.contains("device 2"), "{dot}");
+    let nowhere = folder.path().join("no/frame.dot");
+    let output = diptych(&["graph", "builtin:cornell", "--dot", nowhere.to_str().unwrap()]);
+    assert_ne!(output.status.code(), Some(0));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("frame.dot"));
+}
 
 #[test]
 fn passes_and_what_is_left_out_are_shown_and_tasks_are_written_for_graphviz() {

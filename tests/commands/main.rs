@@ -18,7 +18,6 @@ mod scale;
 mod schema;
 mod shots;
 mod stale;
-
 mod studies;
 mod tools;
 mod trace_files;

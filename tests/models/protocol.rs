@@ -25,7 +25,7 @@ impl Worker {
     fn settle(&mut self) {
         loop {
             let mut after = self.protocol.clone();
-            match after.next() {
+            match after.next_action() {
                 Action::Begin { .. }
                 | Action::Record { .. }
                 | Action::RecordTimestamps { .. }
@@ -170,7 +170,7 @@ impl World {
         let mut next = Vec::new();
         for (device, worker) in self.workers.iter().enumerate() {
             next.extend(self.worker_steps(device));
-            let is_idle = worker.protocol.clone().next() == Action::TakeCommand { waits: true };
+            let is_idle = worker.protocol.clone().next_action() == Action::TakeCommand { waits: true };
             if self.faults > 0 && !is_idle && !worker.hangs {
                 next.extend(self.mishaps(device));
             }
@@ -249,7 +249,7 @@ impl World {
             worker.hangs = false;
             return vec![after];
         }
-        match worker.protocol.next() {
+        match worker.protocol.next_action() {
             Action::TakeCommand { waits } => match worker.commands.pop_front() {
                 Some((ticket, script)) => worker.protocol.command(ticket, || Command::Frame(script)),
                 None if waits => return Vec::new(),

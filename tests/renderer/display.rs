@@ -1,9 +1,10 @@
 //! What is shown is what was computed.
 
 use crate::common::{Stage, Subject, is_thorough};
-use diptych::exec::{RenderSettings, Stereo};
+use diptych::exec::{ExecError, RenderSettings, Stereo};
 use diptych::image::RgbImage;
 use diptych::image::display::tonemap;
+use diptych::passes::tonemap::DISPLAY;
 use diptych::scene::load::load_shot;
 use diptych::scene::rig::Eye;
 use diptych::scene::{Environment, Light, LightKind};
@@ -75,4 +76,21 @@ fn light_and_exposure_may_be_in_any_unit() {
             assert!(worst < 1e-4, "gloss {gloss}, {exposure_ev} EV: a pixel is off by {worst:.1e}");
         }
     }
+}
+
+/// Rows of images that nobody reads stay where they are.
+#[test]
+fn only_what_is_read_crosses_to_the_primary() {
+    let subject = Subject::load("builtin:cornell");
+    let settings = subject.denoised(96, 54);
+    let mut two = Stage::even(&subject, &settings, 2);
+    let render = |two: &mut Stage| two.renderer().render(&subject.rig, 0.0, 0).unwrap().uploaded_bytes();
+    let all = render(&mut two);
+    let shown = two.display();
+    two.renderer().set_outputs(&[DISPLAY]);
+    let fewer = render(&mut two);
+    assert_eq!(two.display(), shown);
+    assert!(matches!(two.renderer().read_linear(), Err(ExecError::NoFrame)));
+    // Half of both eyes' linear images, 16 bytes a pixel.
+    assert_eq!(all - fewer, 16 * 96 * 54);
 }

@@ -114,7 +114,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if at.x >= pass_.width || at.y >= pass_.row_end {
         return;
     }
-    image[at.y * pass_.width + at.x] = at.x * 1009u + at.y * 7919u + pass_.view * 104729u + frame.index * 15485863u;
+    image[at.y * pass_.width + at.x] = at.x * 1009u + at.y * 7919u + pass_.view * 104729u + frame.sampling.index * 15485863u;
 }";
     let image = image.into();
     let kernel = kernel("test fill", TEXT, [16, 4, 1]);
@@ -224,7 +224,7 @@ fn a_pass_that_each_device_runs_once() {
 @group(1) @binding(0) var<storage, read_write> table: array<u32>;
 @compute @workgroup_size(4)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    table[id.x] = id.x * id.x + frame.index;
+    table[id.x] = id.x * id.x + frame.sampling.index;
 }";
     const LOOK_UP: &str = "
 //!include frame
@@ -264,7 +264,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let at = y * pass_.width + id.x;
     var known = 0u;
-    if frame.history_rows != 0xffffffffu {
+    if frame.history.rows != 0xffffffffu {
         known = before[at];
     }
     count[at] = known + 1u;

@@ -10,7 +10,7 @@ use diptych::accel::Accel;
 use diptych::device::{self, GpuDevice};
 use diptych::scene::Mesh;
 use diptych::stages::layout::Frame;
-use diptych::stages::{SceneBuffers, SceneTables, scene_layout_entries};
+use diptych::stages::{SceneBuffers, SceneTables, scene_layout_entries, shader_text_of};
 use glam::{Vec3, vec3};
 use wgpu::util::DeviceExt;
 
@@ -57,7 +57,7 @@ fn buffer_entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLay
 impl Tracer {
     fn new() -> Self {
         let gpu = devices(1, all_cores()).remove(0);
-        let text = device::wgsl("gbuffer") + AIM;
+        let text = shader_text_of("gbuffer") + AIM;
         let descriptor = wgpu::ShaderModuleDescriptor { label: None, source: wgpu::ShaderSource::Wgsl(text.into()) };
         let checks = device::ShaderChecks::Fast.runtime_checks();
         // SAFETY: every loop of the traversal ends and no integer is divided; bounds are checked.

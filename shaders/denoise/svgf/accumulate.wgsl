@@ -5,7 +5,7 @@
 // - Gloss, where a scene has it, is accumulated beside matte light and counts on fewer of the same frames.
 // - Where the right eye finds no history, the left eye's is looked up.
 
-//!include frame split motion pack variance
+//!include frame grid split motion pack variance
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> guide_image: array<vec4<u32>>;
@@ -71,14 +71,14 @@ fn unpack_moments(bits: vec2<u32>) -> Known {
     if !HAS_GLOSS {
         return Known(vec2<f32>(bitcast<f32>(bits.x), 0.0), vec2<f32>(bitcast<f32>(bits.y), 0.0));
     }
-    return Known(unpack2x16float(bits.x) / frame.exposure, unpack_deviations(bits.y));
+    return Known(unpack2x16float(bits.x) / frame.display.exposure, unpack_deviations(bits.y));
 }
 
 fn pack_moments(known: Known) -> vec2<u32> {
     if !HAS_GLOSS {
         return bitcast<vec2<u32>>(vec2<f32>(known.mean.x, known.variance.x));
     }
-    let mean = known.mean * frame.exposure;
+    let mean = known.mean * frame.display.exposure;
     return vec2<u32>(pack_pair(mean.x, mean.y), pack_deviations(known.variance));
 }
 
@@ -96,17 +96,19 @@ fn gloss_longest(hit: u32) -> f32 {
 // History of the surface at `position` around image point `seen` of the frame before.
 fn past_at(seen: vec3<f32>, row: u32, of_left: bool, position: vec3<f32>, normal: vec3<f32>, material: u32) -> Past {
     var past = Past();
-    let corner = clamp(seen.xy - frame.centre, vec2<f32>(-2.0), vec2<f32>(f32(frame.width), f32(frame.height)) + 1.0);
+    let size = vec2<f32>(f32(pass_.width), f32(pass_.height));
+    let corner = clamp(seen.xy - frame.camera.centre, vec2<f32>(-2.0), size + 1.0);
     let base = floor(corner);
     let fraction = corner - base;
     let reach = 0.005 * seen.z;
     for (var i = 0; i < 4; i += 1) {
         let offset = vec2<i32>(i & 1, i >> 1u);
         let there = vec2<i32>(base) + offset;
-        let low = max(i32(pass_.valid_begin), i32(row) - i32(frame.history_rows));
-        let high = min(i32(pass_.valid_end), i32(row) + i32(frame.history_rows) + 1);
-        let inside = seen.z > 0.0 && there.x >= 0 && there.x < i32(frame.width) && there.y >= low && there.y < high;
-        let at = select(0u, u32(there.y) * frame.width + u32(there.x), inside);
+        let low = max(i32(pass_.valid_begin), i32(row) - i32(frame.history.rows));
+        let high = min(i32(pass_.valid_end), i32(row) + i32(frame.history.rows) + 1);
+        let inside = seen.z > 0.0 && there.x >= 0 && there.x < i32(pass_.width)
+            && there.y >= low && there.y < high;
+        let at = select(0u, u32(there.y) * pass_.width + u32(there.x), inside);
         let tap = tap_at(at, of_left);
         let off = abs(dot(normal, bitcast<vec3<f32>>(tap.guide.xyz) - position));
         let is_same = inside && tap.guide.w != NO_NORMAL && (tap.moments.w & MATERIAL_MASK) == material
@@ -154,7 +156,7 @@ fn leave_nothing(at: u32, material: u32, dropped: bool) {
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
+    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }
     let at = pixel_index(pixel);
@@ -179,26 +181,26 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var past = Past();
     var fraction = vec2<f32>(0.0);
     // The own eye, then the left one. Loops are what a pixel can leave early.
-    let eyes = select(pass_.view + 1u, 0u, frame.history_rows == NO_HISTORY);
+    let eyes = select(pass_.view + 1u, 0u, frame.history.rows == NO_HISTORY);
     for (var i = 0u; i < eyes && past.found < 0.01; i += 1u) {
         let eye = pass_.view - i;
-        let seen = seen_at(position, previous.views[eye]);
+        let seen = pixel_of(position, previous.views[eye]);
         past = past_at(seen, pixel.y, i == 1u, position, normal, material);
         if !is_finite_past(past) {
             past = Past();
             dropped = true;
         }
-        fraction = fract(seen.xy - frame.centre);
+        fraction = fract(seen.xy - frame.camera.centre);
     }
     let found = past.found >= 0.01;
     let scale = select(0.0, 1.0 / past.found, found);
     var samples = past.samples * scale;
     var frames = past.frames * scale;
-    let new_samples = select(0.0, f32(frame.spp), sampled);
+    let new_samples = select(0.0, f32(frame.sampling.spp), sampled);
     // Resampling blurs most between pixels.
     let between = 4.0 * max(fraction.x * (1.0 - fraction.x), fraction.y * (1.0 - fraction.y));
     var longest = mix(LONGEST_STILL, LONGEST_MOVED, min(2.0 * between, 1.0));
-    let eye_moved = any(previous.views[pass_.view].origin != frame.views[pass_.view].origin);
+    let eye_moved = any(previous.views[pass_.view].origin != frame.camera.views[pass_.view].origin);
     if !HAS_GLOSS && (hit & FLAG_VIEW_DEPENDENT) != 0u && eye_moved {
         longest = LONGEST_VIEW_DEPENDENT;
     }

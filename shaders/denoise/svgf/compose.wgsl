@@ -1,6 +1,6 @@
 // Puts albedo and emission back (remodulation), for `resolve`.
 
-//!include frame split pack
+//!include frame grid split pack
 
 @group(1) @binding(0) var<storage, read> radiance: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> albedo: array<vec4<u32>>;
@@ -10,7 +10,7 @@
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
+    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }
     let at = pixel_index(pixel);

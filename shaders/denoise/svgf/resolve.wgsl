@@ -4,7 +4,7 @@
 // averages are of linear light, so that bright edges keep their energy; history is looked up by cubic interpolation of
 // whole pixels; how long it counts is counted in frames, and bounded by how far they moved.
 
-//!include frame motion pack display
+//!include frame grid motion pack display
 
 @group(1) @binding(0) var<storage, read> composed: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read> last_resolved: array<vec4<f32>>;
@@ -35,13 +35,13 @@ fn cubic(t: f32) -> vec4<f32> {
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
+    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }
     let at = pixel_index(pixel);
     let now = composed[at];
     let low = vec2<i32>(0, i32(pass_.valid_begin));
-    let high = vec2<i32>(i32(frame.width) - 1, i32(pass_.valid_end) - 1);
+    let high = vec2<i32>(i32(pass_.width) - 1, i32(pass_.valid_end) - 1);
 
     // What surrounds the pixel, and the nearest of it: silhouettes move with what is in front.
     var mean = vec3<f32>(0.0);
@@ -51,7 +51,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     for (var dy = -1; dy <= 1; dy += 1) {
         for (var dx = -1; dx <= 1; dx += 1) {
             let held = clamp(vec2<i32>(pixel) + vec2<i32>(dx, dy), low, high);
-            let c = composed[u32(held.y) * frame.width + u32(held.x)];
+            let c = composed[u32(held.y) * pass_.width + u32(held.x)];
             // Squares stay finite.
             let bounded = min(c.rgb, vec3<f32>(1e18));
             mean += bounded;
@@ -66,20 +66,21 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 
     // Where it was. The sky is as far as can be.
     let eye = previous.views[pass_.view];
-    let at_front = vec2<f32>(front) + frame.centre;
-    let direction = ray_direction(pass_.view, at_front);
-    let seen = seen_at(select(eye.origin + direction, frame.views[pass_.view].origin + direction * depth, depth > 0.0), eye);
-    let size = vec2<f32>(f32(frame.width), f32(frame.height));
-    let is_still = !has_moved(frame.views[pass_.view], eye);
+    let at_front = vec2<f32>(front) + frame.camera.centre;
+    let direction = ray_of(pass_.view, at_front);
+    let surface = frame.camera.views[pass_.view].origin + direction * depth;
+    let seen = pixel_of(select(eye.origin + direction, surface, depth > 0.0), eye);
+    let size = vec2<f32>(f32(pass_.width), f32(pass_.height));
+    let is_still = !has_moved(frame.camera.views[pass_.view], eye);
     let motion = select(seen.xy - at_front, vec2<f32>(0.0), is_still);
     let moved = clamp(vec2<f32>(pixel) + motion, vec2<f32>(-2.0), size + 1.0);
     let base = floor(moved);
     let fraction = moved - base;
-    let reach = i32(frame.history_rows);
+    let reach = i32(frame.history.rows);
     let rows_low = max(low.y, i32(pixel.y) - reach);
     let rows_high = min(high.y, i32(pixel.y) + reach);
     let inside = seen.z > 0.0 && all(moved > vec2<f32>(-0.5)) && all(moved < size - 0.5);
-    let has_history = inside && frame.history_rows != NO_HISTORY
+    let has_history = inside && frame.history.rows != NO_HISTORY
         && i32(base.y) >= rows_low - 1 && i32(base.y) <= rows_high;
     let wx = cubic(fraction.x);
     let wy = cubic(fraction.y);
@@ -91,13 +92,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let there = vec2<i32>(base) + vec2<i32>(i, j) - 1;
             let held = clamp(there, vec2<i32>(low.x, rows_low), vec2<i32>(high.x, rows_high));
             let w = wx[i] * wy[j];
-            old += last_resolved[u32(held.y) * frame.width + u32(held.x)] * w;
+            old += last_resolved[u32(held.y) * pass_.width + u32(held.x)] * w;
         }
     }
     // From 0, of what moves by so much that its history is shortest, to 1.
     let way = max(max(abs(motion.x), abs(motion.y)), LONGEST_WAY / LONGEST_STILL);
     let stillness = max(LONGEST_WAY / way - LONGEST_MOVED, 0.0) / (LONGEST_STILL - LONGEST_MOVED);
-    let longest_moved = LONGEST_MOVED / (1.0 + luminance(deviation) * frame.exposure);
+    let longest_moved = LONGEST_MOVED / (1.0 + luminance(deviation) * frame.display.exposure);
     let longest = select(mix(longest_moved, LONGEST_STILL, stillness), LONGEST_STILL, is_still);
     let is_known = has_history && is_finite(old.rgb) && is_finite(old.aaa);
     let frames = select(0.0, clamp(round(old.a), 0.0, longest), is_known);

@@ -8,7 +8,7 @@
 //   tells direct light from indirect instead).
 // - Differences are measured by what both pixels may be off, so that light passes in both directions alike.
 
-//!include frame split rng pack edges foveation variance
+//!include frame grid split rng pack edges foveation variance
 
 @group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> source: array<vec4<u32>>;
@@ -17,7 +17,7 @@
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
+    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }
     let at = pixel_index(pixel);
@@ -27,16 +27,16 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         filtered[at] = vec4<u32>(0u);
         return;
     }
-    let step = i32(pass_.arg0);
-    let guide = guide_for(bits, frame.views[pass_.view].origin, 0.02);
+    let step = i32(pass_.args[0]);
+    let guide = guide_for(bits, frame.camera.views[pass_.view].origin, 0.02);
     let is_missing = centre.a.x < 0.0;
     let own = luminances(centre);
-    let sigma2 = bitcast<f32>(pass_.arg1);
+    let sigma2 = bitcast<f32>(pass_.args[1]);
     // A pixel without light takes whatever its surface has.
     let compares = select(1.0, 0.0, is_missing);
     var kernel = array<f32, 3>(0.25, 0.5, 0.25);
     let low = vec2<i32>(0, i32(pass_.valid_begin));
-    let high = vec2<i32>(i32(frame.width) - 1, i32(pass_.valid_end) - 1);
+    let high = vec2<i32>(i32(pass_.width) - 1, i32(pass_.valid_end) - 1);
     var weight = select(0.25, 0.0, is_missing);
     var sum = centre.matte * weight;
     var gloss_sum = centre.gloss * weight;
@@ -44,13 +44,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var variance = max(centre.a, vec2<f32>(0.0)) * weight * weight;
     var last_dy = 1;
     if FOVEATED {
-        last_dy = select(-2, 1, pass_.arg2 < frame.layer_iterations[layer_of(pixel, pass_.view)]);
+        last_dy = select(-2, 1, pass_.args[2] < frame.foveation.layer_iterations[layer_of(pixel, pass_.view)]);
     }
     for (var dy = -1; dy <= last_dy; dy += 1) {
         for (var dx = -1; dx <= 1; dx += 1) {
             let there = vec2<i32>(pixel) + vec2<i32>(dx, dy) * step;
             let inside = clamp(there, low, high);
-            let tap = u32(inside.y) * frame.width + u32(inside.x);
+            let tap = u32(inside.y) * pass_.width + u32(inside.x);
             let value = unpack_light(source[tap]);
             let counts = all(inside == there) && (dx != 0 || dy != 0) && value.a.x >= 0.0;
             let l = luminances(value);

@@ -3,21 +3,20 @@
 // authors' code. Gloss has its own, by the same taps. Departure: the 3x3 smoothing comes once, before the first iteration
 // instead of in each.
 
-//!include frame split pack edges variance
+//!include frame grid split pack edges variance
 
 @group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> source: array<vec4<u32>>;
 @group(1) @binding(2) var<storage, read_write> filtered: array<vec4<u32>>;
 
-// Mirrors `VARIANCE_REACH_ROWS` in `graph::table`.
-const REACH: i32 = 3;
+const REACH: i32 = i32(VARIANCE_REACH);
 // Weight of any surface for a pixel that has no light of its own.
 const LAST_RESORT: f32 = 1e-6;
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
+    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }
     let at = pixel_index(pixel);
@@ -28,7 +27,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let low = vec2<i32>(0, i32(pass_.valid_begin));
-    let high = vec2<i32>(i32(frame.width) - 1, i32(pass_.valid_end) - 1);
+    let high = vec2<i32>(i32(pass_.width) - 1, i32(pass_.valid_end) - 1);
     let is_known = centre.a.x >= 0.0;
     var smooth_sum = max(centre.a, vec2<f32>(0.0)) * 0.25;
     var smooth_weight = 0.25;
@@ -37,14 +36,14 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         for (var dx = -1; dx <= 1; dx += 1) {
             let there = vec2<i32>(pixel) + vec2<i32>(dx, dy);
             let inside = clamp(there, low, high);
-            let variance = unpack_light(source[u32(inside.y) * frame.width + u32(inside.x)]).a;
+            let variance = unpack_light(source[u32(inside.y) * pass_.width + u32(inside.x)]).a;
             let k = select(0.0625, 0.125, dx == 0 || dy == 0);
             let w = select(0.0, k, all(inside == there) && variance.x >= 0.0 && (dx != 0 || dy != 0));
             smooth_sum += max(variance, vec2<f32>(0.0)) * w;
             smooth_weight += w;
         }
     }
-    let guide = guide_for(bits, frame.views[pass_.view].origin, 0.02);
+    let guide = guide_for(bits, frame.camera.views[pass_.view].origin, 0.02);
     let is_missing = centre.a.x == MISSING;
     var sum = select(centre.matte, vec3<f32>(0.0), is_missing);
     var gloss_sum = select(centre.gloss, vec3<f32>(0.0), is_missing);
@@ -57,7 +56,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         for (var dx = -REACH; dx <= REACH; dx += 1) {
             let there = vec2<i32>(pixel) + vec2<i32>(dx, dy);
             let inside = clamp(there, low, high);
-            let tap = u32(inside.y) * frame.width + u32(inside.x);
+            let tap = u32(inside.y) * pass_.width + u32(inside.x);
             let value = unpack_light(source[tap]);
             let counts = all(inside == there) && (dx != 0 || dy != 0) && value.a.x != MISSING;
             let tap_bits = guide_image[tap];

@@ -164,10 +164,9 @@ impl<'a> Calibration<'a> {
             self.renderer.set_quality(self.limits.limit(quality), effort.clone())?;
             self.render()?;
         }
-        let mut foresight = self.renderer.foresight();
         for (rung, effort) in rungs.iter_mut().zip(efforts) {
             let quality = self.limits.limit(&rung.quality);
-            rung.time_ms = foresight.makespan_ms(&quality, &effort).unwrap_or(f64::NAN);
+            rung.time_ms = self.renderer.predicted_ms(&quality, &effort).unwrap_or(f64::NAN);
         }
         origin.devices = self.renderer.devices().iter().map(|d| d.name.clone()).collect();
         Ok(Ladder::of_measured(origin, &rungs).context("no setting could be timed")?)

@@ -84,11 +84,11 @@ impl Session {
     pub fn decide(&mut self) -> Decided {
         let begin = Instant::now();
         let Self { renderer, qualities, controller, .. } = self;
-        let foresight = RefCell::new((renderer.foresight(), HashMap::new()));
+        let known = RefCell::new(HashMap::new());
         let predict = |rung: usize| -> f64 {
-            let (foresight, known) = &mut *foresight.borrow_mut();
             let (quality, effort) = &qualities[rung];
-            *known.entry(rung).or_insert_with(|| foresight.makespan_ms(quality, effort).unwrap_or(f64::NAN))
+            let predicted = || renderer.predicted_ms(quality, effort).unwrap_or(f64::NAN);
+            *known.borrow_mut().entry(rung).or_insert_with(predicted)
         };
         let decision = controller.next(&predict);
         Decided { decision, decide_ms: begin.elapsed().as_secs_f64() * 1e3 }

@@ -3,6 +3,7 @@
 use std::time::Instant;
 
 use diptych::device::GpuDevice;
+use diptych::passes::tonemap::DISPLAY;
 use diptych::report::run::FrameRow;
 use diptych::scene::Scene;
 
@@ -31,6 +32,7 @@ pub struct Start {
 pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure> {
     let Start { mut prepared, loaded, gpus, tracing, progress } = start;
     let mut session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
+    session.renderer.set_outputs(&[DISPLAY]);
     let options = &prepared.render;
     let mut camera = Camera::new(&loaded.shot.rig, options.time, speed_per_s(&loaded.scene));
     let mut pace = Pace::new(options.fps);

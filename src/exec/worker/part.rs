@@ -59,7 +59,7 @@ impl Part {
 
     /// The frame's number in the run.
     pub fn frame(&self) -> u32 {
-        self.job.constants.index
+        self.job.constants.sampling.index
     }
 
     /// What is to be done for it.

@@ -90,7 +90,7 @@ impl<B> Protocol<B> {
     }
 
     /// The next action. All messages that have come should have been given to [`Self::message`] before.
-    pub fn next(&mut self) -> Action<B> {
+    pub fn next_action(&mut self) -> Action<B> {
         loop {
             if let Some(action) = self.due.pop_front() {
                 if let Action::Answer { ticket, .. } = action {
@@ -309,5 +309,38 @@ impl<B> Protocol<B> {
 
     fn set_progress(&mut self, ticket: u64, progress: Progress) {
         self.open.iter_mut().filter(|f| f.ticket == ticket).for_each(|f| f.progress = progress);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::script::Step;
+    use super::*;
+
+    #[test]
+    fn rows_that_never_come_are_waited_for_for_so_many_slices() {
+        let mut worker = Protocol::<()>::new(false);
+        let script = Arc::new(Script::new(1, &[Step::Upload { transfer: 0 }], &[], None));
+        worker.command(1, || Command::Frame(script));
+        assert_eq!(worker.next_action(), Action::Begin { ticket: 1 });
+        assert_eq!(worker.next_action(), Action::Receive { ticket: 1, transfer: 0 });
+        for _ in 0..DEPENDENT_SLICES {
+            assert_eq!(worker.next_action(), Action::AwaitMessage);
+            worker.timed_out();
+        }
+        assert_eq!(worker.next_action(), Action::AwaitMessage);
+        worker.timed_out();
+        assert_eq!(worker.next_action(), Action::Answer { ticket: 1, outcome: Outcome::Aborted });
+        assert_eq!(worker.next_action(), Action::TakeCommand { waits: true });
+    }
+
+    #[test]
+    fn a_device_that_has_failed_makes_nothing_of_commands() {
+        let mut worker = Protocol::<()>::new(false);
+        worker.fail();
+        worker.command(5, || unreachable!("the device can no longer be used"));
+        assert_eq!(worker.next_action(), Action::CallOff { ticket: 5 });
+        assert_eq!(worker.next_action(), Action::Answer { ticket: 5, outcome: Outcome::Failed });
+        assert_eq!(worker.next_action(), Action::TakeCommand { waits: true });
     }
 }

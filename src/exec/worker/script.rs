@@ -121,3 +121,45 @@ impl Builder {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::Operation::{Begin, Inject, Record, RecordTimestamps, Submit, Write};
+    use super::*;
+
+    const TICKET: u64 = 7;
+
+    fn operations(own: &[Step], injected: Option<InjectedKind>) -> Vec<Operation> {
+        Script::new(TICKET, own, &[], injected).own
+    }
+
+    fn rows(transfer: u32) -> Outgoing {
+        Outgoing { ticket: TICKET, transfer, to: 1 }
+    }
+
+    #[test]
+    fn copies_leave_together_and_uploads_wait_behind_a_submission() {
+        let download = |transfer| Step::Download { transfer, to: 1 };
+        let own = [Step::Dispatch, download(4), download(5), Step::Dispatch, Step::Upload { transfer: 6 }, download(8)];
+        let recorded = [Begin, Record(0), Record(1), Record(2), Submit(vec![rows(4), rows(5)]), Record(3)];
+        let written = [Submit(vec![]), Write { task: 4, transfer: 6 }, Record(5)];
+        let last = [RecordTimestamps, Submit(vec![rows(8)])];
+        assert_eq!(operations(&own, None), [&recorded[..], &written, &last].concat());
+    }
+
+    #[test]
+    fn a_fault_is_injected_half_way_behind_a_submission() {
+        let kind = InjectedKind::Loss;
+        let expected = [Begin, Record(0), Submit(vec![]), Inject(kind), Record(1), RecordTimestamps, Submit(vec![])];
+        assert_eq!(operations(&[Step::Dispatch; 2], Some(kind)), expected);
+        assert_eq!(operations(&[], Some(kind)), [Begin, Inject(kind)]);
+    }
+
+    #[test]
+    fn tasks_of_the_stitch_are_numbered_after_the_own_ones() {
+        let script = Script::new(TICKET, &[Step::Dispatch], &[Step::Upload { transfer: 3 }, Step::Stitch], None);
+        assert_eq!(script.stitch, [(1, 3)]);
+        assert!(script.ends_with_uploads());
+        assert!(!Script::new(TICKET, &[Step::Dispatch], &[Step::Stitch], None).ends_with_uploads());
+    }
+}

@@ -1,17 +1,20 @@
-//! Smooths across the seams of stripes that were filtered separately, with a bilateral filter.
+//! Bilateral smoothing across the seams of stripes that were filtered apart.
 
 use super::atrous::inverse_sigma2_bits;
 use super::{CUT, Light};
 use crate::graph::{Kernel, Pass, Stage, Use};
 use crate::passes::gbuffer::GUIDE;
 use crate::scene::rig::Eye;
+use crate::wgsl::constants;
 
-/// The number of rows read beyond a stripe, `REACH` in the shader.
-const REACH_ROWS: u32 = 4;
+/// Rows and columns that are read around a pixel; as many rows beyond a stripe.
+const SEAM_REACH: u32 = 4;
+
+const KERNEL: Kernel = Kernel::new("seam_filter").with(constants![SEAM_REACH]);
 
 pub fn pass(view: Eye, light: &mut Light) -> Pass {
     let (source, target) = light.advance();
-    let uses = [Use::read(GUIDE).halo(REACH_ROWS), Use::read(source).halo(REACH_ROWS), Use::write(target)];
-    let pass = Pass::new(Stage("seam_filter"), view, CUT, Kernel::new("seam_filter"));
+    let uses = [Use::read(GUIDE).halo(SEAM_REACH), Use::read(source).halo(SEAM_REACH), Use::write(target)];
+    let pass = Pass::new(Stage("seam_filter"), view, CUT, KERNEL);
     pass.uses(uses).args([0, inverse_sigma2_bits(u32::MAX), 0])
 }

@@ -9,12 +9,7 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use glam::{DVec3, Vec2, Vec3};
 
-/// `LIGHT_LEAF` and `LIGHT_TWO_SIDED` in `light_tree.inc.wgsl`.
-const LEAF: u32 = 1 << 31;
-const TWO_SIDED: u32 = 1 << 30;
-
-/// A trail has a bit per level.
-const MAX_DEPTH: u32 = 32;
+use crate::stages::layout::{LIGHT_LEAF, LIGHT_LEVELS, LIGHT_TWO_SIDED};
 
 const BINS: usize = 12;
 
@@ -171,14 +166,14 @@ pub(super) fn build(lights: &[Bounds]) -> LightTree {
     while let Some(o) = open.pop() {
         let members = &mut order[o.first..o.last];
         if let [light] = *members {
-            tree.nodes[o.node] = pack(lights, members, total, LEAF | light as u32);
+            tree.nodes[o.node] = pack(lights, members, total, LIGHT_LEAF | light as u32);
             tree.trails[light] = o.trail;
             continue;
         }
         let child = tree.nodes.len();
         tree.nodes[o.node] = pack(lights, members, total, child as u32);
         tree.nodes.extend([[0; 8]; 2]);
-        let middle = o.first + split(lights, members, MAX_DEPTH - 1 - o.depth);
+        let middle = o.first + split(lights, members, LIGHT_LEVELS - 1 - o.depth);
         let depth = o.depth + 1;
         open.push(Open { node: child + 1, first: middle, last: o.last, depth, trail: o.trail | 1 << o.depth });
         open.push(Open { node: child, first: o.first, last: middle, depth, trail: o.trail });
@@ -254,7 +249,7 @@ fn pack(lights: &[Bounds], members: &[usize], total: f64, next: u32) -> Node {
         normals = normals.max(light.cone.widest_off(unpack_axis(axis), cone.two_sided));
     }
     let cosine = |angle: f64| (angle.min(PI).cos() - SLACK).max(-1.0);
-    let two_sided = if cone.two_sided { TWO_SIDED } else { 0 };
+    let two_sided = if cone.two_sided { LIGHT_TWO_SIDED } else { 0 };
     [
         centre.x.to_bits(),
         centre.y.to_bits(),
@@ -326,17 +321,17 @@ mod tests {
                 let reach = light.corners.map(|c| centre.distance(c) + light.radius).into_iter().fold(0.0, f64::max);
                 assert!(reach <= float(node[3]), "light {i}, level {level}: {reach} > {}", float(node[3]));
                 let cosine = |word: u32| f64::from(word as u16 as i16) / 32767.0;
-                let two_sided = node[7] & TWO_SIDED != 0;
+                let two_sided = node[7] & LIGHT_TWO_SIDED != 0;
                 let widest = light.cone.widest_off(unpack_axis(node[5]), two_sided).min(PI);
                 assert!(two_sided || !light.cone.two_sided);
                 assert!(cosine(node[6]) <= widest.cos() && cosine(node[6] >> 16) <= light.cone.emission.cos());
-                if node[7] & LEAF != 0 {
-                    assert_eq!((node[7] & !(LEAF | TWO_SIDED)) as usize, i);
+                if node[7] & LIGHT_LEAF != 0 {
+                    assert_eq!((node[7] & !(LIGHT_LEAF | LIGHT_TWO_SIDED)) as usize, i);
                     break;
                 }
-                at = (node[7] & !TWO_SIDED) as usize + (tree.trails[i] >> level & 1) as usize;
+                at = (node[7] & !LIGHT_TWO_SIDED) as usize + (tree.trails[i] >> level & 1) as usize;
                 level += 1;
-                assert!(level <= MAX_DEPTH);
+                assert!(level <= LIGHT_LEVELS);
             }
         }
     }

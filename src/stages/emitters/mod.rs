@@ -13,7 +13,7 @@ use glam::{DVec3, Vec3};
 use self::env_grid::EnvGrid;
 use self::light_tree::{Bounds, Cone, LightTree};
 use super::alias;
-use super::layout::{EnvCell, Frame, LIGHT_SPOT, LIGHT_TRIANGLE, Light};
+use super::layout::{EnvCell, LIGHT_SPOT, LIGHT_TRIANGLE, Light, Lights, TEXEL_BYTES};
 use crate::accel::{Accel, Node, Triangle};
 use crate::scene::{self, AlphaMode, LightKind, Material, Scene};
 
@@ -23,7 +23,8 @@ pub struct Emitters {
     pub lights: Vec<Light>,
     /// Cells of the environment's grid, or none.
     pub env_cells: Vec<EnvCell>,
-    env_size: [u32; 2],
+    /// Columns and rows of that grid; 0: there is none.
+    pub env_size: [u32; 2],
     /// Lights that the tree picks from.
     local_count: u32,
     /// First row in the table of nodes, and the one after the last, of the tree of spheres.
@@ -151,17 +152,20 @@ impl Emitters {
         out
     }
 
-    /// Fills in where shaders find the lights.
-    pub fn describe(&self, frame: &mut Frame) {
-        frame.sphere_tree = self.sphere_rows[0];
-        frame.sphere_tree_end = self.sphere_rows[1];
-        frame.light_tree = self.light_tree;
-        frame.local_lights = self.local_count;
-        frame.directional_lights = self.lights.len() as u32 - self.local_count;
-        frame.env_grid_width = self.env_size[0];
-        frame.env_grid_height = self.env_size[1];
-        let groups = [self.local_count, frame.directional_lights, self.env_size[0]];
-        frame.light_groups = groups.iter().map(|&n| u32::from(n > 0)).sum();
+    /// Where shaders find the lights.
+    pub fn describe(&self) -> Lights {
+        let (local_count, [sphere_tree, sphere_tree_end]) = (self.local_count, self.sphere_rows);
+        let directional_count = self.lights.len() as u32 - local_count;
+        let groups = [local_count, directional_count, self.env_size[0]];
+        Lights {
+            sphere_tree,
+            sphere_tree_end,
+            tree: self.light_tree,
+            group_count: groups.iter().map(|&n| u32::from(n > 0)).sum(),
+            local_count,
+            directional_count,
+            ..Lights::default()
+        }
     }
 }
 
@@ -264,14 +268,14 @@ fn set_picks(lights: &mut [Light], first: u32) {
     }
     for ((light, entry), p) in lights.iter_mut().zip(alias::table(&power)).zip(&power) {
         light.keep = entry.keep;
-        light.alias = first + entry.alias;
+        light.alias_index = first + entry.alias;
         light.pick = (p / total) as f32;
     }
 }
 
-/// Shaders read the table of nodes in rows of 16 bytes.
+/// Shaders read the table of nodes by texels.
 pub(super) fn rows(nodes: &[Node]) -> u32 {
-    (size_of_val(nodes) / 16) as u32
+    size_of_val(nodes) as u32 / TEXEL_BYTES
 }
 
 /// Puts what has another size behind the nodes of the triangles' trees.

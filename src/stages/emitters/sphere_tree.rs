@@ -3,13 +3,12 @@
 
 use glam::{DVec3, Vec3};
 
+use crate::stages::layout::NO_LIGHT;
+
 /// Rows of the shader's table that a node takes.
 pub(super) const ROWS: u32 = 2;
 
-/// In inner nodes; `NO_LIGHT` in `lights.inc.wgsl`.
-const NONE: u32 = u32::MAX;
-
-/// (low, where to go on a miss, high, sphere or [`NONE`]).
+/// (low, where to go on a miss, high, sphere or, in inner nodes, [`NO_LIGHT`]).
 pub(super) type Node = [u32; 8];
 
 /// The tree over spheres of (centre, radius), whose rows start at `first_row` of the shader's table of nodes.
@@ -24,7 +23,7 @@ pub(super) fn build(spheres: &[(Vec3, f32)], first_row: u32) -> Vec<Node> {
         let Some(&one) = members.first() else { continue };
         let (low, high) = bounds(spheres, members);
         let skip = first_row + ROWS * (nodes.len() + 2 * members.len() - 1) as u32;
-        let sphere = if members.len() == 1 { one as u32 } else { NONE };
+        let sphere = if members.len() == 1 { one as u32 } else { NO_LIGHT };
         let (low, high) = (low.map(outwards::<false>), high.map(outwards::<true>));
         nodes.push([low[0], low[1], low[2], skip, high[0], high[1], high[2], sphere]);
         if members.len() > 1 {
@@ -77,14 +76,14 @@ mod tests {
         for (i, node) in nodes.iter().enumerate() {
             let end = (node[3] - first_row) as usize / 2;
             assert!(end > i && end <= nodes.len());
-            for leaf in nodes[i..end].iter().filter(|n| n[7] != NONE) {
+            for leaf in nodes[i..end].iter().filter(|n| n[7] != NO_LIGHT) {
                 let (centre, radius) = spheres[leaf[7] as usize];
                 for axis in 0..3 {
                     assert!(f32::from_bits(node[axis]) < centre[axis] - radius);
                     assert!(f32::from_bits(node[4 + axis]) > centre[axis] + radius);
                 }
             }
-            if node[7] != NONE {
+            if node[7] != NO_LIGHT {
                 seen[node[7] as usize] += 1;
                 assert_eq!(end, i + 1);
             }

@@ -1,6 +1,6 @@
 //! The constants of a frame that kernels without a scene read, and the pinhole camera.
 
-use diptych::stages::layout::{Frame, NO_HISTORY, View};
+use diptych::stages::layout::{self, Camera, Display, Frame, History, Sampling, View};
 use glam::{DQuat, DVec2, DVec3, Vec2, Vec3, Vec4};
 
 /// A pinhole. Its numbers are what the device is given, so they are f32; what follows from them is computed in f64.
@@ -56,9 +56,8 @@ impl Eye {
             right: self.right,
             tan_half_y: self.tan_half.y,
             up: self.up,
-            pad0: 0,
             forward: self.forward,
-            pad1: 0,
+            ..View::default()
         }
     }
 }
@@ -143,19 +142,22 @@ impl Constants {
     pub fn bytes(&self) -> Vec<u8> {
         let Foveation { mask_turn, radii, gaze, layer_iterations, unsampled_share, sampled_share, .. } = self.foveation;
         let frame = Frame {
-            views: self.eyes.map(|eye| eye.view()),
-            width: self.width,
-            height: self.height,
-            spp: self.spp,
-            exposure: self.exposure,
-            history_rows: self.history_rows.unwrap_or(NO_HISTORY),
-            mask_turn,
-            centre: self.centre,
-            fovea_radii: radii,
-            gaze: Vec4::new(gaze[0].x, gaze[0].y, gaze[1].x, gaze[1].y),
-            layer_iterations,
-            unsampled_share,
-            sampled_share,
+            camera: Camera {
+                views: self.eyes.map(|eye| eye.view()),
+                centre: self.centre,
+                width: self.width,
+                height: self.height,
+            },
+            sampling: Sampling { spp: self.spp, mask_turn, sampled_share, ..Default::default() },
+            foveation: layout::Foveation {
+                gaze: Vec4::new(gaze[0].x, gaze[0].y, gaze[1].x, gaze[1].y),
+                layer_iterations: layer_iterations.into(),
+                unsampled_share,
+                radii,
+                ..Default::default()
+            },
+            history: History::new(self.history_rows),
+            display: Display { exposure: self.exposure, ..Default::default() },
             ..Frame::default()
         };
         bytemuck::bytes_of(&frame).to_vec()

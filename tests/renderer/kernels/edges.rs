@@ -16,7 +16,7 @@ impl Surface {
         (bits[3] != NO_NORMAL).then(|| Self { position: position(bits), normal: unpack_normal(bits[3]) })
     }
 
-    /// Largest distance off the surface's plane that counts as the same surface, for a share of the distance to the eye.
+    /// Largest distance off the plane that counts as the same surface, for a share of the distance to the eye.
     pub fn reach(&self, eye: &Eye, share: f64) -> f64 {
         share * self.position.distance(eye.origin.as_dvec3())
     }

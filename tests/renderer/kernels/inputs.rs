@@ -16,8 +16,8 @@ pub const WIDTH: u32 = 21;
 pub const HEIGHT: u32 = 19;
 
 /// The whole image, stripes at its upper and lower border and inside, with and without rows around them.
-pub fn stripes() -> [Stripe; 5] {
-    [(0..19, 0..19), (5..14, 2..18), (9..10, 9..10), (12..19, 10..19), (0..4, 0..8)]
+pub fn stripes() -> [Stripe; 6] {
+    [(0..19, 0..19), (5..14, 2..18), (9..10, 9..10), (12..19, 10..19), (0..4, 0..8), (1..7, 0..9)]
         .map(|(rows, valid)| Stripe { rows, valid })
 }
 

@@ -22,7 +22,7 @@ const ROUND_TRIP: &str = "
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
+    if pixel.x >= frame.camera.width || pixel.y >= pass_.row_end {
         return;
     }
     let at = pixel_index(pixel);
@@ -31,7 +31,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let bits = packed_normal[at];
     packed_normal[at] = pack_normal(normal[at].xyz);
     normal[at] = vec4<f32>(unpack_normal(bits), 0.0);
-    counts[at] = add_tally(counts[at], pass_.arg0, pass_.arg1);
+    counts[at] = add_tally(counts[at], pass_.args[0], pass_.args[1]);
     sampled[at] = pack_sampled(unpacked[at].rgb, unpacked[at].brg);
 }
 ";

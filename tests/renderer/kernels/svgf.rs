@@ -114,7 +114,8 @@ fn compare(gloss: bool, layers: bool, seed: u64, expected: &[&'static str]) {
                 let variance = match random.bits() % 5 {
                     0 => DVec2::splat(MISSING),
                     1 => DVec2::splat(UNKNOWN),
-                    2 => DVec2::ZERO,
+                    // Not where light is that bright: the shader divides its square by this.
+                    2 if unit <= 1.0 => DVec2::ZERO,
                     _ => DVec2::new(random.within(0.0..0.3), random.within(0.0..0.1)) * square,
                 };
                 let brightness = random.pick(&[0.0, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5, 1.5]);

@@ -65,8 +65,8 @@ fn compare(width: u32, seed: u64) {
 
 #[test]
 fn counts_are_summed_by_rows() {
-    // Several segments, and the last one of part of a segment.
-    compare(3 * SEGMENT, 31);
+    // As many segments as a workgroup sums, and the last one of part of a segment.
+    compare(8 * SEGMENT, 31);
     compare(2 * SEGMENT + 5, 32);
     compare(7, 33);
 }

@@ -8,8 +8,9 @@ mod tests;
 use std::collections::HashMap;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
-use diptych::device::{GpuDevice, wgsl};
+use diptych::device::GpuDevice;
 use diptych::stages::layout::PassConstants;
+use diptych::stages::shader_text_of;
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
 pub use self::buffers::{Buffer, Outputs, Stripe, only_in};
@@ -52,12 +53,12 @@ pub struct Kernel {
 
 impl Kernel {
     pub fn new(shader: &'static str, overrides: &[Override]) -> Self {
-        Self { name: shader, source: wgsl(shader), overrides: overrides.to_vec() }
+        Self { name: shader, source: shader_text_of(shader), overrides: overrides.to_vec() }
     }
 
     /// The functions that `shader` includes, followed by a kernel of the test's own.
     pub fn beside(shader: &'static str, overrides: &[Override], kernel: &str) -> Self {
-        let whole = wgsl(shader);
+        let whole = shader_text_of(shader);
         let end = whole.find("@group(1)").unwrap_or_else(|| panic!("shader '{shader}' binds nothing"));
         Self { name: shader, source: format!("{}{kernel}", &whole[..end]), overrides: overrides.to_vec() }
     }

@@ -10,8 +10,8 @@ const WRITES_EVERYWHERE: &str = "
 
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    if id.x < frame.width && id.y < frame.height {
-        image[id.y * frame.width + id.x] += step.x + pass_.arg0;
+    if id.x < frame.camera.width && id.y < frame.camera.height {
+        image[id.y * frame.camera.width + id.x] += step.x + pass_.args[0];
     }
 }
 ";

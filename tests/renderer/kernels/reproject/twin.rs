@@ -115,7 +115,7 @@ impl Twin<'_> {
             return Fate::Gathered(Light { matte: of(|l| l.matte), gloss: of(|l| l.gloss), variance: DVec2::ZERO });
         }
         if refusals.contains(&Some(Why::Skipped)) {
-            // The filter fills it from what was sampled around it; only where all pixels are to have light it is traced.
+            // The filter fills it from what was sampled around it. Where all pixels are to have light it is traced.
             let is_full = layer == 0 && self.constants.foveation.sampled_share >= 1.0;
             cases.meet(if is_full { "not sampled, but traced" } else { "not sampled" });
             return hole(Why::Outside, is_full);

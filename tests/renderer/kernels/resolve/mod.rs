@@ -11,7 +11,7 @@ use super::inputs::{Cases, HEIGHT, Random, WIDTH, stripes};
 use super::pack::{Counts, floats, is_near, rgb};
 use super::tonemap::{display_levels, shows};
 
-/// A colour, sometimes much brighter than white, and a depth, 0 for the sky or `DROPPED`. The sky is mostly on the left.
+/// A colour, sometimes much brighter than white, and a depth, 0 for the sky, which is mostly on the left, or `DROPPED`.
 fn composed(random: &mut Random, x: usize) -> [f32; 4] {
     let sky = if x < 7 { 0.97 } else { 0.3 };
     let depth = if random.chance(sky) { 0.0 } else { random.within(2.0..6.0) };

@@ -7,7 +7,7 @@
 // sampled stay empty until enough of their surface is within reach, and what is empty at the last iteration takes the mean
 // of whatever surfaces are there.
 
-//!include frame rng pack edges foveation
+//!include frame grid rng pack edges foveation
 
 @group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> source: array<vec4<f32>>;
@@ -22,7 +22,7 @@ const LAST_RESORT: f32 = 1e-6;
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= frame.width || pixel.y >= pass_.row_end {
+    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }
     let at = pixel_index(pixel);
@@ -32,27 +32,27 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         filtered[at] = centre;
         return;
     }
-    let step = i32(pass_.arg0);
-    var inverse_sigma2 = bitcast<f32>(pass_.arg1);
-    let guide = guide_for(bits, frame.views[pass_.view].origin, 0.02);
+    let step = i32(pass_.args[0]);
+    var inverse_sigma2 = bitcast<f32>(pass_.args[1]);
+    let guide = guide_for(bits, frame.camera.views[pass_.view].origin, 0.02);
     let colour = comparable(centre.rgb);
     var kernel = array<f32, 5>(0.0625, 0.25, 0.375, 0.25, 0.0625);
     let low = vec2<i32>(0, i32(pass_.valid_begin));
-    let high = vec2<i32>(i32(frame.width) - 1, i32(pass_.valid_end) - 1);
+    let high = vec2<i32>(i32(pass_.width) - 1, i32(pass_.valid_end) - 1);
     // A centre that is sampled always counts, so the sum of weights cannot vanish.
     var sum = centre.rgb * (0.375 * 0.375);
     var weight = 0.375 * 0.375;
     var last_dy = 2;
     var least = 0.0;
     if SPARSE {
-        let left = firstTrailingBit(pass_.arg0) + 1u;
-        var own = frame.layer_iterations[INNER];
+        let left = firstTrailingBit(pass_.args[0]) + 1u;
+        var own = frame.foveation.layer_iterations[INNER];
         if FOVEATED {
-            own = frame.layer_iterations[layer_of(pixel, pass_.view)];
+            own = frame.foveation.layer_iterations[layer_of(pixel, pass_.view)];
             last_dy = select(-3, 2, left <= own);
         }
         // An empty pixel has no radiance to compare with.
-        inverse_sigma2 = select(0.0, inverse_sigma2, centre.a > 0.0 && own - left >= pass_.arg2);
+        inverse_sigma2 = select(0.0, inverse_sigma2, centre.a > 0.0 && own - left >= pass_.args[2]);
         weight *= centre.a;
         least = select(0.0, LAST_RESORT, centre.a == 0.0 && step == 1);
     }
@@ -60,7 +60,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         for (var dx = -2; dx <= 2; dx += 1) {
             let there = vec2<i32>(pixel) + vec2<i32>(dx, dy) * step;
             let inside = clamp(there, low, high);
-            let tap = u32(inside.y) * frame.width + u32(inside.x);
+            let tap = u32(inside.y) * pass_.width + u32(inside.x);
             let value = source[tap];
             let counts = all(inside == there) && (dx != 0 || dy != 0);
             let tap_bits = guide_image[tap];

@@ -8,6 +8,7 @@ use crate::passes::gbuffer::{ALBEDO, EMISSION, GUIDE, HIT, TALLY};
 use crate::passes::tonemap::{self, DISPLAY, LINEAR};
 use crate::passes::{FrameSpec, PREVIOUS_VIEWS};
 use crate::scene::rig::Eye;
+use crate::wgsl::constants;
 
 const STAGE: Stage = Stage("svgf");
 const VARIANCE: Stage = Stage("variance");
@@ -19,8 +20,10 @@ const HISTORY: Resource = Resource::image("history", 16);
 /// The image antialiased over frames, scene-referred RGB.
 const RESOLVED: Resource = Resource::image("resolved", 16);
 
-/// Rows that the estimate of variance reads beyond its own: `REACH` in its shader.
-const VARIANCE_REACH_ROWS: u32 = 3;
+/// Rows and columns that the estimate of variance reads beyond its own.
+const VARIANCE_REACH: u32 = 3;
+
+const VARIANCE_KERNEL: Kernel = Kernel::new("variance").with(constants![VARIANCE_REACH]);
 
 /// Rows that antialiasing reads beyond its own.
 const RESOLVE_REACH_ROWS: u32 = 1;
@@ -66,7 +69,7 @@ impl Denoise for Svgf {
             let uses = [Use::read(GUIDE).halo(halo), Use::read(source).halo(halo), Use::write(target)];
             Pass::new(stage, view, CUT, kernel).uses(uses).chain(Chain::Planned)
         };
-        let mut passes = vec![link(VARIANCE, Kernel::new("variance"), VARIANCE_REACH_ROWS, light.advance())];
+        let mut passes = vec![link(VARIANCE, VARIANCE_KERNEL, VARIANCE_REACH, light.advance())];
         for index in 0..spec.iterations {
             let images = if index == 0 { light.advance_to(HISTORY.into()) } else { light.advance() };
             let args = [step(index), (SIGMA * SIGMA).to_bits(), index];

@@ -1,0 +1,19 @@
+/// How much wgpu guards shaders at run time.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ShaderChecks {
+    /// Everything: bounds, loops, integer division.
+    Full,
+    /// Bounds only. Our loops are bounded and our divisors are not zero.
+    #[default]
+    Fast,
+}
+
+impl ShaderChecks {
+    pub fn runtime_checks(self) -> wgpu::ShaderRuntimeChecks {
+        match self {
+            Self::Full => wgpu::ShaderRuntimeChecks::checked(),
+            Self::Fast => wgpu::ShaderRuntimeChecks { bounds_checks: true, ..wgpu::ShaderRuntimeChecks::unchecked() },
+        }
+    }
+}

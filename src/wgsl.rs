@@ -1,0 +1,111 @@
+//! Structs and constants that the host and shaders share: declared in Rust, from which their declarations in WGSL follow.
+
+use std::fmt;
+
+use glam::{UVec2, UVec3, Vec2, Vec3, Vec4};
+
+/// A type that shaders have as well.
+pub trait Shared {
+    /// Its name in WGSL.
+    fn name() -> String;
+}
+
+macro_rules! name_types {
+    ($($type:ty = $name:literal),* $(,)?) => {$(
+        impl Shared for $type {
+            fn name() -> String {
+                $name.to_owned()
+            }
+        }
+    )*};
+}
+
+name_types! {
+    u32 = "u32",
+    f32 = "f32",
+    UVec2 = "vec2<u32>",
+    UVec3 = "vec3<u32>",
+    Vec2 = "vec2<f32>",
+    Vec3 = "vec3<f32>",
+    Vec4 = "vec4<f32>",
+}
+
+impl<T: Shared, const N: usize> Shared for [T; N] {
+    fn name() -> String {
+        format!("array<{}, {N}>", T::name())
+    }
+}
+
+/// A member of a struct.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Member {
+    pub name: &'static str,
+    /// Its type in WGSL.
+    pub type_name: String,
+    /// Bytes from the struct's beginning.
+    pub offset: usize,
+}
+
+/// What a struct is in WGSL.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Declaration {
+    pub name: &'static str,
+    pub members: Vec<Member>,
+    /// Bytes of all of it.
+    pub bytes: usize,
+}
+
+impl fmt::Display for Declaration {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "struct {} {{", self.name)?;
+        for Member { name, type_name, .. } in &self.members {
+            writeln!(f, "    {name}: {type_name},")?;
+        }
+        writeln!(f, "}}")
+    }
+}
+
+/// Declares structs of plain data that shaders have as well, under the same names.
+macro_rules! shared_structs {
+    ($($(#[$about:meta])* pub struct $name:ident { $($(#[$what:meta])* pub $member:ident: $type:ty,)* })*) => {$(
+        $(#[$about])*
+        #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+        #[repr(C)]
+        pub struct $name {
+            $($(#[$what])* pub $member: $type,)*
+        }
+
+        impl $crate::wgsl::Shared for $name {
+            fn name() -> String {
+                stringify!($name).to_owned()
+            }
+        }
+
+        impl $name {
+            /// What it is in shaders.
+            pub fn declaration() -> $crate::wgsl::Declaration {
+                let members = vec![$($crate::wgsl::Member {
+                    name: stringify!($member),
+                    type_name: <$type as $crate::wgsl::Shared>::name(),
+                    offset: std::mem::offset_of!($name, $member),
+                }),*];
+                $crate::wgsl::Declaration { name: stringify!($name), members, bytes: size_of::<$name>() }
+            }
+        }
+    )*};
+}
+
+/// A constant of shaders: its name and its value.
+pub type Constant = (&'static str, u32);
+
+/// Constants under the names that they have in Rust.
+macro_rules! constants {
+    ($($name:ident),* $(,)?) => { &[$((stringify!($name), $name)),*] };
+}
+
+pub(crate) use {constants, shared_structs};
+
+/// The declarations of constants.
+pub fn declare(constants: &[Constant]) -> String {
+    constants.iter().map(|(name, value)| format!("const {name}: u32 = {value}u;\n")).collect()
+}
