@@ -71,13 +71,13 @@ pub struct FrameGraph {
 }
 
 impl FrameGraph {
-    /// `before`: who had which rows in the frame before, if this one is to know its history. All outputs end up on the
-    /// primary.
+    /// Builds the graph of a frame. `before` says which device had which rows in the frame before, if this one has a
+    /// history. All outputs end up on the primary.
     pub fn build(program: &Arc<Program>, assignment: &Assignment, before: Option<&Assignment>) -> Self {
         Self::build_for(program, assignment, before, |_| true)
     }
 
-    /// ... of the outputs, those that are read.
+    /// Like [`Self::build`], but only the outputs that are read end up on the primary.
     pub fn build_for(
         program: &Arc<Program>,
         assignment: &Assignment,
@@ -325,7 +325,7 @@ impl<'a> Builder<'a> {
         Holding { rows, device: to, node: Some(up) }
     }
 
-    /// Brings what is read of the frame to the primary.
+    /// Brings the outputs that are read to the primary.
     fn stitch(&mut self, pass: u32, primary: usize, is_read: impl Fn(&Resource) -> bool) {
         let key = Key { pass, phase: DISPATCH, serial: u32::MAX };
         let rows = self.program.extent.rows();

@@ -34,7 +34,7 @@ pub struct Kernel {
     pub workgroup: [u32; 3],
     /// Whether it reads the scene.
     pub reads_scene: bool,
-    /// What it knows of its pass, by the names that it has in the shader.
+    /// Constants of its pass, by their names in the shader.
     pub constants: &'static [Constant],
 }
 
@@ -49,7 +49,7 @@ impl Kernel {
         Self { reads_scene: true, ..Self::new(name) }
     }
 
-    /// ... and has these constants.
+    /// The same kernel with these constants.
     pub const fn with(self, constants: &'static [Constant]) -> Self {
         Self { constants, ..self }
     }

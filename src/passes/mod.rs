@@ -150,7 +150,7 @@ impl Declarations {
     }
 }
 
-/// Passes of frames that between them have every stage.
+/// The passes of frames that together have every stage.
 fn all_passes() -> impl Iterator<Item = Pass> {
     [None, Some(Denoiser::Atrous), Some(Denoiser::Svgf)].into_iter().flat_map(|filter| {
         let (seam, aovs) = (Seam::Filter, vec![Aov::Albedo]);

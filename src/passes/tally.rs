@@ -26,7 +26,7 @@ pub fn pass(view: Eye) -> Pass {
         .dispatch(Dispatch::Invocations([SEGMENT, 1]))
 }
 
-/// What was counted in one row, in the shader's order.
+/// The sums of one row, in the order of the shader.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct RowTally {
@@ -38,7 +38,7 @@ pub struct RowTally {
     pub unsampled: u32,
 }
 
-/// In the place of a [`HoleReason`]: the pixel is left to the filter.
+/// Stands in place of a [`HoleReason`] where a pixel is left to the filter.
 pub const SKIPPED: u32 = HoleReason::ALL.len() as u32 + 1;
 
 /// Why a pixel of the right eye could not be reprojected, in the order of [`RowTally::holes`]. Pixels have the reason's

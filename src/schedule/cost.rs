@@ -68,7 +68,7 @@ pub struct CostModel {
     program: Arc<Program>,
     /// The stages, by view, that were ever planned. What is learned of them is stored by their numbers.
     stages: Vec<StageOfView>,
-    /// What the frames that are planned must do.
+    /// The effort of the frames that are planned.
     effort: Effort,
     devices: Vec<DeviceCost>,
     /// For each eye and row, the rays of all rows above over the effort with which they were traced; `height + 1`
@@ -144,7 +144,7 @@ impl CostModel {
         &self.spec
     }
 
-    /// What the frames that are planned must do.
+    /// The program of the frames that are planned.
     pub fn program(&self) -> &Arc<Program> {
         &self.program
     }
@@ -296,7 +296,7 @@ impl CostModel {
         }
     }
 
-    /// A device that never did this stage is taken to be like the mean of those that did.
+    /// A device that never ran this stage is assumed to be like the mean of those that did.
     fn ms_per_unit(&self, number: usize, device: usize, effort: &Effort) -> f64 {
         let ms = self.devices[device].ms_per_unit[number].value();
         ms.unwrap_or_else(|| self.mean_ms(|d| d.ms_per_unit[number])) * effort.of(self.stages[number].stage)
@@ -307,13 +307,13 @@ impl CostModel {
         self.pass_ms_at(&self.effort, pass, device, rows)
     }
 
-    /// ... in a frame that takes another effort.
+    /// The same in a frame that takes another effort.
     pub fn pass_ms_at(&self, effort: &Effort, pass: &Pass, device: usize, rows: &Range<u32>) -> f64 {
         let number = self.number_of(pass.stage, pass.view);
         number.map_or(0.0, |n| self.ms_per_unit(n, device, effort) * self.units(self.stages[n].unit(), rows))
     }
 
-    /// What the frames that are planned must do.
+    /// The effort of the frames that are planned.
     pub fn effort(&self) -> &Effort {
         &self.effort
     }

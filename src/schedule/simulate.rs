@@ -91,7 +91,7 @@ pub fn simulate(graph: &FrameGraph, model: &CostModel) -> Result<Prediction, Stu
     simulate_at(graph, model, model.effort())
 }
 
-/// ... of a frame that takes another effort.
+/// Predicts how a frame with this graph will go that takes another effort.
 ///
 /// # Errors
 /// Those of [`simulate`].
