@@ -54,7 +54,7 @@ fn sampled_share(quality: &Quality) -> f64 {
 }
 
 /// The FLIP that a setting is expected to have at this many rows. `missing_light` is the share of the light that
-/// further bounces would bring. The error is a sum of noise, which samples average down, of blur, and of missing light.
+/// further bounces would bring. The error combines noise, which samples average down, blur, and missing light.
 /// For SVGF after some frames it follows measurements of three scenes at 64 and 180 rows, shown at [`ESTIMATES_EV`].
 /// Without history, samples and iterations are assumed to matter more.
 pub fn guessed_error(quality: &Quality, missing_light: f64, rows: u32) -> f64 {

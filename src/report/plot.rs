@@ -193,7 +193,7 @@ fn draw_legend(canvas: &mut Canvas, corner: SeriesLabelPosition) -> Result<(), D
 /// The approximate share of the chart's width and height that a legend takes.
 const LEGEND_SHARE: [f64; 2] = [0.35, 0.3];
 
-/// The corner in which a legend hides the fewest points.
+/// The corner in which a legend hides the smallest part of the lines.
 fn legend_corner(axes: &[Ticks; 2], lines: &[Drawn]) -> SeriesLabelPosition {
     let share = |axis: usize, at: f64| (at - axes[axis].range.start) / (axes[axis].range.end - axes[axis].range.start);
     let along = |pair: &[(f64, f64)]| -> Vec<(f64, f64)> {

@@ -53,7 +53,7 @@ pub struct Row {
     /// The difference between the predicted and the measured makespan, over the latter. It is none before the cost
     /// model had learned.
     pub prediction_error: Option<f64>,
-    /// The losses as shares of the frames' time.
+    /// The parts of the critical path, as shares of the frames' time.
     pub critical_path: String,
 }
 
