@@ -103,7 +103,17 @@ macro_rules! constants {
     ($($name:ident),* $(,)?) => { &[$((stringify!($name), $name)),*] };
 }
 
-pub(crate) use {constants, shared_structs};
+/// Declares constants, and `CONSTANTS`, which is all of them for shaders.
+macro_rules! shared_constants {
+    ($($(#[$about:meta])* $visible:vis const $name:ident: u32 = $value:expr;)*) => {
+        $($(#[$about])* $visible const $name: u32 = $value;)*
+
+        /// Those above, for shaders.
+        pub(super) const CONSTANTS: &[$crate::wgsl::Constant] = $crate::wgsl::constants![$($name),*];
+    };
+}
+
+pub(crate) use {constants, shared_constants, shared_structs};
 
 /// The declarations of constants.
 pub fn declare(constants: &[Constant]) -> String {
