@@ -6,7 +6,7 @@ use glam::{UVec3, Vec2, Vec3, Vec4};
 
 use self::tables::ROLES;
 pub use self::tables::*;
-use crate::accel::{SPHERE, Shading, TRIANGLE_ALPHA, Triangle};
+use crate::accel::{self, SPHERE, TRIANGLE_ALPHA};
 use crate::graph::LIST_HEADER;
 use crate::passes::SKIPPED;
 use crate::scene::rig;
@@ -199,32 +199,14 @@ shared_constants! {
     pub const NO_HISTORY: u32 = u32::MAX;
 }
 
-/// The structs that shaders have.
-pub fn structs() -> Vec<Declaration> {
-    vec![
-        View::declaration(),
-        Camera::declaration(),
-        Sampling::declaration(),
-        Lights::declaration(),
-        Environment::declaration(),
-        Geometry::declaration(),
-        Foveation::declaration(),
-        History::declaration(),
-        Display::declaration(),
-        Frame::declaration(),
-        PassConstants::declaration(),
-        Material::declaration(),
-        TextureInfo::declaration(),
-        Light::declaration(),
-        EnvCell::declaration(),
-        Triangle::declaration(),
-        Shading::declaration(),
-    ]
+/// All structs that shaders have.
+pub fn all_structs() -> Vec<Declaration> {
+    [accel::structs(), tables::structs(), structs()].concat()
 }
 
 /// What every shader's text begins with: structs and constants.
 pub fn declarations() -> String {
-    let structs: String = structs().iter().map(ToString::to_string).collect();
+    let structs: String = all_structs().iter().map(ToString::to_string).collect();
     let of_others = constants![SKIPPED, LIST_HEADER, SPHERE, TRIANGLE_ALPHA];
     let constants = [CONSTANTS, tables::CONSTANTS, ROLES, of_others].concat();
     structs + &declare(&constants) + &format!("const SMOOTH: f32 = {SMOOTH:?}f;\n")

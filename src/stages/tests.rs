@@ -35,7 +35,7 @@ fn reflect(module: &naga::Module, name: &str) -> Option<(usize, Vec<(String, usi
 #[test]
 fn host_structs_lie_as_shaders_read_them() {
     let module = module("path_trace");
-    for Declaration { name, members, bytes } in layout::structs() {
+    for Declaration { name, members, bytes } in layout::all_structs() {
         let declared = members.into_iter().map(|m| (m.name.to_owned(), m.offset)).collect();
         assert_eq!(reflect(&module, name), Some((bytes, declared)), "{name}");
     }
