@@ -30,7 +30,7 @@ const OUTLINE: Resource = Resource::image("outline", 4).output();
 
 /// The fourth channel of `emission` is the distance along the ray, 0 for the sky.
 const SHADER: &str = "
-//!include frame
+//!include frame grid
 
 @group(1) @binding(0) var<storage, read> emission: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read_write> outline: array<u32>;

@@ -1,12 +1,12 @@
-//! The band that frames' makespans are kept in.
+//! The band within which the makespans of frames are kept.
 
 use std::str::FromStr;
 
-/// Between what a rung is expected to take, with the margin for scatter, and the band's upper end, at least, for it to be
-/// taken. Rungs are held up to that end, so that this is what keeps the loop from going to and fro.
+/// The least headroom between the expected time of a rung, with the margin for scatter, and the upper end of the band
+/// for the rung to be taken. Rungs are kept up to that end, so this hysteresis prevents oscillation.
 const HEADROOM: f64 = 1.15;
-/// The same for a step to a rung so much dearer that leaving it out wastes a good part of the band, and where all cheaper
-/// rungs would leave the band at its lower end.
+/// The same for a step to a rung that is so much more expensive that leaving it out wastes a good part of the band, and
+/// where all cheaper rungs would leave the band at its lower end.
 const STEP_HEADROOM: f64 = 1.06;
 const GAP_HEADROOM: f64 = 1.03;
 
@@ -17,14 +17,14 @@ pub struct BudgetError {
     hi_ms: f64,
 }
 
-/// Makespans from `lo_ms`, below which quality is given away, to `hi_ms`, above which frames are late.
+/// Makespans from `lo_ms`, below which quality is wasted, to `hi_ms`, above which frames are late.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Budget {
     lo_ms: f64,
     hi_ms: f64,
 }
 
-/// `LO..HI`, milliseconds.
+/// The form is `LO..HI`, in milliseconds.
 impl FromStr for Budget {
     type Err = String;
 
@@ -51,20 +51,20 @@ impl Budget {
         self.hi_ms
     }
 
-    /// The most that a rung may be expected to take to be taken, where frames scatter by `margin`: 1 + their relative
-    /// standard deviation. However much they scatter, aiming below the middle of the band would only trade late frames
-    /// for wasted ones.
+    /// The largest expected time with which a rung is taken, where frames scatter by `margin`, 1 + their relative
+    /// standard deviation. However much they scatter, aiming below the middle of the band would only replace late
+    /// frames by wasted ones.
     pub fn reach_ms(&self, margin: f64) -> f64 {
         self.below_end_ms(HEADROOM * margin)
     }
 
-    /// The same for a step to a rung that is much dearer than the one before.
+    /// The same for a step to a rung that is much more expensive than the one before.
     pub fn step_reach_ms(&self, margin: f64) -> f64 {
         self.below_end_ms(STEP_HEADROOM * margin)
     }
 
-    /// The same where all cheaper rungs are below the band: with half a standard deviation to spare, as it is this rung or
-    /// no frame within the band.
+    /// The same where all cheaper rungs are below the band. Half a standard deviation of headroom is enough, since
+    /// otherwise no frame would be within the band.
     pub fn gap_reach_ms(&self, margin: f64) -> f64 {
         self.below_end_ms(GAP_HEADROOM * margin.sqrt())
     }

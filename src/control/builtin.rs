@@ -1,4 +1,4 @@
-//! The ladder to fall back on: candidates whose errors are guessed, and what rungs cost one another.
+//! The built-in ladder, used where none was measured: candidates with estimated errors, and relative costs of rungs.
 
 use std::f64::consts::PI;
 
@@ -9,20 +9,20 @@ use crate::passes::path_trace::{HOLE_FILL, STAGE as PATH_TRACE};
 use crate::quality::{Denoiser, Quality};
 use crate::schedule::Effort;
 
-/// Samples per pixel and bounces of the candidates, and iterations of those that filter.
+/// Samples per pixel and bounces of the candidates, and iterations of those with a filter.
 pub const SPP: [u32; 8] = [1, 2, 3, 4, 5, 6, 7, 8];
 pub const BOUNCES: [u32; 5] = [1, 2, 3, 4, 6];
 pub const ITERATIONS: [u32; 5] = [1, 2, 3, 4, 5];
-/// Render scales of the candidates with one sample: fewer samples than that.
+/// Render scales of the candidates with one sample per pixel, which take fewer samples than that.
 pub const SPARSE_SCALES: [f64; 7] = [0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3];
-/// Radii of the foveal layers, where there are any.
+/// Radii of the foveal layers, for candidates that have them.
 pub const FOVEAE: [[f64; 2]; 3] = [[0.3, 0.6], [0.15, 0.3], [0.1, 0.2]];
 
-/// Stages whose cost changes with samples and bounces. Those of filters go with the number of iterations, which graphs
-/// have.
+/// Stages whose cost changes with samples and bounces. The cost of filters changes with the number of iterations, which
+/// the graph has.
 pub const TRACING: [Stage; 3] = [GBUFFER, PATH_TRACE, HOLE_FILL];
 
-/// All settings that the built-in ladder may have. Those with foveal layers, if `foveated`.
+/// All settings that the built-in ladder may have, including those with foveal layers if `foveated`.
 pub fn candidates(denoiser: Option<Denoiser>, foveated: bool) -> Vec<Quality> {
     let filters = denoiser.is_some();
     let iterations = if filters { &ITERATIONS[..] } else { &[0] };
@@ -40,27 +40,28 @@ pub fn candidates(denoiser: Option<Denoiser>, foveated: bool) -> Vec<Quality> {
     all
 }
 
-/// At which pictures were shown for the measurements that [`guessed_error`] follows, whatever the exposure of the shot that
-/// is played.
+/// The exposure of the pictures in the measurements that [`guessed_error`] follows, whatever the exposure of the shot
+/// is.
 pub const ESTIMATES_EV: f64 = 0.0;
 
-/// Share of the pixels that are sampled.
+/// The share of the pixels that are sampled.
 fn sampled_share(quality: &Quality) -> f64 {
     let Some(radii) = quality.fovea else { return quality.scale * quality.scale };
-    // Of an image of 16 to 9 around its centre; half of what is outside the layers is sampled.
+    // This holds for an image of 16 to 9 with the gaze at its centre. Half of the pixels outside the layers are
+    // sampled.
     let [inner, outer] = radii.map(|r| (PI * r * r * 16.0 / 9.0).min(1.0));
     quality.scale * quality.scale * (0.5 + 0.25 * (inner + outer))
 }
 
-/// FLIP that a setting is expected to have at so many rows, where `missing_light`, the share of the light that more
-/// bounces bring, is left out: noise, which samples average down, blur, and what is too dark. For SVGF after some frames
-/// it follows what was measured of three scenes, at 64 and 180 rows, shown at [`ESTIMATES_EV`]; without history,
-/// samples and iterations are taken to count for more.
+/// The FLIP that a setting is expected to have at this many rows. `missing_light` is the share of the light that
+/// further bounces would bring. The error is a sum of noise, which samples average down, of blur, and of missing light.
+/// For SVGF after some frames it follows measurements of three scenes at 64 and 180 rows, shown at [`ESTIMATES_EV`].
+/// Without history, samples and iterations are assumed to matter more.
 pub fn guessed_error(quality: &Quality, missing_light: f64, rows: u32) -> f64 {
     let samples = f64::from(quality.spp) * sampled_share(quality);
     let iterations = quality.most_iterations();
     let unfiltered = 0.5f64.powi(iterations as i32 - 1);
-    // By the filter's reach.
+    // Blur by the filter's reach.
     let blur = 1.0 + 0.35 * (2f64.powi(iterations as i32) - 1.0) / f64::from(rows.max(1));
     let noise = match (quality.denoiser, iterations) {
         (Some(Denoiser::Svgf), _) => blur * (0.97 + 0.06 * unfiltered) * (0.055 + 0.022 * samples.powf(-0.65)),
@@ -71,18 +72,18 @@ pub fn guessed_error(quality: &Quality, missing_light: f64, rows: u32) -> f64 {
     noise.hypot(dark).min(1.0)
 }
 
-/// Path tracing's work, where nothing was measured: Russian roulette ends most paths after four reflections.
+/// The work of path tracing where nothing was measured. Russian roulette ends most paths after four reflections.
 pub fn guessed_paths(quality: &Quality) -> f64 {
     f64::from(quality.spp) * sampled_share(quality) * f64::from(1 + quality.bounces.clamp(1, 4))
 }
 
-/// What tracing costs at a quality, before anything was timed.
+/// The effort of tracing at a quality, before anything was timed.
 pub fn guessed_effort(quality: &Quality) -> Effort {
     Effort::new([PATH_TRACE, HOLE_FILL].map(|stage| (stage, guessed_paths(quality))))
 }
 
-/// What tracing costs on each rung: from the rungs' own times if all have them, else guessed. Efforts of paths are the
-/// same for a rung whatever the others are, so that what was learned with one choice of rungs holds for another.
+/// The effort of tracing on each rung, from the rungs' own times if all have them, else estimated. The effort of paths
+/// of a rung does not depend on the other rungs, so what was learned with one choice of rungs holds for another.
 pub fn efforts(rungs: &[Rung]) -> Vec<Effort> {
     let paths = PATH_TRACE.name();
     let are_timed = rungs.iter().all(|r| r.stage_ms.get(paths).is_some_and(|ms| *ms > 0.0));

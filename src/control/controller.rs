@@ -1,31 +1,32 @@
 //! Picks the rung of the next frame.
 //!
-//! The rung that it is after is the dearest that is expected to stay inside the band, with a margin for how much frames
-//! scatter. Above the band it drops to that rung at once, from below the band it climbs to it in one step, and within the
-//! band it climbs a rung at a time, slowly. Where no rung is well inside the band, one that is just inside is better than
-//! one below it. Expected is what the predictor says, times what its predictions were off by lately
+//! Its target is the most expensive rung that is expected to stay inside the band, with a margin for how much frames
+//! scatter. Above the band it drops to that rung at once, from below the band it climbs to it in one step, and within
+//! the band it climbs slowly, a rung at a time. Where no rung is well inside the band, one that is just inside is
+//! better than one below it. The expected time is the prediction times the factor by which recent predictions were off
 //! ([`super::correction`]).
 
 use super::correction::Correction;
 use super::{Budget, Ladder};
 
-/// Frames between one change and a climb, at least.
+/// The least number of frames between a change and a climb.
 pub const CLIMB_EVERY: u32 = 8;
-/// ... from below the band: after a burst of load a drop may have gone too far.
+/// The same for a climb from below the band, since a drop after a burst of load may have gone too far.
 pub const CLIMB_BACK_AFTER: u32 = 4;
 /// A drop within this many frames after a climb says that the climb was a mistake.
 const PROBATION: u32 = 16;
-/// Frames for which a rung is left alone after the first such mistake; doubled by each further one, up to the second.
+/// The number of frames for which a rung is not tried again after the first such mistake. Each further mistake doubles
+/// it, up to the second number.
 const RETRY_AFTER: [u32; 2] = [32, 1024];
-/// A rung that takes this many times as long as the one below is a step that is worth less headroom.
+/// A step to a rung that takes this many times as long as the one below is worth taking with less headroom.
 const COARSE: f64 = 1.3;
 /// The margin for scatter is at most this.
 const MARGIN_MAX: f64 = 1.2;
 
-/// Foretells what a frame would take.
+/// Predicts what a frame would take.
 pub trait Predict {
-    /// Makespan of the next frame on this rung, ms. What is not a number above 0 is not believed: the ladder's own
-    /// measurement then stands in.
+    /// The makespan of the next frame on this rung, ms. Anything but a number above 0 is replaced by the ladder's own
+    /// measurement.
     fn makespan_ms(&self, rung: usize) -> f64;
 }
 
@@ -35,18 +36,18 @@ impl<F: Fn(usize) -> f64> Predict for F {
     }
 }
 
-/// What the next frame is to be rendered with.
+/// The rung with which the next frame is to be rendered.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Decision {
     /// Index into the ladder's rungs.
     pub rung: usize,
-    /// Corrected prediction of the frame's makespan.
+    /// The corrected prediction of the frame's makespan.
     pub expected_ms: f64,
-    /// False: no rung is expected to be within the budget, and this is the cheapest.
+    /// If false, no rung is expected to be within the budget, and this is the cheapest.
     pub fits: bool,
 }
 
-/// What climbs to a rung came to.
+/// The outcome of climbs to a rung.
 #[derive(Clone, Debug)]
 struct Trial {
     /// The first decision that may climb to it.
@@ -58,14 +59,14 @@ struct Trial {
 #[derive(Clone, Debug)]
 pub struct Controller {
     budget: Budget,
-    /// The ladder's.
+    /// The rungs of the ladder.
     times_ms: Vec<f64>,
     correction: Correction,
-    /// Of the last frame; none before the first.
+    /// The rung of the last frame; none before the first frame.
     rung: Option<usize>,
     decisions: u64,
     changed_at: u64,
-    /// The rung of the last climb and when it was, while it is on probation.
+    /// The rung of the last climb and the time of the climb, as long as the climb may turn out to be a mistake.
     climbed: Option<(usize, u64)>,
     trials: Vec<Trial>,
 }
@@ -78,23 +79,24 @@ impl Controller {
         Self { budget, times_ms, correction, rung: None, decisions: 0, changed_at: 0, climbed: None, trials }
     }
 
-    /// Takes in the makespan of a finished frame, in any order and however many frames after its decision. What is not a
-    /// time above 0 tells nothing.
+    /// Adds the makespan of a finished frame, in any order and any number of frames after its decision. Anything but a
+    /// time above 0 is ignored.
     pub fn observe(&mut self, rung: usize, makespan_ms: f64) {
         if makespan_ms.is_finite() && makespan_ms > 0.0 {
             self.correction.learn(rung.min(self.times_ms.len() - 1), makespan_ms);
         }
     }
 
-    /// Devices have come, gone or changed their speed: the last frames tell nothing of the next, but the predictor is
-    /// as far off as it was.
+    /// To be called when devices have come, gone or changed their speed. The last frames then say nothing about the
+    /// next ones, but predictions are still off by the same factor.
     pub fn devices_changed(&mut self) {
         self.correction.forget_frames();
         self.changed_at = self.decisions;
         self.climbed = None;
     }
 
-    /// The rung of the next frame. Asks `predictor` of each rung a few times at most, of most rungs not at all.
+    /// Picks the rung of the next frame. It asks `predictor` a few times at most for each rung, and not at all for
+    /// most.
     pub fn next(&mut self, predictor: &impl Predict) -> Decision {
         let times_ms = &self.times_ms;
         let predicted_ms = |rung: usize| {
@@ -122,7 +124,7 @@ impl Controller {
         let now_ms = expected_ms(rung);
         if now_ms > self.budget.hi_ms() / margin {
             let lower = limits.dearest(0..rung, &expected_ms).unwrap_or(0);
-            // Late at times is better than never within the band.
+            // A rung that is late at times is better than one that is never within the band.
             let is_held = now_ms <= self.budget.hi_ms() && expected_ms(lower) < limits.lo_ms;
             return if is_held { rung } else { lower };
         }
@@ -133,7 +135,7 @@ impl Controller {
         let may_climb_to = |r: &usize| self.decisions >= self.trials[*r].from;
         let mut above = rung + 1..rungs;
         let higher = if now_ms < limits.lo_ms {
-            // What was said of dearer rungs is no truer than of one that turned out to be a mistake.
+            // Predictions for more expensive rungs are no better than for the one that turned out to be a mistake.
             let end = above.find(|r| !may_climb_to(r) || expected_ms(*r) > limits.gap_reach_ms).unwrap_or(rungs);
             limits.dearest(rung + 1..end, &expected_ms)
         } else {
@@ -169,7 +171,7 @@ impl Controller {
     }
 }
 
-/// Between what rungs that are taken may be expected to take.
+/// The bounds of the expected time of rungs that may be taken.
 struct Limits {
     lo_ms: f64,
     /// [`Budget::reach_ms`], [`Budget::gap_reach_ms`].
@@ -178,8 +180,8 @@ struct Limits {
 }
 
 impl Limits {
-    /// Of these rungs, from the cheapest, the dearest within reach. Where that one is below the band, or there is none, the
-    /// next one, if it is within the reach over gaps.
+    /// The most expensive of these rungs within reach, which are in order from the cheapest. Where that one is below
+    /// the band, or there is none, it is the next rung, if that is within the reach over gaps.
     fn dearest(
         &self,
         rungs: impl DoubleEndedIterator<Item = usize>,

@@ -1,26 +1,26 @@
-//! How far predictions are off, learned from what frames took: a factor, and how much frames scatter around it.
+//! How far predictions are off, learned from measured frame times: a factor, and how much frames scatter around it.
 
 use std::collections::VecDeque;
 
-/// Frames whose median is taken, so that a single frame that was held up moves nothing.
+/// The number of frames whose median is taken, so that a single frame that was held up changes nothing.
 const WINDOW: usize = 3;
 /// Share of a new median in the running mean.
 const LEARNING_RATE: f64 = 0.15;
-/// A median this many times the mean, or this part of it, is another load: it replaces the mean. The first value is for
-/// frames that do not scatter, the second for any.
+/// A median this many times the mean, or this part of it, means that the load has changed, and replaces the mean. The
+/// first value is for frames that do not scatter, the second for any frames.
 const LEAP: [f64; 2] = [1.3, 1.75];
-/// Ratios beyond this, or below its inverse, count as this: clocks and predictors that are off by more are broken.
+/// Ratios above this, or below its inverse, are clamped to it. Clocks and predictors that are off by more are broken.
 const RATIO_MAX: f64 = 1e3;
 /// Share of a frame's deviation in the running mean of deviations.
 const SPREAD_RATE: f64 = 0.05;
 /// Standard deviation over mean deviation of a normal distribution: √(π/2).
 const SIGMA_PER_DEVIATION: f64 = 1.253_314_137_315_500_3;
 
-/// All in logarithms of measured over predicted time.
+/// The state of the correction, in logarithms of measured over predicted time.
 #[derive(Clone, Debug, Default)]
 pub struct Correction {
-    /// The last frames: rung and measured time. Their ratios are formed anew for each decision, with what the predictor
-    /// says by then; a predictor that learns by itself is so not corrected for what it already knows.
+    /// Rung and measured time of the last frames. Their ratios are computed for each decision with the present
+    /// predictions, so a predictor that learns by itself is not corrected for what it already knows.
     frames: VecDeque<(usize, f64)>,
     mean: f64,
     has_mean: bool,
@@ -30,7 +30,7 @@ pub struct Correction {
 }
 
 impl Correction {
-    /// A frame on this rung took `ms`, a number above 0.
+    /// Adds a frame on this rung that took `ms`, a number above 0.
     pub fn learn(&mut self, rung: usize, ms: f64) {
         if self.frames.len() == WINDOW {
             self.frames.pop_front();
@@ -39,7 +39,7 @@ impl Correction {
         self.is_news = true;
     }
 
-    /// Moves the factor to what the last frames say, against present predictions in ms by rung.
+    /// Moves the factor towards the last frames' ratios to the present predictions, which are in ms by rung.
     pub fn update(&mut self, predicted_ms: impl Fn(usize) -> f64) {
         if !std::mem::take(&mut self.is_news) || self.frames.len() < 2 {
             return;
@@ -48,7 +48,7 @@ impl Correction {
         let mut ratios: Vec<f64> = self.frames.iter().map(ratio).collect();
         let newest = ratios[ratios.len() - 1];
         ratios.sort_by(f64::total_cmp);
-        // Of two the lesser: the first frame of all is cold.
+        // Of two frames the lesser is taken, since the first frame of all is cold.
         let median = ratios[(ratios.len() - 1) / 2];
         let error = median - self.mean;
         let leap = (LEAP[0].ln() + 2.0 * SIGMA_PER_DEVIATION * self.deviation).min(LEAP[1].ln());
@@ -60,7 +60,7 @@ impl Correction {
         }
     }
 
-    /// What predictions are to be multiplied by.
+    /// The factor by which predictions are to be multiplied.
     pub fn factor(&self) -> f64 {
         self.mean.exp()
     }
@@ -70,7 +70,7 @@ impl Correction {
         (SIGMA_PER_DEVIATION * self.deviation).exp()
     }
 
-    /// The last frames tell nothing of those to come.
+    /// Forgets the last frames, which say nothing about those to come.
     pub fn forget_frames(&mut self) {
         self.frames.clear();
     }

@@ -1,4 +1,4 @@
-//! The quality ladder: settings by rising time and falling error, and the file that they are kept in.
+//! The quality ladder: settings by rising time and falling error, and the file in which they are kept.
 
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
@@ -11,13 +11,13 @@ use crate::image::ImageError;
 use crate::image::file::atomic_write;
 use crate::quality::Denoiser;
 
-/// Rungs of a front that are less than this apart in time, as a share, are not told apart by measurement.
+/// Measurements cannot distinguish rungs of a front that are less than this share apart in time.
 pub const MIN_STEP: f64 = 0.03;
-/// A rung below another one may have this power of the factor that it saves in time as a factor on the error: who would
-/// take three times the error for a tenth of the time had better leave out samples.
+/// The factor on the error of a rung relative to the next one may be at most the factor on time to this power. A rung
+/// with a larger error than that is worse than one with fewer samples.
 pub const STEEPEST: f64 = 3.0;
 
-/// What ends the version of ladders of before that `play` left with estimates named `flip`.
+/// The suffix of the version in older ladders of `play`, in which estimates are named `flip`.
 const ESTIMATED_FLIP: &str = "; flip is estimated";
 
 #[derive(Debug, thiserror::Error)]
@@ -38,32 +38,32 @@ pub enum LadderError {
     Write(#[from] ImageError),
 }
 
-/// What a ladder was measured on.
+/// The conditions under which a ladder was measured.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Origin {
     pub shot: String,
-    /// Of each eye.
+    /// The size of each eye.
     pub size: String,
-    /// At which images were shown to be judged.
+    /// The exposure at which images were compared.
     #[serde(default)]
     pub exposure_ev: f64,
-    /// What its rungs' errors are.
+    /// The measure of the rungs' errors.
     #[serde(default)]
     pub measure: Measure,
     pub devices: Vec<String>,
-    /// Of diptych.
+    /// The version of diptych.
     pub version: String,
 }
 
-/// Rungs by strictly rising time and strictly falling error; there is one at least.
+/// Rungs by strictly rising time and strictly falling error. There is at least one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Ladder {
     origin: Origin,
     rungs: Vec<Rung>,
 }
 
-/// As it is in a file.
+/// The form of a ladder in a file.
 #[derive(Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 struct File {
@@ -87,11 +87,12 @@ impl Ladder {
         Ok(Self { origin, rungs })
     }
 
-    /// The Pareto front of time and error. Of rungs closer than [`MIN_STEP`], and where a step down saves too little for
-    /// what it costs ([`STEEPEST`]), the better ones stay. What was not measured in finite numbers is left out.
+    /// A ladder of the Pareto front of time and error. Of rungs closer than [`MIN_STEP`], and where a step down saves
+    /// too little for what it costs ([`STEEPEST`]), the better ones stay. Measurements that are not finite are left
+    /// out.
     ///
     /// # Errors
-    /// As [`Self::new`].
+    /// Those of [`Self::new`].
     pub fn of_measured(origin: Origin, measured: &[Rung]) -> Result<Self, LadderError> {
         let points: Vec<(f64, f64)> = measured.iter().map(|r| (r.time_ms, r.error)).collect();
         let mut rungs: Vec<Rung> = Vec::new();
@@ -108,9 +109,9 @@ impl Ladder {
         Self::new(origin, rungs)
     }
 
-    /// A ladder of each denoiser that was measured ([`Self::of_measured`]), the best first: the one whose settings have
-    /// the least error in the mean over the logarithm of time, from the fastest to the slowest setting of all. Denoisers
-    /// without a setting in finite numbers have none.
+    /// A ladder of each denoiser that was measured ([`Self::of_measured`]), the best first. The best is the one whose
+    /// settings have the least error in the mean over the logarithm of time, from the fastest to the slowest setting of
+    /// all. Denoisers without a finite measurement have no ladder.
     ///
     /// # Errors
     /// [`LadderError::Empty`] if none has.
@@ -132,7 +133,7 @@ impl Ladder {
         if ladders.is_empty() { Err(LadderError::Empty) } else { Ok(ladders.into_iter().map(|(_, l)| l).collect()) }
     }
 
-    /// From the text of a ladder's file.
+    /// Parses the text of a ladder's file.
     ///
     /// # Errors
     /// [`LadderError::Form`], and those of [`Self::new`].
@@ -177,7 +178,7 @@ impl Ladder {
         &self.origin
     }
 
-    /// The denoisers of its rungs, in the order in which they come first, with how many rungs each has.
+    /// The denoisers of its rungs in the order of their first rung, with how many rungs each has.
     pub fn denoisers(&self) -> Vec<(Option<Denoiser>, usize)> {
         let mut counts: Vec<(Option<Denoiser>, usize)> = Vec::new();
         for rung in &self.rungs {
@@ -189,7 +190,7 @@ impl Ladder {
         counts
     }
 
-    /// From the cheapest to the best.
+    /// The rungs from the cheapest to the best.
     pub fn rungs(&self) -> &[Rung] {
         &self.rungs
     }

@@ -1,8 +1,9 @@
-//! Keeps the budget: a ladder of settings ordered by what they cost, and a controller that picks each frame's rung.
+//! Keeps a frame budget with a ladder of settings ordered by cost, and a controller that picks the rung of each frame.
 //!
-//! The [`Ladder`] is measured beforehand (`diptych bench`). Each frame the [`Controller`] asks a predictor what rungs would
-//! take now, corrects that by how far predictions of the last frames were off, and stays, climbs slowly or goes at once to
-//! the dearest rung that fits. No wgpu here: whole runs are tested on simulated plants.
+//! The [`Ladder`] is measured in advance (`diptych bench`). For each frame the [`Controller`] asks a predictor what
+//! rungs would take now, and corrects that by how far predictions of the last frames were off. It then stays, climbs
+//! slowly, or goes at once to the most expensive rung that fits. Nothing here uses wgpu: whole runs are tested on
+//! simulated plants.
 
 mod budget;
 mod builtin;

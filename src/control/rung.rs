@@ -1,4 +1,4 @@
-//! A rung of the quality ladder: settings with what they cost and how wrong they are, in memory and in a file.
+//! A rung of the quality ladder: settings with their time and error, in memory and in a file.
 
 use std::collections::BTreeMap;
 
@@ -6,22 +6,22 @@ use serde::{Deserialize, Serialize};
 
 use crate::quality::{Quality, within};
 
-/// What the errors of a ladder's rungs are.
+/// The measure of the errors of a ladder's rungs.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub enum Measure {
-    /// FLIP of frames, each by itself. Ladders that do not name their measure have this one.
+    /// FLIP of single frames. Ladders that do not name their measure have this one.
     #[default]
     Flip,
-    /// FLIP of frames plus the flicker between them: means over frames that follow one another, as `play` shows them.
+    /// FLIP of frames plus the flicker between them, as means over consecutive frames, as `play` shows them.
     FlipFlicker,
-    /// A formula's, which orders settings; nothing was compared with anything.
+    /// The value of a formula that orders settings. No images were compared.
     Estimate,
 }
 
 impl Measure {
-    /// In words.
+    /// The measure in words.
     pub fn name(self) -> &'static str {
         match self {
             Self::Flip => "FLIP",
@@ -31,25 +31,25 @@ impl Measure {
     }
 }
 
-/// Settings with what they cost and how wrong they are.
+/// Settings with their time and error.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rung {
-    /// Median makespan; of estimated rungs, what the cost model foretells.
+    /// Median makespan. Of estimated rungs, it is what the cost model predicts.
     pub time_ms: f64,
-    /// By the ladder's [`Measure`], mean over both eyes, 0 ..= 2: rungs are ordered by it.
+    /// The error by the ladder's [`Measure`], mean over both eyes, 0 ..= 2. Rungs are ordered by it.
     pub error: f64,
-    /// Means over both eyes; `None` where they were not measured.
+    /// Means over both eyes, `None` where they were not measured.
     pub flip: Option<f64>,
     pub flicker: Option<f64>,
     pub relmse: Option<f64>,
-    /// Whether time and error were worked out from those of other settings.
+    /// Whether time and error were estimated from those of other settings.
     pub is_estimated: bool,
     pub quality: Quality,
-    /// Busy time by stage, summed over views and devices: what a cost model can scale.
+    /// Busy time by stage, summed over views and devices, which a cost model can scale.
     pub stage_ms: BTreeMap<String, f64>,
 }
 
-/// As it is in a file: what was not measured is named so.
+/// The form of a rung in a file. Values that were not measured have names that say so.
 #[derive(Debug, Default, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct FileRung {
@@ -94,7 +94,7 @@ impl FileRung {
         }
     }
 
-    /// The rung, of a ladder with this measure. Ladders that do not name theirs have the error as `flip` alone.
+    /// The rung of a ladder with this measure. Ladders that do not name their measure have the error as `flip` alone.
     pub fn rung(self, measure: Measure) -> Result<Rung, String> {
         let Self { estimated, flip, flicker, relmse, .. } = self;
         let missing = |name: &str| format!("it has no {name}");

@@ -1,4 +1,4 @@
-//! From a program and stripes to the DAG of one frame.
+//! Builds the DAG of one frame from its program and the stripes.
 
 use std::ops::Range;
 use std::sync::Arc;
@@ -10,14 +10,14 @@ use super::resource::{Resource, Scope};
 use super::{Assignment, Dispatch};
 use crate::scene::rig::Eye;
 
-/// Position of a task in the one order that all devices keep to. Downloads follow their producer, uploads wait for their
-/// consumer. Every edge of the graph goes from a smaller key to a larger one, so workers that each take their
-/// tasks by key cannot wait for one another in a circle.
+/// Position of a task in the one order that all devices keep. Downloads come right after their producer, uploads right
+/// before their consumer. Every edge of the graph goes from a smaller key to a larger one, so workers that each take
+/// their tasks by key cannot wait for one another in a circle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Key {
     /// Index of the pass.
     pub pass: u32,
-    /// Upload, dispatch, download.
+    /// Upload, dispatch or download, in this order.
     pub phase: u8,
     pub serial: u32,
 }
@@ -50,7 +50,7 @@ pub struct Task {
     pub kind: TaskKind,
     pub view: Eye,
     pub device: usize,
-    /// Rows computed or moved, of the pass's or the image's grid.
+    /// The rows that are computed or moved, on the grid of the pass or of the image.
     pub rows: Range<u32>,
     pub key: Key,
 }
@@ -62,22 +62,22 @@ pub struct FrameGraph {
     pub program: Arc<Program>,
     /// The device that ends up with the whole images.
     pub primary: usize,
-    /// The pass that no other waits for, after all others.
+    /// The number of the stitch, which comes after all passes, and for which none waits.
     stitch_pass: u32,
     /// All tasks in the order of keys, which is a topological one.
     order: Vec<NodeIndex>,
-    /// Per device, in the order of keys.
+    /// The tasks of each device, in the order of keys.
     orders: Vec<Vec<Task>>,
 }
 
 impl FrameGraph {
-    /// `before`: who had which rows in the frame before, if this one is to know its history. All outputs end up on the
-    /// primary.
+    /// Builds the graph of a frame. `before` says which device had which rows in the frame before, if this one has a
+    /// history. All outputs end up on the primary.
     pub fn build(program: &Arc<Program>, assignment: &Assignment, before: Option<&Assignment>) -> Self {
         Self::build_for(program, assignment, before, |_| true)
     }
 
-    /// ... of the outputs, those that are read.
+    /// Like [`Self::build`], but only the outputs that are read end up on the primary.
     pub fn build_for(
         program: &Arc<Program>,
         assignment: &Assignment,
@@ -103,19 +103,20 @@ impl FrameGraph {
         Self { dag, program: Arc::clone(program), primary: assignment.primary(), stitch_pass, order, orders }
     }
 
-    /// A device's tasks in the order it carries them out: first those that others may wait for, then those of the
-    /// stitch, which it may put off.
+    /// A device's tasks in the order in which it carries them out: first those that others may wait for, then those of
+    /// the stitch, which it may put off.
     pub fn parts_of(&self, device: usize) -> (&[Task], &[Task]) {
         let tasks = &self.orders[device];
         tasks.split_at(tasks.partition_point(|t| t.key.pass < self.stitch_pass))
     }
 
-    /// A device's tasks in the order it carries them out.
+    /// A device's tasks in the order in which it carries them out.
     pub fn tasks_of(&self, device: usize) -> &[Task] {
         &self.orders[device]
     }
 
-    /// All tasks, each after those that it depends on; every device's in the order it carries them out.
+    /// All tasks, each after those that it depends on. The tasks of a device are in the order in which it carries them
+    /// out.
     pub fn order(&self) -> &[NodeIndex] {
         &self.order
     }
@@ -144,7 +145,8 @@ impl FrameGraph {
     }
 }
 
-/// Rows that a device holds in their newest version, and the task that left them there; none: the frame before did.
+/// Rows that a device holds in their newest version, and the task that left them there. It is none if the frame before
+/// did.
 #[derive(Clone, Debug)]
 struct Holding {
     rows: Range<u32>,
@@ -152,25 +154,25 @@ struct Holding {
     node: Option<NodeIndex>,
 }
 
-/// Newest version of one image of one view.
+/// The newest version of one image of one view.
 #[derive(Clone, Debug, Default)]
 struct Version {
-    /// Covers the image without overlap; of what is made for each device, covers it for each.
+    /// Covers the image without overlap. Of a table that each device makes for itself, it covers one for each device.
     owned: Vec<Holding>,
-    /// Rows that devices hold beside their own.
+    /// Rows that devices hold in addition to their own.
     copies: Vec<Holding>,
 }
 
 struct Builder<'a> {
     program: &'a Program,
     dag: DiGraph<Task, usize>,
-    /// By image and view.
+    /// The versions by image and view.
     versions: Vec<[Version; 2]>,
-    /// Whether a device has any rows.
+    /// Says of each device whether it has any rows.
     works: Vec<bool>,
     transfers: u32,
     serial: u32,
-    /// Of the consumer that is at hand.
+    /// The downloads of the consumer that is being added.
     downloads: Vec<NodeIndex>,
 }
 
@@ -297,7 +299,7 @@ impl<'a> Builder<'a> {
         let to = self.dag[consumer].device;
         let transfer = self.transfers;
         self.transfers += 1;
-        // What the frame before left can go at once.
+        // What the frame before left can be sent at once.
         let produced = owner.node.map_or(0, |node| self.dag[node].key.pass);
         let down = Task {
             kind: TaskKind::Download { image, transfer, to },
@@ -323,7 +325,7 @@ impl<'a> Builder<'a> {
         Holding { rows, device: to, node: Some(up) }
     }
 
-    /// Brings what is read of the frame to the primary.
+    /// Brings the outputs that are read to the primary.
     fn stitch(&mut self, pass: u32, primary: usize, is_read: impl Fn(&Resource) -> bool) {
         let key = Key { pass, phase: DISPATCH, serial: u32::MAX };
         let rows = self.program.extent.rows();
@@ -341,8 +343,8 @@ impl<'a> Builder<'a> {
         }
     }
 
-    /// Lets the downloads that one consumer waits for leave a device together, when the last of them is there: a
-    /// submission each would gain nothing.
+    /// Lets the downloads that one consumer waits for leave a device together, when the last of them is ready. A
+    /// submission for each of them would gain nothing.
     fn join_downloads(&mut self) {
         for &node in &self.downloads {
             let device = self.dag[node].device;
@@ -357,13 +359,13 @@ fn widen(rows: &Range<u32>, by: u32, height: u32) -> Range<u32> {
     rows.start.saturating_sub(by)..(rows.end + by).min(height)
 }
 
-/// A share of `from` rows as one of `to` rows: shares that join go on joining.
+/// Converts a share of `from` rows to one of `to` rows. Shares that were adjacent stay adjacent.
 fn share(rows: &Range<u32>, from: u32, to: u32) -> Range<u32> {
     let edge = |row: u32| (u64::from(row) * u64::from(to)).div_ceil(u64::from(from.max(1))) as u32;
     edge(rows.start)..edge(rows.end)
 }
 
-/// The rows, of an image of `to` rows, that these of `from` rows lie on.
+/// The rows of an image of `to` rows that are covered by these rows of an image of `from` rows.
 fn scale(rows: &Range<u32>, from: u32, to: u32) -> Range<u32> {
     let (from, to) = (u64::from(from.max(1)), u64::from(to));
     let begin = u64::from(rows.start) * to / from;

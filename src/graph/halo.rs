@@ -1,22 +1,22 @@
-//! How rows around a stripe come to a device.
+//! Says how the rows around a stripe come to a device.
 
 use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
-/// Before which passes of a chain rows come from neighbours, for filtered rows to agree with one device's. For those in
-/// between, a device filters a margin around its stripe as well, as wide as they reach together. The first pass always
-/// receives.
+/// Says before which passes of a chain rows are received from neighbours, so that filtered rows agree with those of one
+/// device. For the passes in between, a device also filters a margin around its stripe, as wide as these passes reach
+/// together. Rows are always received before the first pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct HaloPlan(u32);
 
 impl HaloPlan {
-    /// Receive a wide margin once and filter it oneself.
+    /// A wide margin is received once and filtered by the device itself.
     pub const RECOMPUTE: Self = Self(1);
-    /// Receive narrow margins before every iteration.
+    /// Narrow margins are received before every iteration.
     pub const EXCHANGE: Self = Self(u32::MAX);
 
-    /// All plans that differ for this many passes.
+    /// All plans that differ for a chain of this many passes.
     pub fn all(passes: usize) -> impl Iterator<Item = Self> {
         (0..1 << passes.saturating_sub(1)).map(|later| Self(later << 1 | 1))
     }
@@ -25,7 +25,7 @@ impl HaloPlan {
         self.0 >> pass & 1 == 1
     }
 
-    /// The passes in runs, each after rows were received.
+    /// The passes in runs. Rows are received before each run.
     pub fn runs(self, passes: usize) -> Vec<Range<usize>> {
         let begins = (0..passes).filter(|i| *i == 0 || self.receives_before(*i));
         let end = |begin: usize| (begin + 1..passes).find(|i| self.receives_before(*i)).unwrap_or(passes);
@@ -33,13 +33,13 @@ impl HaloPlan {
     }
 }
 
-/// What happens where stripes meet.
+/// Says what happens where stripes meet.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Seam {
-    /// Stripes are filtered apart.
+    /// Stripes are filtered separately.
     None,
-    /// ... and smoothed across the seams afterwards.
+    /// Stripes are filtered separately, and smoothed across the seams afterwards.
     Filter,
-    /// Filters read across: the same bytes as one device.
+    /// Filters read rows of neighbours, which gives the bytes of one device.
     Halo(HaloPlan),
 }

@@ -1,9 +1,9 @@
-//! What must happen in a frame: passes as plain data, the program that they make, and the DAG of tasks that follows from
-//! it and from who has which rows.
+//! Says what must happen in a frame: passes as plain data, the program that they form, and the DAG of tasks that
+//! follows from the program and from the stripes of each device.
 //!
-//! A node is a task: a pass on one view and one stripe, or a transfer between devices. An edge is an image that one task
-//! leaves for another. Nothing here knows what a pass computes, nor of wgpu: [`crate::passes`] declares the renderer's
-//! own, and [`crate::exec`] carries the graph out.
+//! A node is a task: a pass on one view and one stripe, or a transfer between devices. An edge is an image that one
+//! task leaves for another. Nothing here knows wgpu, nor what a pass computes: [`crate::passes`] declares the renderer's
+//! own passes, and [`crate::exec`] carries the graph out.
 
 mod build;
 mod halo;
@@ -21,18 +21,18 @@ pub use stripes::{Stripes, StripesError};
 
 use crate::scene::rig::Eye;
 
-/// Who owns which rows of a view in each group of passes that are cut together.
+/// Says which device has which rows of a view, for each group of passes that have the same stripes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Assignment {
     /// The device that ends up with the whole images.
     primary: usize,
-    /// Of groups that have none of their own.
+    /// The stripes of groups that have none of their own.
     common: Stripes,
     own: Vec<((CutGroup, Eye), Stripes)>,
 }
 
 impl Assignment {
-    /// The same stripes everywhere.
+    /// An assignment with the same stripes everywhere.
     pub fn uniform(stripes: Stripes) -> Self {
         Self { primary: 0, common: stripes, own: Vec::new() }
     }
@@ -60,19 +60,19 @@ impl Assignment {
         (primary < self.devices()).then_some(Self { primary, ..self })
     }
 
-    /// Rows of the frame.
+    /// The number of rows of the frame.
     pub fn height(&self) -> u32 {
         self.common.height()
     }
 
-    /// By device, whether it has any rows.
+    /// Says of each device whether it has any rows.
     pub(crate) fn works(&self) -> Vec<bool> {
         let all = || std::iter::once(&self.common).chain(self.own.iter().map(|(_, s)| s));
         (0..self.devices()).map(|d| all().any(|s| !s.rows(d).is_empty())).collect()
     }
 
-    /// The same rows for other numbers: device i becomes `devices[i]` of `count`, those between have no rows, and
-    /// `devices[0]` is the primary. `devices` rise.
+    /// The same rows with other device numbers. Device i becomes `devices[i]` of `count`, devices between them have no
+    /// rows, and `devices[0]` is the primary. The numbers in `devices` rise.
     pub fn renumbered(&self, devices: &[usize], count: usize) -> Self {
         let own = self.own.iter().map(|(key, s)| (*key, s.renumbered(devices, count))).collect();
         let common = self.common.renumbered(devices, count);

@@ -1,5 +1,5 @@
-//! The declaration of a pass: its shader, what it reads and writes, and where it runs. All else follows from it: bind
-//! groups and their order, images, transfers, what is kept between frames, units of cost, names in reports.
+//! The declaration of a pass: its shader, what it reads and writes, and where it runs. Everything else follows from it:
+//! bind groups and their order, images, transfers, what is kept between frames, units of cost, and names in reports.
 
 use std::ops::Range;
 
@@ -7,49 +7,49 @@ use super::resource::{Grid, Image, Resource, Scope};
 use crate::scene::rig::Eye;
 use crate::wgsl::Constant;
 
-/// A kind of pass: all iterations of a filter, on both views, are one stage.
+/// A kind of pass. All iterations of a filter on both views are one stage.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, serde::Serialize)]
 #[serde(transparent)]
 pub struct Stage(pub &'static str);
 
 impl Stage {
-    /// In reports, traces and on the command line.
+    /// The name in reports, in traces and on the command line.
     pub fn name(self) -> &'static str {
         self.0
     }
 }
 
-/// Passes that have the same stripes, by name.
+/// The name of a group of passes that have the same stripes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct CutGroup(pub &'static str);
 
 /// A compute shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Kernel {
-    /// Of its file in `shaders/`, without the extension.
+    /// The name of its file in `shaders/`, without the extension.
     pub name: &'static str,
-    /// Its text, includes not put in; none: that of the file.
+    /// The text of the shader before includes are expanded. Without it, the text is that of the file.
     pub text: Option<&'static str>,
-    /// Invocations of a workgroup.
+    /// The size of a workgroup, in invocations.
     pub workgroup: [u32; 3],
     /// Whether it reads the scene.
     pub reads_scene: bool,
-    /// What it knows of its pass, by the names that it has in the shader.
+    /// Constants of its pass, by their names in the shader.
     pub constants: &'static [Constant],
 }
 
 impl Kernel {
-    /// A file of `shaders/` with workgroups of 8 x 8 that does not read the scene.
+    /// A kernel from a file of `shaders/`, with workgroups of 8 x 8, that does not read the scene.
     pub const fn new(name: &'static str) -> Self {
         Self { name, text: None, workgroup: [8, 8, 1], reads_scene: false, constants: &[] }
     }
 
-    /// ... and reads the scene.
+    /// A kernel like [`Self::new`] that reads the scene.
     pub const fn with_scene(name: &'static str) -> Self {
         Self { reads_scene: true, ..Self::new(name) }
     }
 
-    /// ... and has these constants.
+    /// The same kernel with these constants.
     pub const fn with(self, constants: &'static [Constant]) -> Self {
         Self { constants, ..self }
     }
@@ -61,9 +61,9 @@ pub enum Access {
     Read,
     /// Sets every texel of its rows.
     Write,
-    /// ... and reads what it has itself written.
+    /// Sets every texel of its rows, and reads what it has written itself.
     WriteThenRead,
-    /// Changes some texels, or in a way that does not show when it is done twice.
+    /// Changes some texels, in a way that has the same result when it is done twice.
     Update,
     /// Adds to every texel.
     Add,
@@ -80,11 +80,11 @@ impl Access {
     }
 }
 
-/// Which rows of an image a pass reads for rows of its own, beside those on the same place.
+/// The rows of an image that a pass reads for its own rows.
 #[derive(Clone, Copy, Debug)]
 pub enum Reach {
     Own,
-    /// So many rows above and below.
+    /// Also this many rows above and below.
     Halo(u32),
     /// The blocks of `size` rows that its rows lie in; the first block begins `offset` rows above the image.
     Blocks {
@@ -92,12 +92,12 @@ pub enum Reach {
         offset: u32,
     },
     All,
-    /// What a function says of rows, both of the image that is read.
+    /// The rows that a function returns for given rows, both on the grid of the image that is read.
     Rows(fn(Range<u32>) -> Range<u32>),
 }
 
 impl Reach {
-    /// Rows of an image `height` rows high that are read for its rows `own`.
+    /// The rows that are read for the rows `own` of an image with `height` rows.
     pub fn rows(self, own: &Range<u32>, height: u32) -> Range<u32> {
         match self {
             Self::Own => own.clone(),
@@ -116,7 +116,7 @@ impl Reach {
         }
     }
 
-    /// Rows above and below that are read, where that is a number.
+    /// The number of rows above and below that are read, if it is a fixed one.
     pub fn halo_rows(self) -> u32 {
         if let Self::Halo(rows) = self { rows } else { 0 }
     }
@@ -128,13 +128,13 @@ pub struct Use {
     pub image: Image,
     pub access: Access,
     pub reach: Reach,
-    /// Whether it is what the frame before left.
+    /// Whether it is the image that the frame before left.
     pub is_before: bool,
-    /// Whose image it is; none: that of the pass's own view.
+    /// The eye whose image it is. Without it, it is the image of the pass's own view.
     pub eye: Option<Eye>,
-    /// Whether it is bound and not read where no pass has written it.
+    /// Whether it may be bound although no pass has written it; the shader then does not read it.
     pub is_optional: bool,
-    /// Set to 0 before the pass; of a list, its counts.
+    /// Whether it is set to 0 before the pass. Of a list, only the counts are.
     pub is_cleared: bool,
 }
 
@@ -165,7 +165,7 @@ impl Use {
         Self::new(image, Access::Add)
     }
 
-    /// Reads so many rows above and below.
+    /// Reads this many rows above and below as well.
     pub fn halo(self, rows: u32) -> Self {
         self.reaching(Reach::Halo(rows))
     }
@@ -174,12 +174,13 @@ impl Use {
         Self { reach, ..self }
     }
 
-    /// What the frame before left, within so many rows; none: there is no such frame, and it is not read.
+    /// Reads what the frame before left, with this many rows above and below. With none there is no such frame, and the
+    /// image is bound but not read.
     pub fn before(self, rows: Option<u32>) -> Self {
         Self { is_before: true, is_optional: rows.is_none(), ..self.halo(rows.unwrap_or(0)) }
     }
 
-    /// Of this eye, whatever view the pass is of.
+    /// Takes the image of this eye, whatever the view of the pass is.
     pub fn of(self, eye: Eye) -> Self {
         Self { eye: Some(eye), ..self }
     }
@@ -192,22 +193,22 @@ impl Use {
         Self { is_cleared: true, ..self }
     }
 
-    /// Whether the graph must bring it.
+    /// Whether the graph must bring its rows to the device.
     pub fn is_read(&self) -> bool {
         self.access.reads() && self.image.resource.life != super::Life::Input
     }
 }
 
-/// How many invocations or workgroups run.
+/// The number of invocations or workgroups that run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Dispatch {
-    /// One invocation for each tile of so many columns and rows.
+    /// One invocation for each tile of this many columns and rows.
     Invocations([u32; 2]),
-    /// One workgroup for each tile.
+    /// One workgroup for each tile of this many columns and rows.
     Workgroups([u32; 2]),
     /// As many workgroups as a list asks for.
     List(Resource),
-    /// So many workgroups, once for each device.
+    /// This many workgroups, once for each device.
     Once([u32; 3]),
 }
 
@@ -219,51 +220,53 @@ impl Dispatch {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Launch {
     Once([u32; 3]),
-    /// For each batch of at most `most` samples of a pixel: the first, the last + 1, and `third`.
+    /// One run for each batch of at most `most` samples of a pixel. The arguments are the first sample, the last one +
+    /// 1, and `third`.
     Samples {
         most: u32,
         third: u32,
-        /// Not in frames whose only sample is at the pixel's centre.
+        /// Whether it is left out in frames whose only sample is at the pixel's centre.
         only_jittered: bool,
     },
 }
 
-/// What the time of a pass is in proportion to.
+/// The quantity to which the time of a pass is proportional.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Work {
-    /// Rays of its view, as the frame before counted them.
+    /// The rays of its view, as the frame before counted them.
     Rays,
-    /// Rows.
+    /// The rows that it computes.
     Rows,
-    /// Nothing: it is the same for each device that has any rows.
+    /// Nothing. The time is the same on each device that has any rows.
     Once,
 }
 
-/// Whether a pass belongs to those of which each reads rows around its own of what the one before it wrote.
+/// Whether a pass belongs to a chain, in which each pass reads rows around its own from what the pass before it wrote.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Chain {
     No,
-    /// It does; the halo plan says whether rows are received before it, or each device computes a margin of what is read.
+    /// It does. The halo plan says whether rows are received before it, or each device computes a margin of what is
+    /// read.
     Planned,
-    /// It does; each device computes a margin.
+    /// It does, and each device computes a margin.
     Margin,
 }
 
-/// A pass on one view, or of a device.
+/// A pass on one view, or one that each device runs for itself.
 #[derive(Clone, Debug)]
 pub struct Pass {
     pub stage: Stage,
     /// [`Eye::Left`] where [`Self::scope`] is a device.
     pub view: Eye,
     pub scope: Scope,
-    /// Which of a stage's repetitions, from 0.
+    /// Which of the stage's repetitions it is, from 0.
     pub index: u32,
     pub kernel: Kernel,
     pub grid: Grid,
-    /// In the order of the bindings of group 1.
+    /// The uses in the order of the bindings of group 1.
     pub uses: Vec<Use>,
     pub dispatch: Dispatch,
-    /// One after another.
+    /// The runs of the kernel, one after another.
     pub launches: Vec<Launch>,
     pub work: Work,
     pub cut_group: CutGroup,
@@ -271,7 +274,7 @@ pub struct Pass {
 }
 
 impl Pass {
-    /// One invocation per pixel of a view, and rows as the unit of cost.
+    /// A pass with one invocation per pixel of a view, and rows as its unit of cost.
     pub fn new(stage: Stage, view: Eye, cut_group: CutGroup, kernel: Kernel) -> Self {
         Self {
             stage,
@@ -328,7 +331,7 @@ impl Pass {
         Self { chain, ..self }
     }
 
-    /// Whose image a binding takes.
+    /// The eye whose image a binding takes.
     pub fn eye_of(&self, used: &Use) -> Eye {
         match used.image.resource.scope {
             Scope::View => used.eye.unwrap_or(self.view),
@@ -336,7 +339,7 @@ impl Pass {
         }
     }
 
-    /// Rows above and below its own that it reads of what this frame's passes wrote.
+    /// The number of rows above and below its own that it reads of what passes of this frame wrote.
     pub fn halo_rows(&self) -> u32 {
         self.uses.iter().filter(|u| u.is_read() && !u.is_before).map(|u| u.reach.halo_rows()).max().unwrap_or(0)
     }

@@ -1,4 +1,4 @@
-//! The passes of a frame, in order, checked against one another, with what follows from their declarations.
+//! The passes of a frame in order, checked against one another, with what follows from their declarations.
 
 use std::borrow::Cow;
 use std::collections::HashMap;
@@ -12,10 +12,10 @@ use crate::scene::rig::Eye;
 /// The passes of a frame.
 #[derive(Clone, Debug)]
 pub struct Program {
-    /// Of the frame.
+    /// The extent of the frame.
     pub extent: Extent,
     passes: Vec<Linked>,
-    /// What bindings stand for, each once.
+    /// The images that bindings stand for, each once.
     images: Vec<Bound>,
     cut_sets: Vec<Vec<CutGroup>>,
 }
@@ -24,11 +24,11 @@ pub struct Program {
 #[derive(Clone, Debug)]
 pub struct Linked {
     pub pass: Pass,
-    /// By use: index of the image among [`Program::images`].
+    /// For each use, the index of its image among [`Program::images`].
     pub images: Vec<usize>,
-    /// Rows above and below its own that a device computes as well, for its own later passes.
+    /// The number of rows above and below its own that a device computes as well, for its own later passes.
     pub margin_rows: u32,
-    /// Its number among those of its view before which rows may be received, if it is one.
+    /// Its number among the passes of its view before which rows may be received, if it is one of them.
     pub link: Option<usize>,
 }
 
@@ -36,13 +36,13 @@ pub struct Linked {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Bound {
     pub resource: Resource,
-    /// Of its two, where it has versions.
+    /// Which of its two buffers it is in, if it has versions.
     pub buffer: u8,
     pub is_before: bool,
 }
 
 impl Bound {
-    /// In reports.
+    /// The name in reports.
     pub fn name(&self) -> Cow<'static, str> {
         if self.is_before { format!("last_{}", self.resource.name).into() } else { self.resource.name.into() }
     }
@@ -70,7 +70,7 @@ pub enum ProgramError {
 }
 
 impl Program {
-    /// Links passes, which are in an order that respects every dependency.
+    /// Links passes. They are in an order that respects every dependency.
     ///
     /// # Errors
     /// [`ProgramError`] where they contradict one another.
@@ -95,12 +95,12 @@ impl Program {
         Ok(Self { extent, passes, images, cut_sets })
     }
 
-    /// In order.
+    /// The passes in order.
     pub fn passes(&self) -> &[Linked] {
         &self.passes
     }
 
-    /// What the passes bind, each once.
+    /// The images that passes bind, each once.
     pub fn images(&self) -> &[Bound] {
         &self.images
     }
@@ -116,18 +116,18 @@ impl Program {
         stages
     }
 
-    /// Groups whose stripes are found together: devices wait for one another between two of these sets, so that each is
-    /// to end everywhere at the same time.
+    /// Sets of groups whose stripes are chosen together. Devices wait for one another between two sets, so each set
+    /// should end on all devices at the same time.
     pub fn cut_sets(&self) -> &[Vec<CutGroup>] {
         &self.cut_sets
     }
 
-    /// How many passes of a view rows may be received before.
+    /// The number of passes of a view before which rows may be received.
     pub fn links(&self) -> usize {
         self.passes.iter().filter_map(|p| p.link).max().map_or(0, |last| last + 1)
     }
 
-    /// What leaves the frame.
+    /// The images that leave the frame.
     pub fn outputs(&self) -> impl Iterator<Item = usize> {
         let is_output = |b: &Bound| b.resource.life == Life::Output && b.resource.scope == Scope::View && !b.is_before;
         self.images.iter().enumerate().filter(move |(_, b)| is_output(b)).map(|(number, _)| number)
@@ -189,7 +189,7 @@ fn check(passes: &[Pass]) -> Result<(), ProgramError> {
     Ok(())
 }
 
-/// Says what devices compute beyond their own rows, so that later passes of the chain find it.
+/// Finds the margins that devices compute beyond their own rows for later passes of the chain.
 fn add_margins(passes: &mut [Linked], view: Eye, seam: Seam) -> Result<(), ProgramError> {
     let in_chain = |p: &&mut Linked| p.pass.view == view && p.pass.chain != Chain::No;
     let mut chain: Vec<&mut Linked> = passes.iter_mut().filter(in_chain).collect();
@@ -217,8 +217,8 @@ fn add_margins(passes: &mut [Linked], view: Eye, seam: Seam) -> Result<(), Progr
     Ok(())
 }
 
-/// Passes that read rows of neighbours make devices wait for one another: what comes before the first of them is cut
-/// apart from the rest.
+/// Passes that read rows of neighbours make devices wait for one another, so groups before the first such pass are cut
+/// separately from the rest.
 fn cut_sets(passes: &[Linked]) -> Vec<Vec<CutGroup>> {
     let first = passes.iter().position(|p| p.pass.halo_rows() > 0).unwrap_or(passes.len());
     let mut late: Vec<CutGroup> = Vec::new();

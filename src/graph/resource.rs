@@ -2,29 +2,29 @@
 
 use crate::image::Extent;
 
-/// How many columns and rows of texels there are.
+/// The number of columns and rows of texels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Size {
     /// As many as the frame has.
     Frame,
     /// The frame's columns and rows over this number, rounded up.
     FrameOver(u32),
-    /// One column, as many rows as the frame has.
+    /// One column, and as many rows as the frame has.
     FrameRows,
-    /// So many, whatever the frame has.
+    /// A fixed number, whatever the extent of the frame is.
     Fixed(Extent),
 }
 
-/// How a texel becomes a ray.
+/// The way in which a texel becomes a ray.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Projection {
     /// Through an image plane in front of the eye.
     Perspective,
-    /// It stands for no direction: sums, lists, tables.
+    /// A texel stands for no direction, as in sums, lists and tables.
     None,
 }
 
-/// Where the texels of a resource or the invocations of a pass are.
+/// The positions of the texels of a resource, or of the invocations of a pass.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Grid {
     pub size: Size,
@@ -39,7 +39,7 @@ impl Grid {
         Self { size, projection: Projection::None }
     }
 
-    /// Columns and rows in a frame of this extent, 1 each at least.
+    /// The columns and rows in a frame of this extent, at least 1 of each.
     pub fn extent(self, frame: Extent) -> Extent {
         match self.size {
             Size::Frame => frame,
@@ -50,50 +50,51 @@ impl Grid {
     }
 }
 
-/// What a resource is to shaders.
+/// The layout of a resource as shaders see it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Format {
-    /// A row-major array in a storage buffer, so many bytes a texel.
+    /// A row-major array in a storage buffer, with this many bytes per texel.
     Texels(u32),
-    /// Indices of texels, 4 bytes each, behind the count and the three numbers of workgroups that go through them all.
+    /// Indices of texels, 4 bytes each. The count and the three numbers of workgroups that cover the list stand before
+    /// them.
     List,
-    /// Constants in a uniform buffer, so many bytes.
+    /// Constants in a uniform buffer of this many bytes.
     Uniform(u32),
 }
 
 /// Numbers before the first index of a [`Format::List`].
 pub const LIST_HEADER: u32 = 4;
 
-/// Of which there is one.
+/// Says how many there are of a resource.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Scope {
-    /// For each eye, shared out in stripes.
+    /// One for each eye, divided into stripes.
     View,
-    /// For each device, which makes all of it itself.
+    /// One for each device, which makes all of it itself.
     Device,
 }
 
-/// How long its contents last. What a pass reads of the frame before is kept until then, whatever else is said here.
+/// Says how long the contents of a resource last. What a pass reads of the frame before is kept until then in any case.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Life {
-    /// Until the next frame's take their place.
+    /// The contents last until those of the next frame take their place.
     Frame,
-    /// It leaves the frame: whole on the primary, and one for each frame in flight.
+    /// It leaves the frame. It is whole on the primary at the end, and there is one for each frame in flight.
     Output,
-    /// As `Frame`; its rows never leave the device that made them.
+    /// As `Frame`, but its rows never leave the device that made them.
     Local,
-    /// Set by the host.
+    /// The host sets it.
     Input,
 }
 
 /// What passes leave for one another.
 ///
-/// Two with the same name and number are the same.
+/// Two resources with the same name and number are the same.
 #[derive(Clone, Copy, Debug)]
 pub struct Resource {
-    /// In reports and traces, and of its buffer.
+    /// The name in reports and traces, and of its buffer.
     pub name: &'static str,
-    /// Which of several alike.
+    /// Tells resources of the same name apart.
     pub number: u8,
     pub format: Format,
     pub grid: Grid,
@@ -123,12 +124,12 @@ impl Resource {
         Self { name, number: 0, format, grid, scope: Scope::View, life: Life::Frame }
     }
 
-    /// ... of another size.
+    /// The same resource on another grid.
     pub const fn on(self, grid: Grid) -> Self {
         Self { grid, ..self }
     }
 
-    /// Pixels of an eye, listed on the device that has their rows.
+    /// A list of pixels of an eye, on the device that has their rows.
     pub const fn list(name: &'static str) -> Self {
         let grid = Grid::table(Size::Frame);
         Self { name, number: 0, format: Format::List, grid, scope: Scope::View, life: Life::Local }
@@ -140,7 +141,7 @@ impl Resource {
         Self { name, number: 0, format: Format::Uniform(bytes), grid, scope: Scope::Device, life: Life::Input }
     }
 
-    /// What every device makes for itself.
+    /// A table that every device makes for itself.
     pub const fn table(name: &'static str, texel_bytes: u32, texels: Extent) -> Self {
         let (format, grid) = (Format::Texels(texel_bytes), Grid::table(Size::Fixed(texels)));
         Self { name, number: 0, format, grid, scope: Scope::Device, life: Life::Frame }
@@ -179,7 +180,7 @@ impl Resource {
     }
 }
 
-/// One state of a resource in a frame: passes that cannot write in place read one version and write the next.
+/// One state of a resource in a frame. Passes that cannot write in place read one version and write the next.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Image {
     pub resource: Resource,
@@ -197,7 +198,7 @@ impl Image {
         Self { version: self.version + 1, ..self }
     }
 
-    /// Which of its resource's buffers it is in: versions take turns.
+    /// Which of its resource's two buffers it is in. Versions take turns.
     pub fn buffer(self) -> u8 {
         self.version % 2
     }

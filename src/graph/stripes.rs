@@ -17,7 +17,7 @@ pub enum StripesError {
 }
 
 impl Stripes {
-    /// Rows in proportion to `weights`; edges are rounded to the nearest row.
+    /// Divides rows in proportion to `weights`. Edges are rounded to the nearest row.
     pub fn from_weights(height: u32, weights: &[f64]) -> Result<Self, StripesError> {
         if let Some(&bad) = weights.iter().find(|w| !w.is_finite() || **w < 0.0) {
             return Err(StripesError::Value(bad));
@@ -40,7 +40,7 @@ impl Stripes {
         Self { edges }
     }
 
-    /// From inner edges, which are put in order and bounded.
+    /// Makes stripes from inner edges, which are put in order and bounded.
     pub fn from_edges(height: u32, inner: &[u32]) -> Self {
         let mut edges = vec![0];
         for &e in inner {
@@ -53,7 +53,7 @@ impl Stripes {
 
     /// See [`super::Assignment::renumbered`].
     pub(super) fn renumbered(&self, devices: &[usize], count: usize) -> Self {
-        // Above device d stand the stripes of those with smaller numbers.
+        // The stripes of devices with smaller numbers lie above those of device d.
         let edge = |d: usize| self.edges[devices.iter().filter(|&&other| other < d).count()];
         Self { edges: (0..=count).map(edge).collect() }
     }
@@ -66,7 +66,7 @@ impl Stripes {
         self.edges[self.edges.len() - 1]
     }
 
-    /// Rows of a device; may be empty.
+    /// The rows of a device, which may be none.
     pub fn rows(&self, device: usize) -> Range<u32> {
         self.edges[device]..self.edges[device + 1]
     }

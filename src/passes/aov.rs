@@ -6,7 +6,7 @@ use super::tonemap::CUT;
 use crate::graph::{Kernel, Pass, Resource, Stage, Use};
 use crate::scene::rig::Eye;
 
-/// The auxiliary images' own time is told from that of the frame by this.
+/// The stage of auxiliary images, whose time does not count as time of the frame.
 pub const STAGE: Stage = Stage("aov");
 
 /// The `index`th auxiliary image of a frame.
@@ -48,8 +48,9 @@ pub fn pass(view: Eye, index: u8, aov: Aov) -> Pass {
 #[value(rename_all = "snake_case")]
 #[repr(u32)]
 pub enum Aov {
-    /// What radiance is divided by before it is filtered: the share of even light from all around that the surface
-    /// sends to the eye, by all its lobes, linear RGB; the mean over the pixel where it has several samples.
+    /// The albedo by which radiance is divided before it is filtered, linear RGB: the share of uniform light from all
+    /// around that all lobes of the surface send to the eye. It is the mean over the pixel where that has several
+    /// samples.
     Albedo,
     /// Shading normal, world space, towards the eye.
     Normal,
@@ -61,25 +62,28 @@ pub enum Aov {
     Motion,
     /// Perceptual, 0 to 1.
     Roughness,
-    /// Why a pixel of the right eye was traced: 0: it was reprojected, or there is no surface; 1: outside the left
-    /// image; 2, 3, 4: the left eye saw a surface turned another way, at another depth, of another material; 5: several
-    /// surfaces share it, antialiasing; 6: mirror, glass or gloss. 7, of either eye: left to the filter.
+    /// Why a pixel of the right eye was traced. 0: it was reprojected, or there is no surface. 1: it is outside the
+    /// left image. 2, 3, 4: the left eye saw a surface turned another way, at another depth, or of another material. 5:
+    /// several surfaces share it (antialiasing). 6: it shows a mirror, glass or gloss. 7, of either eye: it was left to
+    /// the filter.
     Holes,
     /// Samples per pixel; 0 where it was left to the filter.
     Spp,
     /// Index of the device that finished the pixel.
     Stripes,
-    /// Linear RGB: factor, texture and vertex colour, of unlit materials as well; 0 where there is no surface.
+    /// Product of factor, texture and vertex colour, of unlit materials as well, linear RGB. It is 0 where there is no
+    /// surface.
     BaseColor,
-    /// Albedo of the Lambertian lobe, linear RGB: what of the base colour neither metal nor transmission takes; not yet
-    /// dimmed by the layers above.
+    /// Albedo of the Lambertian lobe, linear RGB: the part of the base colour that neither metal nor transmission
+    /// takes, before the layers above dim it.
     DiffuseAlbedo,
-    /// Share of even light from all around that is reflected to the eye by microfacets, the coat's included, linear RGB.
+    /// Share of uniform light from all around that microfacets reflect to the eye, those of the coat included, linear
+    /// RGB.
     SpecularAlbedo,
 }
 
 impl Aov {
-    /// Whether it is one number, small and whole, for which a picture of both eyes is of use.
+    /// Whether it is one small integer, for which a picture of both eyes is useful.
     pub fn counts(self) -> bool {
         matches!(self, Self::Holes | Self::Spp | Self::Stripes)
     }

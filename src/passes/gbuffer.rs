@@ -12,14 +12,14 @@ pub const CUT: CutGroup = CutGroup("gbuffer");
 pub const HIT: Resource = Resource::image("hit", 16);
 /// Position and packed shading normal.
 pub const GUIDE: Resource = Resource::image("guide", 16);
-/// Albedo and roughness; where gloss is filtered apart, also the matte part of albedo.
+/// Albedo and roughness. Where gloss is filtered separately, also the matte part of albedo.
 pub const ALBEDO: Resource = Resource::image("albedo", 16);
 /// Emitted radiance and depth.
 pub const EMISSION: Resource = Resource::image("emission", 16);
 /// Rays, dropped samples and hole reason, packed.
 pub const TALLY: Resource = Resource::image("tally", 4);
 
-/// Primary rays of one launch, a pixel.
+/// Primary rays per pixel in one launch.
 const RAYS_PER_LAUNCH: u32 = 64;
 
 /// As the third argument: path tracing brings the means of the pixels that it samples.
@@ -28,8 +28,8 @@ const UNSAMPLED_ONLY: u32 = 1;
 const KERNEL: Kernel = Kernel::with_scene("gbuffer").with(constants![UNSAMPLED_ONLY]);
 
 pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
-    // Path tracing brings means over the pixels that it samples; all others, and what is reprojected into, need them from
-    // here.
+    // Path tracing brings the means over the pixels that it samples. All other pixels, and those of a reprojected view,
+    // need them from here.
     let reprojected = spec.views == Views::Reprojected && view == Eye::Right;
     let third = if reprojected { 0 } else { UNSAMPLED_ONLY };
     let means = Launch::Samples { most: RAYS_PER_LAUNCH, third, only_jittered: true };

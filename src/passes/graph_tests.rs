@@ -24,7 +24,7 @@ fn ragged(devices: usize) -> Assignment {
     a
 }
 
-/// The same frame with a history, and who had which rows in the frame before.
+/// The same frame with a history, and the stripes of the frame before.
 fn with_history(spec: FrameSpec, rows: u32) -> (FrameSpec, Assignment) {
     let mut before = ragged(spec.devices);
     before.set(CUT, Eye::Left, Stripes::even(180, spec.devices));
@@ -34,7 +34,7 @@ fn with_history(spec: FrameSpec, rows: u32) -> (FrameSpec, Assignment) {
 /// Replays a graph in key order and checks that every read finds the newest version of its rows on its device.
 pub fn replay(graph: &FrameGraph, before: Option<&Assignment>) {
     let program = &graph.program;
-    // Version number of each row on each device, and the newest there is.
+    // The version number of each row on each device, and the newest one.
     let mut held: HashMap<(usize, Eye, usize, u32), u32> = HashMap::new();
     let mut in_flight: HashMap<u32, Vec<(u32, u32)>> = HashMap::new();
     let mut newest: HashMap<(usize, Eye), u32> = HashMap::new();
@@ -105,7 +105,7 @@ fn every_read_finds_its_rows_on_its_device() {
     }
 }
 
-/// Checks that no edge leads back in the order that all devices keep to.
+/// Checks that no edge leads back in the order that all devices keep.
 pub fn check_order(graph: &FrameGraph) {
     assert!(!petgraph::algo::is_cyclic_directed(&graph.dag));
     for edge in graph.dag.edge_indices() {
@@ -136,7 +136,7 @@ fn equal_stripes_reproject_without_any_transfer() {
     }
 }
 
-/// Still stripes exchange what motion can reach of what the frame before left, and nothing else of it.
+/// Stripes that do not move exchange the rows of the frame before that motion can reach, and no others.
 #[test]
 fn history_crosses_by_as_many_rows_as_it_may_have_moved() {
     let stripes = Assignment::uniform(Stripes::even(180, 2));

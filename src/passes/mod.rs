@@ -1,4 +1,4 @@
-//! The passes of the renderer, each declared once, beside the name of its shader. Plain data: nothing here knows of wgpu.
+//! The passes of the renderer. Each is declared once, beside the name of its shader, as plain data without wgpu.
 //!
 //! [`declare`] says which of them a frame has. A new pass is a module here, a shader and one line where it is chosen.
 
@@ -32,9 +32,9 @@ pub const PREVIOUS_VIEWS: Resource = Resource::constants("previous views", 128);
 /// The passes of a frame, and what it does not need.
 #[derive(Clone, Debug, Default)]
 pub struct Declared {
-    /// In an order that respects every dependency.
+    /// The passes in an order that respects every dependency.
     pub passes: Vec<Pass>,
-    /// Stages with nothing to do, and why.
+    /// Stages that have nothing to do, and why.
     pub left_out: Vec<(Stage, Eye, &'static str)>,
 }
 
@@ -77,7 +77,7 @@ pub fn declare(spec: &FrameSpec) -> Declared {
         Seam::Halo(plan) if links > 0 => plan.runs(links),
         _ => std::iter::once(0..links).collect(),
     };
-    // The views take turns: while one's rows are on their way, the other is filtered.
+    // The views take turns: while rows of one are on their way, the other is filtered.
     for run in &runs {
         for view in &mut views {
             frame.passes.extend(view.filter.drain(..run.len()));
@@ -89,7 +89,7 @@ pub fn declare(spec: &FrameSpec) -> Declared {
     frame
 }
 
-/// What follows the filter of a view.
+/// Adds what follows the filter of a view.
 fn finish(spec: &FrameSpec, denoiser: &dyn denoise::Denoise, view: Eye, light: &mut Light, frame: &mut Declared) {
     let has_seams = spec.denoiser().is_some() && spec.seam == Seam::Filter && spec.devices > 1;
     let mut smoothed = *light;
@@ -109,7 +109,7 @@ type Declare = dyn Fn(&FrameSpec) -> Vec<Pass> + Send + Sync;
 pub struct Declarations(Arc<Declare>);
 
 impl Default for Declarations {
-    /// The renderer's own.
+    /// The renderer's own declarations.
     fn default() -> Self {
         Self::new(|spec| declare(spec).passes)
     }
@@ -134,7 +134,7 @@ impl Declarations {
         Program::new(spec.extent, spec.seam, (self.0)(spec))
     }
 
-    /// ... of declarations that were checked.
+    /// The program of a frame, from declarations that were checked.
     ///
     /// # Panics
     /// Where passes contradict one another.
@@ -142,15 +142,15 @@ impl Declarations {
         Arc::new(self.check(spec).unwrap_or_else(|e| panic!("passes contradict one another: {e}")))
     }
 
-    /// Programs that between them have every pass and image of frames that differ in what may change between frames:
-    /// iterations up to those of `most`, history and seams.
+    /// Programs that together have every pass and image of all frames of a run. Frames may differ in iterations, up to
+    /// those of `most`, in history and in seams.
     pub fn programs(&self, most: &FrameSpec) -> Result<Vec<Program>, ProgramError> {
         let with = |iterations| self.check(&FrameSpec { iterations, ..most.clone() });
         (most.iterations.min(1)..=most.iterations).map(with).collect()
     }
 }
 
-/// Passes of frames that between them have every stage.
+/// The passes of frames that together have every stage.
 fn all_passes() -> impl Iterator<Item = Pass> {
     [None, Some(Denoiser::Atrous), Some(Denoiser::Svgf)].into_iter().flat_map(|filter| {
         let (seam, aovs) = (Seam::Filter, vec![Aov::Albedo]);
@@ -159,7 +159,7 @@ fn all_passes() -> impl Iterator<Item = Pass> {
     })
 }
 
-/// All groups of passes that are cut together, in order.
+/// All groups of passes that have the same stripes, in order.
 pub fn cut_groups() -> Vec<CutGroup> {
     let mut groups = Vec::new();
     for pass in all_passes() {

@@ -1,4 +1,4 @@
-//! Path tracing of one view, in batches of samples: of all its pixels, or of those that an earlier pass listed.
+//! Path traces one view in batches of samples: all its pixels, or those that an earlier pass listed.
 
 use super::FrameSpec;
 use super::gbuffer::{ALBEDO, EMISSION, GUIDE, HIT, TALLY};
@@ -11,12 +11,12 @@ pub const STAGE: Stage = Stage("path_trace");
 pub const HOLE_FILL: Stage = Stage("hole_fill");
 pub const CUT: CutGroup = CutGroup("path_trace");
 
-/// Reflected light over albedo; where gloss is filtered apart, matte light and gloss, each over its own.
+/// Reflected light over albedo. Where gloss is filtered separately, matte light and gloss, each over its own albedo.
 pub const RADIANCE: Resource = Resource::image("radiance", 16);
 
-/// Paths of one launch, a pixel. Mesa's software driver ends all loops of an invocation once they have made 65,535
-/// rounds together, and a path of 13 rays makes some thousands. It is also short enough for drivers that watch over long
-/// dispatches.
+/// Paths per pixel in one launch. Mesa's software driver ends all loops of an invocation once they have made 65,535
+/// rounds together, and a path of 13 rays makes some thousands. A launch is also short enough for drivers that abort
+/// long dispatches.
 const PATHS_PER_LAUNCH: u32 = 4;
 
 /// As the third argument: only the pixels that an earlier pass listed.
@@ -42,7 +42,7 @@ pub fn pass(spec: &FrameSpec, view: Eye) -> Pass {
     trace(STAGE, view, CUT, spec.sparse)
 }
 
-/// Of the holes that reprojection listed.
+/// Path traces the holes that reprojection listed.
 pub fn hole_fill() -> Pass {
     trace(HOLE_FILL, Eye::Right, REPROJECT, true)
 }

@@ -8,7 +8,7 @@ use crate::scene::rig::Eye;
 
 pub const CUT: CutGroup = CutGroup("reproject");
 
-/// Pixels to trace.
+/// The pixels that are to be path traced.
 pub const HOLES: Resource = Resource::list("holes");
 
 const fn code(reason: HoleReason) -> u32 {

@@ -1,4 +1,4 @@
-//! The list of pixels that path tracing takes where others are left to the filter.
+//! Lists the pixels that are path traced, where others are left to the filter.
 
 use super::gbuffer::{GUIDE, HIT, TALLY};
 use super::path_trace::{CUT, RADIANCE};

@@ -5,12 +5,12 @@ use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
 use crate::quality::Denoiser;
 
-/// Which eyes are wanted.
+/// How the two eyes are rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Views {
-    /// Both path traced.
+    /// Both eyes are path traced.
     Traced,
-    /// Left path traced, right reprojected from it with its holes traced.
+    /// The left eye is path traced, the right one is reprojected from it, and its holes are path traced.
     Reprojected,
 }
 
@@ -23,15 +23,15 @@ pub struct FrameSpec {
     /// Whether only listed pixels are path traced.
     pub sparse: bool,
     pub filter: Option<Denoiser>,
-    /// Of the filter; 0: no denoising.
+    /// Iterations of the filter. With 0 there is no denoising.
     pub iterations: u32,
-    /// How many rows up and down a surface may have moved since the frame before for its history to be found; none:
+    /// How many rows up and down a surface may have moved since the frame before for its history to be found. With none
     /// there is no history.
     pub history_rows: Option<u32>,
     pub seam: Seam,
     /// Auxiliary images asked for.
     pub aovs: Vec<Aov>,
-    /// Whether anything can reflect light; without, only emission is seen.
+    /// Whether anything can reflect light. Otherwise only emission is visible.
     pub has_surfaces: bool,
 }
 
@@ -52,17 +52,17 @@ impl FrameSpec {
         }
     }
 
-    /// What denoises, if anything does.
+    /// The denoiser that is in effect, if there is one.
     pub fn denoiser(&self) -> Option<Denoiser> {
         self.filter.filter(|_| self.has_surfaces && self.iterations > 0)
     }
 
-    /// Rows of neighbours that a filter reads: none where stripes are filtered apart.
+    /// The number of rows of neighbours that a filter reads, which is 0 where stripes are filtered separately.
     pub fn halo(&self, rows: u32) -> u32 {
         if matches!(self.seam, Seam::Halo(_)) { rows } else { 0 }
     }
 
-    /// [`Self::history_rows`] that may be read of neighbours.
+    /// The part of [`Self::history_rows`] that may be read from neighbours.
     pub fn history_halo(&self) -> Option<u32> {
         self.history_rows.map(|rows| self.halo(rows))
     }

@@ -1,4 +1,4 @@
-//! What was counted per pixel, summed by rows.
+//! Sums what was counted per pixel by rows.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -8,7 +8,7 @@ use crate::graph::{Dispatch, Grid, Kernel, Pass, Resource, Size, Stage, Use};
 use crate::scene::rig::Eye;
 use crate::wgsl::constants;
 
-/// [`RowTally`] of each row.
+/// The [`RowTally`] of each row.
 pub const ROW_TALLY: Resource =
     Resource::image("row_tally", size_of::<RowTally>() as u32).on(Grid::table(Size::FrameRows)).output();
 
@@ -26,7 +26,7 @@ pub fn pass(view: Eye) -> Pass {
         .dispatch(Dispatch::Invocations([SEGMENT, 1]))
 }
 
-/// What was counted in one row, in the shader's order.
+/// The sums of one row, in the order of the shader.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 #[repr(C)]
 pub struct RowTally {
@@ -38,7 +38,7 @@ pub struct RowTally {
     pub unsampled: u32,
 }
 
-/// In the place of a [`HoleReason`]: the pixel is left to the filter.
+/// Stands in place of a [`HoleReason`] where a pixel is left to the filter.
 pub const SKIPPED: u32 = HoleReason::ALL.len() as u32 + 1;
 
 /// Why a pixel of the right eye could not be reprojected, in the order of [`RowTally::holes`]. Pixels have the reason's
@@ -49,13 +49,13 @@ pub enum HoleReason {
     Outside,
     /// The left eye saw a surface turned another way.
     Normal,
-    /// ... or at another depth.
+    /// The left eye saw a surface at another depth.
     Distance,
-    /// ... or of another material, or none.
+    /// The left eye saw a surface of another material, or none.
     Material,
     /// Several surfaces share the pixel.
     Mixed,
-    /// What is seen depends on where from: polished metal, glass, a gloss at grazing angles.
+    /// The appearance depends on the view: polished metal, glass, gloss at grazing angles.
     View,
 }
 

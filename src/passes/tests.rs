@@ -7,7 +7,7 @@ pub fn spec(devices: usize, seam: Seam) -> FrameSpec {
     FrameSpec { filter: Some(Denoiser::Atrous), seam, aovs: vec![Aov::Albedo], ..frame }
 }
 
-/// Frames that between them have every pass.
+/// Frames that together have every pass.
 pub fn all_specs() -> Vec<FrameSpec> {
     let mut specs = Vec::new();
     for filter in Denoiser::CHOICES {
@@ -26,7 +26,7 @@ fn stages(spec: &FrameSpec) -> Vec<&'static str> {
     Declarations::default().program(spec).stages().into_iter().map(Stage::name).collect()
 }
 
-/// What is bound where does not depend on the frame: pipelines are made once.
+/// Bindings do not depend on the frame, since pipelines are made once.
 #[test]
 fn a_kernel_always_binds_alike() {
     let mut bound: Vec<(&str, Vec<_>)> = Vec::new();
@@ -60,7 +60,7 @@ fn groups_are_those_that_can_be_named() {
     assert_eq!(names, ["gbuffer", "path_trace", "reproject", "tonemap", "atrous"]);
 }
 
-/// Tracing ends everywhere before a filter reads its neighbours' rows, so that the two are cut apart.
+/// Tracing ends on all devices before a filter reads its neighbours' rows, so the two are cut separately.
 #[test]
 fn tracing_and_filter_are_cut_apart() {
     let sets = |spec: &FrameSpec| {

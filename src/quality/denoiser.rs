@@ -3,7 +3,8 @@
 use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de::Error};
 
-/// What takes the noise of path tracing out of a frame. Where a frame may have none, it is an [`Option`] of this.
+/// A method that removes the noise of path tracing from a frame. Where a frame may have none, it is an [`Option`] of
+/// this.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Denoiser {
@@ -14,9 +15,9 @@ pub enum Denoiser {
 }
 
 impl Denoiser {
-    /// No denoiser, and each of them.
+    /// No denoiser, and each denoiser.
     pub const CHOICES: [Option<Self>; 3] = [None, Some(Self::Atrous), Some(Self::Svgf)];
-    /// Iterations unless another number is asked for.
+    /// The number of iterations unless another one is asked for.
     pub const DEFAULT_ITERATIONS: u32 = 5;
     /// The most iterations that can be asked for.
     pub const MAX_ITERATIONS: u32 = 10;

@@ -1,4 +1,4 @@
-//! How good a frame is to be: what ladders, reports, traces, the grid of `bench` and the renderer mean by it.
+//! The quality of a frame, shared by ladders, reports, traces, the grid of `bench` and the renderer.
 
 mod denoiser;
 
@@ -9,7 +9,7 @@ use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 pub use denoiser::Denoiser;
 
-/// How good a frame is to be. A ladder's file has it as `knobs`.
+/// The settings that decide how good a frame is. A ladder's file has them as `knobs`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Quality {
@@ -19,16 +19,16 @@ pub struct Quality {
     pub bounces: u32,
     #[serde(serialize_with = "denoiser::serialize", deserialize_with = "denoiser::deserialize")]
     pub denoiser: Option<Denoiser>,
-    /// Iterations of the denoiser in the inner, middle and outer foveal layer; 0 without one. In files it is the number of
-    /// the layer that has most; read from there, it is the same for all layers.
+    /// Iterations of the denoiser in the inner, middle and outer foveal layer, 0 without a denoiser. Files have the
+    /// number of the layer with most, and reading gives that number to all layers.
     #[serde(serialize_with = "serialize_most", deserialize_with = "deserialize_alike")]
     pub iterations: [u32; 3],
-    /// Where the inner and the middle foveal layer end, as shares of the eye's width; they rise. Without them the whole
-    /// image is of the inner layer.
+    /// Radii at which the inner and the middle foveal layer end, as rising shares of the eye's width. Without them, the
+    /// whole image belongs to the inner layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fovea: Option<[f64; 2]>,
-    /// Render scale of the image's edges, within [`Self::SCALES`]: paths are traced for its square's share of the pixels,
-    /// and the denoiser brings light to the others, guided by surfaces at full size.
+    /// Render scale of each side of the image, within [`Self::SCALES`]. Paths are traced for its square's share of the
+    /// pixels, and the denoiser brings light to the others, guided by surfaces at full size.
     pub scale: f64,
 }
 
@@ -36,16 +36,16 @@ impl Quality {
     /// Render scales that may be asked for.
     pub const SCALES: RangeInclusive<f64> = 0.1..=1.0;
 
-    /// Iterations of the layer that has most.
+    /// Iterations of the layer with most.
     pub fn most_iterations(&self) -> u32 {
         let [inner, middle, outer] = self.iterations;
         inner.max(middle).max(outer)
     }
 
-    /// Whether a file may ask for it.
+    /// Checks whether a file may ask for it.
     ///
     /// # Errors
-    /// What is out of its range.
+    /// A message that names the value that is out of its range.
     pub fn check(&self) -> Result<(), String> {
         within("spp", self.spp, 1..=1 << 20)?;
         within("bounces", self.bounces, 0..=1024)?;
@@ -76,17 +76,17 @@ fn deserialize_alike<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[u32;
     u32::deserialize(deserializer).map(|all| [all; 3])
 }
 
-/// A view of [`Quality`] for frames in `run.json`, `frames.csv` and journals: it leaves out the denoiser, which all frames
-/// of a run share, and has the iterations of the layer with most.
+/// The part of [`Quality`] that `run.json`, `frames.csv` and journals have for each frame. It leaves out the denoiser,
+/// which all frames of a run share, and has the iterations of the layer with most.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct FrameQuality {
     pub spp: u32,
     pub bounces: u32,
     pub iterations: u32,
-    /// Of the image's edges, 1: full size.
+    /// Render scale of each side of the image. 1 is full size.
     pub scale: f64,
-    /// Radii of the foveal layers, shares of the width.
+    /// Radii of the foveal layers, as shares of the width.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub fovea: Option<[f64; 2]>,
 }
@@ -117,7 +117,7 @@ fn layers_name(fovea: Option<[f64; 2]>) -> String {
     fovea.map_or(String::new(), |[inner, outer]| format!(", layers to {inner} and {outer}"))
 }
 
-/// Whether a value is in its range; else its name and what it is.
+/// Checks that a value is in its range. Otherwise the error has its name and the value.
 pub(crate) fn within<T: PartialOrd + Display>(name: &str, value: T, range: RangeInclusive<T>) -> Result<(), String> {
     if range.contains(&value) { Ok(()) } else { Err(format!("{name} {value} is out of range")) }
 }

@@ -1,4 +1,4 @@
-//! What a grid of settings costs and how wrong it is: rows, CSV, fronts of time against error, and the quality ladder.
+//! Times and errors of a grid of settings: rows, CSV, fronts of time against error, and the quality ladder.
 
 mod ladder;
 mod regret;
@@ -24,15 +24,15 @@ use crate::metrics::rings::Viewing;
 use crate::metrics::temporal::{Change, TemporalError};
 use crate::quality::{Denoiser, FrameQuality, Quality};
 
-/// The metrics that tables show, in their order; others follow in files.
+/// The metrics that tables show, in this order. Files have the others after them.
 const SHOWN: [&str; 9] = ["rmse", "relmse", "psnr", "ssim", "flip", FLICKER, ERROR, "flip_foveated", "mean_ratio"];
 
-/// Names of the flicker between frames, and of what fronts and ladders go by: FLIP + flicker
+/// Names of the flicker between frames, and of the measure of fronts and ladders, FLIP + flicker
 /// ([`crate::control::Measure::FlipFlicker`]).
 const FLICKER: &str = "flicker";
 pub const ERROR: &str = "flip_flicker";
 
-/// A relMSE below this many times the reference's own is not told apart from it.
+/// A relMSE below this many times the reference's own cannot be distinguished from it.
 const NOISE_MARGIN: f64 = 4.0;
 
 /// An eye's errors by name, as many as [`SeenErrors`] has.
@@ -41,7 +41,7 @@ const NOISE_MARGIN: f64 = 4.0;
 pub struct Errors(serde_json::Map<String, serde_json::Value>);
 
 impl Errors {
-    /// Means over repeats. What is undefined in one is so in the mean.
+    /// Means over repeats. A value that is undefined in one is undefined in the mean.
     pub fn mean_of(comparisons: &[impl Serialize]) -> Self {
         let all: Vec<serde_json::Value> = comparisons.iter().filter_map(|c| serde_json::to_value(c).ok()).collect();
         let names = all.first().and_then(|v| v.as_object()).into_iter().flat_map(|v| v.keys());
@@ -56,7 +56,7 @@ impl Errors {
         self.0.get(name)?.as_f64()
     }
 
-    /// With the flicker between the frames, and its sum with FLIP; undefined where either is.
+    /// Adds the flicker between frames, and its sum with FLIP, which is undefined where either is.
     fn with_flicker(mut self, flicker: Option<f64>) -> Self {
         let sum = self.get("flip").zip(flicker).map(|(flip, flicker)| flip + flicker);
         for (name, value) in [(FLICKER, flicker), (ERROR, sum)] {
@@ -65,7 +65,7 @@ impl Errors {
         self
     }
 
-    /// Those of [`SHOWN`] first.
+    /// The errors, those of [`SHOWN`] first.
     fn names(&self) -> Vec<&str> {
         let mut names: Vec<&str> = self.0.keys().map(String::as_str).collect();
         names.sort_by_key(|n| SHOWN.iter().position(|s| s == n).unwrap_or(SHOWN.len()));
@@ -79,16 +79,16 @@ pub struct Repeat {
     /// Busy time by stage, summed over views and devices.
     pub stage_ms: BTreeMap<String, f64>,
     pub errors: Stereo<SeenErrors>,
-    /// What `frames.csv` has of it.
+    /// Its line in `frames.csv`.
     pub line: FrameLine,
 }
 
-/// An eye's errors, with what it makes of them where it looks.
+/// The errors of an eye, and those that are weighted by the gaze.
 #[derive(Clone, Copy, Debug, Serialize)]
 pub struct SeenErrors {
     #[serde(flatten)]
     pub all: metrics::Errors,
-    /// [`metrics::Pair::foveated_flip`].
+    /// The result of [`metrics::Pair::foveated_flip`].
     pub flip_foveated: f64,
 }
 
@@ -104,7 +104,7 @@ impl Repeat {
     }
 }
 
-/// What was found of a setting.
+/// The results of a setting.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Measured {
     /// Median, least and most of the repeats' makespans.
@@ -116,12 +116,13 @@ pub struct Measured {
     pub errors: Stereo<Errors>,
     /// relMSE of each repeat.
     pub relmse_repeats: Stereo<Vec<f64>>,
-    /// Of each repeat, what `frames.csv` has of it.
+    /// The line of each repeat in `frames.csv`.
     pub frames: Vec<FrameLine>,
 }
 
 impl Measured {
-    /// `changes`: by eye, from each frame to the next, the camera at rest.
+    /// Combines the frames of a setting. `changes` has the change from each frame to the next by eye, with the camera
+    /// at rest.
     pub fn of(repeats: &[Repeat], changes: Stereo<Change>) -> Self {
         let times_ms: Vec<f64> = repeats.iter().map(|r| r.line.makespan_ms).collect();
         let stages = repeats.iter().flat_map(|r| r.stage_ms.keys());
@@ -144,7 +145,7 @@ impl Measured {
         }
     }
 
-    /// Mean of both eyes; infinite if it is undefined in one.
+    /// The mean of both eyes, infinite if it is undefined in one.
     pub fn error(&self, name: &str) -> f64 {
         let [l, r] = [&self.errors.left, &self.errors.right].map(|e| e.get(name).unwrap_or(f64::INFINITY));
         (l + r) / 2.0
@@ -158,7 +159,7 @@ pub struct Row {
     pub quality: Quality,
     #[serde(flatten)]
     pub measured: Measured,
-    /// No other setting is both faster and better by [`ERROR`], the mean of both eyes.
+    /// Whether no other setting is both faster and better by [`ERROR`], the mean of both eyes.
     pub on_front: bool,
 }
 
@@ -186,20 +187,20 @@ pub fn mark_front(rows: &mut [Row]) {
     }
 }
 
-/// What the rows' errors are of.
+/// The measure of the rows' errors.
 pub fn exposure_note(exposure_ev: f64) -> String {
     format!("PSNR, SSIM, FLIP and flicker are of pictures tonemapped at {exposure_ev} EV, the shot's exposure.")
 }
 
-/// What fronts and ladders go by.
+/// The error by which fronts and ladders are made.
 pub const ERROR_NOTE: &str = "Fronts and ladders go by flip_flicker: the mean FLIP of the frames on which the moving \
     camera arrives and rests, each with the history of those before it, plus their flicker, by how much pixels change \
     from one of them to the next.";
 
-/// What all rows of a table share: names and values of columns.
+/// The names and values of columns that all rows of a table share.
 pub type Shared = Vec<(&'static str, String)>;
 
-/// A line per setting and eye. What is undefined is empty.
+/// A line per setting and eye. Values that are undefined are empty.
 pub fn csv(shared: &Shared, rows: &[Row]) -> Csv {
     let metrics = rows.first().map_or(Vec::new(), |r| r.measured.errors.left.names());
     let mut columns: Vec<&str> = shared.iter().map(|(name, _)| *name).collect();
@@ -221,7 +222,7 @@ pub fn csv(shared: &Shared, rows: &[Row]) -> Csv {
     Csv { columns: columns.into_iter().map(str::to_owned).collect(), lines }
 }
 
-/// A line per timed frame, with the settings that [`FrameLine`] does not have.
+/// A line per timed frame, with those settings that [`FrameLine`] does not have.
 pub fn frames(rows: &[Row]) -> Csv {
     let lines = || rows.iter().flat_map(|row| row.measured.frames.iter().map(move |line| (row, line)));
     let setting = |(row, _): (&Row, &FrameLine)| {
@@ -233,10 +234,10 @@ pub fn frames(rows: &[Row]) -> Csv {
     settings.beside(FrameLine::csv(&lines().map(|(_, line)| line.clone()).collect::<Vec<_>>()))
 }
 
-/// Columns of a quality.
+/// The columns of a quality.
 const COLUMNS: [&str; 6] = ["denoiser", "iterations", "bounces", "foveation", "scale", "spp"];
 
-/// As the command line names them.
+/// The layers as the command line names them.
 fn cells_of(quality: &Quality) -> [String; 6] {
     let FrameQuality { spp, bounces, iterations, scale, fovea } = quality.into();
     let foveation = if fovea.is_some() { "layers" } else { "none" };
@@ -244,7 +245,7 @@ fn cells_of(quality: &Quality) -> [String; 6] {
     [Denoiser::name_of(quality.denoiser).to_owned(), iterations, bounces, foveation.to_owned(), scale.to_string(), spp]
 }
 
-/// Time against both eyes' relMSE: the front of each denoiser, and the reference's noise below them.
+/// A plot of time against both eyes' relMSE, with the front of each denoiser and the noise of the reference below them.
 ///
 /// # Errors
 /// [`ReportError`] if there is nothing to draw.
@@ -265,7 +266,7 @@ fn time_chart(title: String, error: &str, series: &[Series]) -> Result<String, R
     line_chart_svg(&Chart { title, x: Axis { label: x, log: true }, y: Axis { label: y, log: true } }, series)
 }
 
-/// Of each denoiser the settings that no other one of it beats.
+/// For each denoiser, the settings that no other of its settings beats.
 fn fronts(rows: &[Row], error: &str) -> Vec<Series> {
     let denoisers = once(rows.iter().map(|r| r.quality.denoiser));
     let series = |denoiser: &Option<Denoiser>| {

@@ -5,14 +5,14 @@ use std::path::Path;
 use crate::image::ImageError;
 use crate::image::file::atomic_write;
 
-/// A column's name, in snake_case and with its unit, and its value in a row.
+/// The name of a column, in snake_case and with its unit, and its value in a row.
 pub type Column<T> = (&'static str, fn(&T) -> String);
 
-/// Lines of values under the names of their columns.
+/// A table: lines of values under the names of their columns.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Csv {
     pub columns: Vec<String>,
-    /// As many values as there are columns.
+    /// The lines, each with as many values as there are columns.
     pub lines: Vec<Vec<String>>,
 }
 
@@ -24,7 +24,7 @@ impl Csv {
         }
     }
 
-    /// Adds columns, of as many lines, to the right.
+    /// Adds columns with the same number of lines to the right.
     pub fn beside(mut self, right: Self) -> Self {
         self.columns.extend(right.columns);
         self.lines.iter_mut().zip(right.lines).for_each(|(line, more)| line.extend(more));
@@ -43,12 +43,12 @@ impl Csv {
     }
 }
 
-/// A number with so many decimals; empty for none.
+/// A number with this many decimals, empty for none.
 pub(super) fn number(value: Option<f64>, decimals: usize) -> String {
     value.map_or(String::new(), |v| format!("{v:.decimals$}"))
 }
 
-/// Empty for none.
+/// The text of a value, empty for none.
 pub(super) fn optional<T: ToString>(value: Option<T>) -> String {
     value.map_or(String::new(), |v| v.to_string())
 }

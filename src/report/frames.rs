@@ -1,4 +1,4 @@
-//! `frames.csv`: a line per frame, with the same columns for every command.
+//! `frames.csv`, which has a line per frame and the same columns for every command.
 
 use serde::{Deserialize, Serialize};
 
@@ -8,20 +8,20 @@ use super::run::FrameRow;
 use crate::exec::RightEye;
 use crate::quality::FrameQuality;
 
-/// What `frames.csv` has of a frame. Stages by themselves are in `run.json`.
+/// The line of a frame in `frames.csv`. Single stages are in `run.json`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FrameLine {
     pub index: u32,
-    /// Along the camera path.
+    /// Time along the camera path.
     pub time_s: f64,
-    /// Devices that worked on it.
+    /// The number of devices that worked on it.
     pub devices: usize,
     pub makespan_ms: f64,
     pub interval_ms: Option<f64>,
     pub predicted_ms: Option<f64>,
     pub plan_ms: f64,
     pub aov_ms: f64,
-    /// Of all devices, in stages.
+    /// Time of all devices in stages.
     pub busy_ms: f64,
     #[serde(flatten)]
     pub quality: FrameQuality,
@@ -30,7 +30,7 @@ pub struct FrameLine {
     pub right_eye: Option<RightEye>,
     pub nonfinite_samples: u64,
     pub transferred_bytes: u64,
-    /// Of frames inside a budget.
+    /// What the control loop did, for frames inside a budget.
     pub control: Option<ControlRow>,
 }
 
@@ -90,13 +90,13 @@ const CONTROL: [Column<FrameLine>; 6] = [
 ];
 
 impl FrameLine {
-    /// The file; columns of the control loop only where there was one.
+    /// The contents of the file. It has columns of the control loop only where there was one.
     pub fn csv(lines: &[Self]) -> Csv {
         let all = Csv::new(&COLUMNS, lines);
         if lines.iter().any(|l| l.control.is_some()) { all.beside(Csv::new(&CONTROL, lines)) } else { all }
     }
 
-    /// The same of rows of `run.json`.
+    /// The same from the rows of `run.json`.
     pub fn csv_of(rows: &[FrameRow]) -> Csv {
         Self::csv(&rows.iter().map(Self::from).collect::<Vec<_>>())
     }

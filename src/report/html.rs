@@ -1,28 +1,28 @@
-//! Results as one page of HTML that stands alone: pictures, charts and its script are in it, nothing is fetched.
+//! Results as one self-contained page of HTML. Pictures, charts and its script are in it, and nothing is fetched.
 
 use serde::Serialize;
 
 use super::Table;
 
-/// A part of a page: what is said first, then the figure, then the table.
+/// A section of a page: paragraphs, then the figure, then the table.
 #[derive(Clone, Debug, Default)]
 pub struct Section {
     pub heading: &'static str,
-    /// Paragraphs.
+    /// The text, by paragraph.
     pub notes: Vec<String>,
     pub table: Option<Table>,
-    /// SVG or HTML, taken as it is.
+    /// SVG or HTML, which is taken as it is.
     pub figure: Option<String>,
 }
 
-/// How it looks, and what makes its live figures.
+/// The style sheet, and the script that draws the interactive figures.
 const STYLE: &str = include_str!("page.css");
 const SCRIPT: &str = include_str!("page.js");
 
-/// Whatever a figure asks for, nothing comes from elsewhere.
+/// The content security policy: whatever a figure asks for, nothing is fetched.
 const POLICY: &str = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; script-src 'unsafe-inline'";
 
-/// `command` is the line that made it.
+/// Makes the page. `command` is the command line that made it.
 pub fn page(title: &str, command: &str, sections: &[Section]) -> String {
     let title = escape(title);
     let mut page = format!(
@@ -37,17 +37,17 @@ pub fn page(title: &str, command: &str, sections: &[Section]) -> String {
     page + &format!("{footer}\n<script>\n{SCRIPT}</script>\n</body>\n</html>\n")
 }
 
-/// A figure that the page's script makes of data: `kind` names what draws it in `page.js`.
+/// A figure that the page's script draws from data. `kind` names the function in `page.js`.
 ///
 /// # Errors
 /// For data that JSON cannot hold.
 pub fn live(kind: &str, data: &impl Serialize) -> serde_json::Result<String> {
-    // A string in it that ends the element would end the data.
+    // A string that closes the element would end the data.
     let json = serde_json::to_string(data)?.replace('<', "\\u003c");
     Ok(format!("<div class=\"live\" data-kind=\"{kind}\"><script type=\"application/json\">{json}</script></div>"))
 }
 
-/// Characters of a cell that is to be broken into lines, but not after each word.
+/// Cells with more characters than this are broken into lines, but not after each word.
 const LONG: usize = 24;
 
 fn add(page: &mut String, section: &Section) {

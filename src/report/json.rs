@@ -1,14 +1,14 @@
-//! JSON that people can read and that stays small: lines and indents down to a depth, compact below.
+//! JSON that people can read and that stays small. It has lines and indents down to a depth, and is compact below.
 
 use std::io::{self, Write};
 
 use serde_json::ser::Formatter;
 
-/// Members of what is nested at most so deep have a line each; deeper values stand on the line of their parent.
+/// Members of values nested at most this deep have a line each. Deeper values stand on the line of their parent.
 pub struct Lines {
     most: usize,
     depth: usize,
-    /// Whether what was opened last has no member yet.
+    /// Whether the object or list that was opened last has no member yet.
     is_empty: bool,
 }
 

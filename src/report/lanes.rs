@@ -1,4 +1,4 @@
-//! Swimlanes of frames for a page: a lane per device and eye, a box per task, one frame at a time.
+//! Swimlanes of frames for a page, with a lane per device and eye, a box per task, and one frame at a time.
 
 use std::borrow::Cow;
 
@@ -10,14 +10,14 @@ use super::html::live;
 use crate::exec::{FrameReport, TaskTiming, TimedTask};
 use crate::scene::rig::Eye;
 
-/// About 1.8 MB of a page.
+/// The largest number of tasks, which take about 1.8 MB of a page.
 const TASKS_MAX: usize = 120_000;
 
-/// A frame whose tasks can be looked at.
+/// A frame whose tasks can be shown.
 pub struct LaneFrame<'a> {
     pub name: String,
     pub makespan_ms: f64,
-    /// What the tasks' times are to begin with, milliseconds.
+    /// The time that is subtracted from the tasks' times, milliseconds.
     pub begin_ms: f64,
     pub tasks: &'a [TaskTiming],
 }
@@ -28,19 +28,19 @@ impl<'a> LaneFrame<'a> {
     }
 }
 
-/// All but a task's times: stage, eye (0 left), device, kind (0 device work, 1 download, 2 upload), the first row and the
-/// one behind the last, and bytes of a transfer. Many frames have the same.
+/// Everything about a task but its times: stage, eye (0 is left), device, kind (0 device work, 1 download, 2 upload),
+/// the first row and the one after the last, and bytes of a transfer. Many frames have the same.
 type Shape = (usize, usize, usize, usize, u32, u32, u64);
 
 #[derive(Default, Serialize)]
 struct Data {
-    /// Names of stages and of what is transferred.
+    /// Names of stages and of images that are transferred.
     names: Vec<Cow<'static, str>>,
     shapes: Vec<Shape>,
     frames: Vec<Frame>,
-    /// Place of the one that is shown first.
+    /// The index of the frame that is shown first.
     shown: usize,
-    /// Every how many frames' tasks there are.
+    /// The distance between frames whose tasks are kept.
     stride: usize,
 }
 
@@ -48,14 +48,15 @@ struct Data {
 struct Frame {
     name: String,
     ms: f64,
-    /// Of one task after another: shape, begin since the begin of the one before, and length, microseconds.
+    /// For each task in order: shape, begin relative to the begin of the task before, and length, in microseconds.
     tasks: Vec<i64>,
 }
 
-/// The figure, with frame `shown` first. Of very many tasks, only those of every so many frames are kept.
+/// The figure, with frame `shown` first. Where there are very many tasks, only those of some frames at equal distances
+/// are kept.
 ///
 /// # Errors
-/// As [`live`].
+/// Those of [`live`].
 pub fn lanes(frames: &[LaneFrame<'_>], shown: usize) -> serde_json::Result<String> {
     live("lanes", &data(frames, shown, TASKS_MAX))
 }
@@ -105,12 +106,12 @@ fn micros(ms: f64) -> i64 {
     (ms * 1e3).round() as i64
 }
 
-/// To microseconds.
+/// Rounds to microseconds.
 pub(super) fn round(ms: f64) -> f64 {
     (ms * 1e3).round() / 1e3
 }
 
-/// Place of the frame whose makespan is nearest to their median; 0 of none.
+/// The index of the frame whose makespan is nearest to the median of all, 0 without frames.
 pub fn median_frame(makespans_ms: &[f64]) -> usize {
     let mut order: Vec<usize> = (0..makespans_ms.len()).collect();
     order.sort_by(|&a, &b| makespans_ms[a].total_cmp(&makespans_ms[b]));

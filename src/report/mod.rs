@@ -46,12 +46,12 @@ pub enum ReportError {
     Image(#[from] crate::image::ImageError),
 }
 
-/// [`median`]; 0 of none.
+/// The [`median`], which is 0 of no values.
 pub fn median_of(values: Vec<f64>) -> f64 {
     median(values).unwrap_or(0.0)
 }
 
-/// Each value once, in the order in which they come.
+/// Each value once, in the order of their first occurrence.
 pub fn once<T: PartialEq>(values: impl IntoIterator<Item = T>) -> Vec<T> {
     let mut once = Vec::new();
     for value in values {
@@ -62,15 +62,15 @@ pub fn once<T: PartialEq>(values: impl IntoIterator<Item = T>) -> Vec<T> {
     once
 }
 
-/// Largest over mean.
+/// The largest value over the mean.
 fn imbalance(busy_ms: &[f64]) -> f64 {
     busy_ms.iter().copied().fold(0.0, f64::max) * busy_ms.len() as f64 / busy_ms.iter().sum::<f64>().max(1e-9)
 }
 
-/// Shares below this are not told.
+/// Shares below this are not listed.
 const SHARE_MIN: f64 = 0.005;
 
-/// Shares summed by name, largest first: `path_trace 61 % atrous 30 %`.
+/// Shares summed by name, largest first, as in `path_trace 61 % atrous 30 %`.
 fn shares_text<'a>(shares: impl IntoIterator<Item = (&'a str, f64)>) -> String {
     let mut sums: Vec<(&str, f64)> = Vec::new();
     for (name, share) in shares {

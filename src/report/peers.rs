@@ -1,4 +1,4 @@
-//! What other renderers take and how wrong they are, from a file, to stand beside what was measured here.
+//! Times and errors of other renderers, read from a file, to compare them with what was measured here.
 
 use std::io;
 use std::path::{Path, PathBuf};
@@ -24,7 +24,7 @@ pub enum PeersError {
     #[error("exposure_ev {0} is not a number of stops")]
     Exposure(f64),
     #[error(
-        "the peers' FLIP is of pictures shown at {peers_ev} EV, the shot's at {shot_ev} EV, so they cannot be held against \
+        "the peers' FLIP is of pictures shown at {peers_ev} EV, the shot's at {shot_ev} EV, so they cannot be compared with \
          each other: measure the peers at the shot's exposure and say so in their file (exposure_ev = {shot_ev}), or give \
          the shot theirs ([exposure] ev = {peers_ev})"
     )]
@@ -35,22 +35,22 @@ pub enum PeersError {
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Peer {
-    /// Those of one name are joined by a line.
+    /// The name. Peers with the same name are joined by a line.
     pub name: String,
-    /// Of a stereo frame.
+    /// The time of a stereo frame.
     pub time_ms: f64,
-    /// Above 0, at most 1.
+    /// FLIP, above 0 and at most 1.
     pub flip: f64,
     /// Its settings.
     #[serde(default)]
     pub note: String,
 }
 
-/// A file of them.
+/// A file of peers.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Peers {
-    /// At which pictures were shown to be judged by FLIP.
+    /// The exposure at which pictures were compared by FLIP.
     #[serde(default)]
     exposure_ev: f64,
     #[serde(default)]
@@ -58,7 +58,7 @@ pub struct Peers {
 }
 
 impl Peers {
-    /// From the text of a file.
+    /// Parses the text of a file.
     ///
     /// # Errors
     /// [`PeersError::Form`], [`PeersError::Exposure`], [`PeersError::Empty`], and [`PeersError::Peer`] for the first whose
@@ -91,17 +91,17 @@ impl Peers {
         Self::parse(&text).map_err(|source| PeersError::File { path: path.to_owned(), source: Box::new(source) })
     }
 
-    /// The peers, to be held against pictures of a shot with this exposure.
+    /// The peers, to be compared with pictures of a shot with this exposure.
     ///
     /// # Errors
-    /// [`PeersError::OtherExposure`]: FLIP of the same images is another at each exposure.
+    /// [`PeersError::OtherExposure`], since FLIP of the same images depends on the exposure.
     pub fn at(self, shot_ev: f64) -> Result<Vec<Peer>, PeersError> {
         let peers_ev = self.exposure_ev;
         if peers_ev == shot_ev { Ok(self.peer) } else { Err(PeersError::OtherExposure { peers_ev, shot_ev }) }
     }
 }
 
-/// Time against FLIP, a line per name, in the order in which names come first.
+/// Time against FLIP, with a line per name, in the order of the first occurrence of names.
 pub fn series(peers: &[Peer]) -> Vec<Series> {
     let mut lines: Vec<Series> = Vec::new();
     for Peer { name, time_ms, flip, .. } in peers {
@@ -113,12 +113,12 @@ pub fn series(peers: &[Peer]) -> Vec<Series> {
     lines
 }
 
-/// What [`table`] says.
+/// The caption of [`table`].
 pub const NOTE: &str = "Ours: the fastest measured setting whose FLIP, the mean of both eyes against this page's \
     reference, is at most the peer's, and the peer's time over ours. Peers' numbers are their file's, so its machine, \
     size and reference are to be like those of this page; the exposure is the same.";
 
-/// Of each peer the fastest setting here whose FLIP is at most the peer's.
+/// For each peer, the fastest setting here whose FLIP is at most that of the peer.
 pub fn table(peers: &[Peer], rows: &[Row]) -> Table {
     let headers = vec!["peer", "note", "FLIP", "ms", "ours, ms", "FLIP", "setting", "times as fast"];
     let ours = |flip: f64| {
@@ -171,7 +171,7 @@ mod tests {
         assert!(!files.is_empty(), "{}", folder.display());
         for path in files {
             let peers = Peers::read(&path).unwrap().peer;
-            // Not denoised, and by either of two denoisers, at four counts of samples.
+            // Without a denoiser, and with either of two denoisers, at four sample counts.
             let lines = series(&peers);
             assert_eq!((peers.len(), lines.len(), lines[1].points.len()), (12, 3, 4), "{}", path.display());
         }

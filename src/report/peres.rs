@@ -29,13 +29,13 @@ const QUALITY: [[ImageErrors; 3]; 3] = [
     [errors(3.7991, 0.813191, 22.339938), errors(3.8649, 0.795324, 22.378790), errors(4.1787, 0.778536, 21.692040)],
 ];
 
-/// Errors of pictures in display values.
+/// The errors of pictures in display values.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ImageErrors {
-    /// Of the range of display values, 0 … 1.
+    /// RMSE as a share of the range of display values, 0 … 1.
     pub rmse_percent: f64,
     pub ssim: Option<f64>,
-    /// dB.
+    /// PSNR in dB.
     pub psnr: f64,
 }
 
@@ -44,22 +44,22 @@ const fn errors(rmse_percent: f64, ssim: f64, psnr: f64) -> ImageErrors {
 }
 
 impl ImageErrors {
-    /// The RMSE follows from the PSNR, whose peak is the range.
+    /// The errors of a setting. The RMSE follows from the PSNR, whose peak is the range.
     pub fn new(psnr: f64, ssim: Option<f64>) -> Self {
         Self { rmse_percent: 100.0 * 10f64.powf(-psnr / 20.0), ssim, psnr }
     }
 }
 
-/// What was found of a configuration.
+/// The results of a configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Found {
     /// Quartiles of the warm frames' makespans.
     pub time_ms: [f64; 3],
-    /// Time of the base over this one's.
+    /// The time of the base configuration over that of this one.
     pub speed_up: f64,
     /// Mean of both eyes over frames.
     pub quality: ImageErrors,
-    /// The shot's, at which that is judged.
+    /// The exposure of the shot, at which pictures are compared.
     pub exposure_ev: f64,
 }
 
@@ -137,25 +137,25 @@ const ERRORS: [Column<Row>; 7] = [
     ("thesis psnr", |r| format!("{:.3}", r.cited_quality().psnr)),
 ];
 
-/// What stands with [`time_table`].
+/// The caption of [`time_table`].
 pub const TIME_NOTE: &str = "Median makespan of warm frames of one instant, both eyes, and the distance of their \
     quartiles; the speed-up is over Base. Thesis: table 4, mean GPU time of 1000 frames along a path on a GeForce RTX \
     2080, at full resolution. Base: every pixel with 4 samples and 5 iterations. NH2LD and NH3LD: 4, 3 and 2 samples a \
     pixel on average in the inner, middle and outer layer, with 3, 5 and 5 or 2, 3 and 5 iterations.";
 
-/// What stands with [`quality_table`].
+/// The caption of [`quality_table`].
 pub const QUALITY_NOTE: &str = "Mean of both eyes and frames, against an image of many samples without denoiser, both tonemapped at \
     exposure_ev, the shot's. RMSE is \
     in % of the range of display values, so that PSNR = -20 log10(RMSE / 100 %). Thesis: table 5, which does not say at \
     which resolution, and of what its RMSE is: its PSNR is 1.0 (Pink Room, Base) to 6.1 dB (Forest, Base) below what \
     that formula gives. Other scenes and renderers: hold configurations of a scene against each other, not columns.";
 
-/// Table 4: a line per resolution, shot and configuration.
+/// Table 4, with a line per resolution, shot and configuration.
 pub fn time_table(rows: &[Row]) -> Table {
     table(&[&SUBJECT[..], &TIME].concat(), rows)
 }
 
-/// Table 5, as [`time_table`].
+/// Table 5, with the same lines as [`time_table`].
 pub fn quality_table(rows: &[Row]) -> Table {
     table(&[&SUBJECT[..], &ERRORS].concat(), rows)
 }
@@ -180,7 +180,7 @@ const CSV: [Column<Row>; 17] = [
     ("thesis_psnr", |r| r.cited_quality().psnr.to_string()),
 ];
 
-/// Both tables for programs.
+/// Both tables as CSV.
 pub fn peres_csv(rows: &[Row]) -> Csv {
     Csv::new(&CSV, rows)
 }
@@ -189,7 +189,7 @@ pub fn peres_csv(rows: &[Row]) -> Csv {
 mod tests {
     use super::*;
 
-    /// The thesis prints two digits and cuts off what follows.
+    /// The thesis prints two digits and truncates the rest.
     #[test]
     fn cited_times_give_the_cited_speed_ups() {
         let printed = [[[1.16, 1.26], [1.33, 1.35], [1.23, 1.30]], [[1.11, 1.15], [1.31, 1.33], [1.22, 1.24]]];

@@ -1,4 +1,4 @@
-//! Pictures for a page: two at a time on one stage, wiped from one to the other.
+//! Pictures for a page. Two are shown at a time, with a line to wipe from one to the other.
 
 use base64::Engine;
 use base64::engine::general_purpose::STANDARD;
@@ -50,8 +50,8 @@ impl Group {
     }
 }
 
-/// The viewer: at first the first picture is left of the line, and right of it the first one of the last group, of a
-/// single group the second one. All pictures are of one size.
+/// The viewer. At first, the first picture is left of the line, and the first one of the last group is right of it, or
+/// the second one where there is a single group. All pictures have the same size.
 ///
 /// # Errors
 /// [`ReportError::Encoding`].

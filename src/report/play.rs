@@ -1,4 +1,4 @@
-//! How well a budget was kept.
+//! Reports how well a budget was kept.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -12,23 +12,23 @@ use super::{Table, median_of};
 use crate::control::{Measure, Rung};
 use crate::quality::FrameQuality;
 
-/// Frames before the loop is judged.
+/// The number of frames before the control loop is judged.
 pub const SETTLING_FRAMES: usize = 30;
 
 /// What the control loop did with a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct ControlRow {
-    /// Of the ladder, from 0.
+    /// The number of the rung in the ladder, from 0.
     pub rung: usize,
-    /// What the rung was expected to take: the cost model's prediction, corrected.
+    /// The expected time of the rung, which is the corrected prediction of the cost model.
     pub expected_ms: f64,
     /// Whether any rung was expected to be within the budget.
     pub fits: bool,
     pub in_band: bool,
-    /// Between when the frame was due and when it was begun.
+    /// The time between when the frame was due and when it was begun.
     pub late_ms: f64,
-    /// Host time that it took to choose the rung.
+    /// The host time that choosing the rung took.
     pub decide_ms: f64,
 }
 
@@ -40,9 +40,9 @@ pub struct RungUse {
     pub denoiser: &'static str,
     #[serde(flatten)]
     pub quality: FrameQuality,
-    /// Median of what its frames were expected to take.
+    /// The median of the expected times of its frames.
     pub expected_ms: f64,
-    /// By the ladder's measure, where it was measured.
+    /// The error by the ladder's measure, where it was measured.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub error: Option<f64>,
     /// Whether the error is an estimate, as the rung's time was before it was played.
@@ -52,15 +52,15 @@ pub struct RungUse {
     pub share: f64,
 }
 
-/// That the budget was not to be kept at the size that was asked for, and where it is.
+/// Says that the budget could not be kept at the size that was asked for, and at which size it can.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct SizeFit {
-    /// Of each eye.
+    /// The size of each eye.
     pub asked_size: String,
-    /// What the cheapest rung took there, median.
+    /// The median time of the cheapest rung at that size.
     pub asked_ms: f64,
-    /// A smaller size at which the budget can be kept; none was found without it.
+    /// A smaller size at which the budget can be kept, if one was found.
     pub fitting_size: Option<String>,
     pub fitting_ms: Option<f64>,
     pub played_size: String,
@@ -80,7 +80,7 @@ pub struct Excursion {
 pub struct PlaySummary {
     pub budget_ms: [f64; 2],
     pub denoiser: &'static str,
-    /// Where the ladder is from, what its errors are, and how many rungs it has.
+    /// The origin of the ladder, the measure of its errors, and its number of rungs.
     pub ladder: String,
     pub measure: Measure,
     pub rungs: usize,
@@ -101,7 +101,7 @@ pub struct PlaySummary {
     pub rung_uses: Vec<RungUse>,
 }
 
-/// What a run has in common.
+/// What all frames of a run have in common.
 #[derive(Clone, Debug)]
 pub struct Play {
     pub budget_ms: [f64; 2],
@@ -116,7 +116,7 @@ pub struct Play {
 const LATE_MS: f64 = 1.0;
 
 impl PlaySummary {
-    /// Of rows that the control loop made; none without any.
+    /// The summary of rows that the control loop made, none without any.
     pub fn of(play: &Play, rows: &[FrameRow]) -> Option<Self> {
         let skipped = if rows.len() > SETTLING_FRAMES { SETTLING_FRAMES } else { 0 };
         let judged: Vec<(&FrameRow, &ControlRow)> =
@@ -151,7 +151,7 @@ impl PlaySummary {
         })
     }
 
-    /// How the budget was kept, in words and rounded numbers.
+    /// Describes how the budget was kept, in words and rounded numbers.
     pub fn table(&self) -> Table {
         let percent = |share: f64| format!("{:.1} %", 100.0 * share);
         let ms = |ms: f64| format!("{ms:.1} ms");
@@ -173,7 +173,7 @@ impl PlaySummary {
         Table { headers: vec!["what", "value"], rows }
     }
 
-    /// The rungs used, from the cheapest.
+    /// The rungs that were used, from the cheapest.
     pub fn rungs_table(&self) -> Table {
         let row = |u: &RungUse| {
             let FrameQuality { spp, bounces, iterations, scale, fovea } = u.quality;

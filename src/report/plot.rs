@@ -8,7 +8,7 @@ use plotters::prelude::*;
 use super::ReportError;
 use super::ticks::{self, Ticks};
 
-/// Okabe & Ito's colours (2008), told apart by colour-blind readers too.
+/// Okabe & Ito's colours (2008), which colour-blind readers can distinguish as well.
 const COLOURS: [RGBColor; 6] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -27,9 +27,9 @@ const SIZE_PX: (u32, u32) = (800, 500);
 pub struct Series {
     pub name: String,
     pub points: Vec<(f64, f64)>,
-    /// Low and high around each point, drawn as a shade.
+    /// Low and high values around each point, drawn as a shaded band.
     pub band: Option<Vec<(f64, f64)>>,
-    /// Something to compare with, such as ideal speed-up: grey and dashed, without dots.
+    /// A line to compare with, such as ideal speed-up. It is grey and dashed, without dots.
     pub guide: bool,
 }
 
@@ -49,8 +49,8 @@ pub struct Chart {
 type Canvas<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<Ticks, Ticks>>;
 type DrawingError = Box<dyn std::error::Error>;
 
-/// Draws the series as lines with dots, a legend and round ticks. Points that an axis cannot show are left out: those
-/// that are not finite, or not positive on a logarithmic axis.
+/// Draws the series as lines with dots, a legend and round ticks. Points that are not finite, or not positive on a
+/// logarithmic axis, are left out.
 ///
 /// # Errors
 /// [`ReportError::NothingToDraw`] if no point is left.
@@ -190,10 +190,10 @@ fn draw_legend(canvas: &mut Canvas, corner: SeriesLabelPosition) -> Result<(), D
     Ok(())
 }
 
-/// How much of the chart's width and height a legend takes, about.
+/// The approximate share of the chart's width and height that a legend takes.
 const LEGEND_SHARE: [f64; 2] = [0.35, 0.3];
 
-/// The corner where a legend hides least of the lines.
+/// The corner in which a legend hides the fewest points.
 fn legend_corner(axes: &[Ticks; 2], lines: &[Drawn]) -> SeriesLabelPosition {
     let share = |axis: usize, at: f64| (at - axes[axis].range.start) / (axes[axis].range.end - axes[axis].range.start);
     let along = |pair: &[(f64, f64)]| -> Vec<(f64, f64)> {

@@ -1,4 +1,4 @@
-//! `run.json`: what was run, on what, and what each frame took.
+//! `run.json`, which says what was run, on which devices, and what each frame took.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -28,7 +28,7 @@ use super::lanes::round;
 use super::play::{ControlRow, PlaySummary};
 use super::{median, median_of, once};
 
-/// How deep in the file a frame's sums and tasks are: each has a line.
+/// The depth in the file of a frame's sums and tasks, each of which has a line.
 const FRAME_DEPTH: usize = 4;
 
 /// The settings of a run.
@@ -57,7 +57,7 @@ pub struct SceneSummary {
 }
 
 impl SceneSummary {
-    /// `skips`: what the scene does not need is compiled out.
+    /// With `skips`, what the scene does not need is compiled out.
     pub fn of(scene: &Scene, needs: SceneNeeds, skips: bool) -> Self {
         let skipped = needs.constants().into_iter().filter(|(_, needed)| skips && !needed).map(|(name, _)| name);
         Self {
@@ -73,25 +73,25 @@ impl SceneSummary {
     }
 }
 
-/// How far a frame's accumulation has come.
+/// The progress of a frame's accumulation.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct ReferenceRow {
     pub index: u32,
-    /// Samples per pixel taken, by this run and those it goes on from.
+    /// Samples per pixel taken by this run and by those that it continues.
     pub spp: u32,
     pub spp_wanted: u32,
-    /// Taken by earlier runs.
+    /// Samples per pixel taken by earlier runs.
     pub spp_resumed: u32,
     pub pass_spp: u32,
-    /// Passes of this run, and how long they took.
+    /// Passes of this run, and the time that they took.
     pub passes: u32,
     pub elapsed_s: f64,
     /// Whether the time limit ended it.
     pub out_of_time: bool,
-    /// Of both eyes, earlier runs included.
+    /// Rays of both eyes, including those of earlier runs.
     pub nonfinite_samples: u64,
-    /// Standard error of the mean; `null` before there are two passes.
+    /// Standard error of the mean, `null` before there are two passes.
     pub noise: Option<Stereo<Noise>>,
 }
 
@@ -115,22 +115,22 @@ impl fmt::Display for ReferenceRow {
     }
 }
 
-/// What a device did for a stage and view in a frame. Its rows that left and came are the stages `download` and `upload`.
+/// What a device did for a stage and view in a frame. Transfers of rows are the stages `download` and `upload`.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct StageSum {
     pub stage: &'static str,
     pub view: Eye,
     pub device: usize,
-    /// To microseconds.
+    /// Rounded to microseconds.
     pub busy_ms: f64,
-    /// Of transfers.
+    /// The bytes of transfers.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bytes: Option<u64>,
 }
 
 impl StageSum {
-    /// In the order in which tasks come first.
+    /// The sums in the order of their first tasks.
     fn of(tasks: &[TaskTiming]) -> Vec<Self> {
         let mut sums: Vec<Self> = Vec::new();
         for &TaskTiming { kind, view, device, begin_ms, end_ms, bytes, .. } in tasks {
@@ -153,7 +153,7 @@ impl StageSum {
     }
 }
 
-/// Time of auxiliary images: their passes and transfers on the device that had most of them, milliseconds.
+/// The time of auxiliary images: their passes and transfers on the device on which they took longest, milliseconds.
 pub fn aov_ms(tasks: &[TaskTiming]) -> f64 {
     let of = |device: usize| {
         let own = tasks.iter().filter(|t| t.device == device && t.stage == AOV.name());
@@ -162,27 +162,29 @@ pub fn aov_ms(tasks: &[TaskTiming]) -> f64 {
     once(tasks.iter().map(|t| t.device)).into_iter().map(of).fold(0.0, f64::max)
 }
 
-/// A frame; of a reference, sums over its passes of this run, but stages, tasks and `aov_ms` of the last one.
+/// A frame. For a reference, the numbers are sums over its passes of this run, except that stages, tasks and `aov_ms`
+/// are of the last pass.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct FrameRow {
     pub index: u32,
-    /// Along the camera path.
+    /// Time along the camera path.
     pub time_s: f64,
-    /// Of each eye.
+    /// The camera of each eye.
     pub cameras: Stereo<Matrices>,
-    /// Devices that worked on it.
+    /// The number of devices that worked on it.
     pub devices: usize,
-    /// From its begin to the whole pictures on the primary, without `aov_ms`.
+    /// The time from the begin of the frame to the whole pictures on the primary, without `aov_ms`.
     pub makespan_ms: f64,
-    /// From the end of the frame before to the end of this one; `null` for the first, and of a reference.
+    /// The time from the end of the frame before to the end of this one, `null` for the first frame and for a
+    /// reference.
     pub interval_ms: Option<f64>,
-    /// What the cost model foretold, without `aov_ms`; `null` before it had learned from a frame, and for frames in
-    /// flight together.
+    /// The makespan that the cost model predicted, without `aov_ms`. It is `null` before the model had learned from a
+    /// frame, and for frames in flight together.
     pub predicted_ms: Option<f64>,
-    /// Passes and transfers of auxiliary images, on the device that had most of them.
+    /// The time of passes and transfers of auxiliary images, on the device on which they took longest.
     pub aov_ms: f64,
-    /// Host time to make stripes and graph.
+    /// Host time for making stripes and graph.
     pub plan_ms: f64,
     #[serde(flatten)]
     pub quality: FrameQuality,
@@ -196,21 +198,21 @@ pub struct FrameRow {
     /// Rows per device of every stage and view that ran.
     pub stage_stripes: BTreeMap<String, Vec<u32>>,
     pub transferred_bytes: u64,
-    /// How many rows up and down history was looked for; `null`: there was none.
+    /// How many rows up and down history was looked for, `null` if there was none.
     pub history_rows: Option<u32>,
     /// The filter's passes before which rows come from neighbours.
     pub halo_exchanges: Vec<usize>,
     pub stages: Vec<StageSum>,
-    /// Each task, with times since the frame's begin; with `--details` only.
+    /// Each task, with times since the begin of the frame. Only with `--details`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub tasks: Vec<TaskTiming>,
-    /// Of frames inside a budget.
+    /// What the control loop did, for frames inside a budget.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub control: Option<ControlRow>,
 }
 
 impl FrameRow {
-    /// Of a frame that `rig` sees at `time_s`.
+    /// The row of a frame that `rig` sees at `time_s`.
     pub fn new(frame: &FrameReport, quality: &Quality, rig: &Rig, time_s: f64) -> Self {
         let matrices = |eye| rig.matrices(time_s, eye, frame.spec.extent);
         let rows_of = |group, view| {
@@ -254,13 +256,13 @@ impl FrameRow {
         }
     }
 
-    /// With each of its tasks.
+    /// Adds each of its tasks.
     pub fn with_tasks(self, frame: &FrameReport) -> Self {
         Self { tasks: frame.tasks_since_begin(), ..self }
     }
 }
 
-/// What was run, on what, and what each frame took.
+/// What was run, on which devices, and what each frame took.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct RunReport {
@@ -269,19 +271,20 @@ pub struct RunReport {
     pub settings: RunSettings,
     pub devices: Vec<DeviceInfo>,
     pub scene: SceneSummary,
-    /// Largest resident memory of the process so far, MiB; absent where the system does not tell.
+    /// Largest resident memory of the process so far, MiB. It is absent where the system does not report it.
     pub peak_resident_mib: Option<f64>,
-    /// From when devices were open until the first frame could begin: shaders are compiled, and `play` times settings.
+    /// The time from when devices were open until the first frame could begin. Shaders are compiled then, and `play`
+    /// times settings.
     pub warm_up_s: f64,
-    /// Frames before the first one kept.
+    /// The number of frames before the first one that is kept.
     pub warm_up_frames: u32,
     pub frames: Vec<FrameRow>,
     /// Devices that were taken out.
     pub faults: Vec<Fault>,
-    /// Of frames that were accumulated.
+    /// The progress of frames that were accumulated.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub references: Vec<ReferenceRow>,
-    /// How the budget was kept.
+    /// Says how the budget was kept.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub play: Option<PlaySummary>,
 }
@@ -318,8 +321,9 @@ impl RunReport {
         })
     }
 
-    /// Rays over the time in which devices were at frames: their makespans, or what of them was not the frame before's as
-    /// well. Of several frames the first, which meets cold caches and stripes that are not yet learned, does not count.
+    /// Rays over the time in which devices worked on frames: the makespans, without the parts that overlap with the
+    /// frame before. If there are several frames, the first does not count, since caches are cold and stripes are not
+    /// yet learned.
     pub fn rays_per_s(&self) -> Option<f64> {
         let counted = &self.frames[usize::from(self.frames.len() > 1)..];
         let own_ms = |f: &FrameRow| f.interval_ms.map_or(f.makespan_ms, |i| i.min(f.makespan_ms));
@@ -327,8 +331,8 @@ impl RunReport {
         (ms > 0.0).then(|| rays as f64 / ms * 1e3)
     }
 
-    /// Median time between the ends of frames that follow one another, ms. Those of the last ones in flight, which had
-    /// the devices to themselves in the end, do not count.
+    /// Median time between the ends of consecutive frames, ms. The last frames in flight do not count, since they had
+    /// the devices to themselves in the end.
     pub fn median_interval_ms(&self, frames_in_flight: u8) -> Option<f64> {
         let alone = usize::from(frames_in_flight).saturating_sub(1);
         let frames = &self.frames[..self.frames.len().saturating_sub(alone)];
@@ -336,7 +340,7 @@ impl RunReport {
         median(intervals)
     }
 
-    /// Devices that were not taken out.
+    /// The devices that were not taken out.
     pub fn devices_left(&self) -> usize {
         self.devices.iter().filter(|d| self.faults.iter().all(|f| f.device != d.index)).count()
     }
@@ -347,7 +351,7 @@ impl RunReport {
     }
 }
 
-/// `VmHWM` of Linux.
+/// Reads `VmHWM` of Linux.
 fn peak_resident_mib() -> Option<f64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|l| l.strip_prefix("VmHWM:"))?;

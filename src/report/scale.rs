@@ -1,4 +1,4 @@
-//! How frames scale over device counts: rows, CSV, tables, the plot of speed-up and the page with all of it.
+//! Reports how frames scale over device counts: rows, CSV, tables, the plot of speed-up, and the page with all of it.
 
 use serde::Serialize;
 
@@ -12,51 +12,53 @@ use crate::schedule::LOSS_SHARE;
 use crate::trace::frames::trace_from;
 use crate::trace::summary::Summary;
 
-/// One row of `scale.csv`: a device count. Numbers of frames are medians; makespans are without auxiliary images.
+/// One row of `scale.csv`, for one device count. Values over frames are medians, and makespans leave out auxiliary
+/// images.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Row {
     pub devices: usize,
-    /// How many were timed.
+    /// The number of frames that were timed.
     pub frames: usize,
     pub makespan_ms: f64,
     pub makespan_ms_min: f64,
     pub makespan_ms_max: f64,
-    /// From the lower to the upper quartile.
+    /// The distance from the lower to the upper quartile.
     pub makespan_ms_iqr: f64,
-    /// From the end of a frame to the end of the next one.
+    /// The time from the end of a frame to the end of the next one.
     pub interval_ms: f64,
-    /// What throughput follows from, and how it scatters: the interval of frames in flight, the makespan of frames that
-    /// follow one another.
+    /// The time from which throughput follows, and its scatter: the interval of frames in flight, or the makespan of
+    /// frames that follow one another.
     pub period_ms: f64,
     pub period_spread: f64,
-    /// How many of them there are.
+    /// The number of those times.
     pub periods: usize,
-    /// Devices of the row that the speed-up is over.
+    /// The number of devices of the base, over which speed-up is measured.
     pub base_devices: usize,
-    /// Over the base.
+    /// The speed-up over the base.
     pub speedup: f64,
-    /// Its standard error, from how far the frames of both rows scatter.
+    /// The standard error of the speed-up, from the scatter of the frames of both rows.
     pub speedup_error: f64,
-    /// Speed-up over how many times the base's devices there are.
+    /// The speed-up over the ratio of the numbers of devices.
     pub efficiency: f64,
-    /// Busy time of the busiest device over the mean.
+    /// The busy time of the busiest device over the mean.
     pub imbalance: f64,
     /// Host time in transfers over the makespan times the devices.
     pub transfer_share: f64,
-    /// More worker threads than cores.
+    /// Whether there are more worker threads than cores.
     pub oversubscribed: bool,
     /// Share of the makespan in which a device's queue ran no stage, mean over devices.
     pub idle_share: f64,
-    /// Sent from device to device.
+    /// Bytes sent from device to device.
     pub bytes_per_frame: f64,
-    /// How far the cost model's makespan was from the measured one, over the latter; none before it had learned.
+    /// The difference between the predicted and the measured makespan, over the latter. It is none before the cost
+    /// model had learned.
     pub prediction_error: Option<f64>,
-    /// Shares of the frames' time.
+    /// The losses as shares of the frames' time.
     pub critical_path: String,
 }
 
 impl Row {
-    /// Of timed frames; `base` is the row that speed-up is over, none for itself.
+    /// A row from timed frames. `base` is the row over which speed-up is measured, none for that row itself.
     pub fn new(devices: usize, frames: &[FrameReport], oversubscribed: bool, base: Option<&Row>) -> Self {
         let values = |of: &dyn Fn(&FrameReport) -> f64| frames.iter().map(of).collect::<Vec<_>>();
         let median = |of: &dyn Fn(&FrameReport) -> f64| median_of(values(of));
@@ -112,13 +114,13 @@ impl Row {
         }
     }
 
-    /// Standard error of the median over the median, of periods that scatter about normally. McGill, Tukey & Larsen,
-    /// "Variations of Box Plots" (1978): 1.25 IQR / (1.35 √n).
+    /// The standard error of the median over the median, for periods that are about normally distributed. McGill, Tukey
+    /// & Larsen, "Variations of Box Plots" (1978): 1.25 IQR / (1.35 √n).
     fn relative_error(&self) -> f64 {
         1.25 / 1.35 * self.period_spread / (self.periods as f64).sqrt()
     }
 
-    /// Where the devices' time went, as shares that add up to 1.
+    /// The shares of the devices' time by what they spent it on. They add up to 1.
     fn shares(&self, first: &Row) -> Shares {
         let busy = 1.0 - self.idle_share;
         let busy_ms = |r: &Row| r.period_ms * (1.0 - r.idle_share) * r.devices as f64;
@@ -129,18 +131,18 @@ impl Row {
 }
 
 struct Shares {
-    /// What the first row's devices had to do as well.
+    /// The work that the devices of the first row had to do as well.
     work: f64,
-    /// Stages that took longer than there: margins of stripes, slower devices, shared caches and cores.
+    /// The time by which stages took longer than there: margins of stripes, slower devices, shared caches and cores.
     more: f64,
-    /// Less to do than the busiest device.
+    /// The time in which devices had less to do than the busiest one.
     uneven: f64,
-    /// No device busy all the time: transfers, hand-overs, the host.
+    /// The time in which even the busiest device was not busy: transfers, gaps between stages, the host.
     waits: f64,
 }
 
 impl Shares {
-    /// The largest loss, if losses matter.
+    /// The largest loss, if it is not negligible.
     fn limit(&self) -> &'static str {
         let losses = [("more work", self.more), ("uneven stripes", self.uneven), ("waits", self.waits)];
         let lost: f64 = losses.iter().map(|(_, share)| share).sum();
@@ -164,7 +166,7 @@ fn critical_path(frames: &[FrameReport]) -> String {
     shares_text(parts)
 }
 
-/// Between the quartiles, interpolated linearly (type 7 of Hyndman & Fan, "Sample Quantiles", 1996).
+/// The interquartile range, interpolated linearly (type 7 of Hyndman & Fan, "Sample Quantiles", 1996).
 fn interquartile_range(mut values: Vec<f64>) -> f64 {
     values.sort_by(f64::total_cmp);
     let quantile = |share: f64| -> Option<f64> {
@@ -196,7 +198,7 @@ const COLUMNS: [Column<Row>; 18] = [
     ("prediction_error", |r| number(r.prediction_error, 5)),
 ];
 
-/// What `scale.csv` holds.
+/// The contents of `scale.csv`.
 pub fn scale_csv(rows: &[Row]) -> Csv {
     Csv::new(&COLUMNS, rows)
 }
@@ -237,7 +239,7 @@ pub fn scale_table(rows: &[Row]) -> Table {
     Table { headers, rows: rows.iter().map(cells).collect() }
 }
 
-/// What keeps each count from being as many times faster as it has devices more than the first.
+/// A table of what limits the speed-up of each count.
 fn limits_table(rows: &[Row]) -> Table {
     let headers = vec![
         "devices",

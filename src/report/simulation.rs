@@ -1,4 +1,4 @@
-//! What simulated device counts would take: rows, CSV, table and plot.
+//! Predicted times of simulated device counts: rows, CSV, table and plot.
 
 use serde::Serialize;
 
@@ -12,9 +12,9 @@ use crate::schedule::{Prediction, StepKind};
 pub struct Row {
     pub devices: usize,
     pub predicted_ms: f64,
-    /// Of devices that are here, where every simulated one has speed 1.
+    /// The makespan measured on devices that are here, if every simulated one has speed 1.
     pub measured_ms: Option<f64>,
-    /// Over one device of speed 1.
+    /// The speed-up over one device of speed 1.
     pub speedup: f64,
     /// Speed-up over the sum of speeds.
     pub efficiency: f64,
@@ -22,7 +22,7 @@ pub struct Row {
     /// Host time in transfers over the makespan times the devices.
     pub transfer_share: f64,
     pub limit: &'static str,
-    /// What the critical path consists of.
+    /// The stages and transfers of the critical path.
     pub critical_path: Vec<PathShare>,
 }
 
@@ -34,7 +34,7 @@ pub struct PathShare {
 }
 
 impl Row {
-    /// Of devices of these speeds; `one_ms` is the makespan on one device of speed 1.
+    /// A row for devices of these speeds. `one_ms` is the makespan on one device of speed 1.
     pub fn new(prediction: &Prediction, speeds: &[f64], one_ms: f64, measured_ms: Option<f64>) -> Self {
         let devices = speeds.len();
         let speedup = one_ms / prediction.makespan_ms;
@@ -68,7 +68,7 @@ impl Row {
         shares_text(self.critical_path.iter().map(|part| (part.what, part.share)))
     }
 
-    /// That of devices that are here, also over the simulated one.
+    /// The speed-up that was measured on devices that are here, also over the simulated device.
     fn measured_speedup(&self) -> Option<f64> {
         Some(self.speedup * self.predicted_ms / self.measured_ms?)
     }
@@ -85,8 +85,8 @@ const COLUMNS: [Column<Row>; 8] = [
     ("limit", |r| r.limit.to_owned()),
 ];
 
-/// What `simulate.csv` holds: the columns of a row, then the share of the critical path that each stage and transfers
-/// have, those that any row has.
+/// The contents of `simulate.csv`: the columns of a row, then the shares of the critical path of all stages and
+/// transfers that any row has.
 pub fn simulation_csv(rows: &[Row]) -> Csv {
     let parts = once(rows.iter().flat_map(|r| r.critical_path.iter().map(|part| part.what)));
     let share = |row: &Row, what: &str| row.critical_path.iter().find(|p| p.what == what).map_or(0.0, |p| p.share);

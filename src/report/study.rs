@@ -1,4 +1,4 @@
-//! Tables of studies: sequences, and seams beside those of Leria et al.
+//! Tables of studies: errors of sequences, and errors at seams beside those of Leria et al.
 
 use serde::Serialize;
 
@@ -15,7 +15,7 @@ pub(super) fn cell(value: Option<f64>, decimals: usize) -> String {
     value.map_or("-".to_owned(), |v| format!("{v:.decimals$}"))
 }
 
-/// A line of cells under the names of their columns.
+/// A line of cells with the names of their columns.
 pub(super) fn table<T>(columns: &[Column<T>], rows: &[T]) -> Table {
     let line = |row: &T| columns.iter().map(|(_, cell)| cell(row)).collect();
     Table { headers: columns.iter().map(|(name, _)| *name).collect(), rows: rows.iter().map(line).collect() }
@@ -26,7 +26,7 @@ pub(super) fn table<T>(columns: &[Column<T>], rows: &[T]) -> Table {
 pub struct SequenceRow {
     pub eye: &'static str,
     pub frames: usize,
-    /// At which display values are taken.
+    /// The exposure at which display values are taken.
     pub exposure_ev: f32,
     /// Means over frames.
     pub mean: Errors,
@@ -59,24 +59,24 @@ pub fn sequence_table(rows: &Stereo<SequenceRow>) -> Table {
     table(SEQUENCE, &[rows.left.clone(), rows.right.clone()])
 }
 
-/// What a picture in stripes is worth, of one eye and frame. `one` is the picture of one device.
+/// The errors of a picture made in stripes, for one eye and frame. `one` is the picture of one device.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct SeamErrors {
-    /// Against the reference.
+    /// Errors against the reference.
     pub psnr: f64,
     pub flip: f64,
     /// RMSE near seams over RMSE elsewhere; `None` for one device.
     pub seam: Option<f64>,
-    /// RMSE near seams over that of one's same rows: 1 is nothing.
+    /// RMSE near seams over that of the same rows of `one`. Without a seam it is 1.
     pub seam_over_one: Option<f64>,
-    /// Against one: infinite, 0 and 0 for equal pictures.
+    /// Errors against `one`: infinite, 0 and 0 for equal pictures.
     pub psnr_one: f64,
     pub flip_one: f64,
     pub seam_rmse_one: Option<f64>,
 }
 
 impl SeamErrors {
-    /// Means; what is undefined in one is so in the mean.
+    /// Means. A value that is undefined in one is undefined in the mean.
     pub fn mean_of(all: &[Self]) -> Self {
         let mean = |of: fn(&Self) -> f64| all.iter().map(of).sum::<f64>() / all.len() as f64;
         let mean_if = |of: fn(&Self) -> Option<f64>| {
@@ -95,7 +95,7 @@ impl SeamErrors {
     }
 }
 
-/// Lower quartile, median and upper quartile, between ranks by straight lines; 0 of no values.
+/// Lower quartile, median and upper quartile, interpolated linearly between ranks, 0 of no values.
 pub fn quartiles(mut values: Vec<f64>) -> [f64; 3] {
     values.sort_by(f64::total_cmp);
     [0.25, 0.5, 0.75].map(|share| {
@@ -109,20 +109,20 @@ pub fn quartiles(mut values: Vec<f64>) -> [f64; 3] {
 #[derive(Clone, Debug, Serialize)]
 pub struct SeamRow {
     pub devices: usize,
-    /// `-` for one device.
+    /// The seam policy, `-` for one device.
     pub policy: String,
     pub eye: Eye,
-    /// At which PSNR and FLIP are taken.
+    /// The exposure at which PSNR and FLIP are taken.
     pub exposure_ev: f64,
     #[serde(flatten)]
     pub errors: SeamErrors,
-    /// Whether every frame has the bytes of one device's.
+    /// Whether every frame has the bytes of one device.
     pub same_bytes: bool,
     /// Quartiles of the warm frames' makespans.
     pub time_ms: [f64; 3],
 }
 
-/// What programs call the policy of one device, which has no seams.
+/// The name in files of the policy of one device, which has no seams.
 pub const ONE_DEVICE: &str = "one_device";
 
 impl SeamRow {
@@ -148,7 +148,7 @@ const SEAMS: &[Column<SeamRow>] = &[
     ("iqr ms", |r| format!("{:.1}", r.time_ms[2] - r.time_ms[0])),
 ];
 
-/// What the columns of [`seam_table`] are.
+/// A description of the columns of [`seam_table`].
 pub const SEAM_NOTE: &str = "Means over frames. psnr (dB) and flip are against the reference, both tonemapped at \
     exposure_ev; seam is the RMSE within 4 \
     rows of where filtered stripes meet over that elsewhere, and seam / one's over that of the one-device picture's same \
@@ -182,19 +182,19 @@ pub fn seam_csv(rows: &[SeamRow]) -> Csv {
     Csv::new(SEAMS_CSV, rows)
 }
 
-/// Leria, Mäkitalo & Jääskeläinen 2024, "Image quality related to seam artifacts": PSNR in dB, of San Miguel, Sponza and
-/// Bistro Exterior; what they call it, and the policy it is.
+/// Leria, Mäkitalo & Jääskeläinen 2024, "Image quality related to seam artifacts": PSNR in dB of San Miguel, Sponza and
+/// Bistro Exterior, with the paper's name of the method and the policy here.
 const LERIA: [(&str, &str, [f64; 3]); 3] = [
     ("no filter", "none", [20.30, 21.73, 20.89]),
     ("bilateral filter", "filter", [19.90, 21.71, 20.46]),
     ("no seam", "-", [20.83, 21.97, 21.09]),
 ];
 
-/// What stands below [`leria_table`].
+/// The caption of [`leria_table`].
 pub const LERIA_NOTE: &str = "PSNR in dB, in brackets less that without seams. This shot: mean of both eyes, on the most \
     devices; no seam is one device. Cited: Leria, Mäkitalo & Jääskeläinen 2024, Real-time Stereoscopic Image-parallel \
     Path Tracing, 1280x720 per eye, 1 spp, 6 bounces, SVGF, several GPUs; other scenes, references and denoiser, so only \
-    the differences within a column are to be held against each other.";
+    the differences within a column are to be compared.";
 
 /// Our PSNR on the most devices beside the paper's.
 pub fn leria_table(rows: &[SeamRow]) -> Table {

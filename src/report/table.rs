@@ -1,11 +1,11 @@
-//! Tables, and how they look on terminals.
+//! Tables, and their layout on terminals.
 
 use serde::Serialize;
 use serde_json::Value;
 
 use crate::device::DeviceInfo;
 
-/// What a table says, however it is shown.
+/// The contents of a table, whatever its layout.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Table {
     pub headers: Vec<&'static str>,
@@ -13,12 +13,12 @@ pub struct Table {
 }
 
 impl Table {
-    /// As [`text_table`].
+    /// The layout of [`text_table`].
     pub fn text(&self) -> String {
         text_table(&self.headers, &self.rows)
     }
 
-    /// Names and values of a structure's fields; of anything else, nothing.
+    /// Names and values of the fields of a structure. Anything else gives an empty table.
     pub fn of_fields(of: &impl Serialize) -> Table {
         let fields = serde_json::to_value(of).ok().and_then(|value| value.as_object().cloned()).unwrap_or_default();
         let row = |(name, value): (String, Value)| match value {
@@ -29,7 +29,7 @@ impl Table {
         Table { headers: vec!["setting", "value"], rows: fields.into_iter().map(row).collect() }
     }
 
-    /// The devices of each run, those of a kind on one line.
+    /// The devices of each run. Devices of the same kind share a line.
     pub fn of_devices<'a>(runs: impl IntoIterator<Item = &'a [DeviceInfo]>) -> Table {
         let mut rows = Vec::new();
         for run in runs {
@@ -50,8 +50,9 @@ impl Table {
     }
 }
 
-/// Lays out `rows` under `headers`: columns two spaces apart, those that hold only numbers to the right. A missing cell
-/// is empty, cells beyond the headers are dropped. Every line ends in a newline and has no trailing space.
+/// Lays out `rows` under `headers`, with columns two spaces apart and columns of numbers aligned to the right. A
+/// missing cell is empty, and cells beyond the headers are dropped. Every line ends in a newline and has no trailing
+/// space.
 ///
 /// ```
 /// let rows = [vec!["1".to_owned(), "40.2".to_owned()], vec!["2".to_owned(), "21.0".to_owned()]];
@@ -80,7 +81,7 @@ pub fn text_table(headers: &[&str], rows: &[Vec<String>]) -> String {
 }
 
 struct Column {
-    /// Characters.
+    /// The width of a text, in characters.
     width: usize,
     numeric: bool,
 }

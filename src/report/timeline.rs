@@ -1,5 +1,5 @@
-//! The frames of a play over time for a page: makespans in their budget, samples, rungs and disturbances; after the
-//! figures of Leria et al. that set frame times and samples per pixel over frames.
+//! A figure of a play over time: makespans in their budget, samples, rungs and disturbances. It follows the figures of
+//! Leria et al. that show frame times and samples per pixel over frames.
 
 use serde::Serialize;
 
@@ -11,12 +11,12 @@ use super::run::FrameRow;
 #[derive(Clone, Debug, Serialize)]
 pub struct Disturbed {
     pub name: String,
-    /// The first frame, and the one behind the last.
+    /// The first frame, and the one after the last.
     pub from: u32,
     pub to: u32,
 }
 
-/// A column per number, a row per frame.
+/// The data, with a column per quantity and a row per frame.
 #[derive(Serialize)]
 struct Data<'a> {
     budget: [f64; 2],
@@ -27,15 +27,15 @@ struct Data<'a> {
     expected: Vec<Option<f64>>,
     late: Vec<f64>,
     rung: Vec<usize>,
-    /// Per pixel, in the mean.
+    /// Mean samples per pixel.
     spp: Vec<f64>,
     setting: Vec<String>,
 }
 
-/// The figure, of rows that the control loop made. Frames that are chosen in it are shown by the page's lanes.
+/// The figure, from rows that the control loop made. The page's swimlanes show the frame that is chosen in it.
 ///
 /// # Errors
-/// As [`live`].
+/// Those of [`live`].
 pub fn timeline(
     budget_ms: [f64; 2],
     rungs: usize,

@@ -1,11 +1,11 @@
-//! Traces in words: sums, one frame, and two traces side by side.
+//! Describes traces in words: their sums, one frame, and two traces side by side.
 
 use super::text_table;
 use crate::trace::Lane;
 use crate::trace::compare::{Change, Comparison};
 use crate::trace::summary::{DeviceSummary, FrameDetail, PathShare, Summary, median};
 
-/// Parts of the critical path below this share are told as one.
+/// Parts of the critical path below this share are combined into one.
 const SMALL_SHARE: f64 = 0.005;
 
 pub fn summary_text(summary: &Summary) -> String {

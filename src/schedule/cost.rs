@@ -1,8 +1,8 @@
-//! What work costs: time per unit of counted work for each stage, view and device, learned from the frames before.
+//! The cost of work: time per unit of counted work for each stage, view and device, learned from the frames before.
 //!
-//! Passes that trace paths count rays, which a row of the next frame is taken to need as many of as it did in the last
-//! one; others count rows. A device's own time per unit is learned from its own stripes, so devices of
-//! unequal speed need no description.
+//! Passes that trace paths count rays, and a row of the next frame is assumed to need as many rays as it did in the
+//! last one. Other passes count rows. The time per unit of a device is learned from its own stripes, so devices of
+//! different speed need no description.
 
 mod stripes;
 
@@ -17,18 +17,18 @@ use crate::passes::{Declarations, FrameSpec};
 use crate::scene::rig::Eye;
 pub use stripes::StripeCosts;
 
-/// What one task of a stage cost one device in a frame.
+/// The cost of one task of a stage to one device in a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct StageCost {
     pub stage: Stage,
     pub view: Eye,
     pub device: usize,
-    /// Rows computed, margins included.
+    /// The rows that were computed, margins included.
     pub rows: Range<u32>,
     pub busy_ms: f64,
 }
 
-/// What one end of a transfer cost the host's thread of its device.
+/// The cost of one end of a transfer to the host thread of its device.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TransferCost {
     pub device: usize,
@@ -37,26 +37,28 @@ pub struct TransferCost {
     pub ms: f64,
 }
 
-/// What a frame cost.
+/// The costs of a frame.
 #[derive(Clone, Debug, Default)]
 pub struct FrameCosts {
     pub stages: Vec<StageCost>,
     pub transfers: Vec<TransferCost>,
-    /// Rays counted, per eye and row of the frame.
+    /// The rays that were counted, by eye and row of the frame.
     pub rays: [Vec<u32>; 2],
-    /// Per device that computed anything, from the frame's begin to its first stage; none where that tells nothing.
+    /// For each device that computed anything, the time from the begin of the frame to its first stage. It is none
+    /// where that says nothing.
     pub lead_ms: Vec<(usize, f64)>,
-    /// Per device that computed several stages, between two of them that nothing held up.
+    /// For each device that computed several stages, the time between two of them that nothing held up.
     pub gap_ms: Vec<(usize, f64)>,
-    /// Per device that received rows between the filter's iterations, for which it stood still, the mean of all times.
+    /// For each device that received rows between the filter's iterations, the mean time that it waited for them.
     pub wait_ms: Vec<(usize, f64)>,
-    /// From the primary's last task to the frame's end; 0 tells nothing.
+    /// The time from the primary's last task to the end of the frame. A time of 0 says nothing.
     pub tail_ms: f64,
-    /// Of the quality that it had.
+    /// The effort at the quality of the frame.
     pub effort: Effort,
 }
 
-/// A pixel that starts no path costs path tracing and hole filling this many rays: it is looked at.
+/// A pixel that starts no path costs path tracing and hole filling as much as this many rays, since it is still looked
+/// at.
 const RAYS_PER_IDLE_PIXEL: f64 = 1.0 / 32.0;
 
 #[derive(Clone, Debug)]
@@ -64,12 +66,13 @@ pub struct CostModel {
     spec: FrameSpec,
     declarations: Declarations,
     program: Arc<Program>,
-    /// Stages on a view that were ever planned; what is learned of them stands by their numbers.
+    /// The stages, by view, that were ever planned. What is learned of them is stored by their numbers.
     stages: Vec<StageOfView>,
-    /// Of the frames that are planned.
+    /// The effort of the frames that are planned.
     effort: Effort,
     devices: Vec<DeviceCost>,
-    /// Per eye, rays of all rows above, over the effort that they were traced with; `height + 1` entries.
+    /// For each eye and row, the rays of all rows above over the effort with which they were traced; `height + 1`
+    /// entries.
     rays_above: [Vec<f64>; 2],
     tail: Mean,
     frames: u32,
@@ -88,10 +91,10 @@ impl StageOfView {
     }
 }
 
-/// One device's own times.
+/// The times of one device.
 #[derive(Clone, Debug, Default)]
 struct DeviceCost {
-    /// By number of the stage.
+    /// Time per unit of work, by the number of the stage.
     ms_per_unit: Vec<Mean>,
     download: Transfer,
     upload: Transfer,
@@ -119,7 +122,7 @@ impl Transfer {
 }
 
 impl CostModel {
-    /// A model that has learned nothing yet, of frames with the passes that are declared for them.
+    /// A model that has learned nothing yet, for frames with the passes that are declared.
     pub fn new(spec: &FrameSpec, declarations: &Declarations) -> Self {
         let height = spec.extent.height as usize;
         let mut model = Self {
@@ -141,18 +144,18 @@ impl CostModel {
         &self.spec
     }
 
-    /// Of the frames that are planned.
+    /// The program of the frames that are planned.
     pub fn program(&self) -> &Arc<Program> {
         &self.program
     }
 
-    /// Filters that come to agree in another way have other margins.
+    /// Sets what happens where stripes meet, on which margins depend.
     pub fn set_seam(&mut self, seam: Seam) {
         self.spec.seam = seam;
         self.declare();
     }
 
-    /// Frames are planned that have so many iterations and take this effort.
+    /// Sets the iterations and the effort of the frames that are planned.
     pub fn set_quality(&mut self, iterations: u32, effort: &Effort) {
         self.effort.clone_from(effort);
         if iterations != self.spec.iterations {
@@ -180,13 +183,13 @@ impl CostModel {
         self.stages.iter().position(|s| s.stage == stage && s.view == view)
     }
 
-    /// The stage whose rays are counted of an eye, beside those of the G-buffer.
+    /// The stage of an eye whose rays are counted beside those of the G-buffer.
     fn traces(&self, eye: Eye) -> Option<Stage> {
         let counts = |p: &&Pass| p.view == eye && p.work == Work::Rays;
         self.program.passes().iter().map(|p| &p.pass).find(counts).map(|p| p.stage)
     }
 
-    /// Whether a frame has been learned from; before, all costs are 0.
+    /// Whether any frame has been learned from. Before, all costs are 0.
     pub fn has_learned(&self) -> bool {
         self.frames > 0
     }
@@ -220,7 +223,7 @@ impl CostModel {
         self.frames = self.frames.saturating_add(1);
     }
 
-    /// The first frame's transfers, which make their buffers, count for nothing once the second is there.
+    /// The transfers of the first frame, which create their buffers, no longer count once the second frame is there.
     fn learn_transfers(&mut self, transfers: &[TransferCost]) {
         for (index, device) in self.devices.iter_mut().enumerate() {
             for (is_upload, transfer) in [(false, &mut device.download), (true, &mut device.upload)] {
@@ -236,8 +239,8 @@ impl CostModel {
         }
     }
 
-    /// A model of as many devices as there are `speeds`: each like the mean of the measured ones, times its speed.
-    /// Transfers, which are the host's work, cost the same at any speed.
+    /// A model of as many devices as there are `speeds`, each like the mean of the measured ones, times its speed.
+    /// Transfers are the host's work and cost the same at any speed.
     pub fn on_devices(&self, speeds: &[f64]) -> Self {
         let (mut down, mut up) = (Line::default(), Line::default());
         for device in &self.devices {
@@ -258,7 +261,7 @@ impl CostModel {
         self.with_devices(speeds.iter().map(on).collect())
     }
 
-    /// The model of these devices alone, numbered anew in this order, which rises.
+    /// The model of these devices alone, renumbered in this order. Their numbers rise.
     pub fn of_devices(&self, devices: &[usize]) -> Cow<'_, Self> {
         if devices.len() == self.devices.len() {
             return Cow::Borrowed(self);
@@ -271,7 +274,7 @@ impl CostModel {
         Self { program: self.declarations.program(&spec), spec, devices, ..self.clone() }
     }
 
-    /// Mean of the devices that it is known of.
+    /// The mean over the devices for which it is known.
     fn known_mean(&self, of: impl Fn(&DeviceCost) -> Mean) -> Option<f64> {
         let known = self.devices.iter().filter_map(|d| of(d).value());
         let (sum, count) = known.fold((0.0, 0u32), |(sum, count), ms| (sum + ms, count + 1));
@@ -293,7 +296,7 @@ impl CostModel {
         }
     }
 
-    /// A device that never did this stage is taken to be like the mean of those that did.
+    /// A device that never ran this stage is assumed to be like the mean of those that did.
     fn ms_per_unit(&self, number: usize, device: usize, effort: &Effort) -> f64 {
         let ms = self.devices[device].ms_per_unit[number].value();
         ms.unwrap_or_else(|| self.mean_ms(|d| d.ms_per_unit[number])) * effort.of(self.stages[number].stage)
@@ -304,13 +307,13 @@ impl CostModel {
         self.pass_ms_at(&self.effort, pass, device, rows)
     }
 
-    /// ... in a frame that takes another effort.
+    /// The same in a frame that takes another effort.
     pub fn pass_ms_at(&self, effort: &Effort, pass: &Pass, device: usize, rows: &Range<u32>) -> f64 {
         let number = self.number_of(pass.stage, pass.view);
         number.map_or(0.0, |n| self.ms_per_unit(n, device, effort) * self.units(self.stages[n].unit(), rows))
     }
 
-    /// Of the frames that are planned.
+    /// The effort of the frames that are planned.
     pub fn effort(&self) -> &Effort {
         &self.effort
     }
@@ -325,29 +328,29 @@ impl CostModel {
         self.devices[device].upload.ms(bytes)
     }
 
-    /// From a frame's begin to the device's first stage.
+    /// The time from the begin of a frame to the device's first stage.
     pub fn lead_ms(&self, device: usize) -> f64 {
         self.devices[device].lead.value().unwrap_or_else(|| self.mean_ms(|d| d.lead))
     }
 
-    /// Between two stages that a device runs one after the other.
+    /// The time between two stages that a device runs one after the other.
     pub fn gap_ms(&self, device: usize) -> f64 {
         self.devices[device].gap.value().unwrap_or_else(|| self.mean_ms(|d| d.gap))
     }
 
-    /// For which a device stands still when it receives rows between the filter's iterations; 0 before it did in two
-    /// frames, as the first time everything is cold.
+    /// The time that a device waits when it receives rows between the filter's iterations. It is 0 before that has
+    /// happened in two frames, since the first time is cold.
     pub fn wait_ms(&self, device: usize) -> f64 {
         self.devices[device].wait.warm_value().unwrap_or(0.0)
     }
 
-    /// From the primary's last task to the frame's end.
+    /// The time from the primary's last task to the end of the frame.
     pub fn tail_ms(&self) -> f64 {
         self.tail.value().unwrap_or(0.0)
     }
 }
 
-/// Prefix sums of a frame's rays beyond those of the G-buffer, one a pixel, over their effort.
+/// Prefix sums of a frame's rays over their effort, without those of the G-buffer, which are one per pixel.
 fn sum_rows(above: &mut [f64], rays: &[u32], width: u32, effort: f64) {
     let mut sum = 0.0;
     for (entry, &rays) in above[1..].iter_mut().zip(rays) {

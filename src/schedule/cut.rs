@@ -1,32 +1,32 @@
-//! Where to cut: contiguous stripes of even predicted cost, and edges that move towards them little by little.
+//! Finds contiguous stripes of even predicted cost, and moves edges towards them in small steps.
 
 use super::cost::{CostModel, StripeCosts};
 use crate::graph::{Assignment, Stripes};
 use crate::scene::rig::Eye;
 
-/// Most rows that an edge moves from one frame to the next: a sixteenth of the frame.
+/// The largest number of rows by which an edge moves from one frame to the next: a sixteenth of the frame.
 ///
-/// What the last frame left on a device (history, when stages keep one) must follow a stripe's edge. A sixteenth keeps
-/// those rows fewer than the 62 that five filter iterations fetch across each edge anyway, up to frames of 1000 rows,
-/// and still lets an edge cross half of the frame within 8 frames.
+/// History that the last frame left on a device must follow a stripe's edge. With a sixteenth, these rows are fewer
+/// than the 62 that five filter iterations fetch across each edge anyway, for frames of up to 1000 rows, and an edge
+/// can still cross half of the frame within 8 frames.
 pub fn step_rows(height: u32) -> u32 {
     (height / 16).max(1)
 }
 
-/// Predicted gain, as a share of the dearest stripe, below which edges stay where they are.
+/// The predicted gain, as a share of the most expensive stripe, below which edges stay where they are.
 const HYSTERESIS: f64 = 0.02;
-/// Halvings of the interval that holds the dearest stripe's cost: to a millionth.
+/// The number of bisections of the interval that holds the cost of the most expensive stripe, down to a millionth.
 const HALVINGS: u32 = 20;
 
-/// Stripes of which the one that is dearest over its device's weight is as cheap as contiguous stripes allow.
+/// Stripes of which the most expensive one, relative to its device's weight, is as cheap as contiguous stripes allow.
 ///
-/// Bisection with a greedy probe (Pınar & Aykanat 2004, "Fast optimal load balancing algorithms for 1D partitioning",
-/// section 2.2), with costs that differ by device, whose order is given.
+/// They are found by bisection with a greedy probe (Pınar & Aykanat 2004, "Fast optimal load balancing algorithms for
+/// 1D partitioning", section 2.2), here with costs that differ by device in a given order of devices.
 pub fn cut(costs: &StripeCosts<'_>, weights: &[f64]) -> Stripes {
     let whole = 0..costs.height();
     let devices = 0..costs.devices();
     let dearest = |d: usize| if weights[d] > 0.0 { costs.ms(d, &whole) / weights[d] } else { 0.0 };
-    // Above what one device takes for all, rounding included.
+    // The bound is above what one device takes for all rows, rounding included.
     let (mut low, mut high) = (0.0, devices.map(dearest).fold(0.0, f64::max) * (1.0 + 1e-9));
     for _ in 0..HALVINGS {
         let middle = 0.5 * (low + high);
@@ -42,7 +42,8 @@ pub fn cut(costs: &StripeCosts<'_>, weights: &[f64]) -> Stripes {
     }
 }
 
-/// Gives each device in turn as many rows as cost at most `limit` times its weight; none if rows are left over.
+/// Gives each device in turn as many rows as cost at most `limit` times its weight. The result is none if rows are left
+/// over.
 fn probe(costs: &StripeCosts<'_>, weights: &[f64], limit: f64) -> Option<Vec<u32>> {
     let height = costs.height();
     let mut edges = Vec::with_capacity(weights.len());
@@ -63,30 +64,30 @@ fn probe(costs: &StripeCosts<'_>, weights: &[f64], limit: f64) -> Option<Vec<u32
     (start == height).then_some(edges)
 }
 
-/// Cost of the dearest stripe.
+/// The cost of the most expensive stripe.
 fn dearest_ms(costs: &StripeCosts<'_>, stripes: &Stripes) -> f64 {
     stripes.iter().map(|(device, rows)| costs.ms(device, &rows)).fold(0.0, f64::max)
 }
 
-/// Stripes per set of groups that are cut together ([`crate::graph::Program::cut_sets`]), from frame to frame.
+/// The stripes of each set of groups that are cut together ([`crate::graph::Program::cut_sets`]), from frame to frame.
 ///
-/// Left and right eye are cut together: a row's G-buffer, radiance and reprojection stay on one device, and stripes of
-/// their own for the right eye could even out nothing that the sum of both eyes does not. Without a filter a row has one
-/// owner from first to last.
+/// Left and right eye are cut together. The G-buffer, radiance and reprojection of a row then stay on one device, and
+/// separate stripes for the right eye could even out nothing that the sum of both eyes does not. Without a filter, a
+/// row has one owner in all passes.
 pub struct MovingStripes {
     height: u32,
     devices: usize,
-    /// One for each set; made when the sets are known.
+    /// One for each set, made when the sets are known.
     stripes: Vec<Stripes>,
 }
 
 impl MovingStripes {
-    /// Even at first.
+    /// Stripes that are even at first.
     pub fn new(height: u32, devices: usize) -> Self {
         Self { height, devices, stripes: Vec::new() }
     }
 
-    /// One device less: even again, since nothing on the others is where it was.
+    /// Removes a device. Stripes are even again, since no rows of the others are where they were.
     pub fn remove_device(&mut self) {
         *self = Self::new(self.height, self.devices - 1);
     }

@@ -1,10 +1,10 @@
-//! Whether rows around a stripe are received or filtered by the device itself, by what either costs.
+//! Decides by cost whether rows around a stripe are received or filtered by the device itself.
 
 use super::cost::CostModel;
 use crate::graph::{Chain, HaloPlan, Pass, Program};
 use crate::scene::rig::Eye;
 
-/// A plan must promise to save this part of what the present one costs.
+/// A plan must be predicted to save this part of what the present one costs.
 const HYSTERESIS: f64 = 0.2;
 
 /// The halo plan of the next frame.
@@ -21,13 +21,13 @@ pub fn choose_halo(model: &CostModel, now: HaloPlan) -> HaloPlan {
     if best_ms < (1.0 - HYSTERESIS) * costs.ms(now, &mut Vec::new()) { best } else { now }
 }
 
-/// What halos cost a device, the mean of all. There are many plans to choose from, so it is looked up once.
+/// The mean cost of halos to a device. There are many plans to choose from, so it is looked up once.
 struct HaloCosts {
-    /// Per view, the filter's passes in order.
+    /// The filter's passes in order, for each view.
     views: [Vec<FilterPass>; 2],
-    /// Neighbours of a device: one at the frame's border has one.
+    /// The mean number of neighbours of a device. A device at the border of the frame has one.
     sides: f64,
-    /// Both ends of a transfer: latency, and per byte.
+    /// The cost of both ends of a transfer: latency, and time per byte.
     transfer_ms: [f64; 2],
     wait_ms: f64,
 }
@@ -35,20 +35,21 @@ struct HaloCosts {
 /// A pass of the filter when rows are received right before it.
 struct FilterPass {
     reach_rows: u32,
-    /// Rows around its own that it computes for what comes after the filter.
+    /// The number of rows around its own that it computes for what comes after the filter.
     after_rows: u32,
     ms_per_row: f64,
-    /// Of a row of what it reads: what keeps through the filter, and all that is new with each pass.
+    /// Bytes of a row of what it reads: of images that no pass of the filter writes, and of those that are new with
+    /// each pass.
     kept_bytes: u64,
     new_bytes: Vec<u64>,
 }
 
-/// Rows around a stripe, of one pass in a plan.
+/// The rows around a stripe for one pass in a plan.
 #[derive(Debug, PartialEq)]
 struct Rows {
-    /// Filtered for passes to come.
+    /// The rows that are filtered for passes to come.
     margin: u32,
-    /// Wanted from neighbours; none where nothing is received.
+    /// The rows that are received from neighbours; none where nothing is received.
     halo: Option<u32>,
 }
 
@@ -69,8 +70,8 @@ impl HaloCosts {
         }
     }
 
-    /// Margins filtered, rows received and sent on both sides, and waits for them. The first pass's are part of every
-    /// plan, and its waits are for tracing.
+    /// The cost of margins that are filtered, of rows received and sent on both sides, and of waits for them. The rows
+    /// of the first pass are part of every plan, and its waits are for tracing.
     fn ms(&self, plan: HaloPlan, rows: &mut Vec<Rows>) -> f64 {
         let view_ms = |passes: &Vec<FilterPass>| {
             rows_of(passes, plan, rows);
@@ -99,13 +100,13 @@ impl HaloCosts {
     }
 }
 
-/// The filter's passes on each view; `ms_per_row` is what a row costs.
+/// The filter's passes on each view. `ms_per_row` says what a row costs.
 fn filter_passes(program: &Program, ms_per_row: impl Fn(&Pass) -> f64) -> [Vec<FilterPass>; 2] {
     let links = || program.passes().iter().filter(|p| p.link.is_some());
     let mut views = [Vec::new(), Vec::new()];
     for linked in links() {
         let pass = &linked.pass;
-        // What several passes read and none of them writes is received once.
+        // An image that several passes read and none of them writes is received once.
         let keeps = |image: usize| {
             let of = || links().filter(|l| l.pass.view == pass.view).flat_map(|l| l.pass.uses.iter().zip(&l.images));
             let uses = || of().filter(|(_, i)| **i == image);
@@ -129,7 +130,7 @@ fn filter_passes(program: &Program, ms_per_row: impl Fn(&Pass) -> f64) -> [Vec<F
     views
 }
 
-/// What each pass needs for all up to the next exchange.
+/// The rows that each pass needs for all passes up to the next exchange.
 fn rows_of(passes: &[FilterPass], plan: HaloPlan, rows: &mut Vec<Rows>) {
     rows.clear();
     let mut margin = 0;

@@ -1,11 +1,11 @@
-//! `heft` stripes: list scheduling of blocks of rows by upward rank and earliest finish time.
+//! `heft` stripes, by list scheduling of blocks of rows with upward rank and earliest finish time.
 //!
-//! After Topcuoglu, Hariri & Wu 2002, "Performance-effective and low-complexity task scheduling for heterogeneous
-//! computing". Departures:
-//! - The tasks are blocks of rows of each group of stages that is cut together (tracing, filter), finer than stripes.
-//! - A device owns contiguous rows. HEFT places blocks anywhere, so it decides what share of a group each device gets:
-//!   the stripes are then cut to the time that its blocks took there.
-//! - Blocks are appended, not inserted into gaps: a device has none before its last tracing block.
+//! The method is that of Topcuoglu, Hariri & Wu 2002, "Performance-effective and low-complexity task scheduling for
+//! heterogeneous computing", with these departures:
+//! - The tasks are blocks of rows, finer than stripes, of each set of groups that is cut together (tracing, filter).
+//! - A device owns contiguous rows. HEFT places blocks anywhere, so it decides what share of a set each device gets.
+//!   The stripes are then cut to the time that its blocks took there.
+//! - Blocks are appended, not inserted into gaps, since a device has no gaps before its last tracing block.
 
 use std::ops::Range;
 
@@ -39,18 +39,18 @@ impl Policy for Heft {
     }
 }
 
-/// Blocks per device and group: finer than the balance that is asked for, coarse enough to place in a blink.
+/// Blocks per device and set: finer than the balance that is asked for, but few enough to be placed in little time.
 const BLOCKS_PER_DEVICE: usize = 16;
 const LEAST_BLOCKS: usize = 64;
 
 /// A block of one group.
 struct Block {
     group: usize,
-    /// Per device.
+    /// The time that it takes on each device.
     ms: Vec<f64>,
-    /// Mean time from here to the frame's end, along the longest way.
+    /// Mean time from its begin to the end of the frame, along the longest path.
     rank_ms: f64,
-    /// Where and when it ends, once placed.
+    /// The device that it is on and when it ends, once it is placed.
     placed: Option<(usize, f64)>,
 }
 
@@ -60,7 +60,7 @@ impl Block {
     }
 }
 
-/// Milliseconds that blocks of each group take on each device, by HEFT.
+/// Milliseconds that the blocks of each set take on each device, by HEFT.
 fn place(model: &CostModel) -> Vec<Vec<f64>> {
     let spec = model.spec();
     let costs: Vec<StripeCosts<'_>> = model.program().cut_sets().iter().map(|s| model.stripes_of(s)).collect();
@@ -70,7 +70,7 @@ fn place(model: &CostModel) -> Vec<Vec<f64>> {
     let transfer_ms = crossing_ms(model, reach_rows);
     let mut blocks = ranked(&costs, count, reach, transfer_ms);
     let mut order: Vec<usize> = (0..blocks.len()).collect();
-    // Stable: equal ranks keep their place, from the first group's first row on.
+    // The sort is stable: equal ranks keep their order, from the first row of the first set on.
     order.sort_by(|&a, &b| blocks[b].rank_ms.total_cmp(&blocks[a].rank_ms));
     let (mut free_ms, mut ready) = (vec![0.0; spec.devices], vec![0.0; spec.devices]);
     let mut shares = vec![vec![0.0; spec.devices]; costs.len()];
@@ -87,7 +87,8 @@ fn place(model: &CostModel) -> Vec<Vec<f64>> {
     shares
 }
 
-/// All blocks, group by group, with their upward ranks: a block's mean time, and the longest of what must follow it.
+/// All blocks, set by set, with their upward ranks: the mean time of a block plus the largest rank of the blocks that
+/// must follow it.
 fn ranked(costs: &[StripeCosts<'_>], count: usize, reach: usize, transfer_ms: f64) -> Vec<Block> {
     let mut blocks: Vec<Block> = Vec::with_capacity(costs.len() * count);
     for (group, costs) in costs.iter().enumerate() {
@@ -106,13 +107,13 @@ fn ranked(costs: &[StripeCosts<'_>], count: usize, reach: usize, transfer_ms: f6
     blocks
 }
 
-/// Blocks of one group within `reach` of block `index`, which may stand beyond the last group.
+/// The blocks of one set within `reach` of block `index`. The set may be one beyond the last.
 fn neighbours(index: usize, count: usize, reach: usize) -> Range<usize> {
     let first = index / count * count;
     index.saturating_sub(reach).max(first)..(index + reach + 1).min(first + count)
 }
 
-/// When what a block reads is there, per device.
+/// The time at which everything that a block reads has arrived, for each device.
 fn ready_ms(blocks: &[Block], index: usize, count: usize, reach: usize, transfer_ms: f64, ready: &mut [f64]) {
     ready.fill(0.0);
     if index < count {
@@ -128,13 +129,13 @@ fn ready_ms(blocks: &[Block], index: usize, count: usize, reach: usize, transfer
     }
 }
 
-/// Rows that the filter reads beyond its own.
+/// The number of rows that the filter reads beyond its own.
 fn filter_reach_rows(program: &Program) -> u32 {
     let links = program.passes().iter().filter(|p| p.link.is_some());
     links.map(|p| p.pass.halo_rows() + p.margin_rows).max().unwrap_or(0)
 }
 
-/// Mean time to bring so many rows of what the filter's first pass reads from one device to another.
+/// Mean time to bring this many rows of what the filter's first pass reads from one device to another.
 fn crossing_ms(model: &CostModel, rows: u32) -> f64 {
     let spec = model.spec();
     let first = model.program().passes().iter().find(|p| p.link == Some(0));

@@ -1,14 +1,14 @@
-//! Quantities learned from measurements that are noisy, and cold at first: a mean and a line.
+//! Quantities learned from measurements that are noisy, and cold at first: a mean and a straight line.
 
 /// Share of a new measurement in a running mean.
 const LEARNING_RATE: f64 = 0.5;
-/// One measurement counts as at most this many times the mean, or this part of it: a device that was held up once must
-/// not move stripes, one that has become slower still does within a few frames.
+/// One measurement counts as at most this many times the mean, and at least as this part of it. A device that was held
+/// up once must not move stripes, while one that has become slower still does so within a few frames.
 const LEAP: f64 = 2.0;
 /// Weight that a frame's transfers keep in the next frame.
 const MEMORY: f64 = 0.9;
 
-/// Exponential mean. The first measurement is replaced by the second: the first frame meets cold caches.
+/// An exponential mean. The first measurement is replaced by the second, since the first frame runs with cold caches.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Mean {
     value: f64,
@@ -16,14 +16,14 @@ pub struct Mean {
 }
 
 impl Mean {
-    /// Takes in a measurement; what is not a number above 0 tells nothing and is left out.
+    /// Adds a measurement. Anything but a number above 0 says nothing and is left out.
     pub fn learn(&mut self, measured: f64) {
         if measured > 0.0 {
             self.learn_with_zero(measured);
         }
     }
 
-    /// ... of what may well take no time; from 0, a mean leaps as far as the measurement says.
+    /// Adds a measurement of something that may take no time. A mean of 0 is replaced by the measurement.
     pub fn learn_with_zero(&mut self, measured: f64) {
         if !measured.is_finite() || measured < 0.0 {
             return;
@@ -41,18 +41,19 @@ impl Mean {
         (self.measurements > 0).then_some(self.value)
     }
 
-    /// ... once the first measurement is replaced.
+    /// The mean, once the first measurement is replaced.
     pub fn warm_value(&self) -> Option<f64> {
         self.value().filter(|_| self.measurements > 1)
     }
 
-    /// A quantity known beforehand.
+    /// A quantity that is known in advance.
     pub fn known(value: f64) -> Self {
         Self { value, measurements: 2 }
     }
 }
 
-/// Milliseconds of a transfer over its bytes: latency + bytes / bandwidth, by least squares over past frames that fade.
+/// Milliseconds of a transfer over its bytes: latency + bytes / bandwidth, fitted by least squares over past frames
+/// whose weight fades.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Line {
     count: f64,
@@ -67,7 +68,7 @@ impl Line {
         self.add(&Self { count: 1.0, bytes, ms, bytes_bytes: bytes * bytes, bytes_ms: bytes * ms });
     }
 
-    /// Takes in all that another line has learned.
+    /// Adds everything that another line has learned.
     pub fn add(&mut self, other: &Self) {
         self.count += other.count;
         self.bytes += other.bytes;
@@ -76,17 +77,17 @@ impl Line {
         self.bytes_ms += other.bytes_ms;
     }
 
-    /// Lets what was learned so far count for less.
+    /// Reduces the weight of what was learned so far.
     pub fn fade(&mut self) {
         for sum in [&mut self.count, &mut self.bytes, &mut self.ms, &mut self.bytes_bytes, &mut self.bytes_ms] {
             *sum *= MEMORY;
         }
     }
 
-    /// Latency in milliseconds and milliseconds per byte, neither below 0; both 0 before anything was learned.
+    /// Latency in milliseconds and milliseconds per byte, neither below 0. Both are 0 before anything was learned.
     ///
-    /// Where the sizes are too much alike for a slope, or the best line has a latency below 0, it goes through the
-    /// origin; where it falls, all is latency.
+    /// Where the sizes are too similar for a slope, or the best line has a latency below 0, the line goes through the
+    /// origin. Where it falls, everything is latency.
     pub fn fit(&self) -> (f64, f64) {
         if self.count <= 0.0 {
             return (0.0, 0.0);

@@ -1,11 +1,11 @@
-//! `measured` stripes: even by the predicted cost of every row on the device that gets it.
+//! `measured` stripes, which are even by the predicted cost of every row on the device that gets it.
 
 use super::cost::CostModel;
 use super::cut::{MovingStripes, cut};
 use super::policy::Policy;
 use crate::graph::Assignment;
 
-/// Stripes of even predicted cost; devices of unequal speed get unequal shares.
+/// Cuts stripes of even predicted cost. Devices of different speed get different shares.
 pub struct Measured {
     stripes: MovingStripes,
 }

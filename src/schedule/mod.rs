@@ -1,7 +1,8 @@
-//! Who does it, when: what work costs, policies that cut each view into stripes, and a virtual clock to play a frame on.
+//! Decides which device computes which rows: a model of what work costs, policies that cut each view into stripes, and
+//! a simulation of a frame on a virtual clock.
 //!
-//! A policy asks the [`CostModel`] and answers with an [`crate::graph::Assignment`]; it knows neither devices nor wgpu. No
-//! result may depend on its answer, only the time it takes to get there.
+//! A policy asks the [`CostModel`] and returns an [`crate::graph::Assignment`]. It knows neither devices nor wgpu. No
+//! image may depend on its result, only the time that it takes to render.
 
 mod cost;
 mod cut;

@@ -1,4 +1,4 @@
-//! What a policy is, and those that take no measurements: `even` and `static` stripes.
+//! The trait of policies, and the policies without measurements: `even` and `static` stripes.
 
 use std::str::FromStr;
 
@@ -14,7 +14,7 @@ pub trait Policy: Send {
     /// Stripes of the next frame, by what `model` has learned from those before.
     fn assign(&mut self, model: &CostModel) -> Assignment;
 
-    /// Device `device` is out; those above it move down by one. At least one is left.
+    /// Removes a device that has failed. The numbers above it decrease by one. At least one device is left.
     fn remove_device(&mut self, device: usize);
 }
 
@@ -44,7 +44,8 @@ impl Policy for Even {
     }
 }
 
-/// Ratios of one rule: `5,1,2`, or narrowed to a group of passes and a view as in `atrous=1,1,2`, `path_trace.left=5,1,2`.
+/// The ratios of one rule, as in `5,1,2`. They may be of a group of passes and a view, as in `atrous=1,1,2` and
+/// `path_trace.left=5,1,2`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RatioRule {
     pub group: Option<CutGroup>,
@@ -89,7 +90,7 @@ fn parse_view(name: &str) -> Result<Option<Eye>, String> {
     }
 }
 
-/// Fixed ratios, per group of passes and view where rules say so; later rules win.
+/// Fixed ratios, by group of passes and view where rules say so. Later rules take precedence.
 pub struct Static {
     height: u32,
     devices: usize,
@@ -125,7 +126,7 @@ impl Policy for Static {
         self.assignment.clone()
     }
 
-    /// The others keep their ratios; where only zeros are left, rows are shared out evenly.
+    /// The others keep their ratios. Where only zeros are left, rows are divided evenly.
     fn remove_device(&mut self, device: usize) {
         self.devices -= 1;
         for rule in &mut self.rules {

@@ -1,9 +1,10 @@
-//! Plays a frame's graph on a virtual clock, with the costs a model predicts, the way workers carry it out.
+//! Simulates a frame's graph on a virtual clock, with the costs that a model predicts, in the way in which workers
+//! carry it out.
 //!
-//! As in `exec/README.md`: each device takes its tasks in the order of their keys. Stages run one after another on its
-//! queue; transfers take its host thread, which waits for the queue before it sends rows and for the rows of others
-//! before it hands them to the queue, and holds later stages up meanwhile. Where exec would look for rows of others
-//! between two downloads, here all downloads go first, so uploads may be predicted a little late.
+//! As `exec/README.md` says, each device takes its tasks in the order of their keys. Stages run one after another on
+//! its queue. Transfers take its host thread, which waits for the queue before it sends rows, and for the rows of
+//! others before it hands them to the queue; later stages are held up meanwhile. Where exec would look for rows of
+//! others between two downloads, here all downloads go first, so uploads may be predicted a little late.
 
 use petgraph::Direction;
 use petgraph::graph::NodeIndex;
@@ -17,16 +18,16 @@ use crate::scene::rig::Eye;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Prediction {
     pub makespan_ms: f64,
-    /// Per device, in stages.
+    /// The time that each device spends in stages.
     pub busy_ms: Vec<f64>,
-    /// Host time in transfers, all devices.
+    /// Host time in transfers, summed over all devices.
     pub transfer_ms: f64,
-    /// Tasks that each waited for the one before, from the frame's begin to its stitch.
+    /// Tasks that each waited for the one before, from the begin of the frame to its stitch.
     pub critical_path: Vec<Step>,
     pub limit: Limit,
 }
 
-/// A task of the critical path; a stage with the gap before it.
+/// A task of the critical path. A stage includes the gap before it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Step {
     pub kind: StepKind,
@@ -44,10 +45,10 @@ pub enum StepKind {
     Stitch,
 }
 
-/// What costs a frame most beside the work that one device would have had to do as well.
+/// The largest cost of a frame beside the work that one device would have to do as well.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Limit {
-    /// Nothing else: all but 5 % of the makespan is that work.
+    /// Nothing else. All but 5 % of the makespan is that work.
     Work,
     /// Devices that wait for slower stripes.
     Imbalance,
@@ -55,7 +56,7 @@ pub enum Limit {
     Margins,
     /// Transfers that others wait for.
     Transfers,
-    /// The host's time before the first stage and after the last task, and gaps between stages.
+    /// Time of the host before the first stage and after the last task, and gaps between stages.
     Overhead,
 }
 
@@ -71,7 +72,7 @@ impl Limit {
     }
 }
 
-/// Part of a frame's time that may be lost before something else than work limits it.
+/// The share of a frame's time that may be lost before something other than work limits it.
 pub const LOSS_SHARE: f64 = 0.05;
 
 /// A device waits for rows that are sent later.
@@ -85,12 +86,12 @@ pub struct Stuck {
 /// Predicts how a frame with this graph will go, with the effort of the frames that the model plans.
 ///
 /// # Errors
-/// When a task depends on one that comes after it; graphs that [`FrameGraph::build`] makes have none.
+/// [`Stuck`] if a task depends on one that comes after it. Graphs of [`FrameGraph::build`] have no such task.
 pub fn simulate(graph: &FrameGraph, model: &CostModel) -> Result<Prediction, Stuck> {
     simulate_at(graph, model, model.effort())
 }
 
-/// ... of a frame that takes another effort.
+/// Predicts how a frame with this graph will go that takes another effort.
 ///
 /// # Errors
 /// Those of [`simulate`].
@@ -100,16 +101,16 @@ pub fn simulate_at(graph: &FrameGraph, model: &CostModel, effort: &Effort) -> Re
     Ok(play.conclude())
 }
 
-/// A task that has been played.
+/// A task that has been simulated.
 #[derive(Clone, Copy)]
 struct Played {
     begin_ms: f64,
     end_ms: f64,
-    /// The task whose end let this one begin; none: the frame's begin.
+    /// The task whose end let this one begin. With none, it began with the frame.
     cause: Option<NodeIndex>,
 }
 
-/// When something is free again, and which task makes it wait until then.
+/// The time at which something is free again, and the task that it waits for until then.
 #[derive(Clone, Copy)]
 struct Free {
     at_ms: f64,
@@ -125,9 +126,9 @@ impl Free {
 struct Clock {
     queue: Free,
     host: Free,
-    /// Last upload, before which nothing later is submitted.
+    /// The last upload, before which nothing later is submitted.
     gate: Free,
-    /// The task played last.
+    /// The task that was simulated last.
     last: Option<NodeIndex>,
 }
 
@@ -136,7 +137,7 @@ struct Play<'a> {
     model: &'a CostModel,
     effort: &'a Effort,
     clocks: Vec<Clock>,
-    /// By node.
+    /// The simulated tasks by node.
     played: Vec<Option<Played>>,
     busy_ms: Vec<f64>,
     transfer_ms: f64,
@@ -154,7 +155,7 @@ impl<'a> Play<'a> {
         Self { graph, model, effort, clocks, played, busy_ms: vec![0.0; devices], transfer_ms: 0.0 }
     }
 
-    /// When the rows of an upload have left the device that had them.
+    /// The time at which the rows of an upload have left the device that had them.
     fn sent(&self, node: NodeIndex) -> Option<Free> {
         let download = self.graph.dag.neighbors_directed(node, Direction::Incoming).next()?;
         self.played[download.index()].map(|p| Free { at_ms: p.end_ms, cause: Some(download) })
@@ -234,8 +235,8 @@ impl<'a> Play<'a> {
         path
     }
 
-    /// The largest loss. Steps of the critical path and overhead add up to the makespan, so losses do to what it is
-    /// above an even share of the work.
+    /// The largest loss. Steps of the critical path and overhead add up to the makespan, so losses add up to the part
+    /// of it that exceeds an even share of the work.
     fn limit(&self, makespan_ms: f64, path: &[Step]) -> Limit {
         let mean_busy_ms = self.busy_ms.iter().sum::<f64>() / self.busy_ms.len() as f64;
         let (mut stages_ms, mut transfers_ms) = (0.0, 0.0);
@@ -256,7 +257,7 @@ impl<'a> Play<'a> {
         largest.filter(|_| lost_ms > LOSS_SHARE * makespan_ms).map_or(Limit::Work, |(limit, _)| limit)
     }
 
-    /// Time of all devices in rows that another device computes as well.
+    /// Time that all devices spend on rows that another device computes as well.
     fn margins_ms(&self) -> f64 {
         let program = &self.graph.program;
         let mut passes = vec![(0.0, 0.0); program.passes().len()];

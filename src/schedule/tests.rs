@@ -1,4 +1,4 @@
-//! What holds for every policy, and that predictions come true in a world that keeps to the model.
+//! Checks what holds for every policy, and that predictions are right in a world that follows the model.
 
 use proptest::prelude::*;
 
@@ -23,7 +23,7 @@ fn spec(height: u32, devices: usize, iterations: u32, seam: Seam) -> FrameSpec {
 struct World {
     spec: FrameSpec,
     rays: [Vec<u32>; 2],
-    /// Time per ray of each row; rays cost more where they scatter.
+    /// Time per ray of each row. Rays cost more where they scatter.
     ms_per_ray: Vec<f64>,
     speeds: Vec<f64>,
 }
@@ -90,7 +90,7 @@ impl World {
         costs
     }
 
-    /// Largest over mean of the devices' busy times.
+    /// The largest of the devices' busy times over their mean.
     fn imbalance(&self, graph: &FrameGraph) -> f64 {
         let mut busy = vec![0.0; self.spec.devices];
         self.costs(graph).stages.iter().for_each(|c| busy[c.device] += c.busy_ms);
@@ -258,7 +258,7 @@ fn dear_transfers_limit_a_frame() {
     assert_eq!(played.limit, Limit::Transfers);
 }
 
-/// The model of one pair of devices foretells others that are in the same world.
+/// The model of one pair of devices predicts other devices in the same world.
 #[test]
 fn simulated_devices_take_as_long_as_real_ones() {
     let halo = Seam::Halo(HaloPlan::RECOMPUTE);
@@ -269,8 +269,8 @@ fn simulated_devices_take_as_long_as_real_ones() {
         let (assignments, own) = world.play(&mut Measured::new(360, speeds.len()), 12);
         let graph = graph(&world.spec, &assignments[11], None);
         let expected = simulate(&graph, &own).unwrap().makespan_ms;
-        let foretold = simulate(&graph, &measured.on_devices(speeds)).unwrap().makespan_ms;
-        assert!((foretold / expected - 1.0).abs() < 0.01, "{speeds:?}: {foretold} for {expected}");
+        let predicted = simulate(&graph, &measured.on_devices(speeds)).unwrap().makespan_ms;
+        assert!((predicted / expected - 1.0).abs() < 0.01, "{speeds:?}: {predicted} for {expected}");
     }
 }
 

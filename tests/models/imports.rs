@@ -9,10 +9,11 @@ use std::str::FromStr;
 use proc_macro2::{Delimiter, TokenStream, TokenTree};
 
 /// Modules that decide what happens, and are tested without a device.
-const WITHOUT_WGPU: [&str; 12] = [
+const WITHOUT_WGPU: [&str; 13] = [
     "image",
     "scene",
     "quality",
+    "wgsl",
     "accel",
     "graph",
     "passes",

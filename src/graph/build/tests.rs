@@ -16,7 +16,7 @@ fn pass(name: &'static str, group: CutGroup, uses: impl IntoIterator<Item = Use>
     Pass::new(Stage(name), Eye::Left, group, Kernel::new("test")).uses(uses)
 }
 
-/// Rows that are transferred of each image, by the device that they go to.
+/// The rows of each image that are transferred, by the device that receives them.
 fn transfers(passes: Vec<Pass>, assignment: &Assignment) -> HashMap<(&'static str, usize), Vec<Range<u32>>> {
     let program = Arc::new(Program::new(EXTENT, Seam::Halo(HaloPlan::EXCHANGE), passes).unwrap());
     let graph = FrameGraph::build(&program, assignment, None);
@@ -56,7 +56,7 @@ fn rows_travel_as_far_as_a_pass_reads() {
     // Blocks of 16 rows from row -4 on end at rows 12, 28, 44 and 60.
     assert_eq!(of(Reach::Blocks { size: 16, offset: 4 }), [vec![20..44], vec![]]);
     assert_eq!(of(Reach::Blocks { size: 32, offset: 0 }), [vec![20..32], vec![0..20]]);
-    // Upside down: what was read from below.
+    // The image is read upside down.
     assert_eq!(of(Reach::Rows(|rows| 60 - rows.end..60 - rows.start)), [vec![30..60], vec![0..20]].map(|r| r));
 }
 
@@ -68,7 +68,7 @@ fn a_grid_of_its_own_has_its_own_share_of_rows() {
         pass("write", WRITER, [Use::write(small)]).on(half),
         pass("read", READER, [Use::read(small).halo(1), Use::write(OUT)]),
     ];
-    // Row 20 of the frame is row 10 of the small image, row 30 row 15.
+    // Row 20 of the frame is row 10 of the small image, and row 30 is row 15.
     assert_eq!(transfers(passes, &moved()), HashMap::from([(("image", 0), vec![10..16])]));
     let sums = Resource::image("sums", 8).on(Grid::table(Size::FrameRows)).output();
     assert_eq!((sums.row_bytes(EXTENT), sums.bytes(EXTENT)), (8, 480));
@@ -91,7 +91,7 @@ fn every_device_makes_what_it_has_for_itself() {
             _ => None,
         })
         .collect();
-    // The second of three devices has no rows, and so no use for it.
+    // The second of three devices has no rows, and so no use for the table.
     assert_eq!(ran, [(0, 0), (0, 2), (1, 0), (1, 2)]);
     assert_eq!(graph.dag.edge_count(), 2, "each reader follows its own device's pass");
 }

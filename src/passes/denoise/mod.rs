@@ -1,4 +1,4 @@
-//! Denoisers: what comes between traced light and the image.
+//! Denoisers, which come between traced light and the image.
 
 mod atrous;
 pub mod seam_filter;
@@ -15,8 +15,8 @@ pub const CUT: CutGroup = CutGroup("atrous");
 
 const FILTERED: Resource = Resource::image("filtered", 16);
 
-/// Light on its way through passes that each read one image and write the next. It is demodulated: reflected light over
-/// albedo.
+/// The image that holds light, on its way through passes that each read one image and write the next. Light is
+/// demodulated: it is reflected light over albedo.
 #[derive(Clone, Copy, Debug)]
 pub struct Light {
     current: Image,
@@ -29,18 +29,18 @@ impl Light {
         Self { current: RADIANCE.into(), filtered: FILTERED.into() }
     }
 
-    /// Where it is.
+    /// The image that holds light now.
     pub fn image(self) -> Image {
         self.current
     }
 
-    /// Where a pass reads it, and where it leaves it.
+    /// The image that a pass reads light from, and the one that it writes it to.
     pub fn advance(&mut self) -> (Image, Image) {
         self.filtered = self.filtered.next();
         self.advance_to(self.filtered)
     }
 
-    /// ... in an image of its own.
+    /// Like [`Self::advance`], but the pass writes to `target`.
     pub fn advance_to(&mut self, target: Image) -> (Image, Image) {
         (std::mem::replace(&mut self.current, target), target)
     }
@@ -48,24 +48,24 @@ impl Light {
 
 /// The passes of a denoiser on one view.
 pub trait Denoise {
-    /// What comes before the filter.
+    /// The passes before the filter.
     fn before(&self, _spec: &FrameSpec, _view: Eye, _light: &mut Light) -> Vec<Pass> {
         Vec::new()
     }
 
-    /// The filter: passes that each read rows around their own of what the one before wrote. Before which of them rows are
-    /// received, the halo plan says.
+    /// The passes of the filter. Each reads rows around its own from what the one before wrote, and the halo plan says
+    /// before which of them rows are received.
     fn filter(&self, _spec: &FrameSpec, _view: Eye, _light: &mut Light) -> Vec<Pass> {
         Vec::new()
     }
 
-    /// From light to the images that leave the frame.
+    /// The passes from light to the images that leave the frame.
     fn finish(&self, _spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         vec![tonemap::pass(view, light.image())]
     }
 }
 
-/// No denoiser: light as it was traced.
+/// No denoiser. Light stays as it was traced.
 struct Undenoised;
 
 impl Denoise for Undenoised {}

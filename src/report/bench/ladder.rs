@@ -1,4 +1,4 @@
-//! Quality ladders: drawn among the fronts that they are of, and as a table.
+//! Quality ladders, drawn with the fronts that they are taken from, and as a table.
 
 use super::{COLUMNS, ERROR, Row, Series, cells_of, fronts, time_chart};
 use crate::control::{Ladder, Rung};
@@ -6,8 +6,8 @@ use crate::report::peers::{self, Peer};
 use crate::report::study::cell;
 use crate::report::{ReportError, Table};
 
-/// Time against both eyes' FLIP + flicker: the front of each denoiser and the ladder. With other renderers, whose flicker
-/// nobody knows, against FLIP alone.
+/// A plot of time against both eyes' FLIP + flicker, with the front of each denoiser and the ladder. With other
+/// renderers, whose flicker is unknown, it is against FLIP alone.
 ///
 /// # Errors
 /// [`ReportError`] if there is nothing to draw.
@@ -22,7 +22,7 @@ pub fn ladder_svg(title: String, rows: &[Row], peers: &[Peer], ladder: &Ladder) 
     time_chart(title, &format!("{label}, mean of both eyes"), &series)
 }
 
-/// A line per rung, from the cheapest.
+/// A table with a line per rung, from the cheapest.
 pub fn ladder_table(ladder: &Ladder) -> Table {
     let mut headers = vec!["rung"];
     headers.extend(COLUMNS);
@@ -46,7 +46,7 @@ mod tests {
 
     #[test]
     fn each_denoiser_has_a_ladder_and_the_best_comes_first() {
-        // By time of the fastest alone none would be best.
+        // By the time of the fastest setting alone, `none` would be best.
         let rows = [
             row("none", 1, 1.0, &[0.4]),
             row("none", 2, 2.0, &[0.5]),

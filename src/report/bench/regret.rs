@@ -1,4 +1,4 @@
-//! How far a ladder's rungs are from the best setting that takes no longer.
+//! The distance of a ladder's rungs from the best setting that takes no longer.
 
 use serde::Serialize;
 
@@ -7,21 +7,21 @@ use crate::control::{MIN_STEP, Rung};
 use crate::quality::Quality;
 use crate::report::Table;
 
-/// Of a rung.
+/// The distance of a rung.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Regret {
     #[serde(rename = "knobs")]
     pub quality: Quality,
     pub time_ms: f64,
-    /// FLIP + flicker, mean of both eyes.
+    /// FLIP + flicker of the rung, mean of both eyes.
     pub error: f64,
-    /// The least of the settings that take no longer, within [`MIN_STEP`].
+    /// The least FLIP + flicker of the settings that take no longer, within [`MIN_STEP`].
     pub best_error: f64,
-    /// By how much the rung's is above it, as a share of it.
+    /// The excess of the rung over that, as a share of it.
     pub regret: f64,
 }
 
-/// Of those of these settings that were measured, from the cheapest.
+/// The distances of those settings that were measured, from the cheapest.
 pub fn regrets(rungs: &[Quality], rows: &[Row]) -> Vec<Regret> {
     let all: Vec<_> = rows.iter().map(Row::rung).collect();
     let mut found: Vec<_> = all.iter().filter(|r| rungs.contains(&r.quality)).collect();

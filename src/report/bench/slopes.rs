@@ -1,4 +1,4 @@
-//! How fast the error falls with samples.
+//! The rate at which the error falls with samples.
 
 use std::fmt;
 
@@ -10,17 +10,17 @@ use crate::exec::Stereo;
 use crate::quality::Denoiser;
 use crate::report::once;
 
-/// Exponent of the error, √relMSE, over samples per pixel: −0.5 for independent samples.
+/// The exponent of the error, √relMSE, over samples per pixel. It is −0.5 for independent samples.
 #[derive(Clone, Debug, Serialize)]
 pub struct Slope {
     pub denoiser: &'static str,
     pub iterations: u32,
     pub eye: &'static str,
-    /// Mean over the repeats' slopes.
+    /// The mean over the slopes of the repeats.
     pub slope: f64,
-    /// Of that mean; `None` for a single repeat.
+    /// The standard error of that mean, `None` for a single repeat.
     pub standard_error: Option<f64>,
-    /// Settings that it goes through.
+    /// The number of settings that it is fitted to.
     pub points: usize,
 }
 
@@ -34,7 +34,7 @@ impl fmt::Display for Slope {
     }
 }
 
-/// Least squares through (ln x, ln y); `None` for fewer than two different x.
+/// The slope of a least-squares line through (ln x, ln y), `None` for fewer than two different x.
 pub fn log_slope(points: &[(f64, f64)]) -> Option<f64> {
     let logs: Vec<(f64, f64)> = points.iter().map(|p| (p.0.ln(), p.1.ln())).collect();
     let mean = |f: &dyn Fn(&(f64, f64)) -> f64| logs.iter().map(f).sum::<f64>() / logs.len() as f64;
@@ -43,8 +43,8 @@ pub fn log_slope(points: &[(f64, f64)]) -> Option<f64> {
     (spread > 0.0).then(|| logs.iter().map(|p| (p.0 - x) * (p.1 - y)).sum::<f64>() / spread)
 }
 
-/// Slopes per denoiser, its iterations, and eye, of the rows that sample all pixels alike and have most bounces. The
-/// reference's noise, which adds to every relMSE, is taken off; settings whose error is lost in it are left out, as is
+/// The slopes by denoiser, iterations and eye, from the rows that sample all pixels alike and have most bounces. The
+/// noise of the reference adds to every relMSE and is subtracted. Settings whose error it hides are left out, and so is
 /// 1 spp, whose sample goes through the pixel's centre and estimates another image.
 pub fn slopes(rows: &[Row], noise: Option<&Stereo<Noise>>) -> Vec<Slope> {
     let rows: Vec<&Row> = rows.iter().filter(|r| r.quality.scale == 1.0 && r.quality.fovea.is_none()).collect();
@@ -67,7 +67,7 @@ fn filter(row: &Row) -> (&'static str, u32) {
     (Denoiser::name_of(row.quality.denoiser), row.quality.most_iterations())
 }
 
-/// Through the relMSE of each repeat, by samples per pixel.
+/// The slope of the relMSE of each repeat over samples per pixel.
 fn slope(
     (denoiser, iterations): (&'static str, u32),
     eye: &'static str,
@@ -84,7 +84,7 @@ fn slope(
     Some(Slope { denoiser, iterations, eye, slope, standard_error, points: settings.len() })
 }
 
-/// Mean and its standard error, which takes two values; none of no values.
+/// The mean and its standard error, which needs two values. They are none without values.
 fn mean_and_error(values: &[f64]) -> Option<(f64, Option<f64>)> {
     let n = values.len() as f64;
     let mean = values.iter().sum::<f64>() / n;
@@ -110,7 +110,7 @@ mod tests {
         // The relMSE of a flat image to a black one is 100 times its square.
         let noise = Stereo { left: Noise { rmse: 0.01, relmse: 0.01 }, right: Noise { rmse: 0.02, relmse: 0.04 } };
         let seen = |n: f64| (0.16 / n + 1e-4).sqrt();
-        // At 4096 samples the error is below the noise, at 1 it is that of another estimator.
+        // At 4096 samples the error is below the noise, and at 1 it is that of another estimator.
         let spps = [1u32, 2, 8, 64, 4096];
         let rows: Vec<Row> = spps.map(|n| row("none", n, 1.0, &[if n == 1 { 9.0 } else { seen(n.into()) }; 2])).into();
         let found = slopes(&rows, Some(&noise));

@@ -1,4 +1,4 @@
-//! What stripes cost whose passes are cut together.
+//! The cost of stripes whose passes are cut together.
 
 use std::ops::Range;
 
@@ -7,13 +7,13 @@ use crate::graph::{CutGroup, Work};
 use crate::scene::rig::Eye;
 
 impl CostModel {
-    /// Costs of stripes that take all passes of these groups, on both views.
+    /// The costs of stripes for all passes of these groups, on both views.
     pub fn stripes_of(&self, groups: &[CutGroup]) -> StripeCosts<'_> {
         let mut parts: Vec<Part> = Vec::new();
         for linked in self.program.passes().iter().filter(|p| groups.contains(&p.pass.cut_group)) {
             let Some(number) = self.number_of(linked.pass.stage, linked.pass.view) else { continue };
             let (work, margin_rows) = (linked.pass.work, linked.margin_rows);
-            // Rays alone are counted by view.
+            // Only rays are counted by view.
             let unit = (work, if work == Work::Rays { linked.pass.view } else { Eye::Left });
             let ms = (0..self.spec.devices).map(|d| self.ms_per_unit(number, d, &self.effort));
             match parts.iter_mut().find(|p| p.unit == unit && p.margin_rows == margin_rows) {
@@ -25,17 +25,17 @@ impl CostModel {
     }
 }
 
-/// Predicted costs of stripes of some stages together.
+/// Predicted costs of stripes for several stages together.
 pub struct StripeCosts<'a> {
     model: &'a CostModel,
     parts: Vec<Part>,
 }
 
-/// Passes that count the same unit on the same margin.
+/// Passes that count the same unit and have the same margin.
 struct Part {
     unit: (Work, Eye),
     margin_rows: u32,
-    /// Per device.
+    /// Time per unit, for each device.
     ms_per_unit: Vec<f64>,
 }
 
@@ -48,12 +48,12 @@ impl StripeCosts<'_> {
         self.model.spec.extent.height
     }
 
-    /// Time that a device takes for a stripe, with the margins it computes beside its own rows.
+    /// Time that a device takes for a stripe, including the margins that it computes beside its own rows.
     pub fn ms(&self, device: usize, rows: &Range<u32>) -> f64 {
         self.sum(device, rows, true)
     }
 
-    /// ... without margins: what a part of a larger stripe adds to it.
+    /// Time that a part of a larger stripe adds to it, which is without margins.
     pub fn own_ms(&self, device: usize, rows: &Range<u32>) -> f64 {
         self.sum(device, rows, false)
     }

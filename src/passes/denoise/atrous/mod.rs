@@ -8,10 +8,10 @@ use crate::scene::rig::Eye;
 
 const STAGE: Stage = Stage("atrous");
 
-/// Tolerance to differences in compressed radiance once the noise is averaged down.
+/// Tolerance to differences in compressed radiance, once noise is averaged down.
 const SIGMA: f32 = 1.0;
-/// Iterations before radiance is compared at all: at one sample per pixel a pixel's own value says nothing about what
-/// it should be, and comparing with it would keep outliers as they are.
+/// Iterations before radiance is compared at all. At one sample per pixel, a pixel's own value says nothing about what
+/// it should be, and comparing with it would keep outliers.
 const BLIND_ITERATIONS: u32 = 3;
 
 /// Distance between the taps of iteration `index` of `count`: 2^(count-1) down to 1.
@@ -32,7 +32,7 @@ impl Denoise for Atrous {
             let (source, target) = light.advance();
             let step = step(index, spec.iterations);
             let halo = spec.halo(2 * step);
-            // Pixels of a layer count the iterations that they take part in.
+            // The pixels of a foveal layer count the iterations that they take part in.
             let args = match spec.sparse {
                 true => [step, inverse_sigma2_bits(u32::MAX), BLIND_ITERATIONS],
                 false => [step, inverse_sigma2_bits(index), 0],

@@ -1,6 +1,6 @@
 //! `svgf`: light accumulated over frames, filtered by its own variance, then antialiased over frames.
 //!
-//! After Schied et al. 2017, "Spatiotemporal Variance-Guided Filtering".
+//! The method is that of Schied et al. 2017, "Spatiotemporal Variance-Guided Filtering".
 
 use super::{CUT, Denoise, Light};
 use crate::graph::{Chain, Image, Kernel, Pass, Resource, Stage, Use};
@@ -13,11 +13,11 @@ use crate::wgsl::constants;
 const STAGE: Stage = Stage("svgf");
 const VARIANCE: Stage = Stage("variance");
 
-/// Of the light accumulated over frames: mean and variance, how much of it there is, material.
+/// Mean and variance of the light accumulated over frames, how much of it there is, and the material.
 const MOMENTS: Resource = Resource::image("moments", 16);
 /// Accumulated light after the filter's first iteration.
 const HISTORY: Resource = Resource::image("history", 16);
-/// Antialiased over frames, scene-referred RGB.
+/// The image antialiased over frames, scene-referred RGB.
 const RESOLVED: Resource = Resource::image("resolved", 16);
 
 /// Rows and columns that the estimate of variance reads beyond its own.
@@ -31,8 +31,8 @@ const RESOLVE_REACH_ROWS: u32 = 1;
 /// Standard deviations by which the luminance of two pixels may differ.
 const SIGMA: f32 = 4.0;
 
-/// Distance between the taps of iteration `index`: it rises, so that the first one, which is kept for the next frame,
-/// blurs least.
+/// Distance between the taps of iteration `index`. It rises, so that the first iteration, which is kept for the next
+/// frame, blurs least.
 fn step(index: u32) -> u32 {
     1 << index
 }
@@ -40,7 +40,8 @@ fn step(index: u32) -> u32 {
 pub struct Svgf;
 
 impl Denoise for Svgf {
-    /// What this frame saw, joined with what the frame before left. What the right eye never saw, the left may have.
+    /// Accumulates the light of this frame with that of the frames before. The right eye may take the history of the
+    /// left one where it has none.
     fn before(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         let last = |resource| Use::read(resource).before(spec.history_halo());
         let (traced, accumulated) = light.advance();
@@ -77,7 +78,7 @@ impl Denoise for Svgf {
         passes
     }
 
-    /// Remodulation, also of the rows around a device's own, and antialiasing over frames.
+    /// Remodulates light, also in the rows around a device's own, and antialiases over frames.
     fn finish(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         let (filtered, composed) = light.advance();
         let compose = Pass::new(Stage("compose"), view, tonemap::CUT, Kernel::new("compose"))
