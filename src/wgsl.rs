@@ -65,34 +65,37 @@ impl fmt::Display for Declaration {
     }
 }
 
-/// Declares structs of plain data that shaders have as well, under the same names.
+/// Declares structs of plain data that shaders have as well, under the same names, and `structs`, which lists them.
 macro_rules! shared_structs {
-    ($($(#[$about:meta])* pub struct $name:ident { $($(#[$what:meta])* pub $member:ident: $type:ty,)* })*) => {$(
-        $(#[$about])*
-        #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
-        #[repr(C)]
-        pub struct $name {
-            $($(#[$what])* pub $member: $type,)*
-        }
-
-        impl $crate::wgsl::Shared for $name {
-            fn name() -> String {
-                stringify!($name).to_owned()
+    ($($(#[$about:meta])* pub struct $name:ident { $($(#[$what:meta])* pub $member:ident: $type:ty,)* })*) => {
+        $(
+            $(#[$about])*
+            #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+            #[repr(C)]
+            pub struct $name {
+                $($(#[$what])* pub $member: $type,)*
             }
-        }
 
-        impl $name {
-            /// What it is in shaders.
-            pub fn declaration() -> $crate::wgsl::Declaration {
-                let members = vec![$($crate::wgsl::Member {
+            impl $crate::wgsl::Shared for $name {
+                fn name() -> String {
+                    stringify!($name).to_owned()
+                }
+            }
+        )*
+
+        /// What the structs of this module are in shaders.
+        pub fn structs() -> Vec<$crate::wgsl::Declaration> {
+            vec![$($crate::wgsl::Declaration {
+                name: stringify!($name),
+                members: vec![$($crate::wgsl::Member {
                     name: stringify!($member),
                     type_name: <$type as $crate::wgsl::Shared>::name(),
                     offset: std::mem::offset_of!($name, $member),
-                }),*];
-                $crate::wgsl::Declaration { name: stringify!($name), members, bytes: size_of::<$name>() }
-            }
+                }),*],
+                bytes: size_of::<$name>(),
+            }),*]
         }
-    )*};
+    };
 }
 
 /// A constant of shaders: its name and its value.
@@ -103,7 +106,17 @@ macro_rules! constants {
     ($($name:ident),* $(,)?) => { &[$((stringify!($name), $name)),*] };
 }
 
-pub(crate) use {constants, shared_structs};
+/// Declares constants, and `CONSTANTS`, which is all of them for shaders.
+macro_rules! shared_constants {
+    ($($(#[$about:meta])* $visible:vis const $name:ident: u32 = $value:expr;)*) => {
+        $($(#[$about])* $visible const $name: u32 = $value;)*
+
+        /// Those above, for shaders.
+        pub(super) const CONSTANTS: &[$crate::wgsl::Constant] = $crate::wgsl::constants![$($name),*];
+    };
+}
+
+pub(crate) use {constants, shared_constants, shared_structs};
 
 /// The declarations of constants.
 pub fn declare(constants: &[Constant]) -> String {

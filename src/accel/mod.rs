@@ -46,8 +46,8 @@ const INSTANCE_BYTES: usize = 1000;
 pub const TRIANGLE_ALPHA: u32 = 1;
 
 shared_structs! {
-    /// A triangle as rays meet it: exact vertices, counter-clockwise from the front. An edge that two triangles share has
-    /// the same bits in both.
+    /// A triangle as rays meet it: exact vertices, counter-clockwise from the front. An edge that two triangles share
+    /// has the same bits in both.
     pub struct Triangle {
         pub v0: Vec3,
         pub material: u32,

@@ -14,19 +14,18 @@ pub const fn image(index: u8) -> Resource {
     Resource::image("aov", 16).output().numbered(index)
 }
 
+/// The kinds that the shader tells apart by name.
 const KERNEL: Kernel = Kernel::with_scene("aov").with(&[
     ("ALBEDO", Aov::Albedo as u32),
     ("NORMAL", Aov::Normal as u32),
     ("POSITION", Aov::Position as u32),
     ("DEPTH", Aov::Depth as u32),
-    ("MOTION", Aov::Motion as u32),
     ("ROUGHNESS", Aov::Roughness as u32),
     ("HOLES", Aov::Holes as u32),
     ("SPP", Aov::Spp as u32),
     ("STRIPES", Aov::Stripes as u32),
     ("BASE_COLOR", Aov::BaseColor as u32),
     ("DIFFUSE_ALBEDO", Aov::DiffuseAlbedo as u32),
-    ("SPECULAR_ALBEDO", Aov::SpecularAlbedo as u32),
 ]);
 
 pub fn pass(view: Eye, index: u8, aov: Aov) -> Pass {

@@ -4,12 +4,13 @@ mod tables;
 
 use glam::{UVec3, Vec2, Vec3, Vec4};
 
+use self::tables::ROLES;
 pub use self::tables::*;
-use crate::accel::{Shading, Triangle};
+use crate::accel::{self, SPHERE, TRIANGLE_ALPHA};
 use crate::graph::LIST_HEADER;
 use crate::passes::SKIPPED;
 use crate::scene::rig;
-use crate::wgsl::{Constant, Declaration, constants, declare, shared_structs};
+use crate::wgsl::{Declaration, constants, declare, shared_constants, shared_structs};
 
 shared_structs! {
     /// An eye: a pinhole. Its axes are of unit length.
@@ -47,8 +48,8 @@ shared_structs! {
         pub spp: u32,
         /// Number of the frame's first sample: passes of one accumulation continue one another's sequences.
         pub sample_base: u32,
-        /// Bits of a sample's number below its pixel's place on the Z curve; [`NO_CURVE`]: each pixel has sequences of its
-        /// own.
+        /// Bits of a sample's number below its pixel's place on the Z curve; [`NO_CURVE`]: each pixel has sequences of
+        /// its own.
         pub curve_shift: u32,
         /// Surfaces that a path is reflected by, at most.
         pub reflections: u32,
@@ -110,8 +111,8 @@ shared_structs! {
     pub struct Foveation {
         /// Of the left eye in x and y, of the right eye in z and w; pixels.
         pub gaze: Vec4,
-        /// Filter iterations that pixels of the inner, middle and outer layer take part in; of all pixels the first, where
-        /// there are no layers.
+        /// Filter iterations that pixels of the inner, middle and outer layer take part in; the first number is that of
+        /// all pixels where there are no layers.
         pub layer_iterations: UVec3,
         /// Of the outer layer's pixels that would be sampled without foveation.
         pub unsampled_share: f32,
@@ -191,39 +192,22 @@ impl History {
     }
 }
 
-/// Of [`Sampling::curve_shift`]: each pixel has sequences of its own.
-pub const NO_CURVE: u32 = 32;
+shared_constants! {
+    /// Of [`Sampling::curve_shift`]: each pixel has sequences of its own.
+    pub const NO_CURVE: u32 = 32;
+    /// Of [`History::rows`]: the frame knows nothing of the one before.
+    pub const NO_HISTORY: u32 = u32::MAX;
+}
 
-/// Of [`History::rows`]: the frame knows nothing of the one before.
-pub const NO_HISTORY: u32 = u32::MAX;
-
-const CONSTANTS: &[Constant] = constants![NO_CURVE, NO_HISTORY, SKIPPED, LIST_HEADER];
-
-/// The structs that shaders have.
-pub fn structs() -> Vec<Declaration> {
-    vec![
-        View::declaration(),
-        Camera::declaration(),
-        Sampling::declaration(),
-        Lights::declaration(),
-        Environment::declaration(),
-        Geometry::declaration(),
-        Foveation::declaration(),
-        History::declaration(),
-        Display::declaration(),
-        Frame::declaration(),
-        PassConstants::declaration(),
-        Material::declaration(),
-        TextureInfo::declaration(),
-        Light::declaration(),
-        EnvCell::declaration(),
-        Triangle::declaration(),
-        Shading::declaration(),
-    ]
+/// All structs that shaders have.
+pub fn all_structs() -> Vec<Declaration> {
+    [accel::structs(), tables::structs(), structs()].concat()
 }
 
 /// What every shader's text begins with: structs and constants.
 pub fn declarations() -> String {
-    let structs: String = structs().iter().map(ToString::to_string).collect();
-    structs + &declare(CONSTANTS) + &tables::declarations()
+    let structs: String = all_structs().iter().map(ToString::to_string).collect();
+    let of_others = constants![SKIPPED, LIST_HEADER, SPHERE, TRIANGLE_ALPHA];
+    let constants = [CONSTANTS, tables::CONSTANTS, ROLES, of_others].concat();
+    structs + &declare(&constants) + &format!("const SMOOTH: f32 = {SMOOTH:?}f;\n")
 }

@@ -1,7 +1,7 @@
 use super::layout;
 use super::*;
 use crate::accel::{Instance, Node};
-use crate::graph::Stage;
+use crate::graph::{Kernel, Stage};
 use crate::passes::{self, tests::all_specs};
 use crate::wgsl::Declaration;
 
@@ -35,7 +35,7 @@ fn reflect(module: &naga::Module, name: &str) -> Option<(usize, Vec<(String, usi
 #[test]
 fn host_structs_lie_as_shaders_read_them() {
     let module = module("path_trace");
-    for Declaration { name, members, bytes } in layout::structs() {
+    for Declaration { name, members, bytes } in layout::all_structs() {
         let declared = members.into_iter().map(|m| (m.name.to_owned(), m.offset)).collect();
         assert_eq!(reflect(&module, name), Some((bytes, declared)), "{name}");
     }
@@ -58,5 +58,20 @@ fn every_need_is_an_override_of_path_tracing() {
     let declared = override_names(&source);
     for (name, _) in SceneNeeds::ALL.constants() {
         assert!(declared.contains(&name), "{name}");
+    }
+}
+
+#[test]
+fn shaders_have_the_constants_of_their_kernels() {
+    const COUNT: Kernel =
+        Kernel { text: Some("const_assert COUNT == 3u && LIST_HEADER == 4u;"), ..Kernel::new("count") };
+    let parses = |kernel: Kernel| naga::front::wgsl::parse_str(&shader_text(&kernel)).is_ok();
+    assert!(parses(COUNT.with(&[("COUNT", 3)])));
+    assert!(!parses(COUNT.with(&[("COUNT", 4)])));
+    for kernel in passes::kernels() {
+        let text = shader_text(&kernel);
+        for (name, _) in kernel.constants {
+            assert!(text.matches(name).count() > 1, "{} does not use {name}", kernel.name);
+        }
     }
 }

@@ -114,7 +114,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if at.x >= pass_.width || at.y >= pass_.row_end {
         return;
     }
-    image[at.y * pass_.width + at.x] = at.x * 1009u + at.y * 7919u + pass_.view * 104729u + frame.sampling.index * 15485863u;
+    let which = pass_.view * 104729u + frame.sampling.index * 15485863u;
+    image[at.y * pass_.width + at.x] = at.x * 1009u + at.y * 7919u + which;
 }";
     let image = image.into();
     let kernel = kernel("test fill", TEXT, [16, 4, 1]);
@@ -264,7 +265,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let at = y * pass_.width + id.x;
     var known = 0u;
-    if frame.history.rows != 0xffffffffu {
+    if frame.history.rows != NO_HISTORY {
         known = before[at];
     }
     count[at] = known + 1u;

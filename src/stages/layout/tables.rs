@@ -4,8 +4,8 @@ use std::mem::offset_of;
 
 use glam::{UVec2, Vec2, Vec3, Vec4};
 
-use crate::accel::{Instance, MAX_DEPTH, Node, SPHERE, TRIANGLE_ALPHA};
-use crate::wgsl::{Constant, constants, declare, shared_structs};
+use crate::accel::{Instance, MAX_DEPTH, Node};
+use crate::wgsl::{Constant, shared_constants, shared_structs};
 
 shared_structs! {
     /// Factors of glTF's metallic-roughness material and its extensions, and the textures that multiply them.
@@ -108,108 +108,74 @@ impl TextureRole {
     }
 }
 
-/// Of [`Material::flags`].
-pub const DOUBLE_SIDED: u32 = 1;
-pub const ALPHA_MASK: u32 = 2;
-pub const ALPHA_BLEND: u32 = 4;
-/// Encloses a volume; transmission is through a thin sheet otherwise.
-pub const THICK: u32 = 8;
-pub const UNLIT: u32 = 16;
-pub const BASE_COLOR_TEXTURE: u32 = 32;
-pub const EMISSIVE_TEXTURE: u32 = 64;
-pub const NORMAL_MAP: u32 = 128;
-pub const CLEARCOAT_NORMAL_MAP: u32 = 256;
+shared_constants! {
+    /// Of [`Material::flags`].
+    pub const DOUBLE_SIDED: u32 = 1;
+    pub const ALPHA_MASK: u32 = 2;
+    pub const ALPHA_BLEND: u32 = 4;
+    /// Encloses a volume; transmission is through a thin sheet otherwise.
+    pub const THICK: u32 = 8;
+    pub const UNLIT: u32 = 16;
+    pub const BASE_COLOR_TEXTURE: u32 = 32;
+    pub const EMISSIVE_TEXTURE: u32 = 64;
+    pub const NORMAL_MAP: u32 = 128;
+    pub const CLEARCOAT_NORMAL_MAP: u32 = 256;
 
-/// Of [`TextureInfo::flags`]: filtered linearly, on the second set of coordinates, sRGB-encoded.
-pub const TEXTURE_LINEAR: u32 = 1;
-pub const TEXTURE_SECOND_UVS: u32 = 2;
-pub const TEXTURE_SRGB: u32 = 64;
-pub const WRAP_U_SHIFT: u32 = 2;
-pub const WRAP_V_SHIFT: u32 = 4;
-pub const ROLE_SHIFT: u32 = 8;
+    /// Of [`TextureInfo::flags`]: filtered linearly, on the second set of coordinates, sRGB-encoded.
+    pub const TEXTURE_LINEAR: u32 = 1;
+    pub const TEXTURE_SECOND_UVS: u32 = 2;
+    pub const TEXTURE_SRGB: u32 = 64;
+    pub const WRAP_U_SHIFT: u32 = 2;
+    pub const WRAP_V_SHIFT: u32 = 4;
+    pub const ROLE_SHIFT: u32 = 8;
 
-/// Modes of wrapping.
-pub const WRAP_REPEAT: u32 = 0;
-pub const WRAP_MIRROR: u32 = 1;
-pub const WRAP_CLAMP: u32 = 2;
+    /// Modes of wrapping.
+    pub const WRAP_REPEAT: u32 = 0;
+    pub const WRAP_MIRROR: u32 = 1;
+    pub const WRAP_CLAMP: u32 = 2;
 
-/// Edge of a page of texels.
-pub const PAGE: u32 = 2048;
+    /// Edge of a page of texels.
+    pub const PAGE: u32 = 2048;
 
-/// Of [`Light::kind`].
-pub const LIGHT_SPOT: u32 = 1;
-pub const LIGHT_TRIANGLE: u32 = 2;
+    /// Of [`Light::kind`].
+    pub const LIGHT_SPOT: u32 = 1;
+    pub const LIGHT_TRIANGLE: u32 = 2;
 
-/// In the place of a light's number.
-pub const NO_LIGHT: u32 = u32::MAX;
+    /// In the place of a light's number.
+    pub const NO_LIGHT: u32 = u32::MAX;
 
-/// In a node of the light tree, beside the number of what comes next: a light instead of nodes; the opposite directions
-/// are lit as well.
-pub const LIGHT_LEAF: u32 = 1 << 31;
-pub const LIGHT_TWO_SIDED: u32 = 1 << 30;
+    /// In a node of the light tree, beside the number of what comes next: a light instead of nodes; the opposite directions
+    /// are lit as well.
+    pub const LIGHT_LEAF: u32 = 1 << 31;
+    pub const LIGHT_TWO_SIDED: u32 = 1 << 30;
 
-/// Deepest light tree: a trail has a bit per level.
-pub const LIGHT_LEVELS: u32 = 32;
+    /// Deepest light tree: a trail has a bit per level.
+    pub const LIGHT_LEVELS: u32 = 32;
 
-/// Nodes of the triangles' trees in a row of the texture that has all trees.
-pub const NODES_PER_ROW: u32 = 1024;
+    /// Nodes of the triangles' trees in a row of the texture that has all trees.
+    pub const NODES_PER_ROW: u32 = 1024;
 
-/// Texels of the trees' texture that a node of the triangles' trees takes, and an instance; of the latter, those before
-/// the matrix into its space and before its numbers.
-const TEXELS_PER_NODE: u32 = size_of::<Node>() as u32 / TEXEL_BYTES;
-const ROWS_PER_INSTANCE: u32 = size_of::<Instance>() as u32 / TEXEL_BYTES;
-const LOCAL_FROM_WORLD: u32 = offset_of!(Instance, local_from_world) as u32 / TEXEL_BYTES;
-const INSTANCE_HEADER: u32 = offset_of!(Instance, first_prim) as u32 / TEXEL_BYTES;
+    /// Texels of the trees' texture that a node of the triangles' trees takes, and an instance; of the latter, those before
+    /// the matrix into its space and before its numbers.
+    const TEXELS_PER_NODE: u32 = size_of::<Node>() as u32 / TEXEL_BYTES;
+    const ROWS_PER_INSTANCE: u32 = size_of::<Instance>() as u32 / TEXEL_BYTES;
+    const LOCAL_FROM_WORLD: u32 = offset_of!(Instance, local_from_world) as u32 / TEXEL_BYTES;
+    const INSTANCE_HEADER: u32 = offset_of!(Instance, first_prim) as u32 / TEXEL_BYTES;
+
+    /// Nodes of the albedo table along the cosine and along perceptual roughness, both from 0 to 1.
+    pub const ALBEDO_GRID: u32 = 32;
+
+    /// Most levels of all trees that a ray goes through.
+    const STACK_SIZE: u32 = MAX_DEPTH as u32;
+}
 
 /// Of the trees' texture.
 pub const TEXEL_BYTES: u32 = 16;
 
-/// Nodes of the albedo table along the cosine and along perceptual roughness, both from 0 to 1.
-pub const ALBEDO_GRID: u32 = 32;
-
 /// Microfacets smoother than this are a mirror; the square of perceptual roughness.
 pub const SMOOTH: f32 = 1e-4;
 
-/// Most levels of all trees that a ray goes through.
-const STACK_SIZE: u32 = MAX_DEPTH as u32;
-
-const CONSTANTS: &[Constant] = constants![
-    DOUBLE_SIDED,
-    ALPHA_MASK,
-    ALPHA_BLEND,
-    THICK,
-    UNLIT,
-    BASE_COLOR_TEXTURE,
-    EMISSIVE_TEXTURE,
-    NORMAL_MAP,
-    CLEARCOAT_NORMAL_MAP,
-    TEXTURE_LINEAR,
-    TEXTURE_SECOND_UVS,
-    TEXTURE_SRGB,
-    WRAP_U_SHIFT,
-    WRAP_V_SHIFT,
-    ROLE_SHIFT,
-    WRAP_MIRROR,
-    WRAP_CLAMP,
-    PAGE,
-    LIGHT_SPOT,
-    LIGHT_TRIANGLE,
-    NO_LIGHT,
-    LIGHT_LEAF,
-    LIGHT_TWO_SIDED,
-    LIGHT_LEVELS,
-    NODES_PER_ROW,
-    TEXELS_PER_NODE,
-    ROWS_PER_INSTANCE,
-    LOCAL_FROM_WORLD,
-    INSTANCE_HEADER,
-    ALBEDO_GRID,
-    STACK_SIZE,
-    SPHERE,
-    TRIANGLE_ALPHA,
-];
-
-const ROLES: &[Constant] = &[
+pub(super) const ROLES: &[Constant] = &[
     ("ROLE_BASE_COLOR", TextureRole::BaseColor as u32),
     ("ROLE_EMISSIVE", TextureRole::Emissive as u32),
     ("ROLE_METALLIC_ROUGHNESS", TextureRole::MetallicRoughness as u32),
@@ -221,8 +187,3 @@ const ROLES: &[Constant] = &[
     ("ROLE_CLEARCOAT_ROUGHNESS", TextureRole::ClearcoatRoughness as u32),
     ("ROLE_CLEARCOAT_NORMAL", TextureRole::ClearcoatNormal as u32),
 ];
-
-/// Constants about the tables.
-pub(super) fn declarations() -> String {
-    declare(CONSTANTS) + &declare(ROLES) + &format!("const SMOOTH: f32 = {SMOOTH:?}f;\n")
-}

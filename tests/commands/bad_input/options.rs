@@ -1,0 +1,99 @@
+//! Options with values that are none.
+
+use super::*;
+
+#[test]
+fn sizes_that_are_none_are_refused() {
+    for size in ["0x0", "abc", "99999x99999", "64", "64x", "-4x4", "1e3x10", "0x10"] {
+        let option = format!("--size={size}");
+        let case = Case::new();
+        let out = case.path("out");
+        let output = diptych(&["render", "builtin:cornell", "--out", out.to_str().unwrap(), &option]);
+        assert_refused(size, &output, 2, &["--size", size]);
+        assert!(!out.exists(), "{size}");
+    }
+}
+
+#[test]
+fn sizes_beyond_a_device_s_memory_fail_and_say_so() {
+    // 1 GiB an image. Adapters that bind as much would take minutes and have nothing to refuse.
+    let binds = diptych::device::adapters().iter().map(|a| a.max_storage_mib).max();
+    let binds = binds.expect("these tests need an adapter: on Linux, install mesa-vulkan-drivers");
+    if binds >= 1024 {
+        eprintln!("\nSKIPPED: an adapter here binds {binds} MiB: 8192x8192 is not too large for it\n");
+        return;
+    }
+    Case::new().refused("builtin:cornell", &["--size", "8192x8192"], 1, &["8192x8192", "MiB"]);
+}
+
+#[test]
+fn sample_counts_out_of_range_are_refused() {
+    for spp in ["0", "1000000000", "10000000000", "-1", "many", "1.5"] {
+        assert_option_refused(&[&format!("--spp={spp}")], &["--spp", spp]);
+    }
+    assert_option_refused(&["--bounces", "100000"], &["--bounces"]);
+    for iterations in ["11", "2,3", "2,3,11", ",", "-1"] {
+        assert_option_refused(&[&format!("--iterations={iterations}")], &["--iterations"]);
+    }
+    assert_option_refused(&["--iterations", "2,3,5"], &["--iterations", "--foveation layers"]);
+    assert_option_refused(&["--denoiser", "none", "--iterations", "3"], &["--iterations", "--denoiser"]);
+    assert_option_refused(&["--seed", "-1"], &["-1"]);
+    assert_option_refused(&["--frames", "0"], &["--frames"]);
+}
+
+#[test]
+fn gazes_that_are_nowhere_are_refused() {
+    for gaze in ["0.5", "1.5,0.5", "-0.1,0.5", "0.5,0.5,0.5", "nan,0.5", "a,b"] {
+        assert_option_refused(&["--foveation", "layers", &format!("--gaze={gaze}")], &["--gaze"]);
+    }
+    assert_option_refused(&["--gaze", "0.5,0.5"], &["--gaze", "--foveation layers"]);
+    assert_option_refused(&["--peres", "nh3ld", "--spp", "2"], &["--peres", "--spp"]);
+}
+
+#[test]
+fn ratios_that_do_not_fit_are_refused() {
+    assert_option_refused(&["--virtual", "3", "--ratios", "1,2"], &["2 ratios", "3 devices"]);
+    assert_option_refused(&["--virtual", "2", "--ratios=-1,2"], &["-1"]);
+    assert_option_refused(&["--virtual", "2", "--ratios=0,0"], &["ratio"]);
+    assert_option_refused(&["--virtual", "2", "--ratios=nan,1"], &["ratio"]);
+    assert_option_refused(&["--virtual", "2", "--ratios", "much,little"], &["much"]);
+    assert_option_refused(&["--virtual", "2", "--ratios", "cooking=1,2"], &["cooking", "path_trace"]);
+    assert_option_refused(&["--virtual", "2", "--ratios", "atrous.middle=1,2"], &["middle"]);
+    assert_option_refused(&["--virtual", "2", "--ratios", ""], &["ratios"]);
+    assert_option_refused(&["--virtual", "2", "--balance", "static"], &["--balance static", "--ratios"]);
+    assert_option_refused(&["--virtual", "2", "--balance", "even", "--ratios", "1,2"], &["--ratios"]);
+    assert_option_refused(&["--balance", "fair"], &["fair", "measured"]);
+}
+
+#[test]
+fn devices_that_are_not_there_are_refused() {
+    assert_option_refused(&["--devices", "99"], &["99", "diptych devices"]);
+    assert_option_refused(&["--devices", "first"], &["first"]);
+    assert_option_refused(&["--virtual", "0"], &["--virtual", "0"]);
+    assert_option_refused(&["--virtual", "1000"], &["--virtual", "1000"]);
+    assert_option_refused(&["--threads-per-device", "0"], &["--threads-per-device"]);
+}
+
+#[test]
+fn unknown_options_and_commands_are_refused() {
+    assert_option_refused(&["--quality", "best"], &["--quality"]);
+    assert_option_refused(&["--denoiser", "magic"], &["magic", "atrous"]);
+    assert_option_refused(&["--aov", "smell"], &["smell", "normal"]);
+    assert_option_refused(&["--sampler", "dice"], &["dice"]);
+    assert_refused("no --out", &diptych(&["render", "builtin:cornell"]), 2, &["--out"]);
+    assert_refused("no such command", &diptych(&["paint"]), 2, &["paint"]);
+}
+
+#[test]
+fn times_and_rates_that_are_none_are_refused() {
+    for fps in ["0", "-1", "nan", "inf"] {
+        assert_option_refused(&[&format!("--fps={fps}")], &["--fps"]);
+    }
+    for time in ["nan", "inf", "noon"] {
+        assert_option_refused(&["--time", time], &["--time"]);
+    }
+    for clamp in ["0", "-1", "nan"] {
+        assert_option_refused(&[&format!("--clamp={clamp}")], &["--clamp"]);
+    }
+    assert_option_refused(&["--reference", "--clamp", "3"], &["--clamp", "--reference"]);
+}

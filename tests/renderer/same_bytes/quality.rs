@@ -1,0 +1,75 @@
+//! Frames whose quality changes.
+
+use super::*;
+
+fn quality(denoiser: Denoiser, (spp, bounces, iterations, scale, fovea): Numbers) -> Quality {
+    Quality { spp, bounces, denoiser: Some(denoiser), iterations: [iterations; 3], scale, fovea }
+}
+
+const QUALITIES: [Numbers; 6] = [
+    (1, 1, 2, 0.7, None),
+    (3, 4, 4, 1.0, None),
+    (1, 6, 1, 1.0, Some([0.1, 0.3])),
+    (2, 2, 3, 0.5, Some([0.2, 0.4])),
+    (3, 6, 4, 0.9, None),
+    (1, 3, 4, 1.0, None),
+];
+
+fn layers() -> Foveation {
+    Foveation::new([0.4, 0.6].map(|x| Gaze { path: vec![[0.0, x, 0.5]] }), [4; 3])
+}
+
+/// Frames of all [`QUALITIES`].
+fn play(subject: &Subject, settings: &RenderSettings, devices: usize) -> Vec<Stereo<RgbImage>> {
+    let mut settings = settings.clone();
+    (settings.stages.spp, settings.stages.mixes_spp, settings.stages.iterations) = (3, true, 4);
+    (settings.stages.sparse, settings.stages.foveation) = (true, Some(layers()));
+    let mut stage = Stage::with(subject, &settings, devices, Box::new(Measured::new(HEIGHT, devices)));
+    let denoiser = settings.stages.filter.unwrap();
+    let frame = |(i, numbers): (usize, &Numbers)| {
+        stage.renderer().set_quality(quality(denoiser, *numbers), Effort::default()).unwrap();
+        stage.frame_at(i as f64 * 0.05, i as u32).linear
+    };
+    QUALITIES.iter().enumerate().map(frame).collect()
+}
+
+#[test]
+fn frames_that_change_quality_have_the_bytes_of_runs_that_do_not() {
+    let subject = Subject::load("builtin:checker");
+    let settings = subject.denoised(WIDTH, HEIGHT);
+    let (one, two) = (play(&subject, &settings, 1), play(&subject, &settings, 2));
+    for (i, (spp, bounces, iterations, scale, fovea)) in QUALITIES.into_iter().enumerate() {
+        let mut fixed = RenderSettings { bounces, scale, ..settings.clone() };
+        (fixed.stages.spp, fixed.stages.iterations, fixed.stages.sparse) = (spp, iterations, scale < 1.0);
+        fixed.stages.foveation = fovea.map(|radii| Foveation { radii, iterations: [iterations; 3], ..layers() });
+        let expected = Stage::even(&subject, &fixed, 1).frame_at(i as f64 * 0.05, i as u32).linear;
+        assert_same(&format!("frame {i} on one device"), &expected, &one[i]);
+        assert_same(&format!("frame {i} on two devices"), &expected, &two[i]);
+    }
+}
+
+#[test]
+fn history_across_changes_of_quality_gives_the_bytes_of_one_device() {
+    let subject = Subject::load("builtin:atrium");
+    let settings = subject.accumulated(WIDTH, HEIGHT);
+    let (one, three) = (play(&subject, &settings, 1), play(&subject, &settings, 3));
+    for (i, (one, three)) in one.iter().zip(&three).enumerate() {
+        assert_same(&format!("frame {i}"), one, three);
+    }
+}
+
+#[test]
+fn qualities_that_nothing_was_made_ready_for_are_refused() {
+    let subject = Subject::load("builtin:cornell");
+    let mut settings = subject.denoised(32, 18);
+    (settings.stages.spp, settings.stages.iterations) = (3, 4);
+    let mut stage = Stage::even(&subject, &settings, 1);
+    let mut set = |denoiser, numbers| stage.renderer().set_quality(quality(denoiser, numbers), Effort::default());
+    let whole = |(spp, bounces, iterations)| (spp, bounces, iterations, 1.0, None);
+    let wrong = [(0, 1, 1), (4, 1, 1), (1, 1, 1), (2, 1, 0), (2, 1, 5)].map(whole);
+    for wrong in wrong.into_iter().chain([(2, 1, 1, 0.5, None), (2, 1, 1, 1.0, Some([0.1, 0.2]))]) {
+        assert!(set(Denoiser::Atrous, wrong).is_err(), "{wrong:?}");
+    }
+    assert!(set(Denoiser::Svgf, whole((2, 1, 1))).is_err());
+    assert!(set(Denoiser::Atrous, whole((2, 1, 1))).is_ok());
+}
