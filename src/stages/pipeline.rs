@@ -51,6 +51,9 @@ impl Stamps {
     }
 }
 
+/// A kernel by its name, what it binds, and the frame's place.
+type GroupKey = (&'static str, Vec<(Bound, Eye)>, Place);
+
 /// What one device needs to carry out any task.
 pub struct DeviceStages {
     settings: StageSettings,
@@ -60,7 +63,7 @@ pub struct DeviceStages {
     pub images: Images,
     built: Vec<Built>,
     /// Of kernels, with what they bind.
-    groups: HashMap<(&'static str, Vec<(Bound, Eye)>, Place), wgpu::BindGroup>,
+    groups: HashMap<GroupKey, wgpu::BindGroup>,
     /// The same by the pass of the program that is set.
     of_passes: HashMap<(usize, Place), wgpu::BindGroup>,
     program: Option<Arc<Program>>,
