@@ -217,8 +217,8 @@ impl Frames {
                     all.begin_ms = reply.begin_ms.min(all.begin_ms);
                     if device == primary {
                         all.end_ms = reply.end_ms;
-                        let names = [ROW_TALLY.into()].into_iter().chain(frame.inputs.reads.iter().cloned());
-                        all.images = names.zip(reply.images).collect();
+                        let names = Output::of_frame(&frame.graph.program, &frame.inputs.reads);
+                        all.images = names.into_iter().zip(reply.images).collect();
                     }
                     let timing = |time| TaskTiming::of(&frame.graph, device, time);
                     frame.report.tasks.extend(reply.times.iter().filter_map(timing));

@@ -11,7 +11,6 @@ use crate::exec::output::Output;
 use crate::exec::planner::Graphs;
 use crate::exec::staging::{ReadBack, Recorded};
 use crate::graph::{FrameGraph, Task, TaskKind};
-use crate::passes::ROW_TALLY;
 
 /// What a worker knows of a frame until it has answered. Tasks go by their numbers among those of the device.
 pub struct Part {
@@ -165,9 +164,8 @@ impl Part {
             }
         }
         if self.device == self.graph.primary {
-            let tallies = Output::from(ROW_TALLY);
-            for image in std::iter::once(&tallies).chain(&self.job.reads) {
-                self.images.push(device.request(image, self.job.place)?);
+            for image in Output::of_frame(&self.graph.program, &self.job.reads) {
+                self.images.push(device.request(&image, self.job.place)?);
             }
         }
         Ok(true)
