@@ -82,7 +82,7 @@ fn light_and_exposure_may_be_in_any_unit() {
 #[test]
 fn only_what_is_read_crosses_to_the_primary() {
     let subject = Subject::load("builtin:cornell");
-    let settings = subject.denoised(96, 54);
+    let settings = RenderSettings { adapts_halo: false, ..subject.denoised(96, 54) };
     let mut two = Stage::even(&subject, &settings, 2);
     let render = |two: &mut Stage| two.renderer().render(&subject.rig, 0.0, 0).unwrap().uploaded_bytes();
     let all = render(&mut two);
