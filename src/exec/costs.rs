@@ -121,6 +121,8 @@ mod tests {
             end_ms,
             bytes: None,
             transfer: None,
+            number: 0,
+            after: Vec::new(),
         }
     }
 

@@ -31,6 +31,12 @@ pub struct TaskTiming {
     /// Number of the transfer within its frame; both of its ends have it.
     #[serde(skip)]
     pub transfer: Option<u32>,
+    /// Its number among the tasks of its device, in the order in which the device carries them out.
+    #[serde(skip)]
+    pub number: usize,
+    /// The tasks that it depends on, by device and number.
+    #[serde(skip)]
+    pub after: Vec<(usize, usize)>,
 }
 
 impl TaskTiming {
@@ -49,7 +55,8 @@ impl TaskTiming {
         };
         let TaskTime { begin_ms, end_ms, bytes, .. } = *time;
         let (view, device, rows) = (task.view, task.device, task.rows.clone());
-        Some(Self { stage, kind, view, device, rows, begin_ms, end_ms, bytes, transfer })
+        let (number, after) = (time.task, graph.dependencies(device, time.task));
+        Some(Self { stage, kind, view, device, rows, begin_ms, end_ms, bytes, transfer, number, after })
     }
 }
 

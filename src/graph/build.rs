@@ -3,6 +3,7 @@
 use std::ops::Range;
 use std::sync::Arc;
 
+use petgraph::Direction;
 use petgraph::graph::{DiGraph, NodeIndex};
 
 use super::program::{Linked, Program};
@@ -68,6 +69,10 @@ pub struct FrameGraph {
     order: Vec<NodeIndex>,
     /// The tasks of each device, in the order of keys.
     orders: Vec<Vec<Task>>,
+    /// The same tasks as nodes.
+    nodes: Vec<Vec<NodeIndex>>,
+    /// By node, its device and its number among the device's tasks.
+    places: Vec<(usize, usize)>,
 }
 
 impl FrameGraph {
@@ -97,10 +102,16 @@ impl FrameGraph {
         let mut order: Vec<NodeIndex> = dag.node_indices().collect();
         order.sort_by_key(|&node| dag[node].key);
         let mut orders = vec![Vec::new(); assignment.devices()];
+        let mut nodes = vec![Vec::new(); assignment.devices()];
+        let mut places = vec![(0, 0); order.len()];
         for &node in &order {
-            orders[dag[node].device].push(dag[node].clone());
+            let device = dag[node].device;
+            places[node.index()] = (device, orders[device].len());
+            orders[device].push(dag[node].clone());
+            nodes[device].push(node);
         }
-        Self { dag, program: Arc::clone(program), primary: assignment.primary(), stitch_pass, order, orders }
+        let (program, primary) = (Arc::clone(program), assignment.primary());
+        Self { dag, program, primary, stitch_pass, order, orders, nodes, places }
     }
 
     /// A device's tasks in the order in which it carries them out: first those that others may wait for, then those of
@@ -123,6 +134,12 @@ impl FrameGraph {
 
     pub fn devices(&self) -> usize {
         self.orders.len()
+    }
+
+    /// The tasks that one depends on. Tasks go by device and number among those of the device.
+    pub fn dependencies(&self, device: usize, number: usize) -> Vec<(usize, usize)> {
+        let before = |&node: &NodeIndex| self.dag.neighbors_directed(node, Direction::Incoming);
+        self.nodes[device].get(number).into_iter().flat_map(before).map(|node| self.places[node.index()]).collect()
     }
 
     /// The pass that a task runs, if it runs one.

@@ -134,6 +134,8 @@ mod tests {
             end_ms: begin_ms + 0.5,
             bytes: None,
             transfer: None,
+            number: 0,
+            after: Vec::new(),
         }
     }
 

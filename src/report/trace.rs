@@ -157,6 +157,7 @@ mod tests {
             frame: Some(4),
             rows: Some(0..90),
             transfer: None,
+            order: None,
             bytes: Some(1000),
         };
         Trace {

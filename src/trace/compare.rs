@@ -127,6 +127,7 @@ mod tests {
                 frame: Some(frame as u64),
                 rows: None,
                 transfer: None,
+                order: None,
                 bytes: (lane == Lane::Upload).then_some(bytes),
             };
             let end_us = begin_us + 1e3 * ms;

@@ -1,10 +1,12 @@
-//! The critical path of a frame: the chain of tasks and waits that its makespan consists of, reconstructed from times.
+//! The critical path of a frame: the chain of tasks and waits that its makespan consists of.
 //!
-//! It is walked backwards from the task that ended last. What a task waited for is taken to be what ended last before
-//! its begin among the tasks of its own device and, for an upload, the download at the transfer's other end. The time
-//! between the two is a wait, named after what happens there.
+//! It is walked backwards from the task that ended last. What a task waited for is what ended last of those that it
+//! depends on by the frame's graph and of those that its device carried out before it: on the queue, for a pass also the
+//! last rows that were written, and for a transfer the worker's last one. Files of earlier versions do not have the
+//! graph; there, it is taken to be what ended last before the task's begin among the tasks of its own device and, for an
+//! upload, the download at the transfer's other end. The time between the two is a wait, named after what happens there.
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 
 use serde::{Deserialize, Serialize};
 
@@ -117,13 +119,19 @@ struct Order<'a> {
     /// Of each device, in order of end.
     by_end: HashMap<u32, Vec<usize>>,
     downloads: HashMap<u64, usize>,
+    /// By device process and number in the frame's graph.
+    by_number: BTreeMap<(u32, u64), usize>,
 }
 
 impl<'a> Order<'a> {
     fn of(tasks: &'a [&'a Task]) -> Self {
         let mut by_end: HashMap<u32, Vec<usize>> = HashMap::new();
         let mut downloads = HashMap::new();
+        let mut by_number = BTreeMap::new();
         for (i, task) in tasks.iter().enumerate() {
+            if let Some(order) = &task.order {
+                by_number.insert((task.pid, order.number), i);
+            }
             by_end.entry(task.pid).or_default().push(i);
             if let (super::Lane::Download, Some(transfer)) = (task.lane, task.transfer) {
                 downloads.insert(transfer, i);
@@ -132,7 +140,7 @@ impl<'a> Order<'a> {
         for device in by_end.values_mut() {
             device.sort_by(|&a, &b| tasks[a].end_us.total_cmp(&tasks[b].end_us));
         }
-        Self { tasks, by_end, downloads }
+        Self { tasks, by_end, downloads, by_number }
     }
 
     fn last(&self) -> Option<usize> {
@@ -141,6 +149,9 @@ impl<'a> Order<'a> {
 
     fn predecessor(&self, after: usize) -> Option<usize> {
         let task = self.tasks[after];
+        if let Some(order) = &task.order {
+            return self.by_graph(task, order);
+        }
         let is_before = |&before: &usize| {
             let other = self.tasks[before];
             let same_clock = other.lane.is_transfer() == task.lane.is_transfer();
@@ -152,20 +163,34 @@ impl<'a> Order<'a> {
         let own = own[..latest].iter().rev().copied().find(is_before);
         let upload = task.transfer.filter(|_| task.lane == super::Lane::Upload);
         let sent = upload.and_then(|transfer| self.downloads.get(&transfer).copied()).filter(is_before);
-        own.into_iter().chain(sent).max_by(|&a, &b| self.tasks[a].end_us.total_cmp(&self.tasks[b].end_us))
+        self.latest(own.into_iter().chain(sent))
+    }
+
+    /// By the graph, in which no task depends on one that its device carries out later.
+    fn by_graph(&self, task: &Task, order: &super::work::Order) -> Option<usize> {
+        let before = self.by_number.range((task.pid, 0)..(task.pid, order.number)).rev().map(|(_, &i)| i);
+        let last = |is: &dyn Fn(&Task) -> bool| before.clone().find(|&i| is(self.tasks[i]));
+        let on_queue = last(&|t| t.lane.is_transfer() == task.lane.is_transfer());
+        let written = last(&|t| t.lane == super::Lane::Upload).filter(|_| !task.lane.is_transfer());
+        let needed = order.after.iter().filter_map(|place| self.by_number.get(place).copied());
+        self.latest(on_queue.into_iter().chain(written).chain(needed))
+    }
+
+    fn latest(&self, tasks: impl Iterator<Item = usize>) -> Option<usize> {
+        tasks.max_by(|&a, &b| self.tasks[a].end_us.total_cmp(&self.tasks[b].end_us))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::super::Lane;
-    use super::super::work::FrameTime;
+    use super::super::work::{FrameTime, Order};
     use super::*;
 
     fn task(pid: u32, lane: Lane, name: &str, [begin_ms, end_ms]: [f64; 2], transfer: Option<u64>) -> Task {
         let (begin_us, end_us) = (begin_ms * 1e3, end_ms * 1e3);
         let name = name.to_owned();
-        Task { pid, lane, name, begin_us, end_us, frame: Some(0), rows: None, transfer, bytes: None }
+        Task { pid, lane, name, begin_us, end_us, frame: Some(0), rows: None, transfer, bytes: None, order: None }
     }
 
     /// Name, device, begin and end in milliseconds of each stretch.
@@ -259,6 +284,30 @@ mod tests {
             ("guide", 11, 9.5, 10.0),
         ];
         assert_eq!(path(&mut tasks, [0.0, 10.0]), named(&expected));
+    }
+
+    /// A pass that began early on a clock that is behind: by times alone, nothing could have come before it.
+    #[test]
+    fn the_graph_says_what_a_task_waited_for_whatever_the_clocks_say() {
+        let placed = |task: Task, number, after: &[(u32, u64)]| Task {
+            order: Some(Order { number, after: after.to_vec() }),
+            ..task
+        };
+        let mut tasks = [
+            placed(task(10, Lane::Left, "gbuffer", [1.0, 9.0], None), 0, &[]),
+            placed(task(10, Lane::Download, "guide", [9.0, 9.5], Some(0)), 1, &[(10, 0)]),
+            placed(task(11, Lane::Left, "gbuffer", [1.0, 4.0], None), 0, &[]),
+            placed(task(11, Lane::Upload, "guide", [9.2, 9.6], Some(0)), 1, &[(10, 1)]),
+            placed(task(11, Lane::Left, "atrous", [9.0, 12.0], None), 2, &[(11, 0), (11, 1)]),
+        ];
+        let expected = [
+            ("wait: start of frame", 10, 0.0, 1.0),
+            ("gbuffer", 10, 1.0, 9.0),
+            ("guide", 10, 9.0, 9.5),
+            ("guide", 11, 9.5, 9.6),
+            ("atrous", 11, 9.6, 12.0),
+        ];
+        assert_eq!(path(&mut tasks, [0.0, 12.0]), named(&expected));
     }
 
     #[test]

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 
 use super::critical::{What, critical_path};
 use super::event::{Track, args_from};
-use super::work::{Frame, FrameTime, Task, Trace};
+use super::work::{Frame, FrameTime, Order, Task, Trace};
 use super::{FIRST_DEVICE_PID, HOST_PID, Lane, Recorder};
 use crate::exec::{Fault, FrameReport, TaskTiming, TimedTask};
 use crate::passes::path_trace::CUT;
@@ -67,6 +67,7 @@ fn numbers_text(numbers: &[usize]) -> String {
 }
 
 fn task_from(timing: &TaskTiming, frame: u32) -> Task {
+    let place = |&(device, number): &(usize, usize)| (FIRST_DEVICE_PID + device as u32, number as u64);
     let lane = match (timing.kind, timing.view) {
         (TimedTask::Download, _) => Lane::Download,
         (TimedTask::Upload, _) => Lane::Upload,
@@ -83,6 +84,7 @@ fn task_from(timing: &TaskTiming, frame: u32) -> Task {
         rows: Some(timing.rows.start.into()..timing.rows.end.into()),
         transfer: timing.transfer.map(u64::from),
         bytes: timing.bytes,
+        order: Some(Order { number: timing.number as u64, after: timing.after.iter().map(place).collect() }),
     }
 }
 
@@ -93,12 +95,20 @@ fn record_task(recorder: &Recorder, task: &Task, spp: (&str, f64)) {
         ("rows", task.rows.as_ref().map(|rows| rows.end - rows.start)),
         ("transfer", task.transfer),
         ("bytes", task.bytes),
+        ("task", task.order.as_ref().map(|order| order.number)),
     ];
     let mut args: Vec<(&str, f64)> = numbers.iter().filter_map(|&(name, n)| Some((name, n? as f64))).collect();
     if !task.lane.is_transfer() {
         args.push(spp);
     }
-    recorder.task(task.pid - FIRST_DEVICE_PID, task.lane, &task.name, task.begin_us, task.end_us, &args);
+    let mut args = args_from(&args);
+    let place = |(pid, number): &(u32, u64)| format!("{}.{number}", pid - FIRST_DEVICE_PID);
+    let after: Vec<String> = task.order.iter().flat_map(|order| &order.after).map(place).collect();
+    if !after.is_empty() {
+        args.insert("after".to_owned(), after.join(" ").as_str().into());
+    }
+    let times_us = [task.begin_us, task.end_us];
+    recorder.task_with(task.pid - FIRST_DEVICE_PID, task.lane, &task.name, times_us, args);
 }
 
 /// Where an arrow touches a task.

@@ -8,7 +8,7 @@ use std::path::Path;
 use serde_json::{Map, Value};
 
 use super::document::raw_trace_from_bytes;
-use super::work::{Device, FrameTime, Task, Trace};
+use super::work::{Device, FrameTime, Order, Task, Trace};
 use super::{FIRST_DEVICE_PID, FRAMES_NAME, HOST_PID, Lane, TraceError};
 
 /// Rounding of a begin and a duration to f64 microseconds must not make neighbours overlap.
@@ -264,8 +264,22 @@ fn task(pid: u32, lane: Lane, span: Span) -> Result<Task, Wrong> {
         rows: rows.map(|(begin, count)| begin..begin.saturating_add(count)),
         transfer: whole("transfer")?,
         bytes: whole("bytes")?,
+        order: order(&span.args).map_err(wrong)?,
         name: span.name,
     })
+}
+
+/// Where a task is in its frame's graph, if it says so: its number, and `0.3 1.7` for those that it depends on.
+fn order(args: &Value) -> Result<Option<Order>, String> {
+    let Some(number) = whole(args, "task")? else { return Ok(None) };
+    let after = args["after"].as_str().unwrap_or_default();
+    let place = |text: &str| {
+        let (device, number) = text.split_once('.')?;
+        Some((FIRST_DEVICE_PID.checked_add(device.parse().ok()?)?, number.parse().ok()?))
+    };
+    let after = after.split_whitespace().map(place).collect::<Option<Vec<_>>>();
+    let after = after.ok_or_else(|| "its argument 'after' is no list of tasks".to_owned())?;
+    Ok(Some(Order { number, after }))
 }
 
 /// The frame's time, if it says its number.

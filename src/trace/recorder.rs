@@ -87,8 +87,13 @@ impl Recorder {
 
     /// Work on one lane of a device, from GPU timestamps brought to the origin.
     pub fn task(&self, device: u32, lane: Lane, name: &str, begin_us: f64, end_us: f64, args: &[(&str, f64)]) {
+        self.task_with(device, lane, name, [begin_us, end_us], args_from(args));
+    }
+
+    /// ... with arguments that are texts as well.
+    pub fn task_with(&self, device: u32, lane: Lane, name: &str, [begin_us, end_us]: [f64; 2], args: Args) {
         let category = if lane.is_transfer() { "transfer" } else { "device" };
-        self.span(lane.track(device), category, name, begin_us, end_us, args_from(args));
+        self.span(lane.track(device), category, name, begin_us, end_us, args);
     }
 
     /// A frame, on the host's track for frames in this slot. `args` should hold its number as `frame`.

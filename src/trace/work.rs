@@ -21,6 +21,17 @@ pub struct Task {
     /// Number of the transfer within its frame; its download and its upload have it.
     pub transfer: Option<u64>,
     pub bytes: Option<u64>,
+    /// Where it is in its frame's graph; files of earlier versions do not say it.
+    pub order: Option<Order>,
+}
+
+/// Where a task is in the graph of its frame.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Order {
+    /// Among the tasks of its device, in the order in which the device carries them out.
+    pub number: u64,
+    /// The tasks that it depends on, by device process and number.
+    pub after: Vec<(u32, u64)>,
 }
 
 /// From the plan of a frame to its images on the primary.
