@@ -2,6 +2,7 @@
 # make test    format, lints, documentation, tests
 # make test-long    all tests with whole sweeps and many samples, and those that need scenes of others or Chromium
 # make test-view    the same for the window of `diptych view`, which needs Xvfb and xdotool to be tested
+# make golden    hashes of the images of many kinds of frames, in out/golden.txt. BEFORE=FILE of another build: what differs
 # make peers    diptych beside Mitsuba 3 with OIDN, both measured here: out/peers/NAME/NAME.md. SHOT=FILE for another shot
 # make deps    checks for a Vulkan driver and compilers; installs Mesa's driver where apt-get is and none was found; says
 #              where the software driver is an old, slow one
@@ -22,7 +23,7 @@ ifndef XDG_RUNTIME_DIR
 export NODEVICE_SELECT := 1
 endif
 
-.PHONY: demo test test-long test-view peers deps clean
+.PHONY: demo test test-long test-view golden peers deps clean
 
 demo: deps
 	$(CARGO) build --release --locked
@@ -45,6 +46,12 @@ test-long: deps
 test-view: deps
 	$(CARGO) clippy --release --locked --all-targets --features view -- -D warnings
 	$(CARGO) test --release --locked --features view --bin diptych --test view
+
+golden: deps
+	$(CARGO) build --release --locked
+	mkdir -p out
+	sh tools/golden.sh "$(DIPTYCH)" out/golden.txt
+	@[ -z "$(BEFORE)" ] || { diff "$(BEFORE)" out/golden.txt && echo "all images are the same"; }
 
 # Python and its packages, none of which the program needs, are in a folder of their own.
 peers: deps
