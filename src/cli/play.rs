@@ -77,9 +77,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let gpus = setup::open_devices(options, usize::from(args.options.virtual_devices))?;
     Disturbances(&args.disturb).check(args.frames, gpus.len())?;
-    let mut session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
-    let outputs = [DISPLAY, LINEAR];
-    session.renderer.set_outputs(if args.report { &outputs } else { &outputs[..1] });
+    let session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
     let options = &prepared.render;
     let denoiser = Denoiser::name_of(prepared.choice.denoiser);
     let ladder = ladder_name(&args.options, &session.ladder);
@@ -157,9 +155,10 @@ impl Run<'_> {
     fn frames(&mut self) -> Result<(), Failure> {
         let mut pace = Pace::new(self.options.fps);
         for index in 0..self.options.frames {
-            if interrupt::is_set() {
-                break;
-            }
+            let is_last = index + 1 == self.options.frames || interrupt::is_set();
+            let is_saved = is_last || self.args.save_every.is_some_and(|k| index % k == 0);
+            // A display shows the others, and nobody reads more of them.
+            self.session.renderer.set_outputs(if is_saved { &[DISPLAY, LINEAR] } else { &[DISPLAY] });
             let decided = self.session.decide();
             let time_s = self.disturb(index);
             let late_ms = pace.wait();
@@ -171,6 +170,9 @@ impl Run<'_> {
             if self.args.save_every.is_some_and(|k| index % k == 0) {
                 self.save(Some(index))?;
                 pace.restart();
+            }
+            if is_last {
+                break;
             }
         }
         self.save(None)
