@@ -10,6 +10,7 @@ mod halo;
 mod pass;
 mod program;
 mod resource;
+mod rows;
 mod stripes;
 
 pub use build::{FrameGraph, Key, Task, TaskKind};
