@@ -172,8 +172,10 @@ impl<'a> Order<'a> {
         let last = |is: &dyn Fn(&Task) -> bool| before.clone().find(|&i| is(self.tasks[i]));
         let on_queue = last(&|t| t.lane.is_transfer() == task.lane.is_transfer());
         let written = last(&|t| t.lane == super::Lane::Upload).filter(|_| !task.lane.is_transfer());
+        // Rows are there once all that was submitted before them has ended.
+        let submitted = last(&|t| !t.lane.is_transfer()).filter(|_| task.lane == super::Lane::Download);
         let needed = order.after.iter().filter_map(|place| self.by_number.get(place).copied());
-        self.latest(on_queue.into_iter().chain(written).chain(needed))
+        self.latest(on_queue.into_iter().chain(written).chain(submitted).chain(needed))
     }
 
     fn latest(&self, tasks: impl Iterator<Item = usize>) -> Option<usize> {
