@@ -41,7 +41,8 @@ pub fn build(
     let declared = override_names(&source);
     let mut one = |kind: Option<bool>, jitter| {
         let constants = settings.constants(jitter).into_iter().filter(|(n, _)| declared.contains(n)).collect();
-        let key = PipelineKey { shader: kernel.name, checks: settings.checks, constants };
+        // Texts that are not files may share a name.
+        let key = PipelineKey { shader: kernel.text.unwrap_or(kernel.name), checks: settings.checks, constants };
         let pipeline = match gpu.pipelines.get(&key) {
             Some(kept) => kept.clone(),
             None => {

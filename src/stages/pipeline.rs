@@ -70,8 +70,8 @@ pub struct DeviceStages {
     frame_only: wgpu::BindGroup,
     with_scene: wgpu::BindGroup,
     frame: wgpu::Buffer,
-    /// What repeated tasks add to, as they found it.
-    found: HashMap<u64, wgpu::Buffer>,
+    /// What repeated tasks add to, as they found it, by binding and bytes.
+    found: HashMap<(usize, u64), wgpu::Buffer>,
 }
 
 /// A pass of a program on one run of rows.
@@ -84,7 +84,7 @@ pub struct StageTask {
 }
 
 fn find<'a>(built: &'a [Built], kernel: &Kernel, jitter: bool) -> Option<&'a Built> {
-    built.iter().find(|b| b.kernel.name == kernel.name && b.jitter.is_none_or(|j| j == jitter))
+    built.iter().find(|b| b.kernel == *kernel && b.jitter.is_none_or(|j| j == jitter))
 }
 
 fn uniform(gpu: &GpuDevice, label: &str, size: usize) -> wgpu::Buffer {
@@ -123,7 +123,7 @@ impl DeviceStages {
         let with_scene = bind(&scene_layout, &std::iter::once(first).chain(scene.entries()).collect::<Vec<_>>());
         let mut built: Vec<Built> = Vec::new();
         for pass in programs.iter().flat_map(Program::passes).map(|p| &p.pass) {
-            if built.iter().any(|b| b.kernel.name == pass.kernel.name) {
+            if built.iter().any(|b| b.kernel == pass.kernel) {
                 continue;
             }
             let group0 = if pass.kernel.reads_scene { &scene_layout } else { &frame_layout };
@@ -238,9 +238,10 @@ impl DeviceStages {
         linked: &Linked,
     ) -> Vec<(wgpu::Buffer, wgpu::Buffer)> {
         let mut kept = Vec::new();
-        for (used, &image) in linked.pass.uses.iter().zip(&linked.images).filter(|(u, _)| u.access == Access::Add) {
+        let uses = linked.pass.uses.iter().zip(&linked.images).enumerate();
+        for (binding, (used, &image)) in uses.filter(|(_, (u, _))| u.access == Access::Add) {
             let image = self.images.buffer(&program.images()[image], linked.pass.eye_of(used), self.place).clone();
-            let found = self.found.entry(image.size()).or_insert_with(|| scratch(gpu, image.size())).clone();
+            let found = self.found.entry((binding, image.size())).or_insert_with(|| scratch(gpu, image.size())).clone();
             encoder.copy_buffer_to_buffer(&image, 0, &found, 0, image.size());
             kept.push((image, found));
         }
