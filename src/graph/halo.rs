@@ -25,6 +25,11 @@ impl HaloPlan {
         self.0 >> pass & 1 == 1
     }
 
+    /// This plan, with rows received before one more pass.
+    pub fn receiving_before(self, pass: usize) -> Self {
+        Self(self.0 | 1 << pass)
+    }
+
     /// The passes in runs. Rows are received before each run.
     pub fn runs(self, passes: usize) -> Vec<Range<usize>> {
         let begins = (0..passes).filter(|i| *i == 0 || self.receives_before(*i));

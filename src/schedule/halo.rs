@@ -1,5 +1,7 @@
 //! Decides by cost whether rows around a stripe are received or filtered by the device itself.
 
+use std::ops::Range;
+
 use super::cost::CostModel;
 use crate::graph::{Chain, HaloPlan, Pass, Program};
 use crate::scene::rig::Eye;
@@ -15,16 +17,29 @@ pub fn choose_halo(model: &CostModel, now: HaloPlan) -> HaloPlan {
         return now;
     }
     let costs = HaloCosts::of(model);
-    let mut rows = Vec::with_capacity(links);
-    let plans = HaloPlan::all(links).map(|plan| (plan, costs.ms(plan, &mut rows)));
-    let Some((best, best_ms)) = plans.min_by(|a, b| a.1.total_cmp(&b.1)) else { return now };
-    if best_ms < (1.0 - HYSTERESIS) * costs.ms(now, &mut Vec::new()) { best } else { now }
+    let (best, best_ms) = costs.cheapest();
+    if best_ms < (1.0 - HYSTERESIS) * costs.ms(now) { best } else { now }
 }
 
-/// The mean cost of halos to a device. There are many plans to choose from, so it is looked up once.
+/// The mean cost to a device of the runs of passes that plans are made of.
 struct HaloCosts {
-    /// The filter's passes in order, for each view.
-    views: [Vec<FilterPass>; 2],
+    /// The runs that begin at each pass, the shortest first.
+    runs: Vec<Vec<Run>>,
+    link: Link,
+}
+
+/// The passes from one exchange to the next.
+struct Run {
+    /// The cost of the margins that are filtered, of rows that are new with each pass, and of waits for them.
+    ms: f64,
+    /// For each view, the rows around a stripe that are received.
+    halo_rows: [u32; 2],
+    /// For each view, the bytes of such a row that stay as they are for all of the filter's passes.
+    kept_bytes: [u64; 2],
+}
+
+/// What lies between a device and its neighbours.
+struct Link {
     /// The mean number of neighbours of a device. A device at the border of the frame has one.
     sides: f64,
     /// The cost of both ends of a transfer: latency, and time per byte.
@@ -44,60 +59,107 @@ struct FilterPass {
     new_bytes: Vec<u64>,
 }
 
-/// The rows around a stripe for one pass in a plan.
-#[derive(Debug, PartialEq)]
-struct Rows {
-    /// The rows that are filtered for passes to come.
-    margin: u32,
-    /// The rows that are received from neighbours; none where nothing is received.
-    halo: Option<u32>,
+impl Link {
+    fn of(model: &CostModel) -> Self {
+        let devices = model.spec().devices;
+        let transfer_ms = |bytes| mean(devices, |d| model.download_ms(d, bytes) + model.upload_ms(d, bytes));
+        const MANY_BYTES: u64 = 1 << 20;
+        let latency_ms = transfer_ms(0);
+        Self {
+            sides: 2.0 * (devices - 1) as f64 / devices as f64,
+            transfer_ms: [latency_ms, (transfer_ms(MANY_BYTES) - latency_ms) / MANY_BYTES as f64],
+            wait_ms: mean(devices, |d| model.wait_ms(d)),
+        }
+    }
+
+    /// The cost to receive and send this many rows on each side.
+    fn transfer_ms(&self, rows: u32, row_bytes: u64) -> f64 {
+        match u64::from(rows) * row_bytes {
+            0 => 0.0,
+            bytes => self.sides * (self.transfer_ms[0] + self.transfer_ms[1] * bytes as f64),
+        }
+    }
+
+    fn run(&self, views: &[Vec<FilterPass>; 2], range: Range<usize>) -> Run {
+        let mut run = Run { ms: 0.0, halo_rows: [0; 2], kept_bytes: [0; 2] };
+        for (view, passes) in views.iter().enumerate() {
+            let passes = &passes[range.start.min(passes.len())..range.end.min(passes.len())];
+            let Some(first) = passes.first() else { continue };
+            let mut rows = 0;
+            for pass in passes.iter().rev() {
+                rows += pass.after_rows;
+                run.ms += self.sides * pass.ms_per_row * f64::from(rows);
+                rows += pass.reach_rows;
+            }
+            run.ms += first.new_bytes.iter().map(|bytes| self.transfer_ms(rows, *bytes)).sum::<f64>();
+            // The rows of the first pass are part of every plan, and its waits are for tracing.
+            run.ms += if range.start > 0 { self.wait_ms } else { 0.0 };
+            run.halo_rows[view] = rows;
+            run.kept_bytes[view] = first.kept_bytes;
+        }
+        run
+    }
 }
 
 impl HaloCosts {
     fn of(model: &CostModel) -> Self {
-        let spec = model.spec();
-        let devices = spec.devices;
-        let mean = |of: &dyn Fn(usize) -> f64| (0..devices).map(of).sum::<f64>() / devices as f64;
-        let transfer_ms = |bytes| mean(&|d| model.download_ms(d, bytes) + model.upload_ms(d, bytes));
-        const MANY_BYTES: u64 = 1 << 20;
-        let latency_ms = transfer_ms(0);
-        let ms_per_row = |pass: &Pass| mean(&|d| model.pass_ms(pass, d, &(0..1)));
-        Self {
-            views: filter_passes(model.program(), ms_per_row),
-            sides: 2.0 * (devices - 1) as f64 / devices as f64,
-            transfer_ms: [latency_ms, (transfer_ms(MANY_BYTES) - latency_ms) / MANY_BYTES as f64],
-            wait_ms: mean(&|d| model.wait_ms(d)),
-        }
+        let ms_per_row = |pass: &Pass| mean(model.spec().devices, |d| model.pass_ms(pass, d, &(0..1)));
+        Self::new(Link::of(model), &filter_passes(model.program(), ms_per_row))
     }
 
-    /// The cost of margins that are filtered, of rows received and sent on both sides, and of waits for them. The rows
-    /// of the first pass are part of every plan, and its waits are for tracing.
-    fn ms(&self, plan: HaloPlan, rows: &mut Vec<Rows>) -> f64 {
-        let view_ms = |passes: &Vec<FilterPass>| {
-            rows_of(passes, plan, rows);
-            self.view_ms(passes, rows)
-        };
-        self.views.iter().map(view_ms).sum()
+    fn new(link: Link, views: &[Vec<FilterPass>; 2]) -> Self {
+        let passes = views.iter().map(Vec::len).max().unwrap_or(0);
+        let runs_at = |begin| (begin..passes).map(|last| link.run(views, begin..last + 1)).collect();
+        Self { runs: (0..passes).map(runs_at).collect(), link }
     }
 
-    fn view_ms(&self, passes: &[FilterPass], rows: &[Rows]) -> f64 {
-        let transfer_ms = |rows: u32, row_bytes: u64| match u64::from(rows) * row_bytes {
-            0 => 0.0,
-            bytes => self.transfer_ms[0] + self.transfer_ms[1] * bytes as f64,
-        };
-        let (mut ms, mut kept_rows) = (0.0, 0);
-        for (index, (pass, rows)) in passes.iter().zip(rows).enumerate() {
-            ms += self.sides * pass.ms_per_row * f64::from(rows.margin);
-            let Some(halo) = rows.halo else { continue };
-            let new_ms: f64 = pass.new_bytes.iter().map(|bytes| transfer_ms(halo, *bytes)).sum();
-            ms += self.sides * (new_ms + transfer_ms(halo.saturating_sub(kept_rows), pass.kept_bytes));
-            kept_rows = halo.max(kept_rows);
-            if index > 0 {
-                ms += self.wait_ms;
-            }
+    /// The cost of a run where `kept_rows` of what the filter leaves as it is are there from earlier runs, and how many
+    /// are there after it.
+    fn after(&self, kept_rows: [u32; 2], run: &Run) -> (f64, [u32; 2]) {
+        let (mut ms, mut rows) = (run.ms, kept_rows);
+        for ((rows, halo), bytes) in rows.iter_mut().zip(run.halo_rows).zip(run.kept_bytes) {
+            ms += self.link.transfer_ms(halo.saturating_sub(*rows), bytes);
+            *rows = halo.max(*rows);
         }
-        ms
+        (ms, rows)
     }
+
+    fn ms(&self, plan: HaloPlan) -> f64 {
+        let (mut sum_ms, mut rows) = (0.0, [0; 2]);
+        for range in plan.runs(self.runs.len()) {
+            let (ms, after) = self.after(rows, &self.runs[range.start][range.len() - 1]);
+            (sum_ms, rows) = (sum_ms + ms, after);
+        }
+        sum_ms
+    }
+
+    /// The plan that costs least, and its cost. There are many plans, so those that begin alike are weighed together,
+    /// until they cost more than the best one does so far.
+    fn cheapest(&self) -> (HaloPlan, f64) {
+        let mut best = (HaloPlan::RECOMPUTE, f64::INFINITY);
+        self.extend(HaloPlan::RECOMPUTE, 0, 0.0, [0; 2], &mut best);
+        best
+    }
+
+    /// Extends a plan that is known up to pass `begin`, at which it has cost `ms`.
+    fn extend(&self, plan: HaloPlan, begin: usize, ms: f64, kept_rows: [u32; 2], best: &mut (HaloPlan, f64)) {
+        if ms >= best.1 {
+            return;
+        }
+        let Some(runs) = self.runs.get(begin) else {
+            *best = (plan, ms);
+            return;
+        };
+        let plan = plan.receiving_before(begin);
+        for (end, run) in (begin + 1..).zip(runs) {
+            let (run_ms, rows) = self.after(kept_rows, run);
+            self.extend(plan, end, ms + run_ms, rows, best);
+        }
+    }
+}
+
+fn mean(devices: usize, of: impl Fn(usize) -> f64) -> f64 {
+    (0..devices).map(of).sum::<f64>() / devices as f64
 }
 
 /// The filter's passes on each view. `ms_per_row` says what a row costs.
@@ -130,20 +192,6 @@ fn filter_passes(program: &Program, ms_per_row: impl Fn(&Pass) -> f64) -> [Vec<F
     views
 }
 
-/// The rows that each pass needs for all passes up to the next exchange.
-fn rows_of(passes: &[FilterPass], plan: HaloPlan, rows: &mut Vec<Rows>) {
-    rows.clear();
-    let mut margin = 0;
-    for (index, pass) in passes.iter().enumerate().rev() {
-        margin += pass.after_rows;
-        let wanted = margin + pass.reach_rows;
-        let receives = index == 0 || plan.receives_before(index);
-        rows.push(Rows { margin, halo: receives.then_some(wanted) });
-        margin = if receives { 0 } else { wanted };
-    }
-    rows.reverse();
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -152,28 +200,52 @@ mod tests {
     use crate::passes::{Declarations, FrameSpec};
     use crate::quality::Denoiser;
 
+    fn filters() -> [(Denoiser, u32); 2] {
+        [(Denoiser::Atrous, 6), (Denoiser::Svgf, 5)]
+    }
+
+    fn program(plan: HaloPlan, (filter, iterations): (Denoiser, u32)) -> std::sync::Arc<Program> {
+        let spec = FrameSpec { filter: Some(filter), iterations, ..spec(2, Seam::Halo(plan)) };
+        Declarations::default().program(&spec)
+    }
+
     #[test]
     fn rows_are_those_of_the_frames_passes() {
         for plan in HaloPlan::all(6) {
-            for (filter, iterations) in [(Denoiser::Atrous, 6), (Denoiser::Svgf, 5)] {
-                let spec = FrameSpec { filter: Some(filter), iterations, ..spec(2, Seam::Halo(plan)) };
-                let program = Declarations::default().program(&spec);
-                let found = filter_passes(&program, |_| 0.0).map(|passes| {
-                    let mut rows = Vec::new();
-                    rows_of(&passes, plan, &mut rows);
-                    rows
-                });
-                for eye in Eye::ALL {
-                    let links = program.passes().iter().filter(|p| p.link.is_some() && p.pass.view == eye);
-                    let of = |p: &Linked| Rows {
-                        margin: p.margin_rows,
-                        halo: p.link.filter(|l| plan.receives_before(*l)).map(|_| p.margin_rows + p.pass.halo_rows()),
-                    };
-                    let expected: Vec<Rows> = links.map(of).collect();
-                    assert_eq!(expected.len(), 6);
-                    assert_eq!(found[eye as usize], expected, "{plan:?} {eye}");
+            for filter in filters() {
+                let program = program(plan, filter);
+                let link = Link { sides: 1.0, transfer_ms: [0.0; 2], wait_ms: 0.0 };
+                let costs = HaloCosts::new(link, &filter_passes(&program, |_| 1.0));
+                assert_eq!(costs.runs.len(), 6);
+                let passes = || program.passes().iter().filter(|p| p.link.is_some());
+                let margin_rows: u32 = passes().map(|p| p.margin_rows).sum();
+                assert_eq!(costs.ms(plan), f64::from(margin_rows), "{plan:?}");
+                for range in plan.runs(6) {
+                    let run = &costs.runs[range.start][range.len() - 1];
+                    let first = |eye| passes().find(|p| p.link == Some(range.start) && p.pass.view == eye);
+                    let halo_rows = |p: &Linked| p.margin_rows + p.pass.halo_rows();
+                    assert_eq!(run.halo_rows.map(Some), Eye::ALL.map(|eye| first(eye).map(halo_rows)), "{plan:?}");
                 }
             }
         }
+    }
+
+    #[test]
+    fn the_cheapest_of_all_plans_is_found() {
+        let mut found = Vec::new();
+        for filter in filters() {
+            let program = program(HaloPlan::RECOMPUTE, filter);
+            for exponent in -12..4 {
+                let ms = 2f64.powi(exponent);
+                let link = Link { sides: 1.5, transfer_ms: [ms, 1e-6 * ms], wait_ms: 0.5 * ms };
+                let costs = HaloCosts::new(link, &filter_passes(&program, |p| 1e-3 * f64::from(1 + p.view as u32)));
+                let (best, best_ms) = costs.cheapest();
+                let least_ms = HaloPlan::all(6).map(|p| costs.ms(p)).fold(f64::INFINITY, f64::min);
+                assert!((costs.ms(best) - least_ms).abs() <= 1e-9 * least_ms, "{best:?} at {ms}");
+                assert!((best_ms - least_ms).abs() <= 1e-9 * least_ms, "{best:?} at {ms}");
+                found.push(best.runs(6).len());
+            }
+        }
+        assert!(found.contains(&1) && found.contains(&6) && found.iter().any(|n| (2..6).contains(n)), "{found:?}");
     }
 }

@@ -6,8 +6,10 @@
 //! - A device owns contiguous rows. HEFT places blocks anywhere, so it decides what share of a set each device gets.
 //!   The stripes are then cut to the time that its blocks took there.
 //! - Blocks are appended, not inserted into gaps, since a device has no gaps before its last tracing block.
+//! - Ranks order the blocks of a set, and the sets follow one another. Ranks alone would only tell otherwise where a
+//!   block of the filter takes longer than one of tracing and what comes after it.
 
-use std::ops::Range;
+use std::collections::VecDeque;
 
 use super::cost::{CostModel, StripeCosts};
 use super::cut::{MovingStripes, cut};
@@ -43,90 +45,95 @@ impl Policy for Heft {
 const BLOCKS_PER_DEVICE: usize = 16;
 const LEAST_BLOCKS: usize = 64;
 
-/// A block of one group.
-struct Block {
-    group: usize,
-    /// The time that it takes on each device.
-    ms: Vec<f64>,
-    /// Mean time from its begin to the end of the frame, along the longest path.
-    rank_ms: f64,
-    /// The device that it is on and when it ends, once it is placed.
-    placed: Option<(usize, f64)>,
-}
-
-impl Block {
-    fn mean_ms(&self) -> f64 {
-        self.ms.iter().sum::<f64>() / self.ms.len() as f64
-    }
-}
+/// For each block of a set, the time that it takes on each device.
+type Blocks = Vec<Vec<f64>>;
 
 /// Milliseconds that the blocks of each set take on each device, by HEFT.
 fn place(model: &CostModel) -> Vec<Vec<f64>> {
     let spec = model.spec();
-    let costs: Vec<StripeCosts<'_>> = model.program().cut_sets().iter().map(|s| model.stripes_of(s)).collect();
     let count = (spec.devices * BLOCKS_PER_DEVICE).max(LEAST_BLOCKS).min(spec.extent.height as usize);
+    let rows = Stripes::even(spec.extent.height, count);
+    let blocks_of = |costs: StripeCosts<'_>| (0..count).map(|b| costs.own_ms(&rows.rows(b))).collect();
+    let sets: Vec<Blocks> = model.program().cut_sets().iter().map(|s| blocks_of(model.stripes_of(s))).collect();
     let reach_rows = filter_reach_rows(model.program());
     let reach = (reach_rows as usize * count).div_ceil(spec.extent.height as usize);
     let transfer_ms = crossing_ms(model, reach_rows);
-    let mut blocks = ranked(&costs, count, reach, transfer_ms);
-    let mut order: Vec<usize> = (0..blocks.len()).collect();
-    // The sort is stable: equal ranks keep their order, from the first row of the first set on.
-    order.sort_by(|&a, &b| blocks[b].rank_ms.total_cmp(&blocks[a].rank_ms));
-    let (mut free_ms, mut ready) = (vec![0.0; spec.devices], vec![0.0; spec.devices]);
-    let mut shares = vec![vec![0.0; spec.devices]; costs.len()];
-    for index in order {
-        ready_ms(&blocks, index, count, reach, transfer_ms, &mut ready);
-        let end = |d: usize| f64::max(free_ms[d], ready[d]) + blocks[index].ms[d];
-        // There is at least one device.
-        let device = (0..spec.devices).min_by(|&a, &b| end(a).total_cmp(&end(b))).unwrap_or(0);
-        let end_ms = end(device);
-        blocks[index].placed = Some((device, end_ms));
-        free_ms[device] = end_ms;
-        shares[blocks[index].group][device] += blocks[index].ms[device];
+    let ranks = ranked(&sets, reach, transfer_ms);
+    let mut free_ms = vec![0.0; spec.devices];
+    // For each device and block, when what the block reads has arrived.
+    let mut ready_ms = vec![vec![0.0; count]; spec.devices];
+    let mut shares = Vec::with_capacity(sets.len());
+    for (blocks, ranks) in sets.iter().zip(&ranks) {
+        let mut order: Vec<usize> = (0..count).collect();
+        // The sort is stable: blocks of equal ranks keep their order.
+        order.sort_by(|&a, &b| ranks[b].total_cmp(&ranks[a]));
+        let mut share = vec![0.0; spec.devices];
+        let mut ends_ms = vec![vec![f64::NEG_INFINITY; count]; spec.devices];
+        for index in order {
+            let end = |d: usize| f64::max(free_ms[d], ready_ms[d][index]) + blocks[index][d];
+            // There is at least one device.
+            let device = (0..spec.devices).min_by(|&a, &b| end(a).total_cmp(&end(b))).unwrap_or(0);
+            free_ms[device] = end(device);
+            ends_ms[device][index] = free_ms[device];
+            share[device] += blocks[index][device];
+        }
+        ready_ms = arrivals(&ends_ms, reach, transfer_ms);
+        shares.push(share);
     }
     shares
 }
 
-/// All blocks, set by set, with their upward ranks: the mean time of a block plus the largest rank of the blocks that
-/// must follow it.
-fn ranked(costs: &[StripeCosts<'_>], count: usize, reach: usize, transfer_ms: f64) -> Vec<Block> {
-    let mut blocks: Vec<Block> = Vec::with_capacity(costs.len() * count);
-    for (group, costs) in costs.iter().enumerate() {
-        let rows = Stripes::even(costs.height(), count);
-        blocks.extend((0..count).map(|b| {
-            let rows = rows.rows(b);
-            let ms = (0..costs.devices()).map(|d| costs.own_ms(d, &rows)).collect();
-            Block { group, ms, rank_ms: 0.0, placed: None }
-        }));
+/// Upward ranks: the mean time of a block plus the largest rank of the blocks that must follow it, which is the mean
+/// time from its begin to the end of the frame along the longest path.
+fn ranked(sets: &[Blocks], reach: usize, transfer_ms: f64) -> Vec<Vec<f64>> {
+    let mut ranks: Vec<Vec<f64>> = Vec::with_capacity(sets.len());
+    for blocks in sets.iter().rev() {
+        let mean_ms = |ms: &Vec<f64>| ms.iter().sum::<f64>() / ms.len() as f64;
+        let mut own: Vec<f64> = blocks.iter().map(mean_ms).collect();
+        if let Some(next) = ranks.last() {
+            own.iter_mut().zip(largest_around(next, reach)).for_each(|(rank, after)| *rank += transfer_ms + after);
+        }
+        ranks.push(own);
     }
-    for index in (0..blocks.len()).rev() {
-        let after = |i: usize| transfer_ms + blocks[i].rank_ms;
-        let next = neighbours(index + count, count, reach).filter(|&i| i < blocks.len()).map(after);
-        blocks[index].rank_ms = blocks[index].mean_ms() + next.fold(0.0, f64::max);
-    }
-    blocks
+    ranks.reverse();
+    ranks
 }
 
-/// The blocks of one set within `reach` of block `index`. The set may be one beyond the last.
-fn neighbours(index: usize, count: usize, reach: usize) -> Range<usize> {
-    let first = index / count * count;
-    index.saturating_sub(reach).max(first)..(index + reach + 1).min(first + count)
+/// When everything that a block of the next set reads has arrived, for each device and block, from the times at which
+/// the blocks of this set end on the devices that they are on.
+fn arrivals(ends_ms: &[Vec<f64>], reach: usize, transfer_ms: f64) -> Vec<Vec<f64>> {
+    let latest: Vec<Vec<f64>> = ends_ms.iter().map(|ends| largest_around(ends, reach)).collect();
+    let on_device = |device: usize| {
+        let mut ready = vec![0.0; latest[device].len()];
+        for (from, latest) in latest.iter().enumerate() {
+            let way_ms = if from == device { 0.0 } else { transfer_ms };
+            ready.iter_mut().zip(latest).for_each(|(ready, end)| *ready = f64::max(*ready, end + way_ms));
+        }
+        ready
+    };
+    (0..latest.len()).map(on_device).collect()
 }
 
-/// The time at which everything that a block reads has arrived, for each device.
-fn ready_ms(blocks: &[Block], index: usize, count: usize, reach: usize, transfer_ms: f64, ready: &mut [f64]) {
-    ready.fill(0.0);
-    if index < count {
-        return;
+/// The largest of the values within `reach` of each.
+fn largest_around(values: &[f64], reach: usize) -> Vec<f64> {
+    let mut largest = Vec::with_capacity(values.len());
+    // Those that are larger than all after them so far.
+    let mut candidates: VecDeque<usize> = VecDeque::with_capacity(values.len());
+    let mut seen = 0;
+    for index in 0..values.len() {
+        for new in seen..(index + reach + 1).min(values.len()) {
+            while candidates.back().is_some_and(|&c| values[c] <= values[new]) {
+                candidates.pop_back();
+            }
+            candidates.push_back(new);
+            seen = new + 1;
+        }
+        while candidates.front().is_some_and(|&c| c + reach < index) {
+            candidates.pop_front();
+        }
+        largest.push(candidates.front().map_or(f64::NEG_INFINITY, |&c| values[c]));
     }
-    let mut ends = vec![f64::NEG_INFINITY; ready.len()];
-    for (device, end_ms) in neighbours(index - count, count, reach).filter_map(|i| blocks[i].placed) {
-        ends[device] = f64::max(ends[device], end_ms);
-    }
-    for (d, ready) in ready.iter_mut().enumerate() {
-        let there = |(device, end_ms): (usize, &f64)| if d == device { *end_ms } else { end_ms + transfer_ms };
-        *ready = ends.iter().enumerate().map(there).fold(*ready, f64::max);
-    }
+    largest
 }
 
 /// The number of rows that the filter reads beyond its own.
@@ -145,4 +152,27 @@ fn crossing_ms(model: &CostModel, rows: u32) -> f64 {
         (0..spec.devices).map(ends_ms).sum::<f64>() / spec.devices as f64
     };
     images.map(|u| image_ms(u.image.resource.row_bytes(spec.extent) * u64::from(rows))).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_largest_within_reach_is_found() {
+        let values: Vec<f64> = (0..40).map(|i| f64::from(i * 17 % 23)).collect();
+        for reach in [0, 1, 5, 39, 100] {
+            let around = |i: usize| i.saturating_sub(reach)..(i + reach + 1).min(values.len());
+            let expected =
+                (0..values.len()).map(|i| values[around(i)].iter().copied().fold(f64::NEG_INFINITY, f64::max));
+            assert_eq!(largest_around(&values, reach), expected.collect::<Vec<_>>(), "{reach}");
+        }
+    }
+
+    #[test]
+    fn rows_of_the_same_device_need_no_transfer() {
+        let none = f64::NEG_INFINITY;
+        let ends = [vec![1.0, none, none], vec![none, 2.0, 4.0]];
+        assert_eq!(arrivals(&ends, 1, 0.5), [[2.5, 4.5, 4.5], [2.0, 4.0, 4.0]]);
+    }
 }

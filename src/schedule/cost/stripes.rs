@@ -50,23 +50,24 @@ impl StripeCosts<'_> {
 
     /// Time that a device takes for a stripe, including the margins that it computes beside its own rows.
     pub fn ms(&self, device: usize, rows: &Range<u32>) -> f64 {
-        self.sum(device, rows, true)
-    }
-
-    /// Time that a part of a larger stripe adds to it, which is without margins.
-    pub fn own_ms(&self, device: usize, rows: &Range<u32>) -> f64 {
-        self.sum(device, rows, false)
-    }
-
-    fn sum(&self, device: usize, rows: &Range<u32>, with_margins: bool) -> f64 {
         if rows.is_empty() {
             return 0.0;
         }
         let part_ms = |part: &Part| {
-            let margin = if with_margins { part.margin_rows } else { 0 };
+            let margin = part.margin_rows;
             let rows = rows.start.saturating_sub(margin)..(rows.end + margin).min(self.height());
             part.ms_per_unit[device] * self.model.units(part.unit, &rows)
         };
         self.parts.iter().map(part_ms).sum()
+    }
+
+    /// Time that rows within a stripe add to it on each device, which is without margins.
+    pub fn own_ms(&self, rows: &Range<u32>) -> Vec<f64> {
+        let mut sums = vec![0.0; self.devices()];
+        for part in &self.parts {
+            let units = self.model.units(part.unit, rows);
+            sums.iter_mut().zip(&part.ms_per_unit).for_each(|(sum, ms)| *sum += ms * units);
+        }
+        sums
     }
 }
