@@ -234,7 +234,14 @@ pub(super) fn watched(
     let note = |failure: &Arc<Mutex<Option<DeviceFailure>>>| {
         let failure = Arc::clone(failure);
         move |what: DeviceFailure| {
-            failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(what);
+            let mut known = failure.lock().unwrap_or_else(PoisonError::into_inner);
+            // What is asked of a lost device fails as well, perhaps before the loss is told.
+            if known
+                .as_ref()
+                .is_none_or(|k: &DeviceFailure| k.kind == FailureKind::Error && what.kind == FailureKind::Loss)
+            {
+                *known = Some(what);
+            }
         }
     };
     let (lost, failed) = (note(&failure), note(&failure));

@@ -109,7 +109,8 @@ impl GpuDevice {
                 Err(wgpu::PollError::Timeout) => self.failure().map_or(Ok(()), Err)?,
                 Err(error) => {
                     // A submission that was refused has no number; why it was comes once the queue is empty.
-                    let _ = self.device.poll(until(None));
+                    let is_busy = || matches!(self.device.poll(until(None)), Err(wgpu::PollError::Timeout));
+                    let _ = (0..WAIT_SLICES).find(|_| !is_busy());
                     return Err(self.failure().unwrap_or_else(|| error.to_string().into()));
                 }
             }
