@@ -9,6 +9,7 @@ mod emitters;
 mod foveation;
 mod images;
 pub mod layout;
+mod limits;
 mod pipeline;
 mod reflect;
 mod scene_tables;
@@ -16,7 +17,8 @@ mod shader;
 
 pub use compile::StageError;
 pub use foveation::Foveation;
-pub use images::{Images, Place, TooLarge};
+pub use images::{Images, Place};
+pub use limits::LimitExceeded;
 pub use pipeline::{DeviceStages, StageTask, Stamps};
 pub use reflect::{Mismatch, verify};
 #[doc(hidden)] // For benchmarks.

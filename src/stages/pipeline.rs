@@ -8,7 +8,8 @@ use super::StageSettings;
 use super::compile::{Built, StageError, buffer_entry, build};
 use super::images::{Images, Place};
 use super::layout::{Frame, PassConstants, View};
-use super::scene_tables::{SceneBuffers, SceneTables, layout_entries};
+use super::limits;
+use super::scene_tables::{SceneBuffers, SceneTables, layout_entries, scene_buffers};
 use crate::device::GpuDevice;
 use crate::graph::{Access, Bound, Dispatch, Format, Kernel, Launch, Linked, Program};
 use crate::image::Extent;
@@ -105,11 +106,12 @@ impl DeviceStages {
         programs: &[Program],
     ) -> Result<Self, StageError> {
         settings.needs.instances |= tables.has_instances();
-        let images = Images::new(gpu, programs, settings.extent, settings.frames_in_flight)?;
+        limits::check(&gpu.device.limits(), gpu.info.index, limits::of_frames(programs, scene_buffers(gpu.quirks.nodes)))?;
         let scene = SceneBuffers::new(gpu, tables)?;
+        let images = Images::new(gpu, programs, settings.extent, settings.frames_in_flight);
         let frame = uniform(gpu, "frame", size_of::<Frame>());
         let constants = buffer_entry(0, wgpu::BufferBindingType::Uniform);
-        let all: Vec<_> = std::iter::once(constants).chain(layout_entries()).collect();
+        let all: Vec<_> = std::iter::once(constants).chain(layout_entries(gpu.quirks.nodes)).collect();
         let group_layout = |label, entries: &[_]| {
             gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries })
         };
@@ -306,14 +308,14 @@ impl DeviceStages {
     }
 }
 
-enum Groups {
+pub enum Groups {
     Direct([u32; 3]),
     /// As many as this list asks for.
     Listed(crate::graph::Resource),
 }
 
 /// Workgroups of a dispatch over rows of a grid `width` wide. Tiles of several rows begin at multiples of their height.
-fn workgroups(dispatch: Dispatch, workgroup: [u32; 3], width: u32, rows: &Range<u32>) -> Groups {
+pub fn workgroups(dispatch: Dispatch, workgroup: [u32; 3], width: u32, rows: &Range<u32>) -> Groups {
     let tiles = |[columns, height]: [u32; 2]| {
         let (columns, height) = (columns.max(1), height.max(1));
         [width.div_ceil(columns), (rows.end.div_ceil(height) - rows.start / height).max(1)]
