@@ -220,6 +220,7 @@ impl Frames {
                         let names = Output::of_frame(&frame.graph.program, &frame.inputs.reads);
                         all.images = names.into_iter().zip(reply.images).collect();
                     }
+                    frame.report.clock_residuals_us.push((device, reply.clock_residual_us));
                     let timing = |time| TaskTiming::of(&frame.graph, device, time);
                     frame.report.tasks.extend(reply.times.iter().filter_map(timing));
                 }

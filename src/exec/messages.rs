@@ -85,6 +85,8 @@ pub enum Stop {
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameReply {
     pub times: Vec<TaskTime>,
+    /// How wrong times of the device have been at most, so far.
+    pub clock_residual_us: f64,
     /// When the device turned to the frame, and when it was done; milliseconds since the origin.
     pub begin_ms: f64,
     pub end_ms: f64,
@@ -211,7 +213,7 @@ mod tests {
         let reply = |answer| Reply { ticket: 3, device: 63, answer };
         let times = vec![TaskTime { task: 4, begin_ms: 0.1, end_ms: 1e9 + 0.3, bytes: Some(1 << 40) }];
         let images = vec![[vec![0, 255], vec![7]], [vec![], vec![1]]];
-        round_trip(&reply(Ok(Answer::Frame(FrameReply { times, begin_ms: -0.0, end_ms: 0.7, images }))));
+        round_trip(&reply(Ok(Answer::Frame(FrameReply { times, clock_residual_us: 0.2, begin_ms: -0.0, end_ms: 0.7, images }))));
         round_trip(&reply(Ok(Answer::Pixels([vec![1, 2], vec![3, 4]]))));
         round_trip(&reply(Err(Stop::Aborted)));
         for kind in [FailureKind::Loss, FailureKind::Hang, FailureKind::Oom, FailureKind::Error] {

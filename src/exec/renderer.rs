@@ -247,6 +247,9 @@ impl Renderer {
 
     fn learn(&mut self, frame: &InFlight) {
         let report = &frame.report;
+        for &(device, residual_us) in &report.clock_residuals_us {
+            self.devices[device].clock_residual_us = residual_us;
+        }
         let begun_ms = (!report.overlapped && frame.attempt.number == 1).then_some(report.begin_ms);
         let effort = frame.inputs.effort.clone();
         self.costs.learn(&FrameCosts { effort, ..costs::frame_costs(report, self.devices.len(), begun_ms) });
@@ -303,6 +306,7 @@ impl Renderer {
             predicted_ms: predicted.map(|p| p.makespan_ms),
             plan_ms: self.frames.now_ms() - now_ms,
             tasks: Vec::new(),
+            clock_residuals_us: Vec::new(),
             tallies: Default::default(),
             row_tallies: Default::default(),
             devices: left,

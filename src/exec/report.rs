@@ -91,6 +91,8 @@ pub struct FrameReport {
     pub plan_ms: f64,
     /// By device, in order of begin.
     pub tasks: Vec<TaskTiming>,
+    /// How wrong times of each device have been at most, up to this frame.
+    pub clock_residuals_us: Vec<(usize, f64)>,
     /// Per eye, summed over rows.
     pub tallies: [Tally; 2],
     /// Per eye and row.

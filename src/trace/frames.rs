@@ -37,7 +37,14 @@ pub fn record_frame(recorder: &Recorder, report: &FrameReport, quality: &Quality
     record_transfers(recorder, &frame);
     record_critical_path(recorder, &frame);
     record_counters(recorder, report, quality, control);
+    for &(device, residual_us) in &report.clock_residuals_us {
+        note_residual(recorder, device, residual_us);
+    }
     recorder.flush();
+}
+
+fn note_residual(recorder: &Recorder, device: usize, residual_us: f64) {
+    recorder.note(&format!("clock_residual_us.device_{device}"), residual_us);
 }
 
 /// Frames as their trace has them, without the devices' names.
@@ -192,7 +199,7 @@ pub fn record_fault(recorder: &Recorder, fault: &Fault) {
 pub fn record_devices(recorder: &Recorder, devices: &[crate::device::DeviceInfo]) {
     for device in devices {
         recorder.device(device.index as u32, &format!("device {}: {}", device.index, device.name));
-        recorder.note(&format!("clock_residual_us.device_{}", device.index), device.clock_residual_us);
+        note_residual(recorder, device.index, device.clock_residual_us);
     }
     recorder.note("host_pid", HOST_PID);
     recorder.flush();

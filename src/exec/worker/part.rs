@@ -21,6 +21,8 @@ pub struct Part {
     /// origin.
     begin_ms: f64,
     end_ms: f64,
+    /// When its first submission was handed out.
+    submitted_ms: Option<f64>,
     encoder: Option<wgpu::CommandEncoder>,
     /// In the encoder: rows for others, by task and transfer, and the timestamps.
     copies: Vec<(usize, u32, Recorded)>,
@@ -44,6 +46,7 @@ impl Part {
             job,
             device: device.gpu.info.index,
             end_ms: 0.0,
+            submitted_ms: None,
             encoder: None,
             copies: Vec::new(),
             stamps_copy: None,
@@ -93,6 +96,7 @@ impl Part {
     pub fn submit(&mut self, device: &WorkerDevice) {
         let Some(encoder) = self.encoder.take() else { return };
         let _span = tracing::info_span!("submit").entered();
+        self.submitted_ms.get_or_insert_with(|| device.now_ms());
         let submission = device.gpu.queue.submit([encoder.finish()]);
         for (task, transfer, copy) in self.copies.drain(..) {
             self.outgoing.insert(transfer, (task, copy.submitted(submission.clone())));
@@ -159,7 +163,8 @@ impl Part {
         self.end_ms = device.now_ms();
         if let Some(back) = self.stamps.take() {
             let (tasks, pairs): (Vec<_>, Vec<_>) = self.stamped.drain(..).unzip();
-            for (task, [begin_ms, end_ms]) in tasks.into_iter().zip(device.times(back, &pairs)?) {
+            let bracket_ms = self.submitted_ms.unwrap_or(self.begin_ms)..self.end_ms;
+            for (task, [begin_ms, end_ms]) in tasks.into_iter().zip(device.times(back, &pairs, &bracket_ms)?) {
                 self.times.push(TaskTime { task, begin_ms, end_ms, bytes: None });
             }
         }
@@ -183,7 +188,8 @@ impl Part {
         }
         let images = self.images.drain(..).map(|back| device.take(back)).collect::<Result<_, _>>()?;
         let times = std::mem::take(&mut self.times);
-        Ok(Some(FrameReply { times, begin_ms: self.begin_ms, end_ms: self.end_ms, images }))
+        let clock_residual_us = device.clock_residual_us();
+        Ok(Some(FrameReply { times, clock_residual_us, begin_ms: self.begin_ms, end_ms: self.end_ms, images }))
     }
 }
 
