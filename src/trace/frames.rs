@@ -91,6 +91,7 @@ fn task_from(timing: &TaskTiming, frame: u32) -> Task {
         rows: Some(timing.rows.start.into()..timing.rows.end.into()),
         transfer: timing.transfer.map(u64::from),
         bytes: timing.bytes,
+        submissions: matches!(timing.kind, TimedTask::Gpu(_)).then_some(timing.submissions.into()),
         order: Some(Order { number: timing.number as u64, after: timing.after.iter().map(place).collect() }),
     }
 }
@@ -102,6 +103,7 @@ fn record_task(recorder: &Recorder, task: &Task, spp: (&str, f64)) {
         ("rows", task.rows.as_ref().map(|rows| rows.end - rows.start)),
         ("transfer", task.transfer),
         ("bytes", task.bytes),
+        ("submissions", task.submissions),
         ("task", task.order.as_ref().map(|order| order.number)),
     ];
     let mut args: Vec<(&str, f64)> = numbers.iter().filter_map(|&(name, n)| Some((name, n? as f64))).collect();

@@ -11,6 +11,7 @@ use crate::exec::staging::{Mapped, Pool, ReadBack, Recorded};
 use crate::exec::{ExecError, InjectedKind};
 use crate::graph::{Bound, Program, Task, TaskKind};
 use crate::scene::rig::Eye;
+use crate::schedule::Position;
 use crate::stages::{DeviceStages, Place, SceneTables, StageSettings, StageTask, Stamps};
 
 pub struct WorkerDevice {
@@ -80,10 +81,16 @@ impl WorkerDevice {
         self.gpu.device.create_command_encoder(&Default::default())
     }
 
-    /// Records a dispatch, `runs` times; returns the number of its pair of timestamps.
-    pub fn record(&mut self, encoder: &mut wgpu::CommandEncoder, task: &Task, runs: u32) -> Option<u32> {
+    /// Records a part of a dispatch, `runs` times; returns the number of the dispatch's pair of timestamps.
+    pub fn record(
+        &mut self,
+        encoder: &mut wgpu::CommandEncoder,
+        task: &Task,
+        part: Range<Position>,
+        runs: u32,
+    ) -> Option<u32> {
         let TaskKind::Dispatch { pass, valid } = &task.kind else { return None };
-        let stage_task = StageTask { pass: *pass, rows: task.rows.clone(), valid: valid.clone() };
+        let stage_task = StageTask { part, ..StageTask::new(*pass, task.rows.clone(), valid.clone()) };
         self.stages.record(&self.gpu, encoder, &mut self.stamps, &stage_task, runs)
     }
 
