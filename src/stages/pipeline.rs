@@ -191,8 +191,8 @@ impl DeviceStages {
         pair
     }
 
-    /// Copies what a task adds to aside; returns the images with their copies. What is cleared where the task begins is added
-    /// to by its later parts.
+    /// Copies what a task adds to aside; returns the images with their copies. Later parts of a task may add to all that its
+    /// first one has set.
     fn keep_found(
         &mut self,
         gpu: &GpuDevice,
@@ -201,7 +201,7 @@ impl DeviceStages {
         task: &StageTask,
     ) -> Vec<(wgpu::Buffer, wgpu::Buffer)> {
         let linked = &program.passes()[task.pass];
-        let is_added_to = |used: &Use| used.access == Access::Add || (used.is_cleared && !task.begins());
+        let is_added_to = |used: &Use| used.access == Access::Add || (used.access.writes() && !task.begins());
         let mut kept = Vec::new();
         let uses = linked.pass.uses.iter().zip(&linked.images).enumerate();
         for (binding, (used, &image)) in uses.filter(|(_, (u, _))| is_added_to(u)) {
