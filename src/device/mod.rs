@@ -119,7 +119,8 @@ impl GpuDevice {
             Ok(Err(wgpu::PollError::Timeout)) => Ok(false),
             Ok(Err(error)) => {
                 // A submission that was refused has no number; why it was comes once the queue is empty.
-                let _ = until(None, self.patience / WAIT_SLICES);
+                let is_busy = || matches!(until(None, self.patience / WAIT_SLICES), Ok(Err(wgpu::PollError::Timeout)));
+                let _ = (0..WAIT_SLICES).any(|_| !is_busy());
                 Err(error.to_string().into())
             }
             Err(lost) => Err(lost),
