@@ -35,6 +35,10 @@ fn main(
         if listed_only {
             let at = holes[LIST_HEADER + i];
             pixel = vec2<u32>(at % pass_.width, at / pass_.width);
+            // Where the work is cut, each dispatch takes some rows of the list.
+            if pixel.y < pass_.row_begin || pixel.y >= pass_.row_end {
+                continue;
+            }
         }
         sample_pixel(pixel, pass_.view);
     }

@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use diptych::accel::Layout;
-use diptych::device::{self, GpuDevice, Selection, ShaderChecks};
+use diptych::device::{self, GpuDevice, Nodes, Selection, ShaderChecks};
 use diptych::graph::Kernel;
 use diptych::image::Extent;
 use diptych::stages::layout::{Camera, Frame};
@@ -21,13 +21,13 @@ pub struct Gpu {
 }
 
 /// What path tracing includes up to the traversal, with `trace` in the place of the present one, and the entry point.
-fn source(trace: &Path) -> String {
+fn source(trace: &Path, nodes: Nodes) -> String {
     let stage = include_str!("../../shaders/path_trace.wgsl");
     let includes = stage.lines().find(|l| l.starts_with("//!include ")).expect("path_trace includes its parts");
     let before = includes.split_once(" trace").expect("path_trace includes the traversal").0;
     let trace = std::fs::read_to_string(trace).unwrap_or_else(|e| panic!("{}: {e}", trace.display()));
     let text = [before, &trace, include_str!("../rays.wgsl")].join("\n");
-    shader_text(&Kernel { text: Some(text.leak()), ..Kernel::with_scene("rays") })
+    shader_text(&Kernel { text: Some(text.leak()), ..Kernel::with_scene("rays") }, nodes)
 }
 
 fn entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLayoutEntry {
@@ -105,7 +105,7 @@ impl Gpu {
         });
         let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
         let mut entries = vec![entry(0, wgpu::BufferBindingType::Uniform)];
-        entries.extend(scene_layout_entries());
+        entries.extend(scene_layout_entries(gpu.quirks.nodes));
         let layouts = [
             bind_layout(&gpu.device, &entries),
             bind_layout(&gpu.device, &[entry(0, storage(true)), entry(1, storage(false))]),
@@ -116,7 +116,8 @@ impl Gpu {
         let mut scene_entries = vec![bound(0, &frame)];
         scene_entries.extend(scene.entries());
         let groups = [group(&layouts[0], &scene_entries), group(&layouts[1], &[bound(0, &rays), bound(1, &hits)])];
-        let pipeline = pipeline(&gpu, [&layouts[0], &layouts[1]], &source(trace), case, tables.has_instances());
+        let pipeline =
+            pipeline(&gpu, [&layouts[0], &layouts[1]], &source(trace, gpu.quirks.nodes), case, tables.has_instances());
         let workgroups = [workload.extent.width.div_ceil(8), workload.extent.height.div_ceil(8)];
         Self { gpu, pipeline, groups, hits, workgroups }
     }

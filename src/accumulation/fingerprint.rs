@@ -7,6 +7,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::fnv::Fnv;
+use crate::device::Nodes;
 use crate::image::{Extent, Image};
 use crate::scene::rig::{Eye, Rig};
 use crate::scene::{Environment, Mesh, Scene};
@@ -50,7 +51,7 @@ impl Fingerprint {
             ("bounces", subject.bounces.max(1).to_string()),
             ("pass_spp", subject.pass_spp.to_string()),
             ("version", env!("CARGO_PKG_VERSION").to_owned()),
-            ("shaders", hash(|h| SHADERS.iter().try_for_each(|s| h.write_str(&shader_text_of(s))))),
+            ("shaders", hash(|h| SHADERS.iter().try_for_each(|s| h.write_str(&shader_text_of(s, Nodes::default()))))),
         ];
         Self(entries.map(|(name, value)| (name.to_owned(), value)).into())
     }

@@ -5,23 +5,28 @@
 
 mod adapters;
 mod checks;
+mod choice;
 mod clock;
 mod failure;
 mod pipelines;
+mod quirks;
 #[cfg(feature = "view")]
 mod screen;
 
 pub use adapters::{AdapterReport, DeviceInfo, Selection, adapters, open};
 pub use checks::ShaderChecks;
 pub use clock::GpuClock;
-pub use failure::{DeviceFailure, FailureKind};
+pub use failure::{DeviceFailure, FailureKind, panic_text};
 pub use pipelines::{Pipeline, PipelineKey};
+pub use quirks::{Nodes, Quirks};
 #[cfg(feature = "view")]
 pub use screen::ScreenDevice;
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
+
+use failure::lost_on_panic;
 
 #[derive(Debug, thiserror::Error)]
 pub enum DeviceError {
@@ -49,6 +54,7 @@ pub enum DeviceError {
 #[derive(Debug)]
 pub struct GpuDevice {
     pub info: DeviceInfo,
+    pub quirks: Quirks,
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
     /// How long [`Self::wait`] waits.
@@ -85,15 +91,7 @@ impl GpuDevice {
     /// # Errors
     /// What went wrong on the device.
     pub fn has_ended(&self, submission: &wgpu::SubmissionIndex) -> Result<bool, DeviceFailure> {
-        let now = wgpu::PollType::Wait { submission_index: Some(submission.clone()), timeout: Some(Duration::ZERO) };
-        let polled = self.device.poll(now);
-        self.failure().map_or(Ok(()), Err)?;
-        match polled {
-            Ok(_) => Ok(true),
-            Err(wgpu::PollError::Timeout) => Ok(false),
-            // It may be lost and not have said so yet.
-            Err(_) => self.wait(Some(submission.clone())).map(|()| true),
-        }
+        self.poll(Some(submission), Duration::ZERO)
     }
 
     /// Waits for everything submitted so far, or up to `submission`.
@@ -101,21 +99,36 @@ impl GpuDevice {
     /// # Errors
     /// What went wrong on the device, or that it took longer than its patience.
     pub fn wait(&self, submission: Option<wgpu::SubmissionIndex>) -> Result<(), DeviceFailure> {
-        let slice = Some(self.patience / WAIT_SLICES);
-        let until = |submission_index| wgpu::PollType::Wait { submission_index, timeout: slice };
         for _ in 0..WAIT_SLICES {
-            match self.device.poll(until(submission.clone())) {
-                Ok(_) => return self.failure().map_or(Ok(()), Err),
-                Err(wgpu::PollError::Timeout) => self.failure().map_or(Ok(()), Err)?,
-                Err(error) => {
-                    // A submission that was refused has no number; why it was comes once the queue is empty.
-                    let is_busy = || matches!(self.device.poll(until(None)), Err(wgpu::PollError::Timeout));
-                    let _ = (0..WAIT_SLICES).find(|_| !is_busy());
-                    return Err(self.failure().unwrap_or_else(|| error.to_string().into()));
-                }
+            if self.poll(submission.as_ref(), self.patience / WAIT_SLICES)? {
+                return Ok(());
             }
         }
         let what = format!("it did not end its work within {} ms", self.patience.as_millis());
         Err(DeviceFailure { kind: FailureKind::Hang, what })
+    }
+
+    /// The one place where the device is polled.
+    fn poll(&self, submission: Option<&wgpu::SubmissionIndex>, limit: Duration) -> Result<bool, DeviceFailure> {
+        let until = |submission_index, timeout| {
+            let how = wgpu::PollType::Wait { submission_index, timeout: Some(timeout) };
+            lost_on_panic(|| self.device.poll(how))
+        };
+        let polled = match until(submission.cloned(), limit) {
+            Ok(Ok(_)) => Ok(true),
+            Ok(Err(wgpu::PollError::Timeout)) => Ok(false),
+            Ok(Err(error)) => {
+                // A submission that was refused has no number; why it was comes once the queue is empty.
+                let is_busy = || matches!(until(None, self.patience / WAIT_SLICES), Ok(Err(wgpu::PollError::Timeout)));
+                let _ = (0..WAIT_SLICES).any(|_| !is_busy());
+                Err(error.to_string().into())
+            }
+            Err(lost) => Err(lost),
+        };
+        let mut failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Err(new) = &polled {
+            failure.get_or_insert_with(|| new.clone());
+        }
+        failure.clone().map_or(polled, Err)
     }
 }

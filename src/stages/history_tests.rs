@@ -70,7 +70,7 @@ impl Bench {
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         for task in graph.tasks_of(0) {
             if let TaskKind::Dispatch { pass, valid } = task.kind.clone() {
-                let task = StageTask { pass, rows: task.rows.clone(), valid };
+                let task = StageTask::new(pass, task.rows.clone(), valid);
                 self.stages.record(&self.gpu, &mut encoder, &mut self.stamps, &task, 1);
             }
         }

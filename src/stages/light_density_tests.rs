@@ -97,7 +97,7 @@ fn ask(scene: &Scene, p: Vec3, n: Vec3) -> Vec<Answer> {
     let group_layout =
         |entries: &[_]| gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: None, entries });
     let constants = buffer_type(0, wgpu::BufferBindingType::Uniform);
-    let scene_layout = group_layout(&[vec![constants], layout_entries()].concat());
+    let scene_layout = group_layout(&[vec![constants], layout_entries(gpu.quirks.nodes)].concat());
     let answers_layout = group_layout(&[buffer_type(0, wgpu::BufferBindingType::Storage { read_only: false })]);
     let frame = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
         label: None,
@@ -135,7 +135,7 @@ fn ask(scene: &Scene, p: Vec3, n: Vec3) -> Vec<Answer> {
 }
 
 fn probe(gpu: &device::GpuDevice, layouts: &[Option<&wgpu::BindGroupLayout>]) -> wgpu::ComputePipeline {
-    let source = shader_text(&Kernel { text: Some(PROBE), ..Kernel::with_scene("probe") });
+    let source = shader_text(&Kernel { text: Some(PROBE), ..Kernel::with_scene("probe") }, gpu.quirks.nodes);
     let descriptor =
         wgpu::ShaderModuleDescriptor { label: None, source: wgpu::ShaderSource::Wgsl(source.as_str().into()) };
     // SAFETY: as for the stages, of whose text this is.

@@ -5,6 +5,7 @@ use wgpu::naga::valid::{Capabilities, GlobalUse, ValidationFlags, Validator};
 use wgpu::naga::{AddressSpace, GlobalVariable, Handle, Module, StorageAccess, TypeInner};
 
 use super::shader::shader_text;
+use crate::device::Nodes;
 use crate::graph::{Access, Format, Pass, Use};
 
 /// How a shader differs from the declaration of its pass.
@@ -39,7 +40,7 @@ pub enum Mismatch {
 /// # Errors
 /// The first [`Mismatch`].
 pub fn verify(pass: &Pass) -> Result<(), Mismatch> {
-    let source = shader_text(&pass.kernel);
+    let source = shader_text(&pass.kernel, Nodes::default());
     let module = parse_str(&source).map_err(|e| Mismatch::Invalid(e.emit_to_string(&source)))?;
     let info = Validator::new(ValidationFlags::all(), Capabilities::all())
         .validate(&module)

@@ -5,6 +5,7 @@
 //! stage's first lines say all that it is made of.
 
 use super::layout;
+use crate::device::Nodes;
 use crate::graph::Kernel;
 use crate::passes;
 use crate::wgsl::declare;
@@ -12,17 +13,21 @@ use crate::wgsl::declare;
 /// Names without extension, and texts, of all files in `shaders/`: made by the build script.
 const FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/shader_files.rs"));
 
-/// The whole text of a kernel's shader: the host's structs and constants, the kernel's own constants, and its file.
+/// The whole text of a kernel's shader: the host's structs and constants, the kernel's own constants, and its file. With
+/// the scene comes how it reads the nodes of trees.
 ///
 /// # Panics
 /// On a name or an include that no file has; a test goes through them all.
-pub fn shader_text(kernel: &Kernel) -> String {
+pub fn shader_text(kernel: &Kernel, nodes: Nodes) -> String {
     let text = kernel.text.unwrap_or_else(|| file(kernel.name, kernel.name));
     let mut out = layout::declarations() + &declare(kernel.constants);
     for line in text.lines() {
         match line.strip_prefix("//!include ") {
             Some(names) => {
                 for include in names.split_whitespace() {
+                    if include == "scene" {
+                        out += file(kernel.name, &format!("{}.inc", nodes.shader()));
+                    }
                     out += file(kernel.name, &format!("{include}.inc"));
                     out.push('\n');
                 }
@@ -45,14 +50,15 @@ fn file(shader: &str, name: &str) -> &'static str {
 ///
 /// # Panics
 /// On a name that no kernel has.
-pub fn shader_text_of(name: &str) -> String {
+pub fn shader_text_of(name: &str, nodes: Nodes) -> String {
     let kernels = passes::kernels();
-    shader_text(kernels.iter().find(|k| k.name == name).unwrap_or_else(|| panic!("no shader '{name}'")))
+    let kernel = kernels.iter().find(|k| k.name == name).unwrap_or_else(|| panic!("no shader '{name}'"));
+    shader_text(kernel, nodes)
 }
 
 /// The texts of all shaders of the renderer, to tell versions apart.
 pub fn all_shader_text() -> String {
-    passes::kernels().iter().map(shader_text).collect()
+    passes::kernels().iter().map(|kernel| shader_text(kernel, Nodes::default())).collect()
 }
 
 /// Names of the override constants that a shader declares.

@@ -191,8 +191,9 @@ mod tests {
 
     fn task(pid: u32, lane: Lane, name: &str, [begin_ms, end_ms]: [f64; 2], transfer: Option<u64>) -> Task {
         let (begin_us, end_us) = (begin_ms * 1e3, end_ms * 1e3);
-        let name = name.to_owned();
-        Task { pid, lane, name, begin_us, end_us, frame: Some(0), rows: None, transfer, bytes: None, order: None }
+        let (name, frame) = (name.to_owned(), Some(0));
+        let (rows, bytes, submissions, order) = (None, None, None, None);
+        Task { pid, lane, name, begin_us, end_us, frame, rows, transfer, bytes, submissions, order }
     }
 
     /// Name, device, begin and end in milliseconds of each stretch.

@@ -269,6 +269,7 @@ fn faults_that_cannot_be_made_are_refused() {
         (["--slowdown", "0"], "--slowdown"),
         (["--threads-per-device", "1,2"], "2 thread counts"),
         (["--watchdog-ms", "0"], "--watchdog-ms"),
+        (["--max-dispatch-ms", "0"], "milliseconds above 0"),
     ] {
         let output = diptych(&[&["render", "builtin:checker", "--size", "16x9", "--out", to][..], &more].concat());
         let said = String::from_utf8_lossy(&output.stderr);
