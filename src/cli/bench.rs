@@ -200,8 +200,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 /// Hash of everything that a setting's time and errors hang on, but the reference and the setting itself.
 fn subject(args: &Args, loaded: &Loaded, devices: &[DeviceInfo]) -> Result<String, Failure> {
     let quiet = RunOptions { out: PathBuf::new(), trace: None, quiet: true, json: false, ..args.options.clone() };
-    let seen = reference::plan(args)?.fingerprint(loaded, 0).key();
-    let shaders = all_shader_text();
+    let plan = reference::plan(args)?;
+    let seen = plan.fingerprint(loaded, 0).key();
+    let shaders = all_shader_text(plan.traversal());
     let Args { virtual_devices, repeats, warm_up, .. } = args;
     let devices = Table::of_devices([devices]).rows;
     let shown = format!("{} EV", loaded.shot.exposure_ev);

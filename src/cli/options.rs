@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use diptych::device::ShaderChecks;
+use diptych::device::{ShaderChecks, TraversalChoice};
 use diptych::graph::{HaloPlan, Seam};
 use diptych::image::Extent;
 use diptych::passes::Aov;
@@ -103,6 +103,9 @@ pub struct RunOptions {
         help_heading = DEVICES
     )]
     pub threads_per_device: Option<Vec<u16>>,
+    /// How rays find what they meet
+    #[arg(long, default_value = "auto", help_heading = DEVICES)]
+    pub traversal: TraversalChoice,
     /// How stripes are cut [default: measured; static with --ratios]
     #[arg(long, help_heading = DEVICES)]
     pub balance: Option<Balance>,

@@ -10,14 +10,16 @@ mod failure;
 mod pipelines;
 #[cfg(feature = "view")]
 mod screen;
+mod traversal;
 
-pub use adapters::{AdapterReport, DeviceInfo, Selection, adapters, open};
+pub use adapters::{AdapterReport, DeviceInfo, Selection, adapters, chosen_traversal, open};
 pub use checks::ShaderChecks;
 pub use clock::GpuClock;
 pub use failure::{DeviceFailure, FailureKind};
 pub use pipelines::{Pipeline, PipelineKey};
 #[cfg(feature = "view")]
 pub use screen::ScreenDevice;
+pub use traversal::{Traversal, TraversalChoice};
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -31,6 +33,10 @@ pub enum DeviceError {
     UnknownAdapter { index: usize, last: usize },
     #[error("adapter {index} ({name}) lacks {missing}: {hint}")]
     Lacks { index: usize, name: String, missing: String, hint: &'static str },
+    #[error(
+        "adapter {index} ({name}, {driver}) has no ray queries, which hardware traversal is made of: let shaders traverse with --traversal compute, choose another adapter with --devices, or update its driver (Mesa's software driver has them in version 25)"
+    )]
+    NoRayQueries { index: usize, name: String, driver: String },
     #[error("adapter {index} ({name}) gave no device")]
     Open { index: usize, name: String, source: wgpu::RequestDeviceError },
     #[cfg(feature = "view")]

@@ -109,7 +109,7 @@ impl DeviceStages {
         let scene = SceneBuffers::new(gpu, tables)?;
         let frame = uniform(gpu, "frame", size_of::<Frame>());
         let constants = buffer_entry(0, wgpu::BufferBindingType::Uniform);
-        let all: Vec<_> = std::iter::once(constants).chain(layout_entries()).collect();
+        let all: Vec<_> = std::iter::once(constants).chain(layout_entries(gpu.info.traversal)).collect();
         let group_layout = |label, entries: &[_]| {
             gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries })
         };

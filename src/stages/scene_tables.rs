@@ -1,5 +1,6 @@
 //! The scene as the tracing stages read it: tables made once per scene, and their copy on a device.
 
+mod acceleration;
 mod buffers;
 
 use std::sync::Arc;
@@ -24,6 +25,10 @@ pub enum TableError {
         "the scene's {what} take {mib} MiB, more than the {limit} MiB that device {device} lets a shader read at once"
     )]
     TooLarge { what: &'static str, mib: u64, limit: u64, device: usize },
+    #[error(
+        "the scene has {count} {what}, more than the {limit} that device {device} can traverse by itself: let shaders do it with --traversal compute"
+    )]
+    TooMany { what: &'static str, count: usize, limit: u32, device: usize },
     #[error("the tables of the scene's lights are refused: {0}")]
     Memory(Exceeded),
     #[error("the scene's textures hold {0} texels, more than the 2^32 that can be addressed: make them smaller")]

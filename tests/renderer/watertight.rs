@@ -57,14 +57,14 @@ fn buffer_entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLay
 impl Tracer {
     fn new() -> Self {
         let gpu = devices(1, all_cores()).remove(0);
-        let text = shader_text_of("gbuffer") + AIM;
+        let text = shader_text_of("gbuffer", gpu.info.traversal) + AIM;
         let descriptor = wgpu::ShaderModuleDescriptor { label: None, source: wgpu::ShaderSource::Wgsl(text.into()) };
         let checks = device::ShaderChecks::Fast.runtime_checks();
         // SAFETY: every loop of the traversal ends and no integer is divided; bounds are checked.
         let module = unsafe { gpu.device.create_shader_module_trusted(descriptor, checks) };
         let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
         let mut scene_entries = vec![buffer_entry(0, wgpu::BufferBindingType::Uniform)];
-        scene_entries.extend(scene_layout_entries());
+        scene_entries.extend(scene_layout_entries(gpu.info.traversal));
         let layouts = [scene_entries, vec![buffer_entry(8, storage(true)), buffer_entry(9, storage(false))]];
         let layouts = layouts.map(|entries| {
             let descriptor = wgpu::BindGroupLayoutDescriptor { label: None, entries: &entries };

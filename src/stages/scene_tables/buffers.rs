@@ -5,9 +5,9 @@ use std::sync::Arc;
 
 use wgpu::util::DeviceExt;
 
-use super::{SceneTables, TableError, linear_from_srgb};
+use super::{SceneTables, TableError, acceleration, linear_from_srgb};
 use crate::accel::Node;
-use crate::device::GpuDevice;
+use crate::device::{GpuDevice, Traversal};
 use crate::image::{Extent, RgbImage};
 use crate::scene::{Environment, TexelImage};
 use crate::stages::albedo_table;
@@ -19,10 +19,15 @@ pub struct SceneBuffers {
     tree: wgpu::TextureView,
     texels: wgpu::TextureView,
     environment: wgpu::TextureView,
+    /// For hardware traversal.
+    tlas: Option<wgpu::Tlas>,
 }
 
-/// Bindings 1 to 14.
-pub fn layout_entries() -> Vec<wgpu::BindGroupLayoutEntry> {
+/// Binding of the triangles.
+const TRIANGLES: u32 = 2;
+
+/// Bindings 1 to 14, and 15 for hardware traversal.
+pub fn layout_entries(traversal: Traversal) -> Vec<wgpu::BindGroupLayoutEntry> {
     let entry =
         |binding, ty| wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None };
     let storage = wgpu::BindingType::Buffer {
@@ -37,6 +42,9 @@ pub fn layout_entries() -> Vec<wgpu::BindGroupLayoutEntry> {
     entries.push(entry(1, texture(wgpu::TextureSampleType::Uint, wgpu::TextureViewDimension::D2)));
     entries.push(entry(7, texture(float, wgpu::TextureViewDimension::D2Array)));
     entries.push(entry(10, texture(float, wgpu::TextureViewDimension::D2)));
+    if traversal == Traversal::Hardware {
+        entries.push(entry(15, wgpu::BindingType::AccelerationStructure { vertex_return: false }));
+    }
     entries
 }
 
@@ -46,7 +54,7 @@ impl SceneBuffers {
         let albedo = albedo_table::table();
         let emitters = &tables.emitters;
         let contents = [
-            (2, "triangles", bytes_of(&tables.accel.triangles)),
+            (TRIANGLES, "triangles", bytes_of(&tables.accel.triangles)),
             (3, "normals and texture coordinates", bytes_of(&tables.accel.shadings)),
             (4, "vertex colours", bytes_of(&tables.accel.colors)),
             (5, "materials", bytes_of(&tables.materials)),
@@ -59,24 +67,28 @@ impl SceneBuffers {
             (14, "albedo table", bytes_of(&albedo)),
         ];
         let limit = gpu.info.max_storage_bytes;
-        let mut buffers = Vec::new();
+        let is_hardware = gpu.info.traversal == Traversal::Hardware;
+        let (mut buffers, mut tlas) = (Vec::new(), None);
         for (binding, what, bytes) in contents {
             if bytes.len() as u64 > limit {
                 let (mib, limit) = (bytes.len() as u64 >> 20, limit >> 20);
                 return Err(TableError::TooLarge { what, mib, limit, device: gpu.info.index });
             }
-            let descriptor = wgpu::util::BufferInitDescriptor {
-                label: Some(what),
-                contents: &bytes,
-                usage: wgpu::BufferUsages::STORAGE,
-            };
-            buffers.push((binding, gpu.device.create_buffer_init(&descriptor)));
+            let is_built_from = is_hardware && binding == TRIANGLES;
+            let more = if is_built_from { wgpu::BufferUsages::BLAS_INPUT } else { wgpu::BufferUsages::empty() };
+            let usage = wgpu::BufferUsages::STORAGE | more;
+            let descriptor = wgpu::util::BufferInitDescriptor { label: Some(what), contents: &bytes, usage };
+            let buffer = gpu.device.create_buffer_init(&descriptor);
+            if is_built_from {
+                tlas = Some(acceleration::build(gpu, &tables.accel, &buffer)?);
+            }
+            buffers.push((binding, buffer));
         }
         let tree = upload_tree(gpu, &tables.accel.nodes)?;
         let texels = upload_pages(gpu, &tables.images);
         let environment = upload_environment(gpu, &tables.environment)?;
         gpu.queue.submit([]);
-        Ok(Self { buffers, tree, texels, environment })
+        Ok(Self { buffers, tree, texels, environment, tlas })
     }
 
     pub fn entries(&self) -> Vec<wgpu::BindGroupEntry<'_>> {
@@ -85,7 +97,10 @@ impl SceneBuffers {
             .iter()
             .map(|(binding, b)| wgpu::BindGroupEntry { binding: *binding, resource: b.as_entire_binding() });
         let view = |binding, v| wgpu::BindGroupEntry { binding, resource: wgpu::BindingResource::TextureView(v) };
-        buffers.chain([view(1, &self.tree), view(7, &self.texels), view(10, &self.environment)]).collect()
+        let views = [view(1, &self.tree), view(7, &self.texels), view(10, &self.environment)];
+        let resource = |tlas| wgpu::BindingResource::AccelerationStructure(tlas);
+        let tlas = self.tlas.iter().map(|tlas| wgpu::BindGroupEntry { binding: 15, resource: resource(tlas) });
+        buffers.chain(views).chain(tlas).collect()
     }
 }
 
