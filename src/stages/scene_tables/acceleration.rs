@@ -44,9 +44,9 @@ pub fn build(gpu: &GpuDevice, accel: &Accel, triangles: &wgpu::Buffer) -> Result
     check_counts(gpu, accel)?;
     let is_bare = accel.trees.iter().all(Range::is_empty);
     // The one triangle that is stored where there is none; no ray meets it.
-    let trees = if is_bare { vec![0..accel.triangles.len() as u32] } else { accel.trees.clone() };
-    let bottoms: Vec<Bottom> =
-        trees.into_iter().filter(|rows| !rows.is_empty()).map(|rows| bottom(gpu, accel, rows)).collect();
+    let stored = is_bare.then_some(0..accel.triangles.len() as u32);
+    let rows = accel.trees.iter().cloned().chain(stored).filter(|rows| !rows.is_empty());
+    let bottoms: Vec<Bottom> = rows.map(|rows| bottom(gpu, accel, rows)).collect();
     let entries: Vec<_> = bottoms.iter().map(|bottom| bottom.entry(triangles)).collect();
     let mut tlas = gpu.device.create_tlas(&wgpu::CreateTlasDescriptor {
         label: Some("instances"),
