@@ -6,11 +6,11 @@ mod effort;
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 use clap::ValueEnum;
 use diptych::accel::{Accel, Layout};
-use diptych::device::{self, GpuDevice, Selection, TraversalChoice};
+use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
 use diptych::exec::{ExecError, FrameReport, RenderSettings, Renderer, Stereo};
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::tonemap::LINEAR;
@@ -164,8 +164,13 @@ impl<'a> Stage<'a> {
     /// On these devices.
     pub fn on(gpus: Vec<GpuDevice>, subject: &'a Subject, settings: &RenderSettings, policy: Box<dyn Policy>) -> Self {
         let devices = gpus.len();
-        let renderer = Renderer::new(gpus, Arc::clone(&subject.tables), settings.clone(), policy, Instant::now())
+        let is_slow = gpus.iter().any(|g| g.info.threads.is_some() && g.info.traversal == Traversal::Hardware);
+        let mut renderer = Renderer::new(gpus, Arc::clone(&subject.tables), settings.clone(), policy, Instant::now())
             .unwrap_or_else(|e| panic!("{}: {e}", subject.name));
+        if is_slow {
+            // Slower than a device is given before the first frame.
+            renderer.set_watchdog(Duration::from_secs(600));
+        }
         Self { subject, renderer: Some(renderer), devices, frames_in_flight: settings.stages.frames_in_flight }
     }
 
