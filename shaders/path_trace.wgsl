@@ -2,7 +2,7 @@
 // from their compacted list, so that no lane idles: the divergence that Leria et al. name as the limit of their
 // hole-filling. One pipeline for both, since drivers take seconds to compile it.
 
-//!include frame grid rng scene light_tree environment lights trace surface bsdf split path pack footprint pixel
+//!include frame grid rng scene light_tree environment lights trace traverse hits surface bsdf split path pack footprint pixel
 
 @group(1) @binding(0) var<storage, read_write> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read_write> albedo_image: array<vec4<u32>>;

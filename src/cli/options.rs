@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use diptych::device::ShaderChecks;
+use diptych::device::{ShaderChecks, TraversalChoice};
 use diptych::graph::{HaloPlan, Seam};
 use diptych::image::Extent;
 use diptych::passes::Aov;
@@ -107,6 +107,9 @@ pub struct RunOptions {
     /// that are at one for seconds [default: 200 on GPUs, no bound on software adapters]
     #[arg(long, value_name = "MS", value_parser = max_dispatch_ms, help_heading = DEVICES)]
     pub max_dispatch_ms: Option<f64>,
+    /// How rays find what they meet
+    #[arg(long, default_value = "auto", help_heading = DEVICES)]
+    pub traversal: TraversalChoice,
     /// How stripes are cut [default: measured; static with --ratios]
     #[arg(long, help_heading = DEVICES)]
     pub balance: Option<Balance>,

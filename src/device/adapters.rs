@@ -6,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 #[cfg(doc)]
 use super::Nodes;
 use super::choice::by_default;
-use super::{DeviceError, DeviceFailure, FailureKind, GpuDevice, Quirks};
+use super::{DeviceError, DeviceFailure, FailureKind, GpuDevice, Quirks, Traversal, TraversalChoice};
 
 pub(super) const INSTALL_HINT: &str = "install a Vulkan driver (Debian or Ubuntu: `apt-get install mesa-vulkan-drivers`, \
      which brings a software one too), or update the graphics driver";
@@ -34,6 +34,8 @@ pub struct DeviceInfo {
     pub kind: String,
     /// Worker threads of a software adapter, where they can be set.
     pub threads: Option<usize>,
+    /// How it follows rays.
+    pub traversal: Traversal,
     /// Largest buffer a shader can read, bytes.
     pub max_storage_bytes: u64,
     /// How wrong times of the device have been at most, against the host's clock.
@@ -51,6 +53,8 @@ pub struct AdapterReport {
     pub max_storage_mib: u64,
     pub max_storage_buffers: u32,
     pub timestamps: bool,
+    /// Whether it can follow rays by itself.
+    pub ray_queries: bool,
     /// What diptych needs and this adapter lacks; empty: it can be used.
     pub missing: Vec<String>,
     pub hint: &'static str,
@@ -58,9 +62,9 @@ pub struct AdapterReport {
     #[serde(skip_serializing_if = "Option::is_none")]
     pub advice: Option<String>,
     #[serde(skip)]
-    info: wgpu::AdapterInfo,
+    pub(super) info: wgpu::AdapterInfo,
     #[serde(skip)]
-    quirks: Quirks,
+    pub(super) quirks: Quirks,
 }
 
 /// Which devices to open.
@@ -73,6 +77,7 @@ pub struct Selection {
     /// Worker threads of each device on a software adapter, one number for all or one per device; none:
     /// cores / devices.
     pub threads_per_device: Option<Vec<usize>>,
+    pub traversal: TraversalChoice,
 }
 
 pub(super) fn new_instance() -> wgpu::Instance {
@@ -145,6 +150,7 @@ fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
         max_storage_mib: limits.max_storage_buffer_binding_size >> 20,
         max_storage_buffers: limits.max_storage_buffers_per_shader_stage,
         timestamps: adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY),
+        ray_queries: adapter.features().contains(wgpu::Features::EXPERIMENTAL_RAY_QUERY),
         missing,
         hint,
         advice,
@@ -158,13 +164,24 @@ pub fn adapters() -> Vec<AdapterReport> {
     enumerate(&new_instance()).iter().enumerate().map(|(i, a)| report(i, a)).collect()
 }
 
+/// How devices of this selection would follow rays.
+///
+/// # Errors
+/// As [`open`] for adapters that cannot be used.
+pub fn chosen_traversal(selection: &Selection) -> Result<Traversal, DeviceError> {
+    let found = adapters();
+    traversal_of(&found, &choose(&found, selection)?, selection)
+}
+
+fn traversal_of(found: &[AdapterReport], chosen: &[usize], selection: &Selection) -> Result<Traversal, DeviceError> {
+    selection.traversal.on(&chosen.iter().map(|&index| &found[index]).collect::<Vec<_>>())
+}
+
 /// Opens the selected devices, one after another: drivers have crashed on concurrent creation.
 pub fn open(selection: &Selection) -> Result<Vec<GpuDevice>, DeviceError> {
     let found = adapters();
-    if found.is_empty() {
-        return Err(DeviceError::NoAdapter);
-    }
     let chosen = choose(&found, selection)?;
+    let traversal = traversal_of(&found, &chosen, selection)?;
     let each = selection.virtual_devices.max(1);
     let count = chosen.len() * each;
     if count > MAX_DEVICES {
@@ -178,10 +195,13 @@ pub fn open(selection: &Selection) -> Result<Vec<GpuDevice>, DeviceError> {
         Some(each) => return Err(DeviceError::ThreadCounts { given: each.len(), devices: count }),
     };
     let adapters = chosen.iter().flat_map(|&a| std::iter::repeat_n(a, each)).zip(threads);
-    adapters.enumerate().map(|(index, (adapter, n))| open_one(index, &found[adapter], n.max(1))).collect()
+    adapters.enumerate().map(|(index, (adapter, n))| open_one(index, &found[adapter], n.max(1), traversal)).collect()
 }
 
 fn choose(found: &[AdapterReport], selection: &Selection) -> Result<Vec<usize>, DeviceError> {
+    if found.is_empty() {
+        return Err(DeviceError::NoAdapter);
+    }
     let chosen: Vec<usize> = match &selection.adapters {
         Some(numbers) => numbers.clone(),
         None => {
@@ -204,7 +224,12 @@ fn choose(found: &[AdapterReport], selection: &Selection) -> Result<Vec<usize>, 
 /// Held while a device is made, since the environment is the only way to tell Mesa its thread count.
 pub(super) static OPENING: Mutex<()> = Mutex::new(());
 
-fn open_one(index: usize, report: &AdapterReport, threads: usize) -> Result<GpuDevice, DeviceError> {
+fn open_one(
+    index: usize,
+    report: &AdapterReport,
+    threads: usize,
+    traversal: Traversal,
+) -> Result<GpuDevice, DeviceError> {
     let _guard = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
     let quirks = report.quirks;
     if quirks.threads_by_environment {
@@ -216,8 +241,9 @@ fn open_one(index: usize, report: &AdapterReport, threads: usize) -> Result<GpuD
     let adapter = enumerate(&instance).into_iter().nth(report.index).ok_or(DeviceError::NoAdapter)?;
     let descriptor = wgpu::DeviceDescriptor {
         label: Some("diptych"),
-        required_features: wgpu::Features::IMMEDIATES | wgpu::Features::TIMESTAMP_QUERY,
+        required_features: wgpu::Features::IMMEDIATES | wgpu::Features::TIMESTAMP_QUERY | traversal.features(),
         required_limits: wgpu::Limits { max_immediate_size: IMMEDIATE_BYTES, ..adapter.limits() },
+        experimental_features: traversal.experiments(),
         ..Default::default()
     };
     let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
@@ -229,6 +255,7 @@ fn open_one(index: usize, report: &AdapterReport, threads: usize) -> Result<GpuD
         driver: report.driver.clone(),
         kind: report.kind.clone(),
         threads: quirks.threads_by_environment.then_some(threads),
+        traversal,
         max_storage_bytes: device.limits().max_storage_buffer_binding_size,
         clock_residual_us: 0.0,
     };

@@ -12,8 +12,9 @@ mod pipelines;
 mod quirks;
 #[cfg(feature = "view")]
 mod screen;
+mod traversal;
 
-pub use adapters::{AdapterReport, DeviceInfo, Selection, adapters, open};
+pub use adapters::{AdapterReport, DeviceInfo, Selection, adapters, chosen_traversal, open};
 pub use checks::ShaderChecks;
 pub use clock::GpuClock;
 pub use failure::{DeviceFailure, FailureKind, panic_text};
@@ -21,6 +22,7 @@ pub use pipelines::{Pipeline, PipelineKey};
 pub use quirks::{Nodes, Quirks};
 #[cfg(feature = "view")]
 pub use screen::ScreenDevice;
+pub use traversal::{Traversal, TraversalChoice};
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -36,6 +38,10 @@ pub enum DeviceError {
     UnknownAdapter { index: usize, last: usize },
     #[error("adapter {index} ({name}) lacks {missing}: {hint}")]
     Lacks { index: usize, name: String, missing: String, hint: &'static str },
+    #[error(
+        "adapter {index} ({name}, {driver}) has no ray queries, which hardware traversal is made of: let shaders traverse with --traversal compute, choose another adapter with --devices, or update its driver (Mesa's software driver has them in version 25)"
+    )]
+    NoRayQueries { index: usize, name: String, driver: String },
     #[error("adapter {index} ({name}) gave no device")]
     Open { index: usize, name: String, source: wgpu::RequestDeviceError },
     #[cfg(feature = "view")]
@@ -70,7 +76,18 @@ pub struct GpuDevice {
 /// Waits are made of slices, so that the time in which the whole process stood still counts as one of them at most.
 pub const WAIT_SLICES: u32 = 8;
 
+/// How shaders of a device reach the scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SceneAccess {
+    pub nodes: Nodes,
+    pub traversal: Traversal,
+}
+
 impl GpuDevice {
+    pub fn scene_access(&self) -> SceneAccess {
+        SceneAccess { nodes: self.quirks.nodes, traversal: self.info.traversal }
+    }
+
     /// How long a device may take for what is asked of it before the first frame: drivers compile every shader.
     pub const START_PATIENCE: Duration = Duration::from_secs(300);
 

@@ -3,7 +3,7 @@
 use std::sync::PoisonError;
 
 use super::adapters::{OPENING, kind_name, new_instance, watched};
-use super::{DeviceError, DeviceInfo, GpuDevice, Quirks};
+use super::{DeviceError, DeviceInfo, GpuDevice, Quirks, Traversal};
 
 /// Takes as little as it can from the devices that render: an integrated GPU is preferred, and on a software adapter it
 /// has one worker thread.
@@ -44,6 +44,7 @@ impl ScreenDevice {
             driver: format!("{} {}", described.driver, described.driver_info).trim().to_owned(),
             kind: kind_name(described.device_type).to_owned(),
             threads: quirks.threads_by_environment.then_some(1),
+            traversal: Traversal::Compute,
             max_storage_bytes: limits.max_storage_buffer_binding_size,
             clock_residual_us: 0.0,
         };

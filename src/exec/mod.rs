@@ -53,6 +53,10 @@ pub enum ExecError {
     NoFrame,
     #[error("a frame cannot have {0}")]
     Quality(String),
+    #[error(
+        "some devices follow rays in shaders and others by ray queries, which do not give the same bytes: open them for one traversal"
+    )]
+    MixedTraversal,
     #[error("the devices waited for one another until they gave up")]
     Stuck,
     #[error(transparent)]

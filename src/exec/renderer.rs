@@ -52,7 +52,7 @@ impl Renderer {
     /// Starts a worker per device and warms every pipeline up. Times are counted from `origin`.
     ///
     /// # Errors
-    /// A device that fails at once, has too little memory or cannot compile a stage, or a thread that cannot be
+    /// Devices of different traversals, a device that fails at once, has too little memory or cannot compile a stage, or a thread that cannot be
     /// started.
     pub fn new(
         gpus: Vec<GpuDevice>,
@@ -61,6 +61,9 @@ impl Renderer {
         policy: Box<dyn Policy>,
         origin: Instant,
     ) -> Result<Self, ExecError> {
+        if gpus.iter().any(|gpu| gpu.info.traversal != gpus[0].info.traversal) {
+            return Err(ExecError::MixedTraversal);
+        }
         let stages = &settings.stages;
         let spec = settings.spec(gpus.len(), tables.has_surfaces());
         let frames_in_flight = stages.frames_in_flight;

@@ -35,7 +35,7 @@ pub fn build(
     settings: &StageSettings,
 ) -> Result<Vec<Built>, StageError> {
     let kernel = pass.kernel;
-    let source = shader_text(&kernel, gpu.quirks.nodes);
+    let source = shader_text(&kernel, gpu.scene_access());
     let declared = override_names(&source);
     let mut one = |kind: Option<bool>, jitter| {
         let constants = settings.constants(jitter).into_iter().filter(|(n, _)| declared.contains(n)).collect();

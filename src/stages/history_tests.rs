@@ -48,7 +48,7 @@ fn image(name: &str) -> Bound {
 impl Bench {
     fn new(gloss: bool) -> Self {
         let scene = (builtin::find("checker").unwrap().build)();
-        let selection = Selection { adapters: None, virtual_devices: 1, threads_per_device: None };
+        let selection = Selection { virtual_devices: 1, ..Selection::default() };
         let mut gpu = device::open(&selection).expect("this test needs an adapter").swap_remove(0);
         let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
         let needs = SceneNeeds { gloss, ..SceneNeeds::of(&scene) };

@@ -21,7 +21,12 @@ pub enum Limit {
     Workgroups,
     Invocations,
     Immediates,
+    Corners,
+    Instances,
 }
+
+/// What an instance's custom data has room for.
+const MAX_INSTANCES: u32 = 1 << 24;
 
 impl Limit {
     fn of(self, limits: &wgpu::Limits) -> u64 {
@@ -35,6 +40,8 @@ impl Limit {
             Self::Workgroups => limits.max_compute_workgroups_per_dimension.into(),
             Self::Invocations => limits.max_compute_invocations_per_workgroup.into(),
             Self::Immediates => limits.max_immediate_size.into(),
+            Self::Corners => limits.max_blas_primitive_count.into(),
+            Self::Instances => limits.max_tlas_instance_count.min(MAX_INSTANCES).into(),
         }
     }
 
@@ -50,6 +57,8 @@ impl Limit {
             Self::Workgroups => "max_compute_workgroups_per_dimension",
             Self::Invocations => "max_compute_invocations_per_workgroup",
             Self::Immediates => "max_immediate_size",
+            Self::Corners => "max_blas_primitive_count",
+            Self::Instances => "max_tlas_instance_count",
         }
     }
 
@@ -61,6 +70,8 @@ impl Limit {
             Self::TextureLayers => "texture layers",
             Self::Workgroups => "workgroups a row or column",
             Self::Invocations => "invocations a workgroup",
+            Self::Corners => "corners of triangles",
+            Self::Instances => "instances",
         }
     }
 }
@@ -78,6 +89,7 @@ const SMALLER_SCENE: &str = "use fewer triangles";
 const SMALLER_TEXTURES: &str = "make them smaller";
 const SMALLER_ENVIRONMENT: &str = "make it smaller";
 const SMALLER_SIZE: &str = "choose a smaller --size";
+const BY_SHADERS: &str = "let shaders trace rays with --traversal compute";
 const SMALLER_PASS: &str = "declare it with less";
 
 /// A limit that is exceeded.
@@ -142,6 +154,15 @@ pub fn of_scene(sizes: &SceneSizes) -> Vec<Need> {
     let Extent { width, height } = sizes.environment;
     needs.extend(edges("the environment image", [width, height], SMALLER_ENVIRONMENT));
     needs
+}
+
+/// Of the acceleration structures of a scene with so many triangles in its largest tree, and so many instances.
+pub fn of_structures(triangles: usize, instances: usize) -> [Need; 2] {
+    let need = |what: &'static str, limit, amount| Need { what: what.into(), limit, amount, remedy: BY_SHADERS };
+    [
+        need("the scene's largest tree", Limit::Corners, 3 * triangles as u64),
+        need("the scene's instances", Limit::Instances, instances as u64),
+    ]
 }
 
 /// Of the frames that these programs make; `scene_buffers` are what a pass binds that reads the scene.

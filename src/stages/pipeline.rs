@@ -71,7 +71,7 @@ impl DeviceStages {
         let images = Images::new(gpu, programs, settings.extent, settings.frames_in_flight);
         let frame = uniform(gpu, "frame", size_of::<Frame>());
         let constants = buffer_entry(0, wgpu::BufferBindingType::Uniform);
-        let all: Vec<_> = std::iter::once(constants).chain(layout_entries(gpu.quirks.nodes)).collect();
+        let all: Vec<_> = std::iter::once(constants).chain(layout_entries(gpu.scene_access())).collect();
         let group_layout = |label, entries: &[_]| {
             gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries })
         };

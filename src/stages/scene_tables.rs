@@ -1,5 +1,6 @@
 //! The scene as the tracing stages read it: tables made once per scene, and their copy on a device.
 
+mod acceleration;
 mod buffers;
 
 use std::sync::Arc;

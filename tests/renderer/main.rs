@@ -20,5 +20,6 @@ mod seams;
 mod stereo;
 mod stress;
 mod temporal;
+mod traversal;
 mod unbiased;
 mod watertight;

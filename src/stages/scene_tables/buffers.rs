@@ -3,9 +3,9 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use super::{SceneTables, linear_from_srgb};
+use super::{SceneTables, acceleration, linear_from_srgb};
 use crate::accel::Node;
-use crate::device::{GpuDevice, Nodes};
+use crate::device::{GpuDevice, Nodes, SceneAccess, Traversal};
 use crate::image::{Extent, RgbImage};
 use crate::scene::{Environment, TexelImage};
 use crate::stages::albedo_table;
@@ -16,6 +16,8 @@ use crate::stages::limits::{self, LimitExceeded, Pages, SceneSizes, tree_size};
 pub struct SceneBuffers {
     buffers: Vec<(u32, wgpu::Buffer)>,
     textures: Vec<(u32, wgpu::TextureView)>,
+    /// For hardware traversal.
+    tlas: Option<wgpu::Tlas>,
 }
 
 /// Storage buffers among them, beside that of the trees' nodes.
@@ -26,8 +28,11 @@ pub fn scene_buffers(nodes: Nodes) -> usize {
     SCENE_BUFFERS + usize::from(nodes == Nodes::Buffer)
 }
 
-/// Bindings 1 to 14.
-pub fn layout_entries(nodes: Nodes) -> Vec<wgpu::BindGroupLayoutEntry> {
+/// Binding of the triangles.
+const TRIANGLES: u32 = 2;
+
+/// Bindings 1 to 14, and 15 for hardware traversal.
+pub fn layout_entries(SceneAccess { nodes, traversal }: SceneAccess) -> Vec<wgpu::BindGroupLayoutEntry> {
     let entry =
         |binding, ty| wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None };
     let storage = wgpu::BindingType::Buffer {
@@ -46,6 +51,9 @@ pub fn layout_entries(nodes: Nodes) -> Vec<wgpu::BindGroupLayoutEntry> {
     });
     entries.push(entry(7, texture(float, wgpu::TextureViewDimension::D2Array)));
     entries.push(entry(10, texture(float, wgpu::TextureViewDimension::D2)));
+    if traversal == Traversal::Hardware {
+        entries.push(entry(15, wgpu::BindingType::AccelerationStructure { vertex_return: false }));
+    }
     entries
 }
 
@@ -57,7 +65,7 @@ impl SceneBuffers {
         let albedo = albedo_table::table();
         let emitters = &tables.emitters;
         let mut contents = vec![
-            (2, "triangles", bytes_of(&tables.accel.triangles)),
+            (TRIANGLES, "triangles", bytes_of(&tables.accel.triangles)),
             (3, "normals and texture coordinates", bytes_of(&tables.accel.shadings)),
             (4, "vertex colours", bytes_of(&tables.accel.colors)),
             (5, "materials", bytes_of(&tables.materials)),
@@ -70,7 +78,8 @@ impl SceneBuffers {
             (14, "albedo table", bytes_of(&albedo)),
         ];
         let nodes = &tables.accel.nodes;
-        let is_textured = gpu.quirks.nodes == Nodes::Texture;
+        let SceneAccess { nodes: read_from, traversal } = gpu.scene_access();
+        let is_textured = read_from == Nodes::Texture;
         if !is_textured {
             contents.push((1, "tree", bytes_of(nodes)));
         }
@@ -82,19 +91,30 @@ impl SceneBuffers {
             environment: environment.extent,
         };
         limits::check(&gpu.device.limits(), gpu.info.index, limits::of_scene(&sizes))?;
-        let buffers = contents.iter().map(|(binding, what, bytes)| (*binding, upload(gpu, what, bytes))).collect();
+        let (mut buffers, mut tlas) = (Vec::new(), None);
+        for (binding, what, bytes) in &contents {
+            let is_built_from = traversal == Traversal::Hardware && *binding == TRIANGLES;
+            let more = if is_built_from { wgpu::BufferUsages::BLAS_INPUT } else { wgpu::BufferUsages::empty() };
+            let buffer = upload(gpu, what, bytes, more);
+            if is_built_from {
+                tlas = Some(acceleration::build(gpu, &tables.accel, &buffer)?);
+            }
+            buffers.push((*binding, buffer));
+        }
         let mut textures = vec![
             (7, upload_pages(gpu, &tables.images, &Pages::of(sizes.texels))),
             (10, upload_environment(gpu, &environment)),
         ];
         textures.extend(is_textured.then(|| (1, upload_tree(gpu, nodes))));
-        Ok(Self { buffers, textures })
+        Ok(Self { buffers, textures, tlas })
     }
 
     pub fn entries(&self) -> Vec<wgpu::BindGroupEntry<'_>> {
         let buffers = self.buffers.iter().map(|(binding, b)| (*binding, b.as_entire_binding()));
         let textures = self.textures.iter().map(|(binding, v)| (*binding, wgpu::BindingResource::TextureView(v)));
-        buffers.chain(textures).map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }).collect()
+        let tlas = self.tlas.iter().map(|tlas| (15, wgpu::BindingResource::AccelerationStructure(tlas)));
+        let all = buffers.chain(textures).chain(tlas);
+        all.map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }).collect()
     }
 }
 
@@ -104,9 +124,9 @@ fn bytes_of<T: bytemuck::Pod>(table: &[T]) -> Cow<'_, [u8]> {
 }
 
 /// A buffer with these contents, unless the device has failed.
-fn upload(gpu: &GpuDevice, label: &str, contents: &[u8]) -> wgpu::Buffer {
+fn upload(gpu: &GpuDevice, label: &str, contents: &[u8], more: wgpu::BufferUsages) -> wgpu::Buffer {
     let size = (contents.len() as u64).next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT);
-    let usage = wgpu::BufferUsages::STORAGE;
+    let usage = wgpu::BufferUsages::STORAGE | more;
     let descriptor = wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: true };
     let buffer = gpu.device.create_buffer(&descriptor);
     if let Ok(mut mapped) = buffer.get_mapped_range_mut(..) {
