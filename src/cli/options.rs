@@ -107,8 +107,8 @@ pub struct RunOptions {
     /// that are at one for seconds [default: 200 on GPUs, no bound on software adapters]
     #[arg(long, value_name = "MS", value_parser = max_dispatch_ms, help_heading = DEVICES)]
     pub max_dispatch_ms: Option<f64>,
-    /// How rays find what they meet
-    #[arg(long, default_value = "auto", help_heading = DEVICES)]
+    /// How rays find what they meet [default: auto, and run.json tells what that came to]
+    #[arg(long, default_value = "auto", hide_default_value = true, help_heading = DEVICES)]
     pub traversal: TraversalChoice,
     /// How stripes are cut [default: measured; static with --ratios]
     #[arg(long, help_heading = DEVICES)]
