@@ -170,8 +170,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let position = bitcast<vec3<f32>>(bits.xyz);
     let normal = unpack_normal(bits.w);
-    var now = unpack_light(radiance[at]);
-    var sampled = radiance[at].w == SAMPLED;
+    var now = unpack_sampled(radiance[at]);
+    let tells_variance = (radiance[at].w & TELLS_VARIANCE) != 0u;
+    var sampled = radiance[at].w != 0u;
     var dropped = false;
     if !is_finite_light(now) {
         now = SplitLight(vec3<f32>(0.0), vec3<f32>(0.0), vec2<f32>(0.0));
@@ -225,18 +226,21 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let old_mean = past.mean * scale;
     let difference = value - old_mean;
     let mean = old_mean + alphas * difference;
-    let variance = mix(past.variance * scale, new_samples * difference * (value - mean), alphas);
+    let moved = difference * (value - mean);
+    let fresh = select(new_samples * moved, now.a + moved, tells_variance);
+    let variance = mix(past.variance * scale, fresh, alphas);
     let recent = mix(past.recent * scale, value.x, max(alpha, select(0.0, 1.0 / RECENT_FRAMES, sampled)));
     frames += select(0.0, 1.0, sampled);
     // Light has changed when the recent mean is off the long one by more than both may vary.
     let spread = variance.x * (1.0 / (2.0 * RECENT_FRAMES - 1.0) + 1.0 / frames) * frames / total;
     let off = (recent - mean.x) * (recent - mean.x) / max(TRUSTED_DEVIATIONS * TRUSTED_DEVIATIONS * spread, unseen_square());
     let trust = select(1.0, max(1.0 / off, min(FEW_FRAMES / frames, 1.0)), off > 1.0 && frames > FEW_FRAMES);
-    let known = variance / totals * frames / max(frames - 1.0, 1.0);
+    let observations = select(frames, total, tells_variance);
+    let known = variance / totals * observations / max(observations - 1.0, 1.0);
     let light = SplitLight(
         mix(past.light * scale, now.matte, alphas.x),
         mix(past.gloss * scale, now.gloss, alphas.y),
-        select(vec2<f32>(UNKNOWN), known, frames >= FEW_FRAMES),
+        select(vec2<f32>(UNKNOWN), known, observations > FEW_FRAMES - 0.5),
     );
     if !(is_finite_light(light) && is_finite(vec3<f32>(variance, recent))) {
         leave_nothing(at, material, true);

@@ -69,8 +69,7 @@ fn history(
             variance: DVec2::new(spread * random.within(0.5..1.0), spread * random.within(0.0..0.2)),
             recent: mean.x * random.within(0.6..1.6),
             samples: if random.chance(lost) { 0.0 } else { random.within(0.3..150.0) },
-            // Not 3, lest a fourth frame is one only by rounding.
-            frames: random.pick(&[1.0, 2.0, 5.0, 7.0, 20.0, 100.0, 255.0]),
+            frames: random.pick(&[1.0, 2.0, 3.0, 5.0, 7.0, 20.0, 100.0, 255.0]),
             material: random.pick(&[7, 7, 7, 8]),
         };
         let mut bits = moments.pack(format);
@@ -98,7 +97,11 @@ fn present(random: &mut Random, format: Format) -> ([u32; 4], [u32; 4]) {
         0 => [INFINITE[0], INFINITE[1], INFINITE[2], SAMPLED],
         1 => format.pack_sampled(&random.light(1e20)),
         2..12 => [0; 4],
-        _ => format.pack_sampled(&random.light(1.5)),
+        12..26 => format.pack_sampled(&random.light(1.5)),
+        _ => {
+            let variance = DVec2::new(random.within(0.0..0.4), random.within(0.0..0.1));
+            format.pack_sampled_with(&Light { variance, ..random.light(1.5) })
+        }
     };
     ([1, 2, 3, random.pick(&[7, 7, 7, 8]) | flags], radiance)
 }
@@ -109,8 +112,7 @@ fn now(format: Format, hit: u32, guide: [u32; 4], radiance: [u32; 4]) -> Now {
         material: hit & MATERIAL_MASK,
         roughness: f64::from((hit >> 24) & 63) / 63.0,
         is_view_dependent: hit & VIEW_DEPENDENT != 0,
-        light: format.unpack(radiance),
-        is_sampled: radiance[3] == SAMPLED,
+        light: format.unpack_sampled(radiance),
     }
 }
 
