@@ -2,6 +2,7 @@
 # make test    format, lints, documentation, tests
 # make test-long    all tests with whole sweeps and many samples, and those that need scenes of others or Chromium
 # make test-view    the same for the window of `diptych view`, which needs Xvfb and xdotool to be tested
+# make test-hardware-rays    tests of the renderer with rays that the device follows by itself; fails where none can
 # make golden    hashes of the images of many kinds of frames, in out/golden.txt. BEFORE=FILE of another build: what differs
 # make peers    diptych beside Mitsuba 3 with OIDN, both measured here: out/peers/NAME/NAME.md. SHOT=FILE for another shot
 # make deps    checks for a Vulkan driver and compilers; installs Mesa's driver where apt-get is and none was found; says
@@ -23,7 +24,7 @@ ifndef XDG_RUNTIME_DIR
 export NODEVICE_SELECT := 1
 endif
 
-.PHONY: demo test test-long test-view golden peers deps clean
+.PHONY: demo test test-long test-view test-hardware-rays golden peers deps clean
 
 demo: deps
 	$(CARGO) build --release --locked
@@ -46,6 +47,12 @@ test-long: deps
 test-view: deps
 	$(CARGO) clippy --release --locked --all-targets --features view -- -D warnings
 	$(CARGO) test --release --locked --features view --bin diptych --test view
+
+test-hardware-rays: deps
+	$(CARGO) build --release --locked
+	@"$(DIPTYCH)" devices --json | grep -q '"ray_queries": true' || { \
+		echo "no adapter here has ray queries, which these tests are of: Mesa's software driver has them in version 25" >&2; exit 1; }
+	DIPTYCH_TRAVERSAL=hardware $(CARGO) test --release --locked --test renderer
 
 golden: deps
 	$(CARGO) build --release --locked

@@ -2,20 +2,21 @@
 //! tree on all cores, for the same rays, repeats taken in turns.
 //!
 //! `cargo bench --bench rays -- [--reps N] [--size WxH] [--case NAME] [--processor-time] [--two-level]
-//! [--trace FILE.wgsl]... [SHOT]...`
+//! [--hardware] [--traverse FILE.wgsl]... [SHOT]...`
 //!
-//! `--trace` names another version of `shaders/shared/trace.inc.wgsl` to measure beside the present one.
+//! `--hardware` measures the device's own ray queries, too.
+//! `--traverse` names another version of `shaders/shared/traverse_compute.inc.wgsl` to measure beside the present one.
 //! `--two-level` measures the scene's instances beside the flattened scene; the rays are the same.
 //! `--processor-time` counts what the process used instead of what passed, for a machine that does other work; on a
 //! software adapter only.
 
 mod common;
 
-use std::path::PathBuf;
 use std::time::Instant;
 
-use common::{Case, Cpu, Gpu, Workload};
+use common::{Case, Cpu, Gpu, Version, Workload};
 use diptych::accel::Layout;
+use diptych::device::Traversal;
 use diptych::image::Extent;
 
 struct Options {
@@ -24,19 +25,18 @@ struct Options {
     two_level: bool,
     case: Option<Case>,
     extent: Extent,
-    versions: Vec<PathBuf>,
+    versions: Vec<Version>,
     shots: Vec<String>,
 }
 
 fn options() -> Options {
-    let present = PathBuf::from(concat!(env!("CARGO_MANIFEST_DIR"), "/shaders/shared/trace.inc.wgsl"));
     let mut options = Options {
         reps: 9,
         processor_time: false,
         two_level: false,
         case: None,
         extent: Extent::new(640, 360),
-        versions: vec![present],
+        versions: vec![Version::Present(Traversal::Compute)],
         shots: Vec::new(),
     };
     let mut args = std::env::args().skip(1);
@@ -49,7 +49,8 @@ fn options() -> Options {
             "--two-level" => options.two_level = true,
             "--case" => options.case = Some(Case::named(&value()).expect("--case takes primary, paths or shadow")),
             "--size" => options.extent = value().parse().expect("--size takes WIDTHxHEIGHT"),
-            "--trace" => options.versions.push(value().into()),
+            "--hardware" => options.versions.push(Version::Present(Traversal::Hardware)),
+            "--traverse" => options.versions.push(Version::Of(value().into())),
             _ => options.shots.push(arg),
         }
     }
@@ -129,7 +130,7 @@ fn measure(options: &Options, workload: &Workload, cpu: &Cpu, case: Case) {
         println!(
             "           device {rate:6.2}, {:.2}x of obvhs; {differing} rays end elsewhere ({}, {layout:?})",
             rate / cpu_rate,
-            version.file_name().unwrap_or_default().display()
+            version.name()
         );
     }
 }

@@ -1,6 +1,6 @@
 // One auxiliary image per dispatch, from the hit behind the pixel's centre.
 
-//!include frame grid rng scene light_tree environment lights trace surface bsdf path split pack motion
+//!include frame grid rng scene light_tree environment lights trace traverse hits surface bsdf path split pack motion
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> albedo_image: array<vec4<u32>>;

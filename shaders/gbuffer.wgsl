@@ -1,7 +1,7 @@
 // Primary visibility of one view: the surface behind each pixel's centre. Where later stages need the mean over the
 // pixel (several samples, and no path tracing to bring it), it is taken here too.
 
-//!include frame grid rng scene light_tree environment lights trace surface bsdf split path pack footprint foveation
+//!include frame grid rng scene light_tree environment lights trace traverse hits surface bsdf split path pack footprint foveation
 
 @group(1) @binding(0) var<storage, read_write> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read_write> albedo_image: array<vec4<u32>>;

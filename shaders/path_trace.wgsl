@@ -2,7 +2,7 @@
 // from their compacted list, so that no lane idles: the divergence that Leria et al. name as the limit of their
 // hole-filling. One pipeline for both, since drivers take seconds to compile it.
 
-//!include frame grid rng scene light_tree environment lights trace surface bsdf split path pack footprint pixel
+//!include frame grid rng scene light_tree environment lights trace traverse hits surface bsdf split path pack footprint pixel
 
 @group(1) @binding(0) var<storage, read_write> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read_write> albedo_image: array<vec4<u32>>;
@@ -35,6 +35,10 @@ fn main(
         if listed_only {
             let at = holes[LIST_HEADER + i];
             pixel = vec2<u32>(at % pass_.width, at / pass_.width);
+            // Where the work is cut, each dispatch takes some rows of the list.
+            if pixel.y < pass_.row_begin || pixel.y >= pass_.row_end {
+                continue;
+            }
         }
         sample_pixel(pixel, pass_.view);
     }

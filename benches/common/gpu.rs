@@ -1,9 +1,9 @@
 //! The shaders' traversal on one device that takes all cores.
 
-use std::path::Path;
+use std::path::PathBuf;
 
 use diptych::accel::Layout;
-use diptych::device::{self, GpuDevice, Selection, ShaderChecks};
+use diptych::device::{self, GpuDevice, SceneAccess, Selection, ShaderChecks, Traversal, TraversalChoice};
 use diptych::graph::Kernel;
 use diptych::image::Extent;
 use diptych::stages::layout::{Camera, Frame};
@@ -20,14 +20,42 @@ pub struct Gpu {
     workgroups: [u32; 2],
 }
 
-/// What path tracing includes up to the traversal, with `trace` in the place of the present one, and the entry point.
-fn source(trace: &Path) -> String {
+/// A traversal that is measured.
+#[derive(Clone, Debug)]
+pub enum Version {
+    /// As it is.
+    Present(Traversal),
+    /// In shaders, by this file.
+    Of(PathBuf),
+}
+
+impl Version {
+    pub fn name(&self) -> String {
+        match self {
+            Self::Present(traversal) => traversal.name().to_owned(),
+            Self::Of(file) => file.file_name().unwrap_or_default().display().to_string(),
+        }
+    }
+
+    fn traversal(&self) -> Traversal {
+        match self {
+            Self::Present(traversal) => *traversal,
+            Self::Of(_) => Traversal::Compute,
+        }
+    }
+}
+
+/// What path tracing includes up to its hits, with the version's traversal, and the entry point.
+fn source(version: &Version, access: SceneAccess) -> String {
     let stage = include_str!("../../shaders/path_trace.wgsl");
     let includes = stage.lines().find(|l| l.starts_with("//!include ")).expect("path_trace includes its parts");
-    let before = includes.split_once(" trace").expect("path_trace includes the traversal").0;
-    let trace = std::fs::read_to_string(trace).unwrap_or_else(|e| panic!("{}: {e}", trace.display()));
-    let text = [before, &trace, include_str!("../rays.wgsl")].join("\n");
-    shader_text(&Kernel { text: Some(text.leak()), ..Kernel::with_scene("rays") })
+    let before = includes.split_once(" traverse").expect("path_trace includes the traversal").0;
+    let traverse = match version {
+        Version::Present(_) => "//!include traverse".to_owned(),
+        Version::Of(file) => std::fs::read_to_string(file).unwrap_or_else(|e| panic!("{}: {e}", file.display())),
+    };
+    let text = [before, &traverse, "//!include hits", include_str!("../rays.wgsl")].join("\n");
+    shader_text(&Kernel { text: Some(text.leak()), ..Kernel::with_scene("rays") }, access)
 }
 
 fn entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLayoutEntry {
@@ -85,8 +113,13 @@ fn pipeline(
 impl Gpu {
     /// # Panics
     /// Without a device, or if the shader is refused.
-    pub fn new(workload: &Workload, layout: Layout, case: Case, rays: &[BenchRay], trace: &Path) -> Self {
-        let gpu = device::open(&Selection::default()).expect("a device").swap_remove(0);
+    pub fn new(workload: &Workload, layout: Layout, case: Case, rays: &[BenchRay], version: &Version) -> Self {
+        let traversal = match version.traversal() {
+            Traversal::Compute => TraversalChoice::Compute,
+            Traversal::Hardware => TraversalChoice::Hardware,
+        };
+        let selection = Selection { traversal, ..Selection::default() };
+        let gpu = device::open(&selection).unwrap_or_else(|e| panic!("{e}")).swap_remove(0);
         let tables = workload.tables(layout);
         let scene = SceneBuffers::new(&gpu, &tables).expect("the scene fits");
         let Extent { width, height } = workload.extent;
@@ -105,7 +138,7 @@ impl Gpu {
         });
         let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
         let mut entries = vec![entry(0, wgpu::BufferBindingType::Uniform)];
-        entries.extend(scene_layout_entries());
+        entries.extend(scene_layout_entries(gpu.scene_access()));
         let layouts = [
             bind_layout(&gpu.device, &entries),
             bind_layout(&gpu.device, &[entry(0, storage(true)), entry(1, storage(false))]),
@@ -116,7 +149,8 @@ impl Gpu {
         let mut scene_entries = vec![bound(0, &frame)];
         scene_entries.extend(scene.entries());
         let groups = [group(&layouts[0], &scene_entries), group(&layouts[1], &[bound(0, &rays), bound(1, &hits)])];
-        let pipeline = pipeline(&gpu, [&layouts[0], &layouts[1]], &source(trace), case, tables.has_instances());
+        let source = source(version, gpu.scene_access());
+        let pipeline = pipeline(&gpu, [&layouts[0], &layouts[1]], &source, case, tables.has_instances());
         let workgroups = [workload.extent.width.div_ceil(8), workload.extent.height.div_ceil(8)];
         Self { gpu, pipeline, groups, hits, workgroups }
     }

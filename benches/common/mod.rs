@@ -4,7 +4,7 @@ mod cpu;
 mod gpu;
 
 pub use cpu::Cpu;
-pub use gpu::Gpu;
+pub use gpu::{Gpu, Version};
 
 use bytemuck::{Pod, Zeroable};
 use diptych::accel::{Accel, Layout};

@@ -4,7 +4,13 @@
 var<immediate> pass_: PassConstants;
 
 const NO_PRIM: u32 = 0xffffffffu;
+const MOST_FLOAT: f32 = 3.0e38;
 
 fn luminance(c: vec3<f32>) -> f32 {
     return dot(c, vec3<f32>(0.2126, 0.7152, 0.0722));
+}
+
+// Whether 0 < x <= most. Asked of bits, as drivers may take for granted that no number is NaN, which is not within.
+fn is_within(x: f32, most: f32) -> bool {
+    return bitcast<u32>(x) - 1u < bitcast<u32>(most);
 }

@@ -113,8 +113,8 @@ fn sample_triangle_light(p: vec3<f32>, light: Light, probability: f32, u: vec2<f
     s.distance = distance;
     let cosine = -dot(light.axis, s.direction);
     let pdf = probability * distance * distance / (light.radius * abs(cosine));
-    // Beside the plane, and on the triangle itself, there is nothing to see. NaN is not below anything.
-    if !(distance > 0.0 && pdf < 3.0e38) || (cosine <= 0.0 && (m.flags & DOUBLE_SIDED) == 0u) {
+    // Beside the plane, and on the triangle itself, there is nothing to see.
+    if !(is_within(distance, MOST_FLOAT) && is_within(pdf, MOST_FLOAT)) || (cosine <= 0.0 && (m.flags & DOUBLE_SIDED) == 0u) {
         return no_light();
     }
     s.radiance = emissive_at(light.prim, bary, m);

@@ -95,7 +95,7 @@ fn direct_light(s: Surface, v: vec3<f32>, medium: Medium, depth: u32, rng: ptr<f
     let choice = random_at(rng, depth, LIGHT_CHOICE);
     let u = random_at(rng, depth, LIGHT_POINT);
     let light = sample_light(s.position, lit_normal(s), choice, u);
-    if !(light.pdf > 0.0) {
+    if !is_within(light.pdf, MOST_FLOAT) {
         return vec3<f32>(0.0);
     }
     let scattered = evaluate(s, v, light.direction);
@@ -169,7 +169,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, rng: ptr<function, Rng>) 
             gather(&result, select(clamp_indirect(direct), direct, depth == 1u), share);
         }
         let b = sample_bsdf(s, v, random_at(rng, depth, LOBE_CHOICE).x, random_at(rng, depth, LOBE_DIRECTION));
-        if !(b.pdf > 0.0) {
+        if !is_within(b.pdf, MOST_FLOAT) {
             break;
         }
         let direction = b.direction;

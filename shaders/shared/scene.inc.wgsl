@@ -7,9 +7,6 @@ override HAS_ALPHA: bool = true;
 // Whether triangles stand anywhere else than where the tables have them.
 override HAS_INSTANCES: bool = true;
 
-// TEXELS_PER_NODE texels per node, NODES_PER_ROW nodes a row. In a texture, since software drivers read texels without a
-// loop over lanes, which they make for each read of a storage buffer.
-@group(0) @binding(1) var nodes: texture_2d<u32>;
 @group(0) @binding(2) var<storage, read> triangles: array<Triangle>;
 @group(0) @binding(3) var<storage, read> shadings: array<Shading>;
 @group(0) @binding(4) var<storage, read> vertex_colors: array<vec4<f32>>;
@@ -20,16 +17,6 @@ override HAS_INSTANCES: bool = true;
 @group(0) @binding(12) var<storage, read> second_uvs: array<vec2<f32>>;
 @group(0) @binding(13) var<storage, read> tangents: array<vec4<f32>>;
 @group(0) @binding(8) var<storage, read> srgb_to_linear: array<f32, 256>;
-
-fn node_part(node: u32, part: u32) -> vec4<u32> {
-    return textureLoad(nodes, vec2<u32>((node % NODES_PER_ROW) * TEXELS_PER_NODE + part, node / NODES_PER_ROW), 0);
-}
-
-// The same table by texels, for the trees behind that of the triangles.
-fn tree_row(row: u32) -> vec4<u32> {
-    const WIDTH: u32 = NODES_PER_ROW * TEXELS_PER_NODE;
-    return textureLoad(nodes, vec2<u32>(row % WIDTH, row / WIDTH), 0);
-}
 
 // A triangle where one instance of it stands. Its number in a hit is its own, several may share a row of the tables.
 struct Placed {

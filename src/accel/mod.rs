@@ -1,12 +1,14 @@
 //! How rays find it: instanced meshes flattened to world space under one compressed wide BVH, in the layout that
-//! `shaders/shared/trace.inc.wgsl` walks. Where that would take too much memory, meshes that several instances share
-//! keep their own space and a tree each, under a second tree over the instances.
+//! `shaders/shared/traverse_compute.inc.wgsl` walks. Where that would take too much memory, meshes that several
+//! instances share keep their own space and a tree each, under a second tree over the instances.
 //!
 //! Triangles are stored in tree order, so a leaf's triangle index is the triangle's row in every table.
 
 mod clearance;
 mod flatten;
 mod instances;
+
+use std::ops::Range;
 
 use glam::{DVec3, Vec3};
 use obvhs::BvhBuildParams;
@@ -111,6 +113,8 @@ pub struct Accel {
     pub tangents: Vec<[f32; 4]>,
     /// [`Instance::STILL`], then those of shared meshes in the order of the tree over them.
     pub instances: Vec<Instance>,
+    /// Rows of each tree's triangles: first of the flattened ones, which may be none, then of shared meshes.
+    pub trees: Vec<Range<u32>>,
     /// Root of the tree over instances, if there are several; its leaves count [`Self::instances`].
     pub instance_tree: u32,
     /// Stored triangles without area, which no ray can meet: they are left out.
@@ -211,6 +215,7 @@ impl Accel {
             second_uvs: Vec::new(),
             tangents: Vec::new(),
             instances: vec![Instance::STILL],
+            trees: Vec::new(),
             instance_tree: 0,
             dropped: 0,
             origin: DVec3::ZERO,
@@ -226,6 +231,7 @@ impl Accel {
             triangles: flat.triangles.len() as u32,
             levels: 1,
         };
+        self.trees.push(tree.first_row..tree.first_row + tree.triangles);
         if flat.triangles.is_empty() {
             // One node without children: every ray misses it.
             self.nodes.push(Node::default());

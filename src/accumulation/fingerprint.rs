@@ -7,6 +7,7 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 
 use super::fnv::Fnv;
+use crate::device::{SceneAccess, Traversal};
 use crate::image::{Extent, Image};
 use crate::scene::rig::{Eye, Rig};
 use crate::scene::{Environment, Mesh, Scene};
@@ -25,12 +26,17 @@ pub struct Subject<'a> {
     pub sampler: Sampler,
     pub bounces: u32,
     pub pass_spp: u32,
+    /// Of the devices.
+    pub traversal: Traversal,
 }
 
 /// The subject as names and values; scene, camera and shaders by their hashes.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Fingerprint(BTreeMap<String, String>);
+
+/// Name of the entry that is there unless shaders traverse.
+const TRAVERSAL: &str = "traversal";
 
 /// The tracing stages' shaders: what they compute may change from version to version.
 const SHADERS: [&str; 3] = ["gbuffer", "path_trace", "tonemap"];
@@ -39,6 +45,8 @@ impl Fingerprint {
     pub fn of(subject: &Subject<'_>) -> Self {
         let camera = Eye::ALL.map(|eye| subject.rig.view(subject.time_s, eye));
         let text = |value: &dyn std::fmt::Debug| format!("{value:?}").to_lowercase();
+        let traversal = subject.traversal;
+        let access = SceneAccess { traversal, ..Default::default() };
         let entries = [
             ("scene", scene_hash(subject.scene)),
             ("camera", hash(|h| write!(h, "{camera:?}"))),
@@ -50,9 +58,10 @@ impl Fingerprint {
             ("bounces", subject.bounces.max(1).to_string()),
             ("pass_spp", subject.pass_spp.to_string()),
             ("version", env!("CARGO_PKG_VERSION").to_owned()),
-            ("shaders", hash(|h| SHADERS.iter().try_for_each(|s| h.write_str(&shader_text_of(s))))),
+            ("shaders", hash(|h| SHADERS.iter().try_for_each(|s| h.write_str(&shader_text_of(s, access))))),
         ];
-        Self(entries.map(|(name, value)| (name.to_owned(), value)).into())
+        let special = (traversal != Traversal::Compute).then(|| (TRAVERSAL, traversal.name().to_owned()));
+        Self(entries.into_iter().chain(special).map(|(name, value)| (name.to_owned(), value)).collect())
     }
 
     /// A name for files: 16 hexadecimal digits.
@@ -63,7 +72,8 @@ impl Fingerprint {
     /// What differs, as sentences' parts: "size is 64x36 there and 32x18 here".
     pub fn differences(&self, here: &Self) -> Vec<String> {
         let names: std::collections::BTreeSet<_> = self.0.keys().chain(here.0.keys()).collect();
-        let value = |of: &Self, name: &str| of.0.get(name).map_or("absent".to_owned(), Clone::clone);
+        let otherwise = |name: &str| if name == TRAVERSAL { Traversal::Compute.name() } else { "absent" };
+        let value = |of: &Self, name: &str| of.0.get(name).map_or(otherwise(name).to_owned(), Clone::clone);
         let differs = |name: &&&String| self.0.get(**name) != here.0.get(**name);
         let say = |name: &String| format!("{name} is {} there and {} here", value(self, name), value(here, name));
         names.iter().filter(differs).map(|name| say(name)).collect()
@@ -133,6 +143,7 @@ mod tests {
             sampler: Sampler::Sobol,
             bounces: 6,
             pass_spp: 8,
+            traversal: Traversal::Compute,
         };
         change(&mut scene, &mut subject);
         Fingerprint::of(&Subject { scene: &scene, ..subject })
@@ -158,6 +169,16 @@ mod tests {
             assert!(differences[0].starts_with(part), "{part}: {differences:?}");
             assert_ne!(there.key(), here.key());
         }
+    }
+
+    #[test]
+    fn traversal_is_named_beside_its_shaders() {
+        let [here, there] = Traversal::ALL.map(|traversal| with(|_, s| s.traversal = traversal));
+        let differences = there.differences(&here);
+        assert_eq!(differences.len(), 2, "{differences:?}");
+        assert!(differences[0].starts_with("shaders is "), "{differences:?}");
+        assert_eq!(differences[1], "traversal is hardware there and compute here");
+        assert_ne!(there.key(), here.key());
     }
 
     #[test]

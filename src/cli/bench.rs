@@ -15,7 +15,7 @@ use anyhow::Context;
 
 use diptych::accumulation::hash_of;
 use diptych::control::{Ladder, Measure, Origin};
-use diptych::device::DeviceInfo;
+use diptych::device::{DeviceInfo, SceneAccess};
 use diptych::quality::{Denoiser, Quality};
 use diptych::report::Table;
 use diptych::report::bench::{
@@ -200,8 +200,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 /// Hash of everything that a setting's time and errors hang on, but the reference and the setting itself.
 fn subject(args: &Args, loaded: &Loaded, devices: &[DeviceInfo]) -> Result<String, Failure> {
     let quiet = RunOptions { out: PathBuf::new(), trace: None, quiet: true, json: false, ..args.options.clone() };
-    let seen = reference::plan(args)?.fingerprint(loaded, 0).key();
-    let shaders = all_shader_text();
+    let plan = reference::plan(args)?;
+    let seen = plan.fingerprint(loaded, 0).key();
+    let shaders = all_shader_text(SceneAccess { traversal: plan.traversal(), ..Default::default() });
     let Args { virtual_devices, repeats, warm_up, .. } = args;
     let devices = Table::of_devices([devices]).rows;
     let shown = format!("{} EV", loaded.shot.exposure_ev);

@@ -37,11 +37,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
                 a.backend.clone(),
                 a.driver.clone(),
                 format!("{} MiB", a.max_storage_mib),
+                if a.ray_queries { "yes" } else { "no" }.to_owned(),
                 state,
             ]
         })
         .collect();
-    let headers = ["#", "adapter", "kind", "backend", "driver", "largest buffer", "state"];
+    let headers = ["#", "adapter", "kind", "backend", "driver", "largest buffer", "ray queries", "state"];
     say!("{}", text_table(&headers, &rows).trim_end());
     for (adapter, advice) in adapters.iter().filter_map(|a| Some((a, a.advice.as_ref()?))) {
         say!("\nadapter {}: {advice}", adapter.index);

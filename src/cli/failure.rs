@@ -61,9 +61,10 @@ input_errors!(SceneError, AccelError, StripesError);
 impl From<DeviceError> for Failure {
     fn from(error: DeviceError) -> Self {
         match error {
-            DeviceError::UnknownAdapter { .. } | DeviceError::TooMany(_) | DeviceError::ThreadCounts { .. } => {
-                Self::Input(error.into())
-            }
+            DeviceError::UnknownAdapter { .. }
+            | DeviceError::NoRayQueries { .. }
+            | DeviceError::TooMany(_)
+            | DeviceError::ThreadCounts { .. } => Self::Input(error.into()),
             _ => Self::Run(error.into()),
         }
     }

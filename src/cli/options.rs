@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use diptych::device::ShaderChecks;
+use diptych::device::{ShaderChecks, TraversalChoice};
 use diptych::graph::{HaloPlan, Seam};
 use diptych::image::Extent;
 use diptych::passes::Aov;
@@ -91,7 +91,7 @@ pub struct RunOptions {
     /// Upper bound of indirect radiance; biased
     #[arg(long, value_name = "V", help_heading = QUALITY)]
     pub clamp: Option<f32>,
-    /// Adapters by their number in `diptych devices` [default: all hardware GPUs, else the software one]
+    /// Adapters by their number in `diptych devices` [default: all hardware GPUs, each once, else the software one]
     #[arg(long, value_delimiter = ',', value_name = "N,N,…", help_heading = DEVICES)]
     pub devices: Option<Vec<usize>>,
     /// Worker threads of software devices, one number for all or one per device [default: cores / devices]
@@ -103,6 +103,13 @@ pub struct RunOptions {
         help_heading = DEVICES
     )]
     pub threads_per_device: Option<Vec<u16>>,
+    /// Work is handed to a device in portions predicted to take at most so many milliseconds, since systems reset devices
+    /// that are at one for seconds [default: 200 on GPUs, no bound on software adapters]
+    #[arg(long, value_name = "MS", value_parser = max_dispatch_ms, help_heading = DEVICES)]
+    pub max_dispatch_ms: Option<f64>,
+    /// How rays find what they meet
+    #[arg(long, default_value = "auto", help_heading = DEVICES)]
+    pub traversal: TraversalChoice,
     /// How stripes are cut [default: measured; static with --ratios]
     #[arg(long, help_heading = DEVICES)]
     pub balance: Option<Balance>,
@@ -217,6 +224,11 @@ impl Deref for RenderOptions {
 pub fn render_scale(text: &str) -> Result<f64, String> {
     let scale = text.parse().ok().filter(|scale| Quality::SCALES.contains(scale));
     scale.ok_or_else(|| format!("give a number from {} to {}", Quality::SCALES.start(), Quality::SCALES.end()))
+}
+
+fn max_dispatch_ms(text: &str) -> Result<f64, String> {
+    let ms = text.parse().ok().filter(|ms: &f64| ms.is_finite() && *ms > 0.0);
+    ms.ok_or_else(|| "give a number of milliseconds above 0".to_owned())
 }
 
 /// Most samples of one frame; beyond, they are taken in passes.

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use diptych::accumulation::{Accumulation, Checkpoint, Done, Fingerprint, Job, Subject, accumulate};
+use diptych::device::Traversal;
 use diptych::exec::{FrameReport, Renderer, Stereo};
 use diptych::image::display::{DisplayImage, tonemap, write_png};
 use diptych::image::stereo;
@@ -16,7 +17,7 @@ use super::options::{RenderOptions, RunOptions, Switch};
 use super::output;
 use super::progress::Progress;
 use super::settings::Given;
-use super::setup::{Loaded, Tracing};
+use super::setup::{self, Loaded, Tracing};
 
 /// Samples of a pass unless asked otherwise: few enough that a slow device stops in time, enough that reading the pass
 /// back costs a fast one little.
@@ -93,11 +94,13 @@ pub struct Plan {
     time_limit: Option<Duration>,
     /// Where checkpoints are.
     folder: Option<PathBuf>,
+    /// Of the devices that the options ask for.
+    traversal: Traversal,
 }
 
 impl Plan {
     /// # Errors
-    /// [`Failure::Input`] for options that a reference cannot have.
+    /// [`Failure::Input`] for options that a reference cannot have, and for devices that are not there.
     pub fn new(options: &RenderOptions, passes: PassOptions) -> Result<Self, Failure> {
         if options.clamp.is_some() {
             let what = anyhow::anyhow!("--clamp is biased, --reference is not: leave one out");
@@ -112,12 +115,17 @@ impl Plan {
             spp: passes.pass_spp,
             ..options.clone()
         };
+        let traversal = setup::traversal(options)?;
         let PassOptions { time_limit, passes_out, .. } = passes;
-        Ok(Self { options: unbiased, spp: options.spp, time_limit, folder: passes_out })
+        Ok(Self { options: unbiased, spp: options.spp, time_limit, folder: passes_out, traversal })
     }
 
     pub fn spp(&self) -> u32 {
         self.spp
+    }
+
+    pub fn traversal(&self) -> Traversal {
+        self.traversal
     }
 
     /// Keeps checkpoints in a folder of their own below `folder`.
@@ -144,6 +152,7 @@ impl Plan {
             sampler: options.sampler,
             bounces: options.bounces,
             pass_spp: options.spp,
+            traversal: self.traversal,
         })
     }
 

@@ -133,6 +133,7 @@ pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo
         let threads: Vec<Option<usize>> = devices.iter().map(|d| d.threads).collect();
         known.push(("devices", json!(once(devices.iter().map(|d| d.adapter)))));
         known.push(("threads_per_device", json!(threads)));
+        known.push(("traversal", json!(devices[0].traversal)));
     }
     of_command_line(exposure_ev, known)
 }
@@ -188,8 +189,15 @@ mod tests {
     fn options_that_decide_something_are_there() {
         let given = given(&["render", "--out", "o"]);
         let of_references = crate::cli::reference::OVERRULED.map(|(id, _)| id);
-        for id in of_references.into_iter().chain(["spp", "bounces", "balance", "fps", "devices", "threads_per_device"])
-        {
+        for id in of_references.into_iter().chain([
+            "spp",
+            "bounces",
+            "balance",
+            "fps",
+            "devices",
+            "threads_per_device",
+            "traversal",
+        ]) {
             assert!(given.arg(id).is_some(), "{id}");
         }
     }

@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use diptych::accel::{Accel, Layout};
-use diptych::device::{self, GpuDevice, Selection};
+use diptych::device::{self, GpuDevice, Selection, Traversal};
 use diptych::exec::{FrameReport, RenderSettings, Renderer};
 use diptych::quality::Quality;
 use diptych::scene::Scene;
@@ -59,14 +59,23 @@ pub fn beyond_path(rig: &Rig, from_s: f64, to_s: f64) -> Option<String> {
     (from_s < first.time_s).then(begins)
 }
 
-pub fn open_devices(options: &RunOptions, virtual_devices: usize) -> Result<Vec<GpuDevice>, Failure> {
-    let selection = Selection {
+fn selection(options: &RunOptions, virtual_devices: usize) -> Selection {
+    Selection {
         adapters: options.devices.clone(),
         virtual_devices,
         threads_per_device: options.threads_per_device.as_ref().map(|t| t.iter().copied().map(usize::from).collect()),
-    };
+        traversal: options.traversal,
+    }
+}
+
+/// How the devices that the options ask for follow rays.
+pub fn traversal(options: &RunOptions) -> Result<Traversal, Failure> {
+    Ok(device::chosen_traversal(&selection(options, 1))?)
+}
+
+pub fn open_devices(options: &RunOptions, virtual_devices: usize) -> Result<Vec<GpuDevice>, Failure> {
     let _span = tracing::info_span!("open devices").entered();
-    Ok(device::open(&selection)?)
+    Ok(device::open(&selection(options, virtual_devices))?)
 }
 
 /// The policy that the options ask for.
@@ -138,6 +147,7 @@ pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool
         scale: options.scale,
         indirect_clamp: options.clamp.unwrap_or(0.0),
         exposure_ev: loaded.shot.exposure_ev,
+        max_dispatch_ms: options.max_dispatch_ms,
     }
 }
 

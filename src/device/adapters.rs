@@ -3,7 +3,10 @@
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::{DeviceError, DeviceFailure, FailureKind, GpuDevice};
+#[cfg(doc)]
+use super::Nodes;
+use super::choice::by_default;
+use super::{DeviceError, DeviceFailure, FailureKind, GpuDevice, Quirks, Traversal, TraversalChoice};
 
 pub(super) const INSTALL_HINT: &str = "install a Vulkan driver (Debian or Ubuntu: `apt-get install mesa-vulkan-drivers`, \
      which brings a software one too), or update the graphics driver";
@@ -11,8 +14,8 @@ pub(super) const INSTALL_HINT: &str = "install a Vulkan driver (Debian or Ubuntu
 /// Most devices that one run drives: one bit each in masks, and far beyond any host.
 const MAX_DEVICES: usize = 64;
 
-/// Of the largest stage, hole-filling: 11 of the scene and 7 of its own.
-const STORAGE_BUFFERS_PER_STAGE: u32 = 18;
+/// Of the largest stage, hole-filling: 11 of the scene and 7 of its own. [`Nodes::Buffer`] takes one more.
+pub(super) const STORAGE_BUFFERS_PER_STAGE: u32 = 18;
 const IMMEDIATE_BYTES: u32 = 64;
 
 /// The oldest release of Mesa whose software driver is known to be faster than 22.3's, by 1.3 to 2.5 times for a frame.
@@ -29,11 +32,13 @@ pub struct DeviceInfo {
     pub name: String,
     pub driver: String,
     pub kind: String,
-    /// Worker threads of a software adapter; absent on hardware.
+    /// Worker threads of a software adapter, where they can be set.
     pub threads: Option<usize>,
+    /// How it follows rays.
+    pub traversal: Traversal,
     /// Largest buffer a shader can read, bytes.
     pub max_storage_bytes: u64,
-    /// Error bound of the device clock against the host's.
+    /// How wrong times of the device have been at most, against the host's clock.
     pub clock_residual_us: f64,
 }
 
@@ -48,24 +53,31 @@ pub struct AdapterReport {
     pub max_storage_mib: u64,
     pub max_storage_buffers: u32,
     pub timestamps: bool,
+    /// Whether it can follow rays by itself.
+    pub ray_queries: bool,
     /// What diptych needs and this adapter lacks; empty: it can be used.
     pub missing: Vec<String>,
     pub hint: &'static str,
     /// What a newer driver would bring, where that is known.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub advice: Option<String>,
+    #[serde(skip)]
+    pub(super) info: wgpu::AdapterInfo,
+    #[serde(skip)]
+    pub(super) quirks: Quirks,
 }
 
 /// Which devices to open.
 #[derive(Clone, Debug, Default)]
 pub struct Selection {
-    /// Adapter numbers; none: all hardware GPUs, else the first software adapter.
+    /// Adapter numbers; none: all hardware GPUs, each once, else the first software adapter.
     pub adapters: Option<Vec<usize>>,
     /// Devices per adapter.
     pub virtual_devices: usize,
     /// Worker threads of each device on a software adapter, one number for all or one per device; none:
     /// cores / devices.
     pub threads_per_device: Option<Vec<usize>>,
+    pub traversal: TraversalChoice,
 }
 
 pub(super) fn new_instance() -> wgpu::Instance {
@@ -90,11 +102,13 @@ pub(super) fn kind_name(kind: wgpu::DeviceType) -> &'static str {
     }
 }
 
-fn missing(adapter: &wgpu::Adapter) -> Vec<String> {
-    let (features, limits) = (adapter.features(), adapter.limits());
+fn missing(features: wgpu::Features, limits: &wgpu::Limits) -> Vec<String> {
     let mut missing = Vec::new();
     if !features.contains(wgpu::Features::IMMEDIATES) {
         missing.push("immediate (push) constants".to_owned());
+    } else if limits.max_immediate_size < IMMEDIATE_BYTES {
+        let bytes = limits.max_immediate_size;
+        missing.push(format!("bytes of immediate (push) constants ({bytes} of {IMMEDIATE_BYTES})"));
     }
     if !features.contains(wgpu::Features::TIMESTAMP_QUERY) {
         missing.push("timestamp queries".to_owned());
@@ -123,21 +137,25 @@ fn advice(info: &wgpu::AdapterInfo) -> Option<String> {
 fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
     let info = adapter.get_info();
     let advice = advice(&info);
-    let missing = missing(adapter);
+    let missing = missing(adapter.features(), &adapter.limits());
     let hint = if missing.is_empty() { "" } else { "update its driver or choose another adapter with --devices" };
     let limits = adapter.limits();
+    let quirks = Quirks::of(&info, &limits);
     AdapterReport {
         index,
-        name: info.name,
+        name: info.name.clone(),
         driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
         backend: format!("{:?}", info.backend),
         kind: kind_name(info.device_type).to_owned(),
         max_storage_mib: limits.max_storage_buffer_binding_size >> 20,
         max_storage_buffers: limits.max_storage_buffers_per_shader_stage,
         timestamps: adapter.features().contains(wgpu::Features::TIMESTAMP_QUERY),
+        ray_queries: adapter.features().contains(wgpu::Features::EXPERIMENTAL_RAY_QUERY),
         missing,
         hint,
         advice,
+        info,
+        quirks,
     }
 }
 
@@ -146,13 +164,24 @@ pub fn adapters() -> Vec<AdapterReport> {
     enumerate(&new_instance()).iter().enumerate().map(|(i, a)| report(i, a)).collect()
 }
 
+/// How devices of this selection would follow rays.
+///
+/// # Errors
+/// As [`open`] for adapters that cannot be used.
+pub fn chosen_traversal(selection: &Selection) -> Result<Traversal, DeviceError> {
+    let found = adapters();
+    traversal_of(&found, &choose(&found, selection)?, selection)
+}
+
+fn traversal_of(found: &[AdapterReport], chosen: &[usize], selection: &Selection) -> Result<Traversal, DeviceError> {
+    selection.traversal.on(&chosen.iter().map(|&index| &found[index]).collect::<Vec<_>>())
+}
+
 /// Opens the selected devices, one after another: drivers have crashed on concurrent creation.
 pub fn open(selection: &Selection) -> Result<Vec<GpuDevice>, DeviceError> {
     let found = adapters();
-    if found.is_empty() {
-        return Err(DeviceError::NoAdapter);
-    }
     let chosen = choose(&found, selection)?;
+    let traversal = traversal_of(&found, &chosen, selection)?;
     let each = selection.virtual_devices.max(1);
     let count = chosen.len() * each;
     if count > MAX_DEVICES {
@@ -166,17 +195,20 @@ pub fn open(selection: &Selection) -> Result<Vec<GpuDevice>, DeviceError> {
         Some(each) => return Err(DeviceError::ThreadCounts { given: each.len(), devices: count }),
     };
     let adapters = chosen.iter().flat_map(|&a| std::iter::repeat_n(a, each)).zip(threads);
-    adapters.enumerate().map(|(index, (adapter, n))| open_one(index, &found[adapter], n.max(1))).collect()
+    adapters.enumerate().map(|(index, (adapter, n))| open_one(index, &found[adapter], n.max(1), traversal)).collect()
 }
 
 fn choose(found: &[AdapterReport], selection: &Selection) -> Result<Vec<usize>, DeviceError> {
+    if found.is_empty() {
+        return Err(DeviceError::NoAdapter);
+    }
     let chosen: Vec<usize> = match &selection.adapters {
         Some(numbers) => numbers.clone(),
         None => {
-            let is_usable_gpu = |a: &&AdapterReport| a.kind.ends_with("GPU") && a.missing.is_empty();
-            let gpus: Vec<usize> = found.iter().filter(is_usable_gpu).map(|a| a.index).collect();
-            let software = found.iter().find(|a| a.missing.is_empty()).map_or(0, |a| a.index);
-            if gpus.is_empty() { vec![software] } else { gpus }
+            let usable: Vec<&AdapterReport> = found.iter().filter(|a| a.missing.is_empty()).collect();
+            let infos: Vec<_> = usable.iter().map(|a| &a.info).collect();
+            let chosen: Vec<usize> = by_default(&infos).into_iter().map(|i| usable[i].index).collect();
+            if chosen.is_empty() { vec![0] } else { chosen }
         }
     };
     for &index in &chosen {
@@ -192,10 +224,15 @@ fn choose(found: &[AdapterReport], selection: &Selection) -> Result<Vec<usize>, 
 /// Held while a device is made, since the environment is the only way to tell Mesa its thread count.
 pub(super) static OPENING: Mutex<()> = Mutex::new(());
 
-fn open_one(index: usize, report: &AdapterReport, threads: usize) -> Result<GpuDevice, DeviceError> {
+fn open_one(
+    index: usize,
+    report: &AdapterReport,
+    threads: usize,
+    traversal: Traversal,
+) -> Result<GpuDevice, DeviceError> {
     let _guard = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
-    let is_software = report.kind == "software";
-    if is_software {
+    let quirks = report.quirks;
+    if quirks.threads_by_environment {
         // SAFETY: Mesa reads the variable while a device is made, which happens under the lock held here; nothing else
         // in this program reads or writes the environment from another thread at that time.
         unsafe { std::env::set_var("LP_NUM_THREADS", threads.to_string()) };
@@ -204,8 +241,9 @@ fn open_one(index: usize, report: &AdapterReport, threads: usize) -> Result<GpuD
     let adapter = enumerate(&instance).into_iter().nth(report.index).ok_or(DeviceError::NoAdapter)?;
     let descriptor = wgpu::DeviceDescriptor {
         label: Some("diptych"),
-        required_features: wgpu::Features::IMMEDIATES | wgpu::Features::TIMESTAMP_QUERY,
+        required_features: wgpu::Features::IMMEDIATES | wgpu::Features::TIMESTAMP_QUERY | traversal.features(),
         required_limits: wgpu::Limits { max_immediate_size: IMMEDIATE_BYTES, ..adapter.limits() },
+        experimental_features: traversal.experiments(),
         ..Default::default()
     };
     let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
@@ -216,16 +254,18 @@ fn open_one(index: usize, report: &AdapterReport, threads: usize) -> Result<GpuD
         name: report.name.clone(),
         driver: report.driver.clone(),
         kind: report.kind.clone(),
-        threads: is_software.then_some(threads),
+        threads: quirks.threads_by_environment.then_some(threads),
+        traversal,
         max_storage_bytes: device.limits().max_storage_buffer_binding_size,
         clock_residual_us: 0.0,
     };
-    Ok(watched(info, device, queue, instance))
+    Ok(watched(info, quirks, device, queue, instance))
 }
 
 /// Notes what goes wrong on the device from here on.
 pub(super) fn watched(
     info: DeviceInfo,
+    quirks: Quirks,
     device: wgpu::Device,
     queue: wgpu::Queue,
     instance: wgpu::Instance,
@@ -234,7 +274,14 @@ pub(super) fn watched(
     let note = |failure: &Arc<Mutex<Option<DeviceFailure>>>| {
         let failure = Arc::clone(failure);
         move |what: DeviceFailure| {
-            failure.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert(what);
+            let mut known = failure.lock().unwrap_or_else(PoisonError::into_inner);
+            // What is asked of a lost device fails as well, perhaps before the loss is told.
+            if known
+                .as_ref()
+                .is_none_or(|k: &DeviceFailure| k.kind == FailureKind::Error && what.kind == FailureKind::Loss)
+            {
+                *known = Some(what);
+            }
         }
     };
     let (lost, failed) = (note(&failure), note(&failure));
@@ -243,13 +290,30 @@ pub(super) fn watched(
         lost(DeviceFailure { kind: FailureKind::Loss, what });
     });
     device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| failed(error.into())));
-    GpuDevice { info, device, queue, patience: GpuDevice::START_PATIENCE, pipelines: HashMap::new(), failure, instance }
+    let (patience, pipelines) = (GpuDevice::START_PATIENCE, HashMap::new());
+    GpuDevice { info, quirks, device, queue, patience, pipelines, failure, instance }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use wgpu::DeviceType;
+
+    #[test]
+    fn what_an_adapter_lacks_is_named_with_its_number() {
+        let features = wgpu::Features::IMMEDIATES | wgpu::Features::TIMESTAMP_QUERY;
+        let enough = wgpu::Limits {
+            max_storage_buffers_per_shader_stage: STORAGE_BUFFERS_PER_STAGE,
+            max_immediate_size: IMMEDIATE_BYTES,
+            ..wgpu::Limits::downlevel_defaults()
+        };
+        assert_eq!(missing(features, &enough), [""; 0]);
+        assert_eq!(missing(wgpu::Features::empty(), &enough), ["immediate (push) constants", "timestamp queries"]);
+        // As DirectX 12 has on devices of its second tier.
+        let limits = wgpu::Limits { max_storage_buffers_per_shader_stage: 16, max_immediate_size: 32, ..enough };
+        let expected = ["bytes of immediate (push) constants (32 of 64)", "storage buffers per stage (16 of 18)"];
+        assert_eq!(missing(features, &limits), expected);
+    }
 
     #[test]
     fn software_drivers_that_are_known_to_be_slow_are_told() {

@@ -1,20 +1,29 @@
 //! Device time on the host's clock.
 //!
-//! wgpu has no calibrated timestamps. A submission that only takes a timestamp is bracketed by two readings of the host
-//! clock; the tightest of several brackets gives the offset, and half its width bounds the error.
+//! wgpu has no calibrated timestamps. Work that is handed out and seen to have ended at two times of the host's clock
+//! brackets its timestamps. At the start, submissions that only take a timestamp do so tightly; later, every frame does,
+//! as the clocks drift.
 
+mod counter;
+mod offset;
+
+use std::ops::Range;
 use std::time::{Duration, Instant};
 
 use super::{DeviceFailure, GpuDevice};
+use counter::Counter;
+use offset::Offset;
 
 const TRIES: usize = 24;
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub struct GpuClock {
     ms_per_tick: f64,
-    /// Host milliseconds since `origin` at tick 0.
-    offset_ms: f64,
-    /// Half the tightest bracket.
+    counter: Counter,
+    offset: Offset,
+    /// Of all times so far, milliseconds since the origin.
+    latest_ms: f64,
+    /// The largest error bound so far.
     pub residual_us: f64,
 }
 
@@ -23,22 +32,33 @@ impl GpuClock {
     pub fn calibrate(gpu: &GpuDevice, origin: Instant) -> Result<Self, DeviceFailure> {
         let probe = Probe::new(&gpu.device);
         let ms_per_tick = f64::from(gpu.queue.get_timestamp_period()) * 1e-6;
-        let mut best = Self { ms_per_tick, offset_ms: 0.0, residual_us: f64::INFINITY };
+        let mut clock = Self::new(ms_per_tick);
         for _ in 0..TRIES {
             let (tick, begin, lasted) = probe.read(gpu)?;
-            let residual_us = lasted.as_secs_f64() * 0.5e6;
-            if residual_us < best.residual_us {
-                let middle_ms = (begin.duration_since(origin) + lasted / 2).as_secs_f64() * 1e3;
-                let offset_ms = middle_ms - tick as f64 * ms_per_tick;
-                best = Self { ms_per_tick, offset_ms, residual_us };
-            }
+            let begin_ms = begin.duration_since(origin).as_secs_f64() * 1e3;
+            clock.host_ms(&[tick], &(begin_ms..begin_ms + lasted.as_secs_f64() * 1e3));
         }
-        Ok(best)
+        clock.offset.centre();
+        clock.residual_us = clock.offset.error_ms() * 1e3;
+        Ok(clock)
     }
 
-    /// Milliseconds since the calibration's origin.
-    pub fn host_ms(&self, tick: u64) -> f64 {
-        tick as f64 * self.ms_per_tick + self.offset_ms
+    fn new(ms_per_tick: f64) -> Self {
+        let (counter, offset) = (Counter::default(), Offset::default());
+        Self { ms_per_tick, counter, offset, latest_ms: f64::NEG_INFINITY, residual_us: 0.0 }
+    }
+
+    /// When these timestamps were taken, milliseconds since the calibration's origin. They are of work that was handed out
+    /// and seen to have ended at these times, in its order. None is before those of earlier work, however the offset moves.
+    pub fn host_ms(&mut self, ticks: &[u64], bracket_ms: &Range<f64>) -> Vec<f64> {
+        let mut times: Vec<f64> = self.counter.elapsed(ticks).iter().map(|tick| tick * self.ms_per_tick).collect();
+        let first = times.iter().copied().fold(f64::INFINITY, f64::min);
+        let last = times.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        self.offset.narrow(&(first..last), bracket_ms);
+        self.residual_us = self.residual_us.max(self.offset.error_ms() * 1e3);
+        times.iter_mut().for_each(|ms| *ms = (*ms + self.offset.value()).max(self.latest_ms));
+        self.latest_ms = times.iter().copied().fold(self.latest_ms, f64::max);
+        times
     }
 }
 
@@ -97,5 +117,31 @@ impl Probe {
         };
         self.readable.unmap();
         Ok((tick, begin, lasted))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A counter of 36 bits, 10 ns a tick, that runs 40 ppm too fast and begins again after 11 minutes.
+    #[test]
+    fn times_are_the_hosts_and_never_run_backwards() {
+        let mut clock = GpuClock::new(1e-5);
+        let tick = |host_ms: f64| ((host_ms * 1e5 * (1.0 + 40e-6)) as u64 + 123_456_789) % (1 << 36);
+        let mut before_ms = f64::NEG_INFINITY;
+        for frame in 0..100_000 {
+            let begin_ms = f64::from(frame) * 10.0;
+            // Of several frames in flight: one follows the other on the device.
+            let taken_ms = [begin_ms, begin_ms + 4.0, begin_ms + 4.0, begin_ms + 10.0];
+            let bracket_ms = begin_ms - 0.1 - f64::from(frame % 7)..begin_ms + 10.1 + f64::from(frame % 5);
+            let times_ms = clock.host_ms(&taken_ms.map(tick), &bracket_ms);
+            for (taken_ms, ms) in taken_ms.into_iter().zip(&times_ms) {
+                assert!((ms - taken_ms).abs() < 0.3, "frame {frame}: {ms} instead of {taken_ms}");
+            }
+            assert!(times_ms.is_sorted() && times_ms[0] >= before_ms, "frame {frame}: {times_ms:?} after {before_ms}");
+            before_ms = times_ms[3];
+        }
+        assert!(clock.residual_us < 500.0 * 7.0, "{}", clock.residual_us);
     }
 }

@@ -5,23 +5,30 @@
 
 mod adapters;
 mod checks;
+mod choice;
 mod clock;
 mod failure;
 mod pipelines;
+mod quirks;
 #[cfg(feature = "view")]
 mod screen;
+mod traversal;
 
-pub use adapters::{AdapterReport, DeviceInfo, Selection, adapters, open};
+pub use adapters::{AdapterReport, DeviceInfo, Selection, adapters, chosen_traversal, open};
 pub use checks::ShaderChecks;
 pub use clock::GpuClock;
-pub use failure::{DeviceFailure, FailureKind};
+pub use failure::{DeviceFailure, FailureKind, panic_text};
 pub use pipelines::{Pipeline, PipelineKey};
+pub use quirks::{Nodes, Quirks};
 #[cfg(feature = "view")]
 pub use screen::ScreenDevice;
+pub use traversal::{Traversal, TraversalChoice};
 
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
+
+use failure::lost_on_panic;
 
 #[derive(Debug, thiserror::Error)]
 pub enum DeviceError {
@@ -31,6 +38,10 @@ pub enum DeviceError {
     UnknownAdapter { index: usize, last: usize },
     #[error("adapter {index} ({name}) lacks {missing}: {hint}")]
     Lacks { index: usize, name: String, missing: String, hint: &'static str },
+    #[error(
+        "adapter {index} ({name}, {driver}) has no ray queries, which hardware traversal is made of: let shaders traverse with --traversal compute, choose another adapter with --devices, or update its driver (Mesa's software driver has them in version 25)"
+    )]
+    NoRayQueries { index: usize, name: String, driver: String },
     #[error("adapter {index} ({name}) gave no device")]
     Open { index: usize, name: String, source: wgpu::RequestDeviceError },
     #[cfg(feature = "view")]
@@ -49,6 +60,7 @@ pub enum DeviceError {
 #[derive(Debug)]
 pub struct GpuDevice {
     pub info: DeviceInfo,
+    pub quirks: Quirks,
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
     /// How long [`Self::wait`] waits.
@@ -64,7 +76,18 @@ pub struct GpuDevice {
 /// Waits are made of slices, so that the time in which the whole process stood still counts as one of them at most.
 pub const WAIT_SLICES: u32 = 8;
 
+/// How shaders of a device reach the scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct SceneAccess {
+    pub nodes: Nodes,
+    pub traversal: Traversal,
+}
+
 impl GpuDevice {
+    pub fn scene_access(&self) -> SceneAccess {
+        SceneAccess { nodes: self.quirks.nodes, traversal: self.info.traversal }
+    }
+
     /// How long a device may take for what is asked of it before the first frame: drivers compile every shader.
     pub const START_PATIENCE: Duration = Duration::from_secs(300);
 
@@ -85,15 +108,7 @@ impl GpuDevice {
     /// # Errors
     /// What went wrong on the device.
     pub fn has_ended(&self, submission: &wgpu::SubmissionIndex) -> Result<bool, DeviceFailure> {
-        let now = wgpu::PollType::Wait { submission_index: Some(submission.clone()), timeout: Some(Duration::ZERO) };
-        let polled = self.device.poll(now);
-        self.failure().map_or(Ok(()), Err)?;
-        match polled {
-            Ok(_) => Ok(true),
-            Err(wgpu::PollError::Timeout) => Ok(false),
-            // It may be lost and not have said so yet.
-            Err(_) => self.wait(Some(submission.clone())).map(|()| true),
-        }
+        self.poll(Some(submission), Duration::ZERO)
     }
 
     /// Waits for everything submitted so far, or up to `submission`.
@@ -101,20 +116,36 @@ impl GpuDevice {
     /// # Errors
     /// What went wrong on the device, or that it took longer than its patience.
     pub fn wait(&self, submission: Option<wgpu::SubmissionIndex>) -> Result<(), DeviceFailure> {
-        let slice = Some(self.patience / WAIT_SLICES);
-        let until = |submission_index| wgpu::PollType::Wait { submission_index, timeout: slice };
         for _ in 0..WAIT_SLICES {
-            match self.device.poll(until(submission.clone())) {
-                Ok(_) => return self.failure().map_or(Ok(()), Err),
-                Err(wgpu::PollError::Timeout) => self.failure().map_or(Ok(()), Err)?,
-                Err(error) => {
-                    // A submission that was refused has no number; why it was comes once the queue is empty.
-                    let _ = self.device.poll(until(None));
-                    return Err(self.failure().unwrap_or_else(|| error.to_string().into()));
-                }
+            if self.poll(submission.as_ref(), self.patience / WAIT_SLICES)? {
+                return Ok(());
             }
         }
         let what = format!("it did not end its work within {} ms", self.patience.as_millis());
         Err(DeviceFailure { kind: FailureKind::Hang, what })
+    }
+
+    /// The one place where the device is polled.
+    fn poll(&self, submission: Option<&wgpu::SubmissionIndex>, limit: Duration) -> Result<bool, DeviceFailure> {
+        let until = |submission_index, timeout| {
+            let how = wgpu::PollType::Wait { submission_index, timeout: Some(timeout) };
+            lost_on_panic(|| self.device.poll(how))
+        };
+        let polled = match until(submission.cloned(), limit) {
+            Ok(Ok(_)) => Ok(true),
+            Ok(Err(wgpu::PollError::Timeout)) => Ok(false),
+            Ok(Err(error)) => {
+                // A submission that was refused has no number; why it was comes once the queue is empty.
+                let is_busy = || matches!(until(None, self.patience / WAIT_SLICES), Ok(Err(wgpu::PollError::Timeout)));
+                let _ = (0..WAIT_SLICES).any(|_| !is_busy());
+                Err(error.to_string().into())
+            }
+            Err(lost) => Err(lost),
+        };
+        let mut failure = self.failure.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Err(new) = &polled {
+            failure.get_or_insert_with(|| new.clone());
+        }
+        failure.clone().map_or(polled, Err)
     }
 }

@@ -3,7 +3,7 @@
 use std::sync::PoisonError;
 
 use super::adapters::{OPENING, kind_name, new_instance, watched};
-use super::{DeviceError, DeviceInfo, GpuDevice};
+use super::{DeviceError, DeviceInfo, GpuDevice, Quirks, Traversal};
 
 /// Takes as little as it can from the devices that render: an integrated GPU is preferred, and on a software adapter it
 /// has one worker thread.
@@ -29,6 +29,7 @@ impl ScreenDevice {
             ..Default::default()
         }))?;
         let (described, limits) = (adapter.get_info(), adapter.limits());
+        let quirks = Quirks::of(&described, &limits);
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("diptych window"),
             required_limits: limits.clone(),
@@ -42,11 +43,12 @@ impl ScreenDevice {
             name: described.name,
             driver: format!("{} {}", described.driver, described.driver_info).trim().to_owned(),
             kind: kind_name(described.device_type).to_owned(),
-            threads: (described.device_type == wgpu::DeviceType::Cpu).then_some(1),
+            threads: quirks.threads_by_environment.then_some(1),
+            traversal: Traversal::Compute,
             max_storage_bytes: limits.max_storage_buffer_binding_size,
             clock_residual_us: 0.0,
         };
-        Ok(Self { gpu: watched(info, device, queue, instance), adapter, surface })
+        Ok(Self { gpu: watched(info, quirks, device, queue, instance), adapter, surface })
     }
 
     /// Makes the surface anew after it was lost.

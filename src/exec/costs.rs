@@ -120,6 +120,7 @@ mod tests {
             begin_ms,
             end_ms,
             bytes: None,
+            submissions: 1,
             transfer: None,
             number: 0,
             after: Vec::new(),

@@ -14,7 +14,7 @@ use crate::device::DeviceFailure;
 use crate::graph::FrameGraph;
 use crate::passes::ROW_TALLY;
 use crate::quality::Quality;
-use crate::schedule::Effort;
+use crate::schedule::{Cut, Effort};
 use crate::stages::{Place, layout};
 
 /// What a frame is made of.
@@ -154,11 +154,12 @@ impl Frames {
         Attempt { number: 1, first_fault: self.faults.len(), begin_ms }
     }
 
-    /// Gives every device its part of a frame.
+    /// Gives every device its part of a frame, with the cuts of its work.
     pub fn hand_out(
         &mut self,
         inputs: Inputs,
         (plan, graph): (&Plan, Arc<FrameGraph>),
+        cuts: impl Fn(usize) -> Vec<Cut>,
         report: FrameReport,
         attempt: Attempt,
     ) {
@@ -169,7 +170,8 @@ impl Frames {
             injections.extend(injected.map(|kind| Injection { kind, device, frame: index }));
             let Inputs { constants, previous, place, ref reads, .. } = inputs;
             let reads = reads.to_vec();
-            let job = FrameJob { plan: plan.clone(), constants, previous, place, reads, runs, injected };
+            let cuts = cuts(device);
+            let job = FrameJob { plan: plan.clone(), constants, previous, place, reads, cuts, runs, injected };
             orders.push((device, Order::Frame(Box::new(job))));
         }
         let limit = self.limit(&inputs);
@@ -220,6 +222,7 @@ impl Frames {
                         let names = Output::of_frame(&frame.graph.program, &frame.inputs.reads);
                         all.images = names.into_iter().zip(reply.images).collect();
                     }
+                    frame.report.clock_residuals_us.push((device, reply.clock_residual_us));
                     let timing = |time| TaskTiming::of(&frame.graph, device, time);
                     frame.report.tasks.extend(reply.times.iter().filter_map(timing));
                 }

@@ -12,6 +12,7 @@ use super::planner::Plan;
 use super::staging::Mapped;
 use super::wire;
 use crate::device::DeviceFailure;
+use crate::schedule::Cut;
 use crate::stages::{Place, layout};
 
 /// What the renderer tells a worker.
@@ -49,6 +50,8 @@ pub struct FrameJob {
     pub place: Place,
     /// The images that the primary sends back with its answer, beside the row tallies.
     pub reads: Vec<Output>,
+    /// Where submissions of this device end, beside those that transfers end.
+    pub cuts: Vec<Cut>,
     /// How often dispatches run; more than once only to simulate slow devices.
     pub runs: u32,
     /// The fault that is injected half-way.
@@ -85,6 +88,8 @@ pub enum Stop {
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
 pub struct FrameReply {
     pub times: Vec<TaskTime>,
+    /// How wrong times of the device have been at most, so far.
+    pub clock_residual_us: f64,
     /// When the device turned to the frame, and when it was done; milliseconds since the origin.
     pub begin_ms: f64,
     pub end_ms: f64,
@@ -102,6 +107,8 @@ pub struct TaskTime {
     pub end_ms: f64,
     /// Of a transfer.
     pub bytes: Option<u64>,
+    /// How many it was spread over.
+    pub submissions: u32,
 }
 
 /// What workers send one another. `B` is what the bytes of rows are in.
@@ -170,6 +177,7 @@ mod tests {
     use crate::passes::tonemap::{DISPLAY, LINEAR};
     use crate::passes::{ROW_TALLY, aov_image};
     use crate::scene::rig::Eye;
+    use crate::schedule::Position;
 
     fn round_trip<T: Serialize + DeserializeOwned + PartialEq + fmt::Debug>(message: &T) {
         let text = serde_json::to_string(message).unwrap();
@@ -190,6 +198,7 @@ mod tests {
             previous: [layout::View { tan_half_x: 0.3, ..Default::default() }; 2],
             place: Place { slot: 2, turn: 1 },
             reads: vec![LINEAR.into(), DISPLAY.into(), aov_image(3).into()],
+            cuts: vec![Cut { task: 4, at: Position { run: 1, row: 16 } }],
             runs: 2,
             injected: Some(InjectedKind::Hang),
         }
@@ -209,9 +218,15 @@ mod tests {
         round_trip(&command(Order::Read { image: ROW_TALLY.into(), place, injected: None }));
 
         let reply = |answer| Reply { ticket: 3, device: 63, answer };
-        let times = vec![TaskTime { task: 4, begin_ms: 0.1, end_ms: 1e9 + 0.3, bytes: Some(1 << 40) }];
+        let times = vec![TaskTime { task: 4, begin_ms: 0.1, end_ms: 1e9 + 0.3, bytes: Some(1 << 40), submissions: 3 }];
         let images = vec![[vec![0, 255], vec![7]], [vec![], vec![1]]];
-        round_trip(&reply(Ok(Answer::Frame(FrameReply { times, begin_ms: -0.0, end_ms: 0.7, images }))));
+        round_trip(&reply(Ok(Answer::Frame(FrameReply {
+            times,
+            clock_residual_us: 0.2,
+            begin_ms: -0.0,
+            end_ms: 0.7,
+            images,
+        }))));
         round_trip(&reply(Ok(Answer::Pixels([vec![1, 2], vec![3, 4]]))));
         round_trip(&reply(Err(Stop::Aborted)));
         for kind in [FailureKind::Loss, FailureKind::Hang, FailureKind::Oom, FailureKind::Error] {

@@ -53,6 +53,10 @@ pub enum ExecError {
     NoFrame,
     #[error("a frame cannot have {0}")]
     Quality(String),
+    #[error(
+        "some devices follow rays in shaders and others by ray queries, which do not give the same bytes: open them for one traversal"
+    )]
+    MixedTraversal,
     #[error("the devices waited for one another until they gave up")]
     Stuck,
     #[error(transparent)]
@@ -76,6 +80,8 @@ pub struct RenderSettings {
     /// Upper bound of indirect radiance; 0: none.
     pub indirect_clamp: f32,
     pub exposure_ev: f32,
+    /// How long a submission may be predicted to take; none: as long as each device's kind may.
+    pub max_dispatch_ms: Option<f64>,
 }
 
 impl RenderSettings {
@@ -92,6 +98,7 @@ impl RenderSettings {
             scale: 1.0,
             indirect_clamp: 0.0,
             exposure_ev: 0.0,
+            max_dispatch_ms: None,
         }
     }
 

@@ -16,7 +16,7 @@ use crate::graph::{FrameGraph, Resource};
 use crate::quality::{Denoiser, Quality};
 use crate::scene::rig::Rig;
 use crate::scene::shot::Gaze;
-use crate::schedule::{CostModel, Effort, FrameCosts, Policy, simulate};
+use crate::schedule::{CostModel, Effort, FrameCosts, Policy, cuts, simulate};
 use crate::stages::{Foveation, Place, SceneTables, StageError, layout};
 
 /// Graphs that are kept beside those of the frames in flight: one for each number of iterations that frames are predicted
@@ -32,6 +32,8 @@ pub struct Renderer {
     pub(super) effort: Effort,
     tables: Arc<SceneTables>,
     devices: Vec<DeviceInfo>,
+    /// How long a submission of each may be predicted to take.
+    max_dispatch_ms: Vec<Option<f64>>,
     pub(super) costs: CostModel,
     pub(super) planner: Planner,
     /// The latest plan and its graph.
@@ -50,7 +52,7 @@ impl Renderer {
     /// Starts a worker per device and warms every pipeline up. Times are counted from `origin`.
     ///
     /// # Errors
-    /// A device that fails at once, has too little memory or cannot compile a stage, or a thread that cannot be
+    /// Devices of different traversals, a device that fails at once, has too little memory or cannot compile a stage, or a thread that cannot be
     /// started.
     pub fn new(
         gpus: Vec<GpuDevice>,
@@ -59,6 +61,9 @@ impl Renderer {
         policy: Box<dyn Policy>,
         origin: Instant,
     ) -> Result<Self, ExecError> {
+        if gpus.iter().any(|gpu| gpu.info.traversal != gpus[0].info.traversal) {
+            return Err(ExecError::MixedTraversal);
+        }
         let stages = &settings.stages;
         let spec = settings.spec(gpus.len(), tables.has_surfaces());
         let frames_in_flight = stages.frames_in_flight;
@@ -66,6 +71,7 @@ impl Renderer {
         let graphs = Arc::new(graphs.map_err(StageError::Program)?);
         let costs = CostModel::new(&spec, &stages.declarations);
         let planner = Planner::new(policy, &settings, gpus.len(), Arc::clone(&graphs));
+        let max_dispatch_ms = gpus.iter().map(|g| settings.max_dispatch_ms.or(g.quirks.max_dispatch_ms)).collect();
         let (workers, devices) = WorkerPool::start(gpus, stages, &tables, &graphs, origin)?;
         Ok(Self {
             quality: quality::of(&settings),
@@ -73,6 +79,7 @@ impl Renderer {
             settings,
             tables,
             devices,
+            max_dispatch_ms,
             costs,
             planner,
             planned: None,
@@ -247,6 +254,9 @@ impl Renderer {
 
     fn learn(&mut self, frame: &InFlight) {
         let report = &frame.report;
+        for &(device, residual_us) in &report.clock_residuals_us {
+            self.devices[device].clock_residual_us = residual_us;
+        }
         let begun_ms = (!report.overlapped && frame.attempt.number == 1).then_some(report.begin_ms);
         let effort = frame.inputs.effort.clone();
         self.costs.learn(&FrameCosts { effort, ..costs::frame_costs(report, self.devices.len(), begun_ms) });
@@ -303,6 +313,7 @@ impl Renderer {
             predicted_ms: predicted.map(|p| p.makespan_ms),
             plan_ms: self.frames.now_ms() - now_ms,
             tasks: Vec::new(),
+            clock_residuals_us: Vec::new(),
             tallies: Default::default(),
             row_tallies: Default::default(),
             devices: left,
@@ -311,7 +322,13 @@ impl Renderer {
             program: Arc::clone(&graph.program),
             pixel_centre: inputs.constants.camera.centre.to_array(),
         };
-        self.frames.hand_out(inputs, (&plan, Arc::clone(&graph)), report, attempt);
+        let stages = &self.settings.stages;
+        let spp = inputs.constants.sampling.spp;
+        let cuts = |device: usize| {
+            let bound_ms = self.max_dispatch_ms[device];
+            bound_ms.map_or_else(Vec::new, |ms| cuts(&graph, &self.costs, device, ms, (spp, stages.jitter(spp))))
+        };
+        self.frames.hand_out(inputs, (&plan, Arc::clone(&graph)), cuts, report, attempt);
         self.planned = Some((plan, graph));
     }
 

@@ -28,6 +28,8 @@ pub struct TaskTiming {
     pub end_ms: f64,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub bytes: Option<u64>,
+    /// How many submissions it was spread over.
+    pub submissions: u32,
     /// Number of the transfer within its frame; both of its ends have it.
     #[serde(skip)]
     pub transfer: Option<u32>,
@@ -53,10 +55,10 @@ impl TaskTiming {
             TaskKind::Upload { image, transfer } => (name(image), TimedTask::Upload, Some(transfer)),
             TaskKind::Stitch => return None,
         };
-        let TaskTime { begin_ms, end_ms, bytes, .. } = *time;
+        let TaskTime { begin_ms, end_ms, bytes, submissions, .. } = *time;
         let (view, device, rows) = (task.view, task.device, task.rows.clone());
         let (number, after) = (time.task, graph.dependencies(device, time.task));
-        Some(Self { stage, kind, view, device, rows, begin_ms, end_ms, bytes, transfer, number, after })
+        Some(Self { stage, kind, view, device, rows, begin_ms, end_ms, bytes, submissions, transfer, number, after })
     }
 }
 
@@ -91,6 +93,8 @@ pub struct FrameReport {
     pub plan_ms: f64,
     /// By device, in order of begin.
     pub tasks: Vec<TaskTiming>,
+    /// How wrong times of each device have been at most, up to this frame.
+    pub clock_residuals_us: Vec<(usize, f64)>,
     /// Per eye, summed over rows.
     pub tallies: [Tally; 2],
     /// Per eye and row.

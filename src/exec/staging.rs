@@ -57,7 +57,7 @@ impl Pool {
         let buffer = self.take(size).unwrap_or_else(|| {
             gpu.device.create_buffer(&wgpu::BufferDescriptor {
                 label: Some("read back"),
-                size: size.next_power_of_two(),
+                size: size.next_power_of_two().min(gpu.device.limits().max_buffer_size),
                 usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
                 mapped_at_creation: false,
             })

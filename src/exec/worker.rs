@@ -6,7 +6,6 @@ mod part;
 pub mod protocol;
 pub mod script;
 
-use std::any::Any;
 use std::collections::HashMap;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::Arc;
@@ -18,7 +17,7 @@ use super::messages::{Answer, Bytes, Command, Message, Order, Reply, Stop};
 use super::output::Output;
 use super::planner::Graphs;
 use super::transport::WorkerTransport;
-use crate::device::{DeviceFailure, DeviceInfo, GpuDevice, WAIT_SLICES};
+use crate::device::{DeviceFailure, DeviceInfo, GpuDevice, WAIT_SLICES, panic_text};
 use crate::stages::Place;
 use action::{Action, Outcome};
 use device::WorkerDevice;
@@ -43,8 +42,7 @@ pub struct Worker {
 
 impl Worker {
     pub fn new(device: WorkerDevice, graphs: Arc<Graphs>, transport: Box<dyn WorkerTransport>) -> Self {
-        // A device on the processor is lavapipe.
-        let protocol = Protocol::new(device.gpu.info.threads.is_some());
+        let protocol = Protocol::new(device.gpu.quirks.submit_blocks);
         let parts = HashMap::new();
         Self { device, graphs, transport, protocol, parts, read: None, done: None, failure: None }
     }
@@ -175,8 +173,4 @@ struct Spans {
     // Within the other one.
     rows: Option<EnteredSpan>,
     frame: Option<EnteredSpan>,
-}
-
-fn panic_text(panic: &(dyn Any + Send)) -> &str {
-    panic.downcast_ref::<String>().map(String::as_str).or(panic.downcast_ref::<&str>().copied()).unwrap_or("no message")
 }

@@ -7,6 +7,7 @@
 
 mod build;
 mod halo;
+mod launch;
 mod pass;
 mod program;
 mod resource;
@@ -15,7 +16,8 @@ mod stripes;
 
 pub use build::{FrameGraph, Key, Task, TaskKind};
 pub use halo::{HaloPlan, Seam};
-pub use pass::{Access, Chain, CutGroup, Dispatch, Kernel, Launch, Pass, Reach, Stage, Use, Work};
+pub use launch::{Launch, Run, runs};
+pub use pass::{Access, Chain, CutGroup, Dispatch, Kernel, Pass, Reach, Stage, Use, Work};
 pub use program::{Bound, Linked, Program, ProgramError};
 pub use resource::{Format, Grid, Image, LIST_HEADER, Life, Projection, Resource, Scope, Size};
 pub use stripes::{Stripes, StripesError};

@@ -3,6 +3,7 @@
 
 use std::ops::Range;
 
+use super::launch::Launch;
 use super::resource::{Grid, Image, Resource, Scope};
 use crate::scene::rig::Eye;
 use crate::wgsl::Constant;
@@ -214,20 +215,6 @@ pub enum Dispatch {
 
 impl Dispatch {
     pub const PIXELS: Self = Self::Invocations([1, 1]);
-}
-
-/// A run of a kernel over a pass's rows, with the arguments that it gets.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Launch {
-    Once([u32; 3]),
-    /// One run for each batch of at most `most` samples of a pixel. The arguments are the first sample, the last one +
-    /// 1, and `third`.
-    Samples {
-        most: u32,
-        third: u32,
-        /// Whether it is left out in frames whose only sample is at the pixel's centre.
-        only_jittered: bool,
-    },
 }
 
 /// The quantity to which the time of a pass is proportional.

@@ -133,6 +133,7 @@ mod tests {
             begin_ms,
             end_ms: begin_ms + 0.5,
             bytes: None,
+            submissions: 1,
             transfer: None,
             number: 0,
             after: Vec::new(),

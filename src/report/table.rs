@@ -35,13 +35,13 @@ impl Table {
         for run in runs {
             let kinds = run.chunk_by(|a, b| (a.adapter, a.threads) == (b.adapter, b.threads));
             rows.extend(kinds.filter_map(|alike| {
-                let DeviceInfo { name, driver, kind, threads, .. } = alike.first()?;
+                let DeviceInfo { name, driver, kind, threads, traversal, .. } = alike.first()?;
                 let threads = threads.map_or("-".to_owned(), |threads| threads.to_string());
                 let (all, these) = (run.len().to_string(), alike.len().to_string());
-                Some(vec![all, these, name.clone(), driver.clone(), kind.clone(), threads])
+                Some(vec![all, these, name.clone(), driver.clone(), kind.clone(), threads, traversal.name().to_owned()])
             }));
         }
-        Table { headers: vec!["devices", "of these", "adapter", "driver", "kind", "threads each"], rows }
+        Table { headers: vec!["devices", "of these", "adapter", "driver", "kind", "threads each", "traversal"], rows }
     }
 
     /// Whether a column holds only numbers.

@@ -158,6 +158,7 @@ mod tests {
             rows: Some(0..90),
             transfer: None,
             order: None,
+            submissions: None,
             bytes: Some(1000),
         };
         Trace {

@@ -313,6 +313,15 @@ impl CostModel {
         number.map_or(0.0, |n| self.ms_per_unit(n, device, effort) * self.units(self.stages[n].unit(), rows))
     }
 
+    /// The same on rows of so many pixels, if this device has run the pass before. Each pixel that may start a path counts
+    /// as a ray at least, since this frame may see more than the last one.
+    pub fn cautious_pass_ms(&self, pass: &Pass, device: usize, rows: &Range<u32>, pixels: f64) -> Option<f64> {
+        let number = self.number_of(pass.stage, pass.view)?;
+        let ms_per_unit = self.devices[device].ms_per_unit[number].value()?;
+        let units = self.units(self.stages[number].unit(), rows) * self.effort.of(pass.stage);
+        Some(ms_per_unit * if pass.work == Work::Rays { units.max(pixels) } else { units })
+    }
+
     /// The effort of the frames that are planned.
     pub fn effort(&self) -> &Effort {
         &self.effort

@@ -121,12 +121,12 @@ fn largest_around(values: &[f64], reach: usize) -> Vec<f64> {
     let mut candidates: VecDeque<usize> = VecDeque::with_capacity(values.len());
     let mut seen = 0;
     for index in 0..values.len() {
-        for new in seen..(index + reach + 1).min(values.len()) {
-            while candidates.back().is_some_and(|&c| values[c] <= values[new]) {
+        while seen < (index + reach + 1).min(values.len()) {
+            while candidates.back().is_some_and(|&c| values[c] <= values[seen]) {
                 candidates.pop_back();
             }
-            candidates.push_back(new);
-            seen = new + 1;
+            candidates.push_back(seen);
+            seen += 1;
         }
         while candidates.front().is_some_and(|&c| c + reach < index) {
             candidates.pop_front();

@@ -6,6 +6,7 @@
 
 mod cost;
 mod cut;
+mod cuts;
 mod effort;
 mod halo;
 mod heft;
@@ -16,6 +17,7 @@ mod simulate;
 
 pub use cost::{CostModel, FrameCosts, StageCost, StripeCosts, TransferCost};
 pub use cut::step_rows;
+pub use cuts::{Cut, Position, cuts, parts};
 pub use effort::Effort;
 pub use halo::choose_halo;
 pub use heft::Heft;

@@ -2,7 +2,7 @@
 
 use super::StageSettings;
 use super::layout::PassConstants;
-use super::scene_tables::TableError;
+use super::limits::LimitExceeded;
 use super::shader::{override_names, shader_text};
 use crate::device::{GpuDevice, Pipeline, PipelineKey};
 use crate::graph::{Access, Format, Kernel, Pass, ProgramError, Use};
@@ -12,9 +12,7 @@ const PASS_BYTES: u32 = size_of::<PassConstants>() as u32;
 #[derive(Debug, thiserror::Error)]
 pub enum StageError {
     #[error(transparent)]
-    Tables(#[from] TableError),
-    #[error(transparent)]
-    Images(#[from] super::TooLarge),
+    Limit(#[from] LimitExceeded),
     #[error(transparent)]
     Program(#[from] ProgramError),
     #[error("device {device} refused the shader {shader}: {what}")]
@@ -37,7 +35,7 @@ pub fn build(
     settings: &StageSettings,
 ) -> Result<Vec<Built>, StageError> {
     let kernel = pass.kernel;
-    let source = shader_text(&kernel);
+    let source = shader_text(&kernel, gpu.scene_access());
     let declared = override_names(&source);
     let mut one = |kind: Option<bool>, jitter| {
         let constants = settings.constants(jitter).into_iter().filter(|(n, _)| declared.contains(n)).collect();

@@ -48,7 +48,7 @@ fn image(name: &str) -> Bound {
 impl Bench {
     fn new(gloss: bool) -> Self {
         let scene = (builtin::find("checker").unwrap().build)();
-        let selection = Selection { adapters: None, virtual_devices: 1, threads_per_device: None };
+        let selection = Selection { virtual_devices: 1, ..Selection::default() };
         let mut gpu = device::open(&selection).expect("this test needs an adapter").swap_remove(0);
         let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
         let needs = SceneNeeds { gloss, ..SceneNeeds::of(&scene) };
@@ -70,7 +70,7 @@ impl Bench {
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         for task in graph.tasks_of(0) {
             if let TaskKind::Dispatch { pass, valid } = task.kind.clone() {
-                let task = StageTask { pass, rows: task.rows.clone(), valid };
+                let task = StageTask::new(pass, task.rows.clone(), valid);
                 self.stages.record(&self.gpu, &mut encoder, &mut self.stamps, &task, 1);
             }
         }

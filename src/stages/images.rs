@@ -49,20 +49,9 @@ impl Place {
     }
 }
 
-#[derive(Debug, thiserror::Error)]
-#[error(
-    "one image at {extent} takes {mib} MiB, more than the {limit} MiB that device {device} lets a shader read at once: choose a smaller --size"
-)]
-pub struct TooLarge {
-    extent: Extent,
-    mib: u64,
-    limit: u64,
-    device: usize,
-}
-
 impl Images {
     /// What any of these programs binds, with `slots` frames in flight.
-    pub fn new(gpu: &GpuDevice, programs: &[Program], extent: Extent, slots: usize) -> Result<Self, TooLarge> {
+    pub fn new(gpu: &GpuDevice, programs: &[Program], extent: Extent, slots: usize) -> Self {
         let bound = || programs.iter().flat_map(Program::images);
         let kept: HashSet<Resource> = bound().filter(|b| b.is_before).map(|b| b.resource).collect();
         let mut buffers = HashMap::new();
@@ -70,11 +59,7 @@ impl Images {
             if buffers.contains_key(&(*resource, *buffer)) {
                 continue;
             }
-            let limit = gpu.info.max_storage_bytes;
             let size = resource.bytes(extent);
-            if size > limit {
-                return Err(TooLarge { extent, mib: size >> 20, limit: limit >> 20, device: gpu.info.index });
-            }
             let (kind, count) = match resource.life {
                 _ if kept.contains(resource) => (Kind::Turns, 2),
                 Life::Output => (Kind::Slots, slots),
@@ -84,7 +69,7 @@ impl Images {
             let of_eye = |_| (0..count).map(|_| new_buffer(gpu, resource, size)).collect();
             buffers.insert((*resource, *buffer), Copies { kind, buffers: (0..eyes).map(of_eye).collect() });
         }
-        Ok(Self { extent, buffers })
+        Self { extent, buffers }
     }
 
     /// The resource of this name.

@@ -19,7 +19,7 @@ const COUNT: usize = 1 << 18;
 const BINS: [usize; 2] = [12, 24];
 
 const PROBE: &str = "
-//!include frame rng scene light_tree environment lights trace surface
+//!include frame rng scene light_tree environment lights trace traverse hits surface
 struct Answer {
     // A direction that was sampled, and the density that came with it; 0: none.
     sampled: vec4<f32>,
@@ -78,7 +78,7 @@ struct Answer {
 
 /// What a surface at `p` facing `n` samples; with `n` zero, what a point does that light reaches from all sides.
 fn ask(scene: &Scene, p: Vec3, n: Vec3) -> Vec<Answer> {
-    let selection = Selection { adapters: None, virtual_devices: 1, threads_per_device: None };
+    let selection = Selection { virtual_devices: 1, ..Selection::default() };
     let gpus = device::open(&selection).expect("this test needs an adapter");
     let (gpu, accel) = (&gpus[0], Accel::build(scene).unwrap());
     let tables = SceneTables::new(scene, accel).unwrap();
@@ -97,7 +97,7 @@ fn ask(scene: &Scene, p: Vec3, n: Vec3) -> Vec<Answer> {
     let group_layout =
         |entries: &[_]| gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: None, entries });
     let constants = buffer_type(0, wgpu::BufferBindingType::Uniform);
-    let scene_layout = group_layout(&[vec![constants], layout_entries()].concat());
+    let scene_layout = group_layout(&[vec![constants], layout_entries(gpu.scene_access())].concat());
     let answers_layout = group_layout(&[buffer_type(0, wgpu::BufferBindingType::Storage { read_only: false })]);
     let frame = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
         label: None,
@@ -135,7 +135,7 @@ fn ask(scene: &Scene, p: Vec3, n: Vec3) -> Vec<Answer> {
 }
 
 fn probe(gpu: &device::GpuDevice, layouts: &[Option<&wgpu::BindGroupLayout>]) -> wgpu::ComputePipeline {
-    let source = shader_text(&Kernel { text: Some(PROBE), ..Kernel::with_scene("probe") });
+    let source = shader_text(&Kernel { text: Some(PROBE), ..Kernel::with_scene("probe") }, gpu.scene_access());
     let descriptor =
         wgpu::ShaderModuleDescriptor { label: None, source: wgpu::ShaderSource::Wgsl(source.as_str().into()) };
     // SAFETY: as for the stages, of whose text this is.

@@ -9,20 +9,24 @@ mod emitters;
 mod foveation;
 mod images;
 pub mod layout;
+mod limits;
 mod pipeline;
 mod reflect;
 mod scene_tables;
 mod shader;
+mod task;
 
 pub use compile::StageError;
 pub use foveation::Foveation;
-pub use images::{Images, Place, TooLarge};
-pub use pipeline::{DeviceStages, StageTask, Stamps};
+pub use images::{Images, Place};
+pub use limits::LimitExceeded;
+pub use pipeline::DeviceStages;
 pub use reflect::{Mismatch, verify};
 #[doc(hidden)] // For benchmarks.
 pub use scene_tables::{SceneBuffers, layout_entries as scene_layout_entries};
 pub use scene_tables::{SceneTables, TableError};
 pub use shader::{all_shader_text, override_names, shader_text, shader_text_of};
+pub use task::{StageTask, Stamps};
 
 use glam::Vec2;
 

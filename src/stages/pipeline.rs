@@ -8,48 +8,14 @@ use super::StageSettings;
 use super::compile::{Built, StageError, buffer_entry, build};
 use super::images::{Images, Place};
 use super::layout::{Frame, PassConstants, View};
-use super::scene_tables::{SceneBuffers, SceneTables, layout_entries};
+use super::limits;
+use super::scene_tables::{SceneBuffers, SceneTables, layout_entries, scene_buffers};
+use super::task::{StageTask, Stamps};
 use crate::device::GpuDevice;
-use crate::graph::{Access, Bound, Dispatch, Format, Kernel, Launch, Linked, Program};
+use crate::graph::{Access, Bound, Dispatch, Format, Kernel, Program, Use, runs};
 use crate::image::Extent;
 use crate::passes::PREVIOUS_VIEWS;
 use crate::scene::rig::Eye;
-
-/// Timestamps around a frame's tasks.
-pub struct Stamps {
-    pub queries: wgpu::QuerySet,
-    used: u32,
-}
-
-impl Stamps {
-    /// Most tasks of a frame that are timed.
-    pub const CAPACITY: u32 = 256;
-
-    pub fn new(device: &wgpu::Device) -> Self {
-        let queries = device.create_query_set(&wgpu::QuerySetDescriptor {
-            label: Some("stamps"),
-            ty: wgpu::QueryType::Timestamp,
-            count: 2 * Self::CAPACITY,
-        });
-        Self { queries, used: 0 }
-    }
-
-    pub fn reset(&mut self) {
-        self.used = 0;
-    }
-
-    /// Queries written since the reset.
-    pub fn written(&self) -> u32 {
-        2 * self.used
-    }
-
-    /// Index of the next pair, or none left.
-    fn next(&mut self) -> Option<u32> {
-        let pair = self.used;
-        (pair < Self::CAPACITY).then(|| self.used += 1)?;
-        Some(pair)
-    }
-}
 
 /// A kernel by its name, what it binds, and the frame's place.
 type GroupKey = (&'static str, Vec<(Bound, Eye)>, Place);
@@ -74,15 +40,6 @@ pub struct DeviceStages {
     found: HashMap<(usize, u64), wgpu::Buffer>,
 }
 
-/// A pass of a program on one run of rows.
-#[derive(Clone, Debug)]
-pub struct StageTask {
-    /// Its index.
-    pub pass: usize,
-    pub rows: Range<u32>,
-    pub valid: Range<u32>,
-}
-
 fn find<'a>(built: &'a [Built], kernel: &Kernel, jitter: bool) -> Option<&'a Built> {
     built.iter().find(|b| b.kernel == *kernel && b.jitter.is_none_or(|j| j == jitter))
 }
@@ -105,11 +62,16 @@ impl DeviceStages {
         programs: &[Program],
     ) -> Result<Self, StageError> {
         settings.needs.instances |= tables.has_instances();
-        let images = Images::new(gpu, programs, settings.extent, settings.frames_in_flight)?;
+        limits::check(
+            &gpu.device.limits(),
+            gpu.info.index,
+            limits::of_frames(programs, scene_buffers(gpu.quirks.nodes)),
+        )?;
         let scene = SceneBuffers::new(gpu, tables)?;
+        let images = Images::new(gpu, programs, settings.extent, settings.frames_in_flight);
         let frame = uniform(gpu, "frame", size_of::<Frame>());
         let constants = buffer_entry(0, wgpu::BufferBindingType::Uniform);
-        let all: Vec<_> = std::iter::once(constants).chain(layout_entries()).collect();
+        let all: Vec<_> = std::iter::once(constants).chain(layout_entries(gpu.scene_access())).collect();
         let group_layout = |label, entries: &[_]| {
             gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries })
         };
@@ -190,7 +152,7 @@ impl DeviceStages {
                     if !warm.contains(&(kernel.name, spp)) {
                         warm.push((kernel.name, spp));
                         self.spp = spp;
-                        self.record(gpu, &mut encoder, stamps, &StageTask { pass: number, rows: 0..0, valid: 0..0 }, 1);
+                        self.record(gpu, &mut encoder, stamps, &StageTask::new(number, 0..0, 0..0), 1);
                     }
                 }
             }
@@ -198,8 +160,8 @@ impl DeviceStages {
         gpu.queue.submit([encoder.finish()]);
     }
 
-    /// Records a task; returns the pair of timestamps around it, if any is left. It runs `runs` times, which takes that
-    /// much longer and changes no byte: what a pass adds to is as it was before each run.
+    /// Records a task, or a part of it; returns the pair of timestamps around all of the task, if any is left. It runs
+    /// `runs` times, which takes that much longer and changes no byte: what a pass adds to is as it was before each run.
     pub fn record(
         &mut self,
         gpu: &GpuDevice,
@@ -211,14 +173,14 @@ impl DeviceStages {
         let program = Arc::clone(self.program.as_ref()?);
         let linked = &program.passes()[task.pass];
         find(&self.built, &linked.pass.kernel, self.settings.jitter(self.spp))?;
-        let pair = stamps.next();
-        let added_to = if runs > 1 { self.keep_found(gpu, encoder, &program, linked) } else { Vec::new() };
+        let pair = if task.begins() { stamps.begin() } else { stamps.current() };
+        let added_to = if runs > 1 { self.keep_found(gpu, encoder, &program, task) } else { Vec::new() };
         for run in 0..runs {
             for (image, found) in added_to.iter().filter(|_| run > 0) {
                 encoder.copy_buffer_to_buffer(found, 0, image, 0, image.size());
             }
-            let begin = pair.filter(|_| run == 0).map(|p| 2 * p);
-            let end = pair.filter(|_| run + 1 == runs).map(|p| 2 * p + 1);
+            let begin = pair.filter(|_| run == 0 && task.begins()).map(|p| 2 * p);
+            let end = pair.filter(|_| run + 1 == runs && task.ends()).map(|p| 2 * p + 1);
             let times = begin.or(end).map(|_| wgpu::ComputePassTimestampWrites {
                 query_set: &stamps.queries,
                 beginning_of_pass_write_index: begin,
@@ -229,17 +191,20 @@ impl DeviceStages {
         pair
     }
 
-    /// Copies what a pass adds to aside; returns the images with their copies.
+    /// Copies what a task adds to aside; returns the images with their copies. Later parts of a task may add to all that its
+    /// first one has set.
     fn keep_found(
         &mut self,
         gpu: &GpuDevice,
         encoder: &mut wgpu::CommandEncoder,
         program: &Program,
-        linked: &Linked,
+        task: &StageTask,
     ) -> Vec<(wgpu::Buffer, wgpu::Buffer)> {
+        let linked = &program.passes()[task.pass];
+        let is_added_to = |used: &Use| used.access == Access::Add || (used.access.writes() && !task.begins());
         let mut kept = Vec::new();
         let uses = linked.pass.uses.iter().zip(&linked.images).enumerate();
-        for (binding, (used, &image)) in uses.filter(|(_, (u, _))| u.access == Access::Add) {
+        for (binding, (used, &image)) in uses.filter(|(_, (u, _))| is_added_to(u)) {
             let image = self.images.buffer(&program.images()[image], linked.pass.eye_of(used), self.place).clone();
             let found = self.found.entry((binding, image.size())).or_insert_with(|| scratch(gpu, image.size())).clone();
             encoder.copy_buffer_to_buffer(&image, 0, &found, 0, image.size());
@@ -261,7 +226,8 @@ impl DeviceStages {
         let jitter = self.settings.jitter(self.spp);
         let built = find(&self.built, kernel, jitter)?;
         let images = &self.images;
-        for (used, &image) in declared.uses.iter().zip(&linked.images).filter(|(u, _)| u.is_cleared) {
+        let cleared = declared.uses.iter().zip(&linked.images).filter(|(u, _)| u.is_cleared && task.begins());
+        for (used, &image) in cleared {
             // Of a list, the counts of its pixels and of workgroups.
             let bytes = (used.image.resource.format == Format::List).then_some(8);
             encoder.clear_buffer(images.buffer(&program.images()[image], declared.eye_of(used), self.place), 0, bytes);
@@ -281,20 +247,24 @@ impl DeviceStages {
         pass.set_bind_group(0, if kernel.reads_scene { &self.with_scene } else { &self.frame_only }, &[]);
         pass.set_bind_group(1, &*group, &[]);
         let extent = declared.grid.extent(program.extent);
-        for args in arguments(&declared.launches, self.spp, jitter) {
+        for (number, run) in (0..).zip(runs(&declared.launches, self.spp, jitter)) {
+            let rows = task.rows_of(number);
+            if rows.is_empty() && !task.rows.is_empty() {
+                continue;
+            }
             let constants = PassConstants {
                 view: declared.view as u32,
-                row_begin: task.rows.start,
-                row_end: task.rows.end,
+                row_begin: rows.start,
+                row_end: rows.end,
                 valid_begin: task.valid.start,
                 valid_end: task.valid.end,
-                args,
+                args: run.args,
                 width: extent.width,
                 height: extent.height,
                 device: gpu.info.index as u32,
             };
             pass.set_immediates(0, bytemuck::bytes_of(&constants));
-            match workgroups(declared.dispatch, kernel.workgroup, extent.width, &task.rows) {
+            match workgroups(declared.dispatch, kernel.workgroup, extent.width, &rows) {
                 Groups::Direct([x, y, z]) => pass.dispatch_workgroups(x, y, z),
                 Groups::Listed(list) => {
                     let bound = Bound { resource: list, buffer: 0, is_before: false };
@@ -306,14 +276,14 @@ impl DeviceStages {
     }
 }
 
-enum Groups {
+pub enum Groups {
     Direct([u32; 3]),
     /// As many as this list asks for.
     Listed(crate::graph::Resource),
 }
 
 /// Workgroups of a dispatch over rows of a grid `width` wide. Tiles of several rows begin at multiples of their height.
-fn workgroups(dispatch: Dispatch, workgroup: [u32; 3], width: u32, rows: &Range<u32>) -> Groups {
+pub fn workgroups(dispatch: Dispatch, workgroup: [u32; 3], width: u32, rows: &Range<u32>) -> Groups {
     let tiles = |[columns, height]: [u32; 2]| {
         let (columns, height) = (columns.max(1), height.max(1));
         [width.div_ceil(columns), (rows.end.div_ceil(height) - rows.start / height).max(1)]
@@ -332,22 +302,6 @@ fn workgroups(dispatch: Dispatch, workgroup: [u32; 3], width: u32, rows: &Range<
         Dispatch::List(_) if rows.is_empty() => Groups::Direct([1, 1, 1]),
         Dispatch::List(list) => Groups::Listed(list),
     }
-}
-
-/// The arguments of each dispatch.
-fn arguments(launches: &[Launch], spp: u32, jitter: bool) -> impl Iterator<Item = [u32; 3]> {
-    launches.iter().flat_map(move |launch| {
-        let (samples, most, one) = match *launch {
-            Launch::Once(args) => (0, 1, Some(args)),
-            Launch::Samples { only_jittered, .. } if only_jittered && !jitter => (0, 1, None),
-            Launch::Samples { most, .. } => (spp, most, None),
-        };
-        let batch = move |i: u32| match *launch {
-            Launch::Samples { third, .. } => [i * most, (i * most + most).min(spp), third],
-            Launch::Once(args) => args,
-        };
-        one.into_iter().chain((0..samples.div_ceil(most)).map(batch))
-    })
 }
 
 fn scratch(gpu: &GpuDevice, size: u64) -> wgpu::Buffer {

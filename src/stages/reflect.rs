@@ -5,6 +5,7 @@ use wgpu::naga::valid::{Capabilities, GlobalUse, ValidationFlags, Validator};
 use wgpu::naga::{AddressSpace, GlobalVariable, Handle, Module, StorageAccess, TypeInner};
 
 use super::shader::shader_text;
+use crate::device::{SceneAccess, Traversal};
 use crate::graph::{Access, Format, Pass, Use};
 
 /// How a shader differs from the declaration of its pass.
@@ -34,12 +35,17 @@ pub enum Mismatch {
     Scene(bool, bool),
 }
 
-/// Holds a pass against its shader.
+/// Holds a pass against its shader, as it is for devices of any traversal.
 ///
 /// # Errors
 /// The first [`Mismatch`].
 pub fn verify(pass: &Pass) -> Result<(), Mismatch> {
-    let source = shader_text(&pass.kernel);
+    let access = |traversal| SceneAccess { traversal, ..Default::default() };
+    Traversal::ALL.into_iter().try_for_each(|traversal| verify_for(pass, access(traversal)))
+}
+
+fn verify_for(pass: &Pass, access: SceneAccess) -> Result<(), Mismatch> {
+    let source = shader_text(&pass.kernel, access);
     let module = parse_str(&source).map_err(|e| Mismatch::Invalid(e.emit_to_string(&source)))?;
     let info = Validator::new(ValidationFlags::all(), Capabilities::all())
         .validate(&module)

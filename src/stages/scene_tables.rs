@@ -1,5 +1,6 @@
 //! The scene as the tracing stages read it: tables made once per scene, and their copy on a device.
 
+mod acceleration;
 mod buffers;
 
 use std::sync::Arc;
@@ -16,20 +17,14 @@ use crate::accel::Accel;
 use crate::image::Extent;
 use crate::scene::budget::{Budget, Exceeded};
 use crate::scene::{self, AlphaMode, Environment, Scene, TexelImage, Wrap};
-pub use buffers::{SceneBuffers, layout_entries};
+pub use buffers::{SceneBuffers, layout_entries, scene_buffers};
 
 #[derive(Debug, thiserror::Error)]
 pub enum TableError {
-    #[error(
-        "the scene's {what} take {mib} MiB, more than the {limit} MiB that device {device} lets a shader read at once"
-    )]
-    TooLarge { what: &'static str, mib: u64, limit: u64, device: usize },
     #[error("the tables of the scene's lights are refused: {0}")]
     Memory(Exceeded),
     #[error("the scene's textures hold {0} texels, more than the 2^32 that can be addressed: make them smaller")]
     Texels(u64),
-    #[error("the environment image is {0}; the device takes {1} pixels an edge at most: make it smaller")]
-    Environment(Extent, u32),
 }
 
 /// Tables of one scene, the same for every device.

@@ -2,9 +2,11 @@
 //! their includes put in.
 //!
 //! `//!include a b` in a stage's file puts `shared/a.inc.wgsl` and `shared/b.inc.wgsl` there. Includes do not nest, so a
-//! stage's first lines say all that it is made of.
+//! stage's first lines say all that it is made of. `traverse` alone has several files, of which the device's traversal
+//! decides.
 
 use super::layout;
+use crate::device::{SceneAccess, Traversal};
 use crate::graph::Kernel;
 use crate::passes;
 use crate::wgsl::declare;
@@ -12,17 +14,34 @@ use crate::wgsl::declare;
 /// Names without extension, and texts, of all files in `shaders/`: made by the build script.
 const FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/shader_files.rs"));
 
-/// The whole text of a kernel's shader: the host's structs and constants, the kernel's own constants, and its file.
+/// The include by which shaders trace rays: `traverse_compute` or `traverse_hardware`.
+const TRAVERSE: &str = "traverse";
+
+/// The whole text of a kernel's shader: the host's structs and constants, the kernel's own constants, and its file. With
+/// the scene comes how it reads the nodes of trees.
 ///
 /// # Panics
 /// On a name or an include that no file has; a test goes through them all.
-pub fn shader_text(kernel: &Kernel) -> String {
+pub fn shader_text(kernel: &Kernel, SceneAccess { nodes, traversal }: SceneAccess) -> String {
     let text = kernel.text.unwrap_or_else(|| file(kernel.name, kernel.name));
-    let mut out = layout::declarations() + &declare(kernel.constants);
+    let mut out = String::new();
+    if kernel.reads_scene && traversal == Traversal::Hardware {
+        // Before all declarations.
+        out += "enable wgpu_ray_query;\n";
+    }
+    out += &layout::declarations();
+    out += &declare(kernel.constants);
     for line in text.lines() {
         match line.strip_prefix("//!include ") {
             Some(names) => {
                 for include in names.split_whitespace() {
+                    if include == "scene" {
+                        out += file(kernel.name, &format!("{}.inc", nodes.shader()));
+                    }
+                    let include = match include {
+                        TRAVERSE => format!("{TRAVERSE}_{}", traversal.name()),
+                        _ => include.to_owned(),
+                    };
                     out += file(kernel.name, &format!("{include}.inc"));
                     out.push('\n');
                 }
@@ -45,14 +64,15 @@ fn file(shader: &str, name: &str) -> &'static str {
 ///
 /// # Panics
 /// On a name that no kernel has.
-pub fn shader_text_of(name: &str) -> String {
+pub fn shader_text_of(name: &str, access: SceneAccess) -> String {
     let kernels = passes::kernels();
-    shader_text(kernels.iter().find(|k| k.name == name).unwrap_or_else(|| panic!("no shader '{name}'")))
+    let kernel = kernels.iter().find(|k| k.name == name).unwrap_or_else(|| panic!("no shader '{name}'"));
+    shader_text(kernel, access)
 }
 
 /// The texts of all shaders of the renderer, to tell versions apart.
-pub fn all_shader_text() -> String {
-    passes::kernels().iter().map(shader_text).collect()
+pub fn all_shader_text(access: SceneAccess) -> String {
+    passes::kernels().iter().map(|kernel| shader_text(kernel, access)).collect()
 }
 
 /// Names of the override constants that a shader declares.

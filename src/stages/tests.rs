@@ -1,12 +1,13 @@
 use super::layout;
 use super::*;
 use crate::accel::{Instance, Node};
+use crate::device::{SceneAccess, Traversal};
 use crate::graph::{Kernel, Stage};
 use crate::passes::{self, tests::all_specs};
 use crate::wgsl::Declaration;
 
 fn module(shader: &str) -> naga::Module {
-    let source = shader_text_of(shader);
+    let source = shader_text_of(shader, SceneAccess::default());
     naga::front::wgsl::parse_str(&source).unwrap_or_else(|e| panic!("{shader}: {}", e.emit_to_string(&source)))
 }
 
@@ -53,8 +54,19 @@ fn tables_are_made_of_whole_texels() {
 }
 
 #[test]
+fn hardware_traversal_is_in_the_shaders_that_read_the_scene() {
+    for kernel in passes::kernels() {
+        let [compute, hardware] =
+            Traversal::ALL.map(|traversal| shader_text(&kernel, SceneAccess { traversal, ..Default::default() }));
+        assert!(!compute.contains("ray_query"), "{}", kernel.name);
+        assert_eq!(hardware.starts_with("enable wgpu_ray_query;"), kernel.reads_scene, "{}", kernel.name);
+        assert_eq!(hardware == compute, !kernel.reads_scene, "{}", kernel.name);
+    }
+}
+
+#[test]
 fn every_need_is_an_override_of_path_tracing() {
-    let source = shader_text_of("path_trace");
+    let source = shader_text_of("path_trace", SceneAccess::default());
     let declared = override_names(&source);
     for (name, _) in SceneNeeds::ALL.constants() {
         assert!(declared.contains(&name), "{name}");
@@ -65,11 +77,11 @@ fn every_need_is_an_override_of_path_tracing() {
 fn shaders_have_the_constants_of_their_kernels() {
     const COUNT: Kernel =
         Kernel { text: Some("const_assert COUNT == 3u && LIST_HEADER == 4u;"), ..Kernel::new("count") };
-    let parses = |kernel: Kernel| naga::front::wgsl::parse_str(&shader_text(&kernel)).is_ok();
+    let parses = |kernel: Kernel| naga::front::wgsl::parse_str(&shader_text(&kernel, SceneAccess::default())).is_ok();
     assert!(parses(COUNT.with(&[("COUNT", 3)])));
     assert!(!parses(COUNT.with(&[("COUNT", 4)])));
     for kernel in passes::kernels() {
-        let text = shader_text(&kernel);
+        let text = shader_text(&kernel, SceneAccess::default());
         for (name, _) in kernel.constants {
             assert!(text.matches(name).count() > 1, "{} does not use {name}", kernel.name);
         }

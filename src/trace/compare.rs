@@ -128,6 +128,7 @@ mod tests {
                 rows: None,
                 transfer: None,
                 order: None,
+                submissions: None,
                 bytes: (lane == Lane::Upload).then_some(bytes),
             };
             let end_us = begin_us + 1e3 * ms;

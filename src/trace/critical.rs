@@ -191,8 +191,9 @@ mod tests {
 
     fn task(pid: u32, lane: Lane, name: &str, [begin_ms, end_ms]: [f64; 2], transfer: Option<u64>) -> Task {
         let (begin_us, end_us) = (begin_ms * 1e3, end_ms * 1e3);
-        let name = name.to_owned();
-        Task { pid, lane, name, begin_us, end_us, frame: Some(0), rows: None, transfer, bytes: None, order: None }
+        let (name, frame) = (name.to_owned(), Some(0));
+        let (rows, bytes, submissions, order) = (None, None, None, None);
+        Task { pid, lane, name, begin_us, end_us, frame, rows, transfer, bytes, submissions, order }
     }
 
     /// Name, device, begin and end in milliseconds of each stretch.
@@ -288,13 +289,26 @@ mod tests {
         assert_eq!(path(&mut tasks, [0.0, 10.0]), named(&expected));
     }
 
+    /// The task at its place in the frame's graph.
+    fn placed(task: Task, number: u64, after: &[(u32, u64)]) -> Task {
+        Task { order: Some(Order { number, after: after.to_vec() }), ..task }
+    }
+
+    /// The guide is there early, but what was submitted before its download takes longer.
+    #[test]
+    fn rows_wait_for_all_that_was_submitted_before_them() {
+        let mut tasks = [
+            placed(task(10, Lane::Left, "gbuffer", [0.0, 2.0], None), 0, &[]),
+            placed(task(10, Lane::Left, "path_trace", [2.0, 9.0], None), 1, &[(10, 0)]),
+            placed(task(10, Lane::Download, "guide", [9.0, 9.5], Some(0)), 2, &[(10, 0)]),
+        ];
+        let expected = [("gbuffer", 10, 0.0, 2.0), ("path_trace", 10, 2.0, 9.0), ("guide", 10, 9.0, 9.5)];
+        assert_eq!(path(&mut tasks, [0.0, 9.5]), named(&expected));
+    }
+
     /// A pass that began early on a clock that is behind: by times alone, nothing could have come before it.
     #[test]
     fn the_graph_says_what_a_task_waited_for_whatever_the_clocks_say() {
-        let placed = |task: Task, number, after: &[(u32, u64)]| Task {
-            order: Some(Order { number, after: after.to_vec() }),
-            ..task
-        };
         let mut tasks = [
             placed(task(10, Lane::Left, "gbuffer", [1.0, 9.0], None), 0, &[]),
             placed(task(10, Lane::Download, "guide", [9.0, 9.5], Some(0)), 1, &[(10, 0)]),

@@ -37,7 +37,14 @@ pub fn record_frame(recorder: &Recorder, report: &FrameReport, quality: &Quality
     record_transfers(recorder, &frame);
     record_critical_path(recorder, &frame);
     record_counters(recorder, report, quality, control);
+    for &(device, residual_us) in &report.clock_residuals_us {
+        note_residual(recorder, device, residual_us);
+    }
     recorder.flush();
+}
+
+fn note_residual(recorder: &Recorder, device: usize, residual_us: f64) {
+    recorder.note(&format!("clock_residual_us.device_{device}"), residual_us);
 }
 
 /// Frames as their trace has them, without the devices' names.
@@ -84,6 +91,7 @@ fn task_from(timing: &TaskTiming, frame: u32) -> Task {
         rows: Some(timing.rows.start.into()..timing.rows.end.into()),
         transfer: timing.transfer.map(u64::from),
         bytes: timing.bytes,
+        submissions: matches!(timing.kind, TimedTask::Gpu(_)).then_some(timing.submissions.into()),
         order: Some(Order { number: timing.number as u64, after: timing.after.iter().map(place).collect() }),
     }
 }
@@ -95,6 +103,7 @@ fn record_task(recorder: &Recorder, task: &Task, spp: (&str, f64)) {
         ("rows", task.rows.as_ref().map(|rows| rows.end - rows.start)),
         ("transfer", task.transfer),
         ("bytes", task.bytes),
+        ("submissions", task.submissions),
         ("task", task.order.as_ref().map(|order| order.number)),
     ];
     let mut args: Vec<(&str, f64)> = numbers.iter().filter_map(|&(name, n)| Some((name, n? as f64))).collect();
@@ -192,7 +201,7 @@ pub fn record_fault(recorder: &Recorder, fault: &Fault) {
 pub fn record_devices(recorder: &Recorder, devices: &[crate::device::DeviceInfo]) {
     for device in devices {
         recorder.device(device.index as u32, &format!("device {}: {}", device.index, device.name));
-        recorder.note(&format!("clock_residual_us.device_{}", device.index), device.clock_residual_us);
+        note_residual(recorder, device.index, device.clock_residual_us);
     }
     recorder.note("host_pid", HOST_PID);
     recorder.flush();

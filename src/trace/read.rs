@@ -264,6 +264,7 @@ fn task(pid: u32, lane: Lane, span: Span) -> Result<Task, Wrong> {
         rows: rows.map(|(begin, count)| begin..begin.saturating_add(count)),
         transfer: whole("transfer")?,
         bytes: whole("bytes")?,
+        submissions: whole("submissions")?,
         order: order(&span.args).map_err(wrong)?,
         name: span.name,
     })

@@ -21,6 +21,8 @@ pub struct Task {
     /// Number of the transfer within its frame; its download and its upload have it.
     pub transfer: Option<u64>,
     pub bytes: Option<u64>,
+    /// How many submissions it was spread over, where that is said.
+    pub submissions: Option<u64>,
     /// Where it is in its frame's graph; files of earlier versions do not say it.
     pub order: Option<Order>,
 }

@@ -107,6 +107,7 @@ fn settings_hold_every_option_that_help_lists() {
     assert_eq!(of("render", "virtual"), 2);
     assert_eq!(of("render", "aov"), serde_json::json!(["depth", "albedo"]));
     assert_eq!(of("render", "threads_per_device").as_array().unwrap().len(), 2);
+    assert_eq!(of("render", "traversal"), run_json("render")["devices"][0]["traversal"]);
     assert_eq!((of("render", "iterations"), of("render", "denoiser")), (5.into(), "svgf".into()));
     assert_eq!((of("reference", "spp"), of("reference", "denoiser")), (16.into(), "none".into()));
     assert_eq!((of("play", "budget_ms"), of("play", "denoiser")), ("0.01..30000".into(), "svgf".into()));

@@ -193,6 +193,26 @@ fn a_killed_run_loses_the_end_and_nothing_else() {
 }
 
 #[test]
+fn checkpoints_of_another_traversal_are_refused() {
+    let Some(able) = diptych::device::adapters().into_iter().find(|a| a.ray_queries && a.missing.is_empty()) else {
+        eprintln!("\nSKIPPED: no adapter here has ray queries\n");
+        return;
+    };
+    let (case, adapter) = (Case::new(), able.index.to_string());
+    let kept = case.kept();
+    let with = |traversal: &'static str| ["--devices", &adapter, "--traversal", traversal, "--passes-out", &kept];
+    case.render("compute", &[&["--spp", "8"], &with("compute")[..]].concat());
+    case.refused(
+        &[&["--reference", "--spp", "16"], &with("hardware")[..]].concat(),
+        &["traversal is compute there and hardware here"],
+    );
+    let run = std::fs::read(case.path("compute/run.json")).unwrap();
+    let run: serde_json::Value = serde_json::from_slice(&run).unwrap();
+    assert_eq!(run["devices"][0]["traversal"], "compute");
+    assert_eq!(run["settings"]["traversal"], "compute");
+}
+
+#[test]
 fn checkpoints_of_other_renders_are_refused() {
     let case = Case::new();
     let kept = case.kept();

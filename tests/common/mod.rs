@@ -6,11 +6,12 @@ mod effort;
 
 use std::path::PathBuf;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
+use clap::ValueEnum;
 use diptych::accel::{Accel, Layout};
-use diptych::device::{self, GpuDevice, Selection};
-use diptych::exec::{FrameReport, RenderSettings, Renderer, Stereo};
+use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
+use diptych::exec::{ExecError, FrameReport, RenderSettings, Renderer, Stereo};
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::tonemap::LINEAR;
 use diptych::quality::Denoiser;
@@ -57,6 +58,12 @@ impl Subject {
         settings
     }
 
+    /// A renderer on these devices, with stripes of equal height.
+    pub fn renderer(&self, gpus: Vec<GpuDevice>, settings: &RenderSettings) -> Result<Renderer, ExecError> {
+        let policy = Box::new(Even::new(settings.stages.extent.height, gpus.len()));
+        Renderer::new(gpus, Arc::clone(&self.tables), settings.clone(), policy, Instant::now())
+    }
+
     /// [`Self::settings`] with the right eye reprojected and five filter iterations.
     pub fn denoised(&self, width: u32, height: u32) -> RenderSettings {
         let mut settings = self.settings(width, height);
@@ -83,6 +90,16 @@ pub fn all_cores() -> usize {
     std::thread::available_parallelism().map_or(1, usize::from)
 }
 
+/// How devices follow rays: as `DIPTYCH_TRAVERSAL` says, else as they do by default.
+///
+/// # Panics
+/// If it says what there is not.
+pub fn traversal() -> TraversalChoice {
+    let Some(name) = std::env::var_os("DIPTYCH_TRAVERSAL") else { return TraversalChoice::Auto };
+    let name = name.to_string_lossy();
+    TraversalChoice::from_str(&name, false).unwrap_or_else(|_| panic!("DIPTYCH_TRAVERSAL cannot be {name}"))
+}
+
 /// `count` devices of the first adapter that can do it, the same one for every count, each of `threads` threads.
 pub fn devices(count: usize, threads: usize) -> Vec<GpuDevice> {
     let mut idle = idle();
@@ -91,12 +108,17 @@ pub fn devices(count: usize, threads: usize) -> Vec<GpuDevice> {
     idle.extend(devices.drain(count.min(devices.len())..));
     // Opened in turns: drivers have crashed on devices opened side by side. Mesa 22.3 and 25 have not on pipelines made so.
     if devices.len() < count {
-        let adapter = device::adapters().into_iter().find(|a| a.missing.is_empty());
+        let traversal = traversal();
+        let is_hardware = traversal == TraversalChoice::Hardware;
+        let adapters = device::adapters().into_iter();
+        let adapter = adapters.filter(|a| a.missing.is_empty()).find(|a| a.ray_queries || !is_hardware);
+        assert!(adapter.is_some() || !is_hardware, "DIPTYCH_TRAVERSAL=hardware: no adapter here has ray queries");
         let adapter = adapter.expect("these tests need an adapter: on Linux, install mesa-vulkan-drivers");
         let selection = Selection {
             adapters: Some(vec![adapter.index]),
             virtual_devices: count - devices.len(),
             threads_per_device: Some(vec![threads]),
+            traversal,
         };
         devices.extend(device::open(&selection).unwrap_or_else(|e| panic!("these tests need a device: {e}")));
     }
@@ -142,8 +164,13 @@ impl<'a> Stage<'a> {
     /// On these devices.
     pub fn on(gpus: Vec<GpuDevice>, subject: &'a Subject, settings: &RenderSettings, policy: Box<dyn Policy>) -> Self {
         let devices = gpus.len();
-        let renderer = Renderer::new(gpus, Arc::clone(&subject.tables), settings.clone(), policy, Instant::now())
+        let is_slow = gpus.iter().any(|g| g.info.threads.is_some() && g.info.traversal == Traversal::Hardware);
+        let mut renderer = Renderer::new(gpus, Arc::clone(&subject.tables), settings.clone(), policy, Instant::now())
             .unwrap_or_else(|e| panic!("{}: {e}", subject.name));
+        if is_slow {
+            // Slower than a device is given before the first frame.
+            renderer.set_watchdog(Duration::from_secs(600));
+        }
         Self { subject, renderer: Some(renderer), devices, frames_in_flight: settings.stages.frames_in_flight }
     }
 

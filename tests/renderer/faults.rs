@@ -47,7 +47,7 @@ fn frames_keep_their_bytes_until_no_device_is_left() {
     let faults = four.renderer().faults();
     let seen: Vec<_> = faults.iter().map(|f| (f.frame, f.device, f.kind, f.attempts)).collect();
     let expected = [(1, 0, FailureKind::Loss, 2), (2, 2, FailureKind::Oom, 2), (3, 1, FailureKind::Hang, 2)];
-    assert_eq!(seen, expected);
+    assert_eq!(seen, expected, "{faults:?}");
     assert!(faults.iter().all(|f| f.recovery_ms > 0.0), "{faults:?}");
     match four.renderer().render(&subject.rig, 0.0, 5) {
         Err(ExecError::NoneLeft { device: 3, what }) => assert!(what.contains("lost"), "{what}"),
@@ -269,6 +269,7 @@ fn faults_that_cannot_be_made_are_refused() {
         (["--slowdown", "0"], "--slowdown"),
         (["--threads-per-device", "1,2"], "2 thread counts"),
         (["--watchdog-ms", "0"], "--watchdog-ms"),
+        (["--max-dispatch-ms", "0"], "milliseconds above 0"),
     ] {
         let output = diptych(&[&["render", "builtin:checker", "--size", "16x9", "--out", to][..], &more].concat());
         let said = String::from_utf8_lossy(&output.stderr);

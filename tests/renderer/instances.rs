@@ -77,7 +77,7 @@ const GLASS: usize = 4;
 
 /// Balls with a bumpy, chequered skin, some mirrored, sheared or drawn out, between leaves with holes, two glowing and
 /// two glass balls, on a floor.
-fn crowd() -> Scene {
+pub fn crowd() -> Scene {
     let mut scene = empty_scene("crowd");
     scene.images = vec![
         texels(|x, y| if (x + y) % 2 == 0 { [230, 180, 120, 255] } else { [60, 90, 140, 255] }),
@@ -146,7 +146,7 @@ fn crowd() -> Scene {
 }
 
 /// What the scene looks like from before it, if it has been moved.
-fn subject(scene: &Scene, layout: Layout, moved_by: Vec3) -> Subject {
+pub fn subject(scene: &Scene, layout: Layout, moved_by: Vec3) -> Subject {
     let origin = Vec3::new(0.3, 2.2, 5.0) + moved_by;
     let rig = still_rig(origin, Vec3::new(-0.05, -0.28, -1.0), Vec3::Y, 0.5);
     Subject::laid_out(&format!("{} {layout:?}", scene.name), scene.clone(), rig, layout)

@@ -2,6 +2,7 @@
 
 #[path = "../common/mod.rs"]
 mod common;
+mod cuts;
 mod display;
 mod energy;
 mod faults;
@@ -10,6 +11,7 @@ mod gbuffer;
 mod instances;
 mod kernels;
 mod lights;
+mod loss;
 mod passes;
 #[path = "../reference/mod.rs"]
 mod reference;
@@ -18,5 +20,6 @@ mod seams;
 mod stereo;
 mod stress;
 mod temporal;
+mod traversal;
 mod unbiased;
 mod watertight;

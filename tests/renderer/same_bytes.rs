@@ -2,15 +2,15 @@
 
 mod quality;
 
-use crate::common::{Stage, Subject, diptych, is_thorough, shared_shot};
-use diptych::device::ShaderChecks;
+use crate::common::{Stage, Subject, all_cores, devices, diptych, is_thorough, shared_shot};
+use diptych::device::{Nodes, ShaderChecks};
 use diptych::exec::{RenderSettings, Stereo};
 use diptych::graph::{Assignment, HaloPlan, Seam};
 use diptych::image::RgbImage;
 use diptych::quality::{Denoiser, Quality};
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::shot::Gaze;
-use diptych::schedule::{CostModel, Effort, Heft, Measured, Policy, Static};
+use diptych::schedule::{CostModel, Effort, Even, Heft, Measured, Policy, Static};
 use diptych::stages::{Foveation, Sampler};
 
 const WIDTH: u32 = 64;
@@ -311,6 +311,28 @@ fn shader_checks_change_no_byte() {
     settings.stages.checks = ShaderChecks::Full;
     let full = Stage::alone(&subject, &settings).frame(0).linear;
     assert_same("full checks", &fast, &full);
+}
+
+/// As GPUs read them, and as lavapipe does.
+#[test]
+fn nodes_in_a_buffer_or_a_texture_give_the_same_bytes() {
+    for shot in ["builtin:atrium", "builtin:forest"] {
+        let subject = Subject::load(shot);
+        let settings = subject.accumulated(WIDTH, HEIGHT);
+        let render = |nodes| {
+            let mut gpus = devices(1, all_cores());
+            gpus[0].quirks.nodes = nodes;
+            gpus[0].pipelines.clear();
+            let mut stage = Stage::on(gpus, &subject, &settings, Box::new(Even::new(HEIGHT, 1)));
+            let frames = [0, 1].map(|frame| stage.frame(frame).linear);
+            stage.into_devices();
+            frames
+        };
+        let (buffer, texture) = (render(Nodes::Buffer), render(Nodes::Texture));
+        for (a, b) in buffer.iter().zip(&texture) {
+            assert_same(shot, a, b);
+        }
+    }
 }
 
 #[test]

@@ -54,7 +54,7 @@ fn glossy_surfaces_look_reprojected_as_they_look_traced() {
         let mut rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
         rig.baseline_m = 0.064;
         let subject = Subject::new(name, scene, rig);
-        let mut settings = RenderSettings { bounces: 3, ..subject.settings(96, 54) };
+        let mut settings = RenderSettings { bounces: 3, ..subject.settings(64, 36) };
         settings.stages.spp = 256;
         let traced = Stage::alone(&subject, &settings).frame(0).linear.right;
         settings.stages.reproject = true;

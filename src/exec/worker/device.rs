@@ -1,5 +1,6 @@
 //! A device with all that its worker needs to carry out tasks of frames.
 
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -10,6 +11,7 @@ use crate::exec::staging::{Mapped, Pool, ReadBack, Recorded};
 use crate::exec::{ExecError, InjectedKind};
 use crate::graph::{Bound, Program, Task, TaskKind};
 use crate::scene::rig::Eye;
+use crate::schedule::Position;
 use crate::stages::{DeviceStages, Place, SceneTables, StageSettings, StageTask, Stamps};
 
 pub struct WorkerDevice {
@@ -79,10 +81,16 @@ impl WorkerDevice {
         self.gpu.device.create_command_encoder(&Default::default())
     }
 
-    /// Records a dispatch, `runs` times; returns the number of its pair of timestamps.
-    pub fn record(&mut self, encoder: &mut wgpu::CommandEncoder, task: &Task, runs: u32) -> Option<u32> {
+    /// Records a part of a dispatch, `runs` times; returns the number of the dispatch's pair of timestamps.
+    pub fn record(
+        &mut self,
+        encoder: &mut wgpu::CommandEncoder,
+        task: &Task,
+        part: Range<Position>,
+        runs: u32,
+    ) -> Option<u32> {
         let TaskKind::Dispatch { pass, valid } = &task.kind else { return None };
-        let stage_task = StageTask { pass: *pass, rows: task.rows.clone(), valid: valid.clone() };
+        let stage_task = StageTask { part, ..StageTask::new(*pass, task.rows.clone(), valid.clone()) };
         self.stages.record(&self.gpu, encoder, &mut self.stamps, &stage_task, runs)
     }
 
@@ -129,14 +137,25 @@ impl WorkerDevice {
         self.pool.finish(&self.gpu, back)
     }
 
-    /// When the tasks with these pairs of timestamps began and ended, milliseconds since the origin.
+    /// When the tasks with these pairs of timestamps began and ended, milliseconds since the origin. The first of them was
+    /// submitted, and the last seen to have ended, at the ends of `bracket_ms`.
     ///
     /// # Errors
     /// Those of [`Self::finish`].
-    pub fn times(&mut self, back: ReadBack, pairs: &[u32]) -> Result<Vec<[f64; 2]>, DeviceFailure> {
-        let ticks = bytemuck::pod_collect_to_vec::<u8, u64>(&self.finish(back)?);
-        let time = |pair: &u32| [0, 1].map(|end| self.clock.host_ms(ticks[2 * *pair as usize + end]));
-        Ok(pairs.iter().map(time).collect())
+    pub fn times(
+        &mut self,
+        back: ReadBack,
+        pairs: &[u32],
+        bracket_ms: &Range<f64>,
+    ) -> Result<Vec<[f64; 2]>, DeviceFailure> {
+        let all = bytemuck::pod_collect_to_vec::<u8, u64>(&self.finish(back)?);
+        let ticks: Vec<u64> = pairs.iter().flat_map(|&pair| [0, 1].map(|end| all[2 * pair as usize + end])).collect();
+        Ok(self.clock.host_ms(&ticks, bracket_ms).chunks_exact(2).map(|pair| [pair[0], pair[1]]).collect())
+    }
+
+    /// How wrong times of the device have been at most.
+    pub fn clock_residual_us(&self) -> f64 {
+        self.clock.residual_us
     }
 
     /// Asks for an image, both eyes.

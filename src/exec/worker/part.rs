@@ -11,6 +11,7 @@ use crate::exec::output::Output;
 use crate::exec::planner::Graphs;
 use crate::exec::staging::{ReadBack, Recorded};
 use crate::graph::{FrameGraph, Task, TaskKind};
+use crate::schedule::parts;
 
 /// What a worker knows of a frame until it has answered. Tasks go by their numbers among those of the device.
 pub struct Part {
@@ -21,6 +22,8 @@ pub struct Part {
     /// origin.
     begin_ms: f64,
     end_ms: f64,
+    /// When its first submission was handed out.
+    submitted_ms: Option<f64>,
     encoder: Option<wgpu::CommandEncoder>,
     /// In the encoder: rows for others, by task and transfer, and the timestamps.
     copies: Vec<(usize, u32, Recorded)>,
@@ -30,8 +33,8 @@ pub struct Part {
     stamps: Option<ReadBack>,
     last: Option<wgpu::SubmissionIndex>,
     times: Vec<TaskTime>,
-    /// Dispatches with the numbers of their pairs of timestamps.
-    stamped: Vec<(usize, u32)>,
+    /// Dispatches with the numbers of their pairs of timestamps and of their submissions.
+    stamped: Vec<(usize, u32, u32)>,
     /// Images on their way to the host.
     images: Vec<[ReadBack; 2]>,
 }
@@ -44,6 +47,7 @@ impl Part {
             job,
             device: device.gpu.info.index,
             end_ms: 0.0,
+            submitted_ms: None,
             encoder: None,
             copies: Vec::new(),
             stamps_copy: None,
@@ -72,16 +76,28 @@ impl Part {
         device.begin(&self.job, &self.graph.program);
     }
 
-    /// Records a dispatch or a copy of rows.
+    /// Records a dispatch or a copy of rows. A dispatch that is cut has its parts submitted, but for the last one.
     pub fn record(&mut self, device: &mut WorkerDevice, task: usize) {
-        let encoder = self.encoder.get_or_insert_with(|| device.encoder());
-        let work = &self.graph.tasks_of(self.device)[task];
+        let graph = Arc::clone(&self.graph);
+        let work = &graph.tasks_of(self.device)[task];
         if let TaskKind::Download { image, transfer, .. } = work.kind {
-            let copy = device.record_copy(encoder, work, &self.graph.program.images()[image], self.job.place);
+            let encoder = self.encoder.get_or_insert_with(|| device.encoder());
+            let copy = device.record_copy(encoder, work, &graph.program.images()[image], self.job.place);
             self.copies.push((task, transfer, copy));
-        } else if let Some(pair) = device.record(encoder, work, self.job.runs) {
-            self.stamped.push((task, pair));
+            return;
         }
+        let (mut pair, mut submissions) = (None, 0);
+        for (i, part) in parts(&self.job.cuts, task, &work.rows).into_iter().enumerate() {
+            if i > 0 {
+                self.submit(device);
+            }
+            if part.start < part.end {
+                let encoder = self.encoder.get_or_insert_with(|| device.encoder());
+                pair = device.record(encoder, work, part, self.job.runs);
+                submissions += 1;
+            }
+        }
+        self.stamped.extend(pair.map(|pair| (task, pair, submissions)));
     }
 
     pub fn record_stamps(&mut self, device: &mut WorkerDevice) {
@@ -93,6 +109,7 @@ impl Part {
     pub fn submit(&mut self, device: &WorkerDevice) {
         let Some(encoder) = self.encoder.take() else { return };
         let _span = tracing::info_span!("submit").entered();
+        self.submitted_ms.get_or_insert_with(|| device.now_ms());
         let submission = device.gpu.queue.submit([encoder.finish()]);
         for (task, transfer, copy) in self.copies.drain(..) {
             self.outgoing.insert(transfer, (task, copy.submitted(submission.clone())));
@@ -129,7 +146,7 @@ impl Part {
         let rows = device.finish(back)?;
         let bytes = Some(rows.len() as u64);
         send(Bytes::Mapped(rows));
-        self.times.push(TaskTime { task, begin_ms, end_ms: device.now_ms(), bytes });
+        self.times.push(TaskTime { task, begin_ms, end_ms: device.now_ms(), bytes, submissions: 1 });
         Ok(())
     }
 
@@ -142,7 +159,7 @@ impl Part {
         let work = &self.graph.tasks_of(self.device)[task];
         let TaskKind::Upload { image, .. } = work.kind else { return Ok(()) };
         let bytes = Some(device.write(work, &self.graph.program.images()[image], self.job.place, &rows)?);
-        self.times.push(TaskTime { task, begin_ms, end_ms: device.now_ms(), bytes });
+        self.times.push(TaskTime { task, begin_ms, end_ms: device.now_ms(), bytes, submissions: 1 });
         Ok(())
     }
 
@@ -158,9 +175,12 @@ impl Part {
         }
         self.end_ms = device.now_ms();
         if let Some(back) = self.stamps.take() {
-            let (tasks, pairs): (Vec<_>, Vec<_>) = self.stamped.drain(..).unzip();
-            for (task, [begin_ms, end_ms]) in tasks.into_iter().zip(device.times(back, &pairs)?) {
-                self.times.push(TaskTime { task, begin_ms, end_ms, bytes: None });
+            let stamped = std::mem::take(&mut self.stamped);
+            let pairs: Vec<u32> = stamped.iter().map(|(_, pair, _)| *pair).collect();
+            let bracket_ms = self.submitted_ms.unwrap_or(self.begin_ms)..self.end_ms;
+            let times = device.times(back, &pairs, &bracket_ms)?;
+            for ((task, _, submissions), [begin_ms, end_ms]) in stamped.into_iter().zip(times) {
+                self.times.push(TaskTime { task, begin_ms, end_ms, bytes: None, submissions });
             }
         }
         if self.device == self.graph.primary {
@@ -183,7 +203,8 @@ impl Part {
         }
         let images = self.images.drain(..).map(|back| device.take(back)).collect::<Result<_, _>>()?;
         let times = std::mem::take(&mut self.times);
-        Ok(Some(FrameReply { times, begin_ms: self.begin_ms, end_ms: self.end_ms, images }))
+        let clock_residual_us = device.clock_residual_us();
+        Ok(Some(FrameReply { times, clock_residual_us, begin_ms: self.begin_ms, end_ms: self.end_ms, images }))
     }
 }
 

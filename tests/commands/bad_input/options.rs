@@ -75,6 +75,21 @@ fn devices_that_are_not_there_are_refused() {
 }
 
 #[test]
+fn hardware_traversal_is_refused_on_adapters_without_ray_queries() {
+    assert_option_refused(&["--traversal", "magic"], &["magic", "auto", "compute", "hardware"]);
+    let adapters = diptych::device::adapters();
+    let Some(unable) = adapters.iter().find(|a| !a.ray_queries && a.missing.is_empty()) else {
+        eprintln!("\nSKIPPED: every adapter here has ray queries\n");
+        return;
+    };
+    let adapter = unable.index.to_string();
+    for more in [&[][..], &["--reference"]] {
+        let options = [&["--traversal", "hardware", "--devices", &adapter], more].concat();
+        assert_option_refused(&options, &["no ray queries", &unable.name, "--traversal compute", "--devices"]);
+    }
+}
+
+#[test]
 fn unknown_options_and_commands_are_refused() {
     assert_option_refused(&["--quality", "best"], &["--quality"]);
     assert_option_refused(&["--denoiser", "magic"], &["magic", "atrous"]);

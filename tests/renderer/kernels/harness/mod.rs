@@ -9,6 +9,7 @@ use std::collections::HashMap;
 use std::sync::{Mutex, OnceLock, PoisonError};
 
 use diptych::device::GpuDevice;
+use diptych::device::SceneAccess;
 use diptych::stages::layout::PassConstants;
 use diptych::stages::shader_text_of;
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
@@ -53,12 +54,12 @@ pub struct Kernel {
 
 impl Kernel {
     pub fn new(shader: &'static str, overrides: &[Override]) -> Self {
-        Self { name: shader, source: shader_text_of(shader), overrides: overrides.to_vec() }
+        Self { name: shader, source: shader_text_of(shader, SceneAccess::default()), overrides: overrides.to_vec() }
     }
 
     /// The functions that `shader` includes, followed by a kernel of the test's own.
     pub fn beside(shader: &'static str, overrides: &[Override], kernel: &str) -> Self {
-        let whole = shader_text_of(shader);
+        let whole = shader_text_of(shader, SceneAccess::default());
         let end = whole.find("@group(1)").unwrap_or_else(|| panic!("shader '{shader}' binds nothing"));
         Self { name: shader, source: format!("{}{kernel}", &whole[..end]), overrides: overrides.to_vec() }
     }

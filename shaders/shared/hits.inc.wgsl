@@ -1,0 +1,87 @@
+// Barycentrics (b1, b2) of a hit, from edge functions on vertices relative to the hit itself: relative to the ray's
+// origin, their rounding errors grow with the square of the distance, which small and distant triangles show.
+fn hit_barycentrics(origin: vec3<f32>, direction: vec3<f32>, hit: Hit) -> vec2<f32> {
+    let tri = triangle_at(placed(hit.prim));
+    let p = origin + direction * hit.t;
+    let a = tri.v0 - p;
+    let b = tri.v1 - p;
+    let c = tri.v2 - p;
+    let v = dot(cross(a, c), direction);
+    let w = dot(cross(b, a), direction);
+    let det = dot(cross(c, b), direction) + v + w;
+    if det == 0.0 {
+        return hit.bary;
+    }
+    // Not outside the triangle, where the next one might stand in front.
+    let bary = max(vec2<f32>(v, w) / det, vec2<f32>(0.0));
+    return bary / max(bary.x + bary.y, 1.0);
+}
+
+// The first entry into a spherical light other than `except` within (0, t_max), or any if `any`. Nodes are in
+// depth-first order and say where to go on a miss, see `emitters/sphere_tree.rs`.
+fn traverse_spheres(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, except: u32, any: bool) -> Hit {
+    var hit = Hit(t_max, NO_PRIM, vec2<f32>(0.0));
+    let inverse = inverse_of(direction);
+    var row = frame.lights.sphere_tree;
+    while row < frame.lights.sphere_tree_end {
+        let low = tree_row(row);
+        let high = tree_row(row + 1u);
+        let a = (bitcast<vec3<f32>>(low.xyz) - origin) * inverse;
+        let b = (bitcast<vec3<f32>>(high.xyz) - origin) * inverse;
+        let enter = min(a, b);
+        let leave_ = max(a, b);
+        let near = max(max(enter.x, enter.y), max(enter.z, 0.0));
+        let far = min(min(leave_.x, leave_.y), leave_.z) * (1.0 + 4.0 * 1.1920929e-7);
+        let meets = near <= min(far, hit.t);
+        row = select(low.w, row + 2u, meets);
+        if !meets || high.w == NO_LIGHT {
+            continue;
+        }
+        let t = intersect_sphere(origin, direction, high.w);
+        if t > 0.0 && t < hit.t && high.w != except {
+            hit = Hit(t, SPHERE | high.w, vec2<f32>(0.0));
+            if any {
+                return hit;
+            }
+        }
+    }
+    return hit;
+}
+
+fn trace_closest(origin: vec3<f32>, direction: vec3<f32>, key: u32) -> Hit {
+    var hit = traverse(origin, direction, 3.0e38, key, false);
+    if hit.prim != NO_PRIM {
+        hit.bary = hit_barycentrics(origin, direction, hit);
+    }
+    if HAS_SPHERES {
+        let sphere = traverse_spheres(origin, direction, hit.t, NO_LIGHT, false);
+        if sphere.prim != NO_PRIM {
+            return sphere;
+        }
+    }
+    return hit;
+}
+
+// Whether anything lies within (0, t_max), spherical light `except` left out.
+fn is_occluded(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, except: u32, key: u32) -> bool {
+    if HAS_SPHERES {
+        if traverse_spheres(origin, direction, t_max, except, true).prim != NO_PRIM {
+            return true;
+        }
+    }
+    return traverse(origin, direction, t_max, key, true).prim != NO_PRIM;
+}
+
+// Whether anything stands between a ray's start near `p` and what `sample_light` has sampled at `p`.
+fn is_light_hidden(origin: vec3<f32>, p: vec3<f32>, light: LightSample, key: u32) -> bool {
+    var direction = light.direction;
+    var t_max = light.distance;
+    if t_max < 1e38 {
+        // To the very point, though the ray starts beside `p`.
+        let way = (p - origin) + light.direction * light.distance;
+        let distance = length(way);
+        direction = way / max(distance, 1e-37);
+        t_max = distance * light.reach;
+    }
+    return is_occluded(origin, direction, t_max, light.sphere, key);
+}

@@ -1,0 +1,120 @@
+// The first covered triangle up to `t_max` in the order of (distance, index), or any if `any`: always a literal, so that
+// each call is compiled for its kind. `key` names the ray to `is_covered`.
+//
+// Where a triangle's alpha must be looked at, the walk pauses. Rays of a subgroup then look together: software drivers
+// mask branches instead of taking them, so that a look on the way would be paid for at every triangle.
+fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, key: u32, any: bool) -> Hit {
+    var hit = Hit(t_max, NO_PRIM, vec2<f32>(0.0));
+    // What the walk pauses for: a nearer hit, if it is covered.
+    var candidate = hit;
+    var candidate_row = 0u;
+    let world = traversal_for(origin, direction, frame_around(direction));
+    var ray = world;
+    var top = 0u;
+    var group = vec2<u32>(0u, 0x80000000u);
+    var leaf = vec2<u32>(0u);
+    var is_done = false;
+    // Of the instance that the ray is in. It begins in the first, which is nowhere moved.
+    var is_inside = true;
+    var row_offset = 0u;
+    // Groups below belong to the tree over instances.
+    var base = 0u;
+    // A triangle group whose triangles are instances, still to be entered.
+    var entries = vec2<u32>(0u);
+    if HAS_INSTANCES && frame.geometry.instance_count > 1u {
+        stack[0] = vec2<u32>(frame.geometry.instance_tree, 0x80000000u);
+        top = 1u;
+        base = 1u;
+    }
+    loop {
+        while !is_done && (!HAS_ALPHA || candidate.prim == NO_PRIM) {
+            if HAS_ALPHA && leaf.y != 0u {
+                // The rest of the triangles among which the walk paused.
+            } else if group.y > 0x00ffffffu {
+                let bit = firstLeadingBit(group.y);
+                let slot = (bit - 24u) ^ (ray.octant & 7u);
+                let child = group.x + countOneBits(group.y & ~(0xffffffffu << slot) & 0xffu);
+                group.y &= ~(1u << bit);
+                if group.y > 0x00ffffffu && top < STACK_SIZE {
+                    stack[top] = group;
+                    top += 1u;
+                }
+                let n0 = node_part(child, 0u);
+                let n1 = node_part(child, 1u);
+                let mask = hit_children(ray, n0, n1.zw, child, hit.t);
+                group = vec2<u32>(n1.x, (mask & 0xff000000u) | (n0.w >> 24u));
+                leaf = vec2<u32>(n1.y, mask & 0x00ffffffu);
+            } else {
+                leaf = group;
+                group = vec2<u32>(0u);
+            }
+            if HAS_INSTANCES && !is_inside {
+                entries = leaf;
+                leaf.y = 0u;
+                if entries.y != 0u && group.y > 0x00ffffffu && top < STACK_SIZE {
+                    stack[top] = group;
+                    top += 1u;
+                    group.y = 0u;
+                }
+            }
+            while leaf.y != 0u {
+                let row = leaf.x + firstTrailingBit(leaf.y);
+                leaf.y &= leaf.y - 1u;
+                let found = intersect_triangle(ray, row, hit.t);
+                let prim = row - row_offset;
+                let is_first = found.x > 0.0 && (found.x < hit.t || prim < hit.prim);
+                if is_first {
+                    let nearer = Hit(found.x, prim, found.yz);
+                    if HAS_ALPHA && (triangles[row].flags & TRIANGLE_ALPHA) != 0u {
+                        candidate = nearer;
+                        candidate_row = row;
+                        break;
+                    }
+                    hit = nearer;
+                    if any {
+                        is_done = true;
+                        break;
+                    }
+                }
+            }
+            if HAS_INSTANCES {
+                // Whether the ray leaves an instance, or the tree over them for one.
+                let is_through = select(entries.y != 0u, top == base, is_inside);
+                var is_over = group.y <= 0x00ffffffu && leaf.y == 0u && is_through && !is_done;
+                // Once, as a loop: software drivers skip no branch.
+                while is_over {
+                    is_over = false;
+                    is_inside = entries.y != 0u;
+                    if is_inside {
+                        let number = entries.x + firstTrailingBit(entries.y);
+                        let instance = frame.geometry.instances + ROWS_PER_INSTANCE * number;
+                        entries.y &= entries.y - 1u;
+                        let header = instance_header(instance);
+                        row_offset = header.y;
+                        group = vec2<u32>(header.z, 0x80000000u);
+                        base = top;
+                        ray = local_traversal(instance, origin, direction);
+                    } else {
+                        base = 0u;
+                        ray = world;
+                    }
+                }
+            }
+            if group.y <= 0x00ffffffu && leaf.y == 0u {
+                is_done = is_done || top == 0u;
+                top = max(top, 1u) - 1u;
+                group = stack[top];
+            }
+        }
+        if !HAS_ALPHA || candidate.prim == NO_PRIM {
+            break;
+        }
+        if is_covered(candidate_row, candidate.prim, candidate.bary, key) {
+            hit = candidate;
+            is_done = is_done || any;
+        }
+        candidate.prim = NO_PRIM;
+    }
+    was_cut_short = was_cut_short || !is_done;
+    return hit;
+}

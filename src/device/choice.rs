@@ -1,0 +1,150 @@
+//! Which adapters a run takes where none is named: each GPU once, though several APIs and drivers may list it.
+
+use wgpu::{AdapterInfo, Backend, DeviceType};
+
+/// The places of the adapters to take among those that can be used: all GPUs, each by the API that comes first in
+/// [`rank`], else one software adapter.
+pub fn by_default(adapters: &[&AdapterInfo]) -> Vec<usize> {
+    let mut ranked: Vec<usize> = (0..adapters.len()).collect();
+    ranked.sort_by_key(|&i| rank(adapters[i].backend));
+    let mut gpus: Vec<Gpu> = Vec::new();
+    for &i in ranked.iter().filter(|&&i| is_gpu(adapters[i])) {
+        let info = adapters[i];
+        let same = gpus.iter_mut().filter(|gpu| gpu.is_listed_as(adapters[gpu.chosen], info));
+        match same.min_by_key(|gpu| !is_same_place(adapters[gpu.chosen], info)) {
+            Some(gpu) => gpu.backends.push(info.backend),
+            None => gpus.push(Gpu { chosen: i, backends: vec![info.backend] }),
+        }
+    }
+    let mut chosen: Vec<usize> = gpus.iter().map(|gpu| gpu.chosen).collect();
+    if chosen.is_empty() {
+        chosen.extend(ranked.first());
+    }
+    chosen.sort_unstable();
+    chosen
+}
+
+/// A GPU that is taken.
+struct Gpu {
+    /// The adapter by which it is.
+    chosen: usize,
+    /// The APIs that have listed it.
+    backends: Vec<Backend>,
+}
+
+impl Gpu {
+    /// Whether `other` is this GPU, which is taken as `chosen`. An API lists alike cards one by one, so one of an API that
+    /// has not listed this GPU is taken for it. Two drivers of Vulkan may list the same card; the bus tells then. The buses
+    /// that wgpu finds for DirectX 12 are those of the first card of a model.
+    fn is_listed_as(&self, chosen: &AdapterInfo, other: &AdapterInfo) -> bool {
+        let has_listed = self.backends.contains(&other.backend);
+        is_same_model(chosen, other)
+            && (!has_listed || other.backend == Backend::Vulkan && is_same_place(chosen, other))
+    }
+}
+
+fn is_gpu(info: &AdapterInfo) -> bool {
+    matches!(info.device_type, DeviceType::DiscreteGpu | DeviceType::IntegratedGpu | DeviceType::VirtualGpu)
+}
+
+/// Metal is on systems of its own, but for Vulkan on top of it.
+fn rank(backend: Backend) -> u8 {
+    match backend {
+        Backend::Vulkan => 0,
+        Backend::Metal => 1,
+        Backend::Dx12 => 2,
+        Backend::Gl | Backend::BrowserWebGpu | Backend::Noop => 3,
+    }
+}
+
+/// Metal and OpenGL know no numbers of models but names, to which OpenGL adds more.
+fn is_same_model(a: &AdapterInfo, b: &AdapterInfo) -> bool {
+    if a.device != 0 && b.device != 0 {
+        return (a.vendor, a.device) == (b.vendor, b.device);
+    }
+    let [a, b] = [a, b].map(|info| info.name.to_lowercase());
+    !a.is_empty() && !b.is_empty() && (a.contains(&b) || b.contains(&a))
+}
+
+fn is_same_place(a: &AdapterInfo, b: &AdapterInfo) -> bool {
+    !a.device_pci_bus_id.is_empty() && a.device_pci_bus_id == b.device_pci_bus_id
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const GEFORCE: (u32, u32, &str) = (0x10de, 0x2484, "NVIDIA GeForce RTX 3070");
+    const INTEL: (u32, u32, &str) = (0x8086, 0x3e92, "Intel(R) UHD Graphics 630");
+    const RADEON: (u32, u32, &str) = (0x1002, 0x73bf, "AMD Radeon RX 6800 XT");
+
+    fn adapter(backend: Backend, (vendor, device, name): (u32, u32, &str), bus: &str) -> AdapterInfo {
+        let fake = AdapterInfo::new(DeviceType::DiscreteGpu, backend);
+        AdapterInfo { vendor, device, name: name.to_owned(), device_pci_bus_id: bus.to_owned(), ..fake }
+    }
+
+    fn software(backend: Backend, name: &str) -> AdapterInfo {
+        AdapterInfo { device_type: DeviceType::Cpu, ..adapter(backend, (0x10005, 0, name), "") }
+    }
+
+    #[track_caller]
+    fn assert_chosen(adapters: &[AdapterInfo], expected: &[usize]) {
+        assert_eq!(by_default(&adapters.iter().collect::<Vec<_>>()), expected);
+    }
+
+    #[test]
+    fn a_gpu_that_two_apis_list_is_taken_once() {
+        let [vulkan, dx12] = [Backend::Vulkan, Backend::Dx12].map(|api| adapter(api, GEFORCE, "0000:01:00.0"));
+        assert_chosen(&[vulkan.clone(), dx12.clone()], &[0]);
+        assert_chosen(&[dx12.clone(), vulkan.clone()], &[1]);
+        let nowhere = AdapterInfo { device_pci_bus_id: String::new(), ..dx12.clone() };
+        assert_chosen(&[vulkan.clone(), nowhere], &[0]);
+        let gl = adapter(Backend::Gl, (0x10de, 0, "NVIDIA GeForce RTX 3070/PCIe/SSE2"), "");
+        assert_chosen(&[gl.clone(), dx12, vulkan], &[2]);
+        assert_chosen(&[gl], &[0]);
+    }
+
+    #[test]
+    fn two_alike_cards_stay_two() {
+        let vulkan = ["0000:01:00.0", "0000:02:00.0"].map(|bus| adapter(Backend::Vulkan, GEFORCE, bus));
+        assert_chosen(&vulkan, &[0, 1]);
+        // DirectX 12 tells the first one's bus of both, or none.
+        for bus in ["0000:01:00.0", ""] {
+            let dx12 = [bus; 2].map(|bus| adapter(Backend::Dx12, GEFORCE, bus));
+            assert_chosen(&dx12, &[0, 1]);
+            assert_chosen(&[&dx12[..], &vulkan].concat(), &[2, 3]);
+            assert_chosen(&[&vulkan[..1], &dx12, &vulkan[1..]].concat(), &[0, 3]);
+        }
+        let unplaced = ["", ""].map(|bus| adapter(Backend::Vulkan, GEFORCE, bus));
+        assert_chosen(&unplaced, &[0, 1]);
+        let metal = [Backend::Metal; 2].map(|api| adapter(api, (0, 0, "AMD Radeon Pro W6800X"), ""));
+        assert_chosen(&metal, &[0, 1]);
+    }
+
+    /// One that Vulkan does not offer is taken by the next API.
+    #[test]
+    fn a_card_is_taken_by_the_first_api_that_offers_it() {
+        let vulkan = adapter(Backend::Vulkan, GEFORCE, "0000:02:00.0");
+        let dx12 = [
+            adapter(Backend::Dx12, INTEL, "0000:00:02.0"),
+            adapter(Backend::Dx12, GEFORCE, "0000:01:00.0"),
+            adapter(Backend::Dx12, GEFORCE, "0000:01:00.0"),
+        ];
+        assert_chosen(&[&[vulkan][..], &dx12].concat(), &[0, 1, 3]);
+    }
+
+    #[test]
+    fn a_card_that_two_drivers_of_vulkan_list_is_taken_once() {
+        let drivers = ["0000:03:00.0", "0000:03:00.0", "0000:04:00.0"].map(|bus| adapter(Backend::Vulkan, RADEON, bus));
+        assert_chosen(&drivers, &[0, 2]);
+    }
+
+    #[test]
+    fn software_is_taken_only_where_there_is_no_gpu() {
+        let [gl, vulkan] = [Backend::Gl, Backend::Vulkan].map(|api| software(api, "llvmpipe"));
+        assert_chosen(&[gl.clone(), vulkan.clone()], &[1]);
+        assert_chosen(&[vulkan.clone(), vulkan.clone()], &[0]);
+        assert_chosen(&[vulkan, adapter(Backend::Vulkan, INTEL, ""), gl], &[1]);
+        assert_chosen(&[], &[]);
+    }
+}

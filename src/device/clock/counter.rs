@@ -1,0 +1,81 @@
+//! Timestamps that begin again at 0. Drivers count in 36 to 64 bits, and wgpu does not say in how many.
+
+/// With fewer bits, wgpu offers no timestamps.
+const LEAST_PERIOD: u64 = 1 << 36;
+
+/// Makes of a counter that begins again one that goes on.
+#[derive(Clone, Debug, Default)]
+pub struct Counter {
+    first: Option<u64>,
+    /// The first tick that was looked at last.
+    last: u64,
+    most: u64,
+    /// What it has lost by beginning again.
+    lost: u64,
+}
+
+impl Counter {
+    /// How many ticks after the very first one these were taken. They are in order, but for passes that overlap.
+    pub fn elapsed(&mut self, ticks: &[u64]) -> Vec<f64> {
+        let Some(&first) = ticks.first() else { return Vec::new() };
+        let start = *self.first.get_or_insert(first);
+        self.most = ticks.iter().copied().fold(self.most, u64::max);
+        self.lost = self.lost.wrapping_add(self.lost_between(self.last, first));
+        self.last = first;
+        let since = |tick: u64| tick.wrapping_add(self.lost).wrapping_add(self.lost_between(first, tick));
+        ticks.iter().map(|&tick| since(tick).wrapping_sub(start).cast_signed() as f64).collect()
+    }
+
+    /// The counter's period where it began again after `before`: it went back by more than half of it. The period is the
+    /// least power of two above all ticks, which a counter that is about to begin again has come close to.
+    fn lost_between(&self, before: u64, tick: u64) -> u64 {
+        let period = self.most.checked_add(1).and_then(u64::checked_next_power_of_two).unwrap_or(0);
+        let period = if period == 0 { 0 } else { period.max(LEAST_PERIOD) };
+        if period > 0 && before.saturating_sub(tick) > period / 2 { period } else { 0 }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A counter of so many bits, read in groups of four ticks that are `step` apart.
+    fn assert_goes_on(bits: u32, begin: u64, step: u64, groups: u64) {
+        let mut counter = Counter::default();
+        let period = 1u128 << bits;
+        for group in 0..groups {
+            let times: Vec<u64> = (0..4).map(|i| (4 * group + i) * step).collect();
+            let ticks: Vec<u64> =
+                times.iter().map(|t| ((u128::from(begin) + u128::from(*t)) % period) as u64).collect();
+            let expected: Vec<f64> = times.iter().map(|&t| t as f64).collect();
+            assert_eq!(counter.elapsed(&ticks), expected, "{bits} bits, group {group}");
+        }
+    }
+
+    #[test]
+    fn counters_of_any_width_go_on() {
+        for bits in [36, 40, 48, 56] {
+            let period = 1u64 << bits;
+            assert_goes_on(bits, period - 10, 3, 20);
+            assert_goes_on(bits, period - period / 8, period / 100, 400);
+        }
+        assert_goes_on(64, u64::MAX - 1000, 3, 20);
+        assert_goes_on(36, 17, 1 << 20, 100_000);
+    }
+
+    #[test]
+    fn passes_that_overlap_where_a_counter_begins_again_keep_their_places() {
+        let mut counter = Counter::default();
+        let end = (1 << 36) - 1;
+        assert_eq!(counter.elapsed(&[end - 9, 2, end - 1, 5]), [0.0, 12.0, 8.0, 15.0]);
+        assert_eq!(counter.elapsed(&[7, 6, 10]), [17.0, 16.0, 20.0]);
+    }
+
+    #[test]
+    fn small_steps_back_are_no_new_beginning() {
+        let mut counter = Counter::default();
+        assert_eq!(counter.elapsed(&[1 << 40]), [0.0]);
+        assert_eq!(counter.elapsed(&[(1 << 40) - (1 << 38)]), [-((1u64 << 38) as f64)]);
+        assert_eq!(counter.elapsed(&[]), [0.0; 0]);
+    }
+}

@@ -1,0 +1,130 @@
+//! Who walks the trees that rays are followed through: shaders, or the device's own ray queries.
+
+use super::{AdapterReport, DeviceError};
+
+/// How a device follows rays.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub enum Traversal {
+    /// In shaders, through the trees of [`crate::accel`].
+    #[default]
+    Compute,
+    /// By ray queries, through the driver's acceleration structures.
+    Hardware,
+}
+
+impl Traversal {
+    pub const ALL: [Self; 2] = [Self::Compute, Self::Hardware];
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Compute => "compute",
+            Self::Hardware => "hardware",
+        }
+    }
+
+    pub(super) fn features(self) -> wgpu::Features {
+        match self {
+            Self::Compute => wgpu::Features::empty(),
+            Self::Hardware => wgpu::Features::EXPERIMENTAL_RAY_QUERY,
+        }
+    }
+
+    pub(super) fn experiments(self) -> wgpu::ExperimentalFeatures {
+        match self {
+            Self::Compute => wgpu::ExperimentalFeatures::disabled(),
+            // SAFETY: what is still being worked on in wgpu are checks of ray queries. Ours stay within what Vulkan defines:
+            // each is initialised with finite numbers, asked on until it is done and not beyond, and read after that.
+            Self::Hardware => unsafe { wgpu::ExperimentalFeatures::enabled() },
+        }
+    }
+}
+
+/// Which [`Traversal`] devices are opened for. Those of one run have the same: the two do not give the same bytes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum TraversalChoice {
+    /// Hardware if every device is a GPU with ray queries, else compute
+    #[default]
+    Auto,
+    /// By shaders
+    Compute,
+    /// By the devices' ray queries
+    Hardware,
+}
+
+impl TraversalChoice {
+    /// What it comes to on these adapters.
+    ///
+    /// # Errors
+    /// [`DeviceError::NoRayQueries`] if hardware is asked for and an adapter has none.
+    pub(super) fn on(self, adapters: &[&AdapterReport]) -> Result<Traversal, DeviceError> {
+        let lacking = adapters.iter().find(|a| !a.ray_queries);
+        match (self, lacking) {
+            (Self::Compute, _) => Ok(Traversal::Compute),
+            (Self::Hardware, None) => Ok(Traversal::Hardware),
+            (Self::Hardware, Some(a)) => {
+                Err(DeviceError::NoRayQueries { index: a.index, name: a.name.clone(), driver: a.driver.clone() })
+            }
+            // Software drivers walk their structures no faster than our shaders walk ours, Mesa's five times slower.
+            (Self::Auto, lacking) => {
+                let is_fast = lacking.is_none() && adapters.iter().all(|a| a.kind.ends_with("GPU"));
+                Ok(if is_fast { Traversal::Hardware } else { Traversal::Compute })
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn adapter(kind: &str, ray_queries: bool) -> AdapterReport {
+        AdapterReport {
+            index: 7,
+            name: "Fast One".to_owned(),
+            driver: "driver 1.0".to_owned(),
+            backend: "Vulkan".to_owned(),
+            kind: kind.to_owned(),
+            max_storage_mib: 128,
+            max_storage_buffers: 32,
+            timestamps: true,
+            ray_queries,
+            missing: Vec::new(),
+            hint: "",
+            advice: None,
+            info: wgpu::AdapterInfo::new(wgpu::DeviceType::DiscreteGpu, wgpu::Backend::Vulkan),
+            quirks: Default::default(),
+        }
+    }
+
+    #[test]
+    fn hardware_is_chosen_where_every_device_is_a_gpu_with_ray_queries() {
+        let [able, unable] = [true, false].map(|has| adapter("discrete GPU", has));
+        let [software, old_software] = [true, false].map(|has| adapter("software", has));
+        for (adapters, chosen) in [
+            (vec![&able], Traversal::Hardware),
+            (vec![&able, &able], Traversal::Hardware),
+            (vec![&able, &unable], Traversal::Compute),
+            (vec![&unable], Traversal::Compute),
+            (vec![&software], Traversal::Compute),
+            (vec![&able, &software], Traversal::Compute),
+            (vec![&old_software], Traversal::Compute),
+        ] {
+            assert_eq!(TraversalChoice::Auto.on(&adapters).unwrap(), chosen, "{adapters:?}");
+            assert_eq!(TraversalChoice::Compute.on(&adapters).unwrap(), Traversal::Compute);
+        }
+    }
+
+    #[test]
+    fn hardware_is_refused_where_a_device_has_no_ray_queries() {
+        let [able, unable] = [true, false].map(|has| adapter("discrete GPU", has));
+        let software = adapter("software", true);
+        assert_eq!(TraversalChoice::Hardware.on(&[&able, &software]).unwrap(), Traversal::Hardware);
+        let refused = TraversalChoice::Hardware.on(&[&able, &unable]).unwrap_err().to_string();
+        for part in ["adapter 7", "Fast One", "driver 1.0", "no ray queries", "--traversal compute", "--devices"] {
+            assert!(refused.contains(part), "{refused}");
+        }
+    }
+}

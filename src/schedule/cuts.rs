@@ -1,0 +1,253 @@
+//! Where a device's work is cut, so that none of its submissions takes longer than a bound: systems reset a device that
+//! is at one for seconds.
+
+use std::ops::Range;
+
+use serde::{Deserialize, Serialize};
+
+use super::cost::CostModel;
+use crate::graph::{Dispatch, FrameGraph, Pass, TaskKind, runs};
+
+/// Where in a task: before this run of its kernel comes to this row.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct Position {
+    pub run: u32,
+    pub row: u32,
+}
+
+impl Position {
+    /// Behind all runs.
+    pub const END: Self = Self { run: u32::MAX, row: 0 };
+
+    pub fn start(rows: &Range<u32>) -> Self {
+        Self { run: 0, row: rows.start }
+    }
+}
+
+/// Where a submission ends: in this task, by its number among those of the device.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Cut {
+    pub task: usize,
+    pub at: Position,
+}
+
+/// The parts of a task between cuts. The first one may be empty.
+pub fn parts(cuts: &[Cut], task: usize, rows: &Range<u32>) -> Vec<Range<Position>> {
+    let inner = cuts.iter().filter(|cut| cut.task == task).map(|cut| cut.at);
+    let mut ends: Vec<Position> = std::iter::once(Position::start(rows)).chain(inner).collect();
+    ends.push(Position::END);
+    ends.windows(2).map(|pair| pair[0]..pair[1]).collect()
+}
+
+/// How long a path may take on a device of which nothing is known, and a pixel in passes that trace none: on a slow GPU
+/// of 2015, with room for one that is ten times slower.
+const UNKNOWN_PATH_MS: f64 = 2e-3;
+const UNKNOWN_PIXEL_MS: f64 = 1e-4;
+
+/// The cuts of a device's tasks in a frame of `spp` samples for each pixel: as few as there can be. What takes longer than
+/// the bound and cannot be cut is a submission of its own.
+pub fn cuts(
+    graph: &FrameGraph,
+    model: &CostModel,
+    device: usize,
+    bound_ms: f64,
+    (spp, jitter): (u32, bool),
+) -> Vec<Cut> {
+    let (own, _) = graph.parts_of(device);
+    let mut cuts = Vec::new();
+    let mut left_ms = bound_ms;
+    for (number, task) in own.iter().enumerate() {
+        let TaskKind::Dispatch { pass, .. } = task.kind else {
+            // Transfers end submissions.
+            left_ms = bound_ms;
+            continue;
+        };
+        let pass = &graph.program.passes()[pass].pass;
+        let width = pass.grid.extent(graph.program.extent).width;
+        let samples: Vec<u32> = runs(&pass.launches, spp, jitter).map(|run| run.samples).collect();
+        let all_samples = f64::from(samples.iter().sum::<u32>());
+        for (run, samples) in (0..).zip(samples) {
+            let ms = |rows: Range<u32>| {
+                let pixels = f64::from(width) * f64::from(rows.end - rows.start);
+                match model.cautious_pass_ms(pass, device, &rows, pixels) {
+                    Some(ms) => ms * f64::from(samples) / all_samples,
+                    None if pass.kernel.reads_scene => UNKNOWN_PATH_MS * pixels * f64::from(samples),
+                    None => UNKNOWN_PIXEL_MS * pixels,
+                }
+            };
+            let (mut row, end) = (task.rows.start, task.rows.end);
+            loop {
+                let rest_ms = ms(row..end);
+                if rest_ms <= left_ms {
+                    left_ms -= rest_ms;
+                    break;
+                }
+                let fitting = step(pass).and_then(|step| last_fitting(row..end, step, |to| ms(row..to) <= left_ms));
+                let least = || step(pass).map_or(end, |step| (row / step + 1) * step).min(end);
+                row = fitting.unwrap_or_else(|| if left_ms < bound_ms { row } else { least() });
+                if row == end {
+                    left_ms = 0.0;
+                    break;
+                }
+                cuts.push(Cut { task: number, at: Position { run, row } });
+                left_ms = bound_ms;
+            }
+        }
+    }
+    cuts
+}
+
+/// The rows that a pass computes together; none: all.
+fn step(pass: &Pass) -> Option<u32> {
+    let rows = match pass.dispatch {
+        Dispatch::Invocations([_, height]) => height.max(1) * pass.kernel.workgroup[1],
+        Dispatch::Workgroups([_, height]) => height,
+        Dispatch::List(_) => pass.kernel.workgroup[1],
+        Dispatch::Once(_) => return None,
+    };
+    Some(rows.max(1))
+}
+
+/// The last multiple of `step` within the rows, behind the first of them, up to which they fit.
+fn last_fitting(rows: Range<u32>, step: u32, fits: impl Fn(u32) -> bool) -> Option<u32> {
+    let (mut low, mut high) = (rows.start / step, (rows.end - 1) / step + 1);
+    // At `low` they fit, at `high` they do not.
+    while high - low > 1 {
+        let middle = low.midpoint(high);
+        if fits(middle * step) { low = middle } else { high = middle }
+    }
+    (low * step > rows.start).then_some(low * step)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::graph::{Assignment, HaloPlan, Seam, Stripes};
+    use crate::image::Extent;
+    use crate::passes::graph_tests::graph;
+    use crate::passes::{Declarations, FrameSpec};
+    use crate::schedule::{FrameCosts, StageCost};
+
+    const EXTENT: Extent = Extent::new(64, 360);
+
+    fn frame(devices: usize) -> (FrameGraph, CostModel) {
+        let seam = Seam::Halo(HaloPlan::RECOMPUTE);
+        let spec = FrameSpec { iterations: 3, seam, ..FrameSpec::new(EXTENT, devices) };
+        let assignment = Assignment::uniform(Stripes::even(EXTENT.height, devices));
+        (graph(&spec, &assignment, None), CostModel::new(&spec, &Declarations::default()))
+    }
+
+    /// Every pass takes 1 ms a row, all its runs together.
+    fn learned(graph: &FrameGraph, mut model: CostModel, devices: usize) -> CostModel {
+        let stage = |device, task: &crate::graph::Task| match task.kind {
+            TaskKind::Dispatch { pass, .. } => {
+                let pass = &graph.program.passes()[pass].pass;
+                let (rows, busy_ms) = (task.rows.clone(), task.rows.len() as f64);
+                Some(StageCost { stage: pass.stage, view: pass.view, device, rows, busy_ms })
+            }
+            _ => None,
+        };
+        let stages = (0..devices).flat_map(|d| graph.tasks_of(d).iter().filter_map(move |task| stage(d, task)));
+        let rays = [0, 1].map(|_| vec![20 * EXTENT.width; EXTENT.height as usize]);
+        model.learn(&FrameCosts { stages: stages.collect(), rays, ..Default::default() });
+        model
+    }
+
+    /// The rows of each submission, a run of several counted by its share of the samples.
+    fn submissions(graph: &FrameGraph, device: usize, cuts: &[Cut], spp: u32) -> Vec<f64> {
+        let mut all = vec![0.0];
+        for (number, task) in graph.parts_of(device).0.iter().enumerate() {
+            let TaskKind::Dispatch { pass, .. } = task.kind else {
+                all.push(0.0);
+                continue;
+            };
+            let launches = &graph.program.passes()[pass].pass.launches;
+            let samples: Vec<f64> = runs(launches, spp, spp > 1).map(|run| run.samples.into()).collect();
+            let rows_to = |at: Position| {
+                let begun = &samples[..samples.len().min(at.run as usize)];
+                let here = samples.get(at.run as usize).map_or(0.0, |s| s * f64::from(at.row - task.rows.start));
+                let height = f64::from(task.rows.end - task.rows.start);
+                (begun.iter().sum::<f64>() * height + here) / samples.iter().sum::<f64>()
+            };
+            for (i, part) in parts(cuts, number, &task.rows).into_iter().enumerate() {
+                if i > 0 {
+                    all.push(0.0);
+                }
+                *all.last_mut().unwrap() += rows_to(part.end) - rows_to(part.start);
+            }
+        }
+        all.retain(|rows| *rows > 0.0);
+        all
+    }
+
+    #[test]
+    fn a_frame_that_fits_is_not_cut() {
+        let (graph, model) = frame(2);
+        let model = learned(&graph, model, 2);
+        assert_eq!(cuts(&graph, &model, 0, 1e5, (1, false)), []);
+        assert_eq!(cuts(&graph, &model, 1, 1e5, (1, false)), []);
+    }
+
+    #[test]
+    fn submissions_keep_the_bound_and_are_as_few_as_can_be() {
+        for (devices, spp) in [(1, 1), (1, 12), (3, 1), (3, 12)] {
+            let (graph, model) = frame(devices);
+            let model = learned(&graph, model, devices);
+            for device in 0..devices {
+                let whole: f64 = submissions(&graph, device, &[], spp).iter().sum();
+                let uncut = submissions(&graph, device, &[], spp).len() as f64;
+                for bound_ms in [9.0, 40.0, 101.0, 500.0] {
+                    let cuts = cuts(&graph, &model, device, bound_ms, (spp, spp > 1));
+                    let all = submissions(&graph, device, &cuts, spp);
+                    let what = format!("{devices} devices, {spp} samples, {bound_ms} ms: {all:?}");
+                    assert!((all.iter().sum::<f64>() - whole).abs() < 1e-6, "{what}");
+                    assert!(all.iter().all(|ms| *ms <= bound_ms + 1e-6), "{what}");
+                    // Full but for less than the 8 rows that are computed together.
+                    assert!(all.len() as f64 <= uncut + whole / (bound_ms - 8.0), "{what}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_nothing_is_known_of_is_cut_by_its_paths() {
+        let (graph, model) = frame(1);
+        let cuts_of = |bound_ms| cuts(&graph, &model, 0, bound_ms, (4, true));
+        let paths = 4.0 * f64::from(EXTENT.width * EXTENT.height);
+        let of_paths = |cuts: &[Cut]| {
+            let is_traced = |cut: &&Cut| match graph.parts_of(0).0[cut.task].kind {
+                TaskKind::Dispatch { pass, .. } => graph.program.passes()[pass].pass.kernel.name == "path_trace",
+                _ => false,
+            };
+            cuts.iter().filter(is_traced).count() as f64
+        };
+        // Of the left eye, and of all pixels of the right one, which may be holes.
+        let expected = 2.0 * paths * UNKNOWN_PATH_MS / 20.0;
+        let found = of_paths(&cuts_of(20.0));
+        assert!(found >= expected - 2.0 && found <= 1.2 * expected + 2.0, "{found} instead of {expected}");
+        assert_eq!(cuts_of(1e6), []);
+    }
+
+    #[test]
+    fn what_is_too_long_by_itself_is_cut_into_its_smallest_parts() {
+        let (graph, model) = frame(1);
+        let model = learned(&graph, model, 1);
+        let cuts = cuts(&graph, &model, 0, 1e-6, (1, false));
+        for (number, task) in graph.parts_of(0).0.iter().enumerate() {
+            let parts = parts(&cuts, number, &task.rows);
+            let rows: Vec<u32> = parts.iter().map(|p| p.start.row).collect();
+            let expected: Vec<u32> = (0..EXTENT.height).step_by(8).collect();
+            // All but the first task have a submission end before them.
+            assert_eq!(rows[usize::from(number > 0)..], expected, "task {number}");
+        }
+    }
+
+    #[test]
+    fn parts_begin_and_end_where_their_task_does() {
+        let at = |run, row| Position { run, row };
+        assert_eq!(parts(&[], 3, &(5..9)), [at(0, 5)..Position::END]);
+        let cuts = [(3, at(0, 5)), (3, at(0, 8)), (4, at(0, 6)), (3, at(2, 6))].map(|(task, at)| Cut { task, at });
+        let expected = [at(0, 5)..at(0, 5), at(0, 5)..at(0, 8), at(0, 8)..at(2, 6), at(2, 6)..Position::END];
+        assert_eq!(parts(&cuts, 3, &(5..9)), expected);
+    }
+}

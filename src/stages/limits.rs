@@ -1,0 +1,312 @@
+//! What a scene and a frame need of a device, held against its limits before anything is made on it.
+
+use std::borrow::Cow;
+use std::fmt;
+
+use super::layout::{NODES_PER_ROW, PAGE, PassConstants, TEXEL_BYTES};
+use super::pipeline::{Groups, workgroups};
+use crate::accel::Node;
+use crate::graph::{Format, Pass, Program};
+use crate::image::Extent;
+
+/// A limit of WebGPU's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Limit {
+    StorageBinding,
+    Buffer,
+    UniformBinding,
+    StorageBuffers,
+    TextureEdge,
+    TextureLayers,
+    Workgroups,
+    Invocations,
+    Immediates,
+    Corners,
+    Instances,
+}
+
+/// What an instance's custom data has room for.
+const MAX_INSTANCES: u32 = 1 << 24;
+
+impl Limit {
+    fn of(self, limits: &wgpu::Limits) -> u64 {
+        match self {
+            Self::StorageBinding => limits.max_storage_buffer_binding_size,
+            Self::Buffer => limits.max_buffer_size,
+            Self::UniformBinding => limits.max_uniform_buffer_binding_size,
+            Self::StorageBuffers => limits.max_storage_buffers_per_shader_stage.into(),
+            Self::TextureEdge => limits.max_texture_dimension_2d.into(),
+            Self::TextureLayers => limits.max_texture_array_layers.into(),
+            Self::Workgroups => limits.max_compute_workgroups_per_dimension.into(),
+            Self::Invocations => limits.max_compute_invocations_per_workgroup.into(),
+            Self::Immediates => limits.max_immediate_size.into(),
+            Self::Corners => limits.max_blas_primitive_count.into(),
+            Self::Instances => limits.max_tlas_instance_count.min(MAX_INSTANCES).into(),
+        }
+    }
+
+    /// Its name in wgpu.
+    fn name(self) -> &'static str {
+        match self {
+            Self::StorageBinding => "max_storage_buffer_binding_size",
+            Self::Buffer => "max_buffer_size",
+            Self::UniformBinding => "max_uniform_buffer_binding_size",
+            Self::StorageBuffers => "max_storage_buffers_per_shader_stage",
+            Self::TextureEdge => "max_texture_dimension_2d",
+            Self::TextureLayers => "max_texture_array_layers",
+            Self::Workgroups => "max_compute_workgroups_per_dimension",
+            Self::Invocations => "max_compute_invocations_per_workgroup",
+            Self::Immediates => "max_immediate_size",
+            Self::Corners => "max_blas_primitive_count",
+            Self::Instances => "max_tlas_instance_count",
+        }
+    }
+
+    fn unit(self) -> &'static str {
+        match self {
+            Self::StorageBinding | Self::Buffer | Self::UniformBinding | Self::Immediates => "bytes",
+            Self::StorageBuffers => "storage buffers",
+            Self::TextureEdge => "texels an edge",
+            Self::TextureLayers => "texture layers",
+            Self::Workgroups => "workgroups a row or column",
+            Self::Invocations => "invocations a workgroup",
+            Self::Corners => "corners of triangles",
+            Self::Instances => "instances",
+        }
+    }
+}
+
+/// Something that may be more than a device takes.
+#[derive(Clone, Debug)]
+pub struct Need {
+    what: Cow<'static, str>,
+    limit: Limit,
+    amount: u64,
+    remedy: &'static str,
+}
+
+const SMALLER_SCENE: &str = "use fewer triangles";
+const SMALLER_TEXTURES: &str = "make them smaller";
+const SMALLER_ENVIRONMENT: &str = "make it smaller";
+const SMALLER_SIZE: &str = "choose a smaller --size";
+const BY_SHADERS: &str = "let shaders trace rays with --traversal compute";
+const SMALLER_PASS: &str = "declare it with less";
+
+/// A limit that is exceeded.
+#[derive(Clone, Debug)]
+pub struct LimitExceeded {
+    need: Need,
+    limit: u64,
+    device: usize,
+}
+
+impl std::error::Error for LimitExceeded {}
+
+impl fmt::Display for LimitExceeded {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { need: Need { what, limit, amount, remedy }, limit: most, device } = self;
+        let [amount, most] = [*amount, *most].map(|amount| match limit.unit() {
+            "bytes" if amount >= 10 << 20 => format!("{} MiB", amount >> 20),
+            unit => format!("{amount} {unit}"),
+        });
+        let verb = if what.ends_with('s') { "need" } else { "needs" };
+        write!(f, "{what} {verb} {amount}, and device {device} takes {most} (its {}): ", limit.name())?;
+        write!(f, "{remedy}, or choose another adapter with --devices")
+    }
+}
+
+/// # Errors
+/// The first need that is more than the limits of this device.
+pub fn check(limits: &wgpu::Limits, device: usize, needs: impl IntoIterator<Item = Need>) -> Result<(), LimitExceeded> {
+    let exceeding = needs.into_iter().find(|need| need.amount > need.limit.of(limits));
+    exceeding.map_or(Ok(()), |need| Err(LimitExceeded { limit: need.limit.of(limits), need, device }))
+}
+
+fn storage(what: &str, bytes: u64, remedy: &'static str) -> [Need; 2] {
+    let need = |limit| Need { what: what.to_owned().into(), limit, amount: bytes, remedy };
+    [Limit::StorageBinding, Limit::Buffer].map(need)
+}
+
+/// What a scene's tables come to.
+pub struct SceneSizes {
+    /// Of each table in a buffer, bytes.
+    pub buffers: Vec<(&'static str, u64)>,
+    /// Of trees, where they are in a texture.
+    pub textured_nodes: usize,
+    pub texels: usize,
+    pub environment: Extent,
+}
+
+pub fn of_scene(sizes: &SceneSizes) -> Vec<Need> {
+    let edges = |what: &'static str, edges: [u32; 2], remedy| {
+        edges.map(|edge| Need { what: what.into(), limit: Limit::TextureEdge, amount: edge.into(), remedy })
+    };
+    let buffers = sizes.buffers.iter();
+    let buffers = buffers.flat_map(|(name, bytes)| storage(&format!("the scene's {name}"), *bytes, SMALLER_SCENE));
+    let mut needs: Vec<Need> = buffers.collect();
+    if sizes.textured_nodes > 0 {
+        needs.extend(edges("the scene's tree", tree_size(sizes.textured_nodes), SMALLER_SCENE));
+    }
+    let Pages { edge, count } = Pages::of(sizes.texels);
+    let what = "the scene's textures";
+    needs.extend(edges(what, [edge; 2], SMALLER_TEXTURES));
+    needs.push(Need { what: what.into(), limit: Limit::TextureLayers, amount: count, remedy: SMALLER_TEXTURES });
+    let Extent { width, height } = sizes.environment;
+    needs.extend(edges("the environment image", [width, height], SMALLER_ENVIRONMENT));
+    needs
+}
+
+/// Of the acceleration structures of a scene with so many triangles in its largest tree, and so many instances.
+pub fn of_structures(triangles: usize, instances: usize) -> [Need; 2] {
+    let need = |what: &'static str, limit, amount| Need { what: what.into(), limit, amount, remedy: BY_SHADERS };
+    [
+        need("the scene's largest tree", Limit::Corners, 3 * triangles as u64),
+        need("the scene's instances", Limit::Instances, instances as u64),
+    ]
+}
+
+/// Of the frames that these programs make; `scene_buffers` are what a pass binds that reads the scene.
+pub fn of_frames<'a>(programs: &'a [Program], scene_buffers: usize) -> impl Iterator<Item = Need> + 'a {
+    let images = programs.iter().flat_map(|program| program.images().iter().map(|image| (program.extent, image)));
+    let images = images.flat_map(|(extent, image)| {
+        let resource = &image.resource;
+        let what = format!("the image {} at {extent}", resource.name);
+        let bytes = resource.bytes(extent);
+        match resource.format {
+            Format::Uniform(_) => {
+                vec![Need { what: what.into(), limit: Limit::UniformBinding, amount: bytes, remedy: SMALLER_PASS }]
+            }
+            Format::Texels(_) | Format::List => Vec::from(storage(&what, bytes, SMALLER_SIZE)),
+        }
+    });
+    let passes = programs.iter().flat_map(|program| program.passes().iter().map(|p| (program.extent, &p.pass)));
+    images.chain(passes.flat_map(move |(extent, pass)| of_pass(pass, extent, scene_buffers)))
+}
+
+fn of_pass(pass: &Pass, frame: Extent, scene_buffers: usize) -> [Need; 5] {
+    let what = || Cow::from(format!("the pass {}", pass.stage.name()));
+    let need = |limit, amount, remedy| Need { what: what(), limit, amount, remedy };
+    let own = pass.uses.iter().filter(|u| !matches!(u.image.resource.format, Format::Uniform(_))).count();
+    let buffers = own + if pass.kernel.reads_scene { scene_buffers } else { 0 };
+    let extent = pass.grid.extent(frame);
+    let [columns, rows] = match workgroups(pass.dispatch, pass.kernel.workgroup, extent.width, &extent.rows()) {
+        Groups::Direct([x, y, z]) => [x, y.max(z)],
+        // The shader that fills a list asks for no more than any device takes.
+        Groups::Listed(_) => [1; 2],
+    };
+    [
+        need(Limit::StorageBuffers, buffers as u64, SMALLER_PASS),
+        need(Limit::Workgroups, columns.into(), SMALLER_SIZE),
+        need(Limit::Workgroups, rows.into(), SMALLER_SIZE),
+        need(Limit::Invocations, pass.kernel.workgroup.map(u64::from).iter().product(), SMALLER_PASS),
+        need(Limit::Immediates, size_of::<PassConstants>() as u64, SMALLER_PASS),
+    ]
+}
+
+/// Columns and rows of the texture that holds so many nodes.
+pub fn tree_size(nodes: usize) -> [u32; 2] {
+    let rows = nodes.div_ceil(NODES_PER_ROW as usize);
+    [NODES_PER_ROW * size_of::<Node>() as u32 / TEXEL_BYTES, u32::try_from(rows).unwrap_or(u32::MAX)]
+}
+
+/// The layers that hold texels one after another.
+pub struct Pages {
+    pub edge: u32,
+    pub count: u64,
+}
+
+impl Pages {
+    pub fn of(texels: usize) -> Self {
+        let edge = if texels == 0 { 1 } else { PAGE };
+        Self { edge, count: (texels as u64).div_ceil(u64::from(edge) * u64::from(edge)).max(1) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::Nodes;
+    use crate::passes::{Declarations, FrameSpec};
+    use crate::stages::scene_tables::scene_buffers;
+
+    fn programs(width: u32, height: u32) -> Vec<Program> {
+        Declarations::default().programs(&FrameSpec::new(Extent::new(width, height), 2)).unwrap()
+    }
+
+    /// Of a GPU of the last years, with WebGPU's sizes.
+    fn limits() -> wgpu::Limits {
+        let (max_storage_buffers_per_shader_stage, max_immediate_size) = (18, 64);
+        wgpu::Limits { max_storage_buffers_per_shader_stage, max_immediate_size, ..wgpu::Limits::defaults() }
+    }
+
+    #[track_caller]
+    fn assert_said(limits: &wgpu::Limits, needs: impl IntoIterator<Item = Need>, expected: &str) {
+        let said = check(limits, 3, needs).map_or_else(|e| e.to_string(), |()| "all is well".to_owned());
+        assert!(said.contains(expected), "`{said}` and not `{expected}`");
+    }
+
+    #[test]
+    fn what_a_scene_needs_is_held_against_the_limits() {
+        let environment = Extent::new(4096, 2048);
+        let scene = |triangles: u64, textured_nodes, texels| {
+            let buffers = vec![("materials", 64), ("triangles", 48 * triangles)];
+            of_scene(&SceneSizes { buffers, textured_nodes, texels, environment })
+        };
+        let (small, million, pages) = (scene(1000, 300, 70_000), 1 << 20, 257 * (PAGE * PAGE) as usize);
+        assert_said(&limits(), small.clone(), "all is well");
+        assert_said(
+            &wgpu::Limits::downlevel_defaults(),
+            small.clone(),
+            "the scene's tree needs 5120 texels an edge, and device 3 takes 2048 texels an edge (its \
+             max_texture_dimension_2d): use fewer triangles, or choose another adapter with --devices",
+        );
+        let binding =
+            "the scene's triangles need 192 MiB, and device 3 takes 128 MiB (its max_storage_buffer_binding_size)";
+        assert_said(&limits(), scene(4 * million, 300, 0), binding);
+        let bindings = wgpu::Limits { max_storage_buffer_binding_size: 1 << 32, ..limits() };
+        let buffer = "the scene's triangles need 288 MiB, and device 3 takes 256 MiB (its max_buffer_size)";
+        assert_said(&bindings, scene(6 * million, 300, 0), buffer);
+        let tree = "the scene's tree needs 10240 texels an edge, and device 3 takes 8192 texels an edge";
+        assert_said(&limits(), scene(1, 10 << 20, 0), tree);
+        let layers = "the scene's textures need 257 texture layers, and device 3 takes 256 texture layers";
+        assert_said(&limits(), scene(1, 1, pages), layers);
+        let image = "the environment image needs 4096 texels an edge";
+        let narrow = wgpu::Limits { max_texture_dimension_2d: 2048, ..limits() };
+        assert_said(&narrow, small.into_iter().skip(8), image);
+    }
+
+    #[test]
+    fn textures_fill_layers_and_trees_fill_rows() {
+        let layers = |texels| Pages::of(texels).count;
+        let page = (PAGE * PAGE) as usize;
+        assert_eq!([0, 1, page, page + 1, 257 * page].map(layers), [1, 1, 1, 2, 257]);
+        assert_eq!((Pages::of(0).edge, Pages::of(1).edge), (1, PAGE));
+        assert_eq!([1, 1024, 1025].map(tree_size), [[5120, 1], [5120, 1], [5120, 2]]);
+    }
+
+    #[test]
+    fn what_frames_need_is_held_against_the_limits() {
+        let frames = |programs: &[Program]| of_frames(programs, scene_buffers(Nodes::Texture)).collect::<Vec<_>>();
+        let (hd, narrow, huge) = (programs(1920, 1080), programs(64, 1080), programs(4096, 4096));
+        assert_said(&limits(), frames(&hd), "all is well");
+        let text =
+            "at 4096x4096 needs 256 MiB, and device 3 takes 128 MiB (its max_storage_buffer_binding_size): choose a";
+        assert_said(&limits(), frames(&huge), text);
+        let few = wgpu::Limits { max_compute_workgroups_per_dimension: 100, ..limits() };
+        assert_said(&few, frames(&hd), "needs 240 workgroups a row or column, and device 3 takes 100 workgroups");
+        assert_said(&few, frames(&narrow), "needs 135 workgroups a row or column, and device 3 takes 100 workgroups");
+        for (limits, expected) in [
+            // Of DirectX 12's second tier, and WebGPU's own.
+            (
+                wgpu::Limits { max_storage_buffers_per_shader_stage: 16, ..limits() },
+                "path_trace needs 18 storage buffers",
+            ),
+            (wgpu::Limits::defaults(), "the pass gbuffer needs 16 storage buffers, and device 3 takes 8"),
+            (wgpu::Limits { max_immediate_size: 32, ..limits() }, "needs 44 bytes, and device 3 takes 32 bytes"),
+            (wgpu::Limits { max_compute_invocations_per_workgroup: 32, ..limits() }, "64 invocations a workgroup"),
+            (wgpu::Limits { max_uniform_buffer_binding_size: 64, ..limits() }, "previous views at 1920x1080 needs 128"),
+        ] {
+            assert_said(&limits, frames(&hd), expected);
+        }
+    }
+}

@@ -1,0 +1,80 @@
+//! Work that is handed out in small portions gives the bytes of whole frames.
+
+use crate::common::{Frame, Stage, Subject, devices};
+use diptych::exec::{InjectedFaults, RenderSettings, TimedTask};
+use diptych::scene::shot::Gaze;
+use diptych::schedule::{Even, Measured};
+use diptych::stages::Foveation;
+
+const WIDTH: u32 = 72;
+const HEIGHT: u32 = 60;
+
+/// Along the camera's path, so that the later frames are cut by what was learned.
+const TIMES_S: [f64; 4] = [0.0, 0.05, 0.1, 0.15];
+
+fn frames(subject: &Subject, settings: &RenderSettings, devices: usize) -> Vec<Frame> {
+    let policy = Box::new(Measured::new(HEIGHT, devices));
+    Stage::with(subject, settings, devices, policy).frames_in_flight(&TIMES_S)
+}
+
+/// The most submissions that a task of the frame was spread over.
+fn most_submissions(frame: &Frame) -> u32 {
+    frame.report.tasks.iter().map(|t| t.submissions).max().unwrap()
+}
+
+fn hold_cut_frames_against_whole_ones(what: &str, subject: &Subject, settings: &RenderSettings) {
+    let whole = frames(subject, settings, 1);
+    assert!(whole.iter().all(|f| most_submissions(f) == 1), "{what}: software devices need no bound");
+    // The smallest portions that there are; some of a frame; all of it.
+    for (bound_ms, devices) in [(1e-6, 1), (2.0, 2), (1e9, 1)] {
+        let settings = RenderSettings { max_dispatch_ms: Some(bound_ms), ..settings.clone() };
+        for (one, cut) in whole.iter().zip(&frames(subject, &settings, devices)) {
+            let frame = one.report.index;
+            assert!(one.linear == cut.linear, "{what}, {bound_ms} ms, frame {frame}");
+            assert_eq!(one.report.tallies, cut.report.tallies, "{what}, {bound_ms} ms, frame {frame}");
+            match bound_ms {
+                1e-6 => assert!(most_submissions(cut) >= HEIGHT / 8, "{what}, frame {frame}"),
+                1e9 => assert_eq!(most_submissions(cut), 1, "{what}, frame {frame}"),
+                _ => {}
+            }
+            let is_timed = |t: &diptych::exec::TaskTiming| t.begin_ms < t.end_ms || t.kind == TimedTask::Upload;
+            assert!(cut.report.tasks.iter().all(is_timed), "{what}, {bound_ms} ms, frame {frame}");
+        }
+    }
+}
+
+#[test]
+fn frames_in_small_portions_have_the_bytes_of_whole_ones() {
+    let subject = Subject::load("builtin:atrium");
+    let mut settings = subject.accumulated(WIDTH, HEIGHT);
+    hold_cut_frames_against_whole_ones("over frames", &subject, &settings);
+    settings.stages.frames_in_flight = 2;
+    hold_cut_frames_against_whole_ones("in flight", &subject, &settings);
+}
+
+/// Three dispatches of path tracing, over lists of pixels.
+#[test]
+fn samples_of_lists_in_small_portions_have_the_bytes_of_whole_frames() {
+    let subject = Subject::load("builtin:checker");
+    let mut settings = subject.denoised(WIDTH, HEIGHT);
+    settings.stages.spp = 9;
+    settings.stages.foveation = Some(Foveation::new([0, 1].map(|_| Gaze { path: vec![[0.0, 0.4, 0.5]] }), [2, 3, 5]));
+    hold_cut_frames_against_whole_ones("layers", &subject, &settings);
+    settings.stages.reproject = false;
+    settings.stages.foveation = None;
+    hold_cut_frames_against_whole_ones("traced", &subject, &settings);
+}
+
+#[test]
+fn slow_devices_run_each_portion_again() {
+    let subject = Subject::load("builtin:checker");
+    let mut settings = subject.denoised(WIDTH, HEIGHT);
+    settings.stages.spp = 5;
+    let whole = Stage::alone(&subject, &settings).frame(0);
+    settings.max_dispatch_ms = Some(1e-6);
+    let mut two = Stage::on(devices(2, 1), &subject, &settings, Box::new(Even::new(HEIGHT, 2)));
+    two.renderer().set_injected_faults(InjectedFaults { slowdown: vec![2, 1], ..Default::default() });
+    let cut = two.frame(0);
+    assert!(whole.linear == cut.linear);
+    assert_eq!(whole.report.tallies, cut.report.tallies);
+}

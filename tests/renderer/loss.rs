@@ -1,0 +1,72 @@
+//! Devices that are lost at any moment, as drivers lose them: errors follow, and no panic.
+
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+
+use crate::common::{Stage, Subject, devices};
+use diptych::accel::Accel;
+use diptych::exec::{ExecError, Renderer};
+use diptych::schedule::Even;
+use diptych::stages::SceneTables;
+
+const WIDTH: u32 = 64;
+const HEIGHT: u32 = 36;
+
+#[test]
+fn a_device_that_is_lost_before_the_start_ends_the_run() {
+    let subject = Subject::load("builtin:checker");
+    let settings = subject.accumulated(WIDTH, HEIGHT);
+    let tables = Arc::new(SceneTables::new(&subject.scene, Accel::build(&subject.scene).unwrap()).unwrap());
+    let gpus = devices(1, 1);
+    gpus[0].device.destroy();
+    let policy = Box::new(Even::new(HEIGHT, 1));
+    match Renderer::new(gpus, tables, settings, policy, Instant::now()) {
+        Err(ExecError::Device { device: 0, what }) => assert!(what.contains("lost"), "{what}"),
+        Err(other) => panic!("{other}"),
+        Ok(_) => panic!("it has been destroyed"),
+    }
+}
+
+/// At moments of its frames that nobody chose.
+#[test]
+fn frames_keep_their_bytes_whenever_a_device_is_lost() {
+    let subject = Subject::load("builtin:checker");
+    let mut settings = subject.denoised(WIDTH, HEIGHT);
+    settings.max_dispatch_ms = Some(1.0);
+    let one = Stage::alone(&subject, &settings).frame(0).linear;
+    for delay_us in [0, 300, 2_000, 7_000, 15_000, 40_000] {
+        let gpus = devices(2, 1);
+        let lost = gpus[1].device.clone();
+        let mut two = Stage::on(gpus, &subject, &settings, Box::new(Even::new(HEIGHT, 2)));
+        std::thread::scope(|scope| {
+            scope.spawn(move || {
+                std::thread::sleep(Duration::from_micros(delay_us));
+                lost.destroy();
+            });
+            for _ in 0..3 {
+                assert!(two.frame(0).linear == one, "{delay_us} µs");
+            }
+        });
+        assert!(two.frame(0).linear == one, "{delay_us} µs, afterwards");
+        let faults: Vec<_> = two.renderer().faults().iter().map(|f| f.device).collect();
+        assert_eq!(faults, [1], "{delay_us} µs");
+    }
+}
+
+#[test]
+fn images_of_a_device_that_is_lost_are_made_again_or_are_an_error() {
+    let subject = Subject::load("builtin:checker");
+    let settings = subject.denoised(WIDTH, HEIGHT);
+    for count in [1, 2] {
+        let gpus = devices(count, 1);
+        let lost = gpus[0].device.clone();
+        let mut stage = Stage::on(gpus, &subject, &settings, Box::new(Even::new(HEIGHT, count)));
+        let expected = stage.frame(0).linear;
+        lost.destroy();
+        match stage.renderer().read_linear() {
+            Ok(found) => assert!(count == 2 && found == expected),
+            Err(ExecError::NoneLeft { device: 0, what }) => assert!(count == 1 && what.contains("lost"), "{what}"),
+            Err(other) => panic!("{other}"),
+        }
+    }
+}
