@@ -145,8 +145,8 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
             two_luminances(old_reflects, old_albedo.all - old_albedo.matte),
         );
         let apart = select(vec2<f32>(0.0), old - ratio_of(spread.light, spread.albedo), begin > 0u);
-        let new = variance_of(spread, f32(end - begin));
-        variance = mix(new, old_radiance.a, keep) + apart * apart * keep * (1.0 - keep);
+        let of_these = variance_of(spread, f32(end - begin));
+        variance = mix(of_these, old_radiance.a, keep) + apart * apart * keep * (1.0 - keep);
     }
     albedo_image[at] = pack_albedo(mean_albedo);
     emission_image[at] = vec4<f32>(old_emission.rgb * keep + emission * scale, emission_image[at].a);
