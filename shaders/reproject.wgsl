@@ -38,7 +38,7 @@ fn why_not(x: i32, row: u32, position: vec3<f32>, normal: vec3<f32>, material: u
     if dot(normal, unpack_normal(guide.w)) <= 1.0 - 0.01 * slack {
         return NORMAL;
     }
-    if SPARSE && left_radiance[at].w != SAMPLED {
+    if SPARSE && left_radiance[at].w == 0u {
         return SKIPPED;
     }
     return 0u;
@@ -122,9 +122,16 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let row = pixel.y * pass_.width;
     let last = i32(pass_.width) - 1;
-    let tap0 = unpack_light(left_radiance[row + u32(clamp(first, 0, last))]);
-    let tap1 = unpack_light(left_radiance[row + u32(clamp(first + 1, 0, last))]);
+    let bits0 = left_radiance[row + u32(clamp(first, 0, last))];
+    let bits1 = left_radiance[row + u32(clamp(first + 1, 0, last))];
+    let tap0 = unpack_sampled(bits0);
+    let tap1 = unpack_sampled(bits1);
     let matte = (tap0.matte * w0 + tap1.matte * w1) / sum;
     let gloss = (tap0.gloss * w0 + tap1.gloss * w1) / sum;
+    let told = (bits0.w | select(0u, TELLS_VARIANCE, w0 == 0.0)) & (bits1.w | select(0u, TELLS_VARIANCE, w1 == 0.0));
+    if (told & TELLS_VARIANCE) != 0u {
+        right_radiance[at] = pack_sampled_with(matte, gloss, (tap0.a * w0 + tap1.a * w1) / sum);
+        return;
+    }
     right_radiance[at] = pack_sampled(matte, gloss);
 }

@@ -23,7 +23,8 @@ fn surface_weight(centre: Guide, tap_bits: vec4<u32>, difference: f32) -> f32 {
     let c2 = cosine * cosine;
     let c4 = c2 * c2;
     let off = dot(centre.normal, bitcast<vec3<f32>>(tap_bits.xyz) - centre.position) * centre.inverse_reach;
-    let w = c4 * c4 * exp(-min(off * off + difference, 80.0));
+    // Bounded, so that the square of a weight is above 0 as well.
+    let w = c4 * c4 * exp(-min(off * off + difference, 40.0));
     return select(w, 0.0, tap_bits.w == NO_NORMAL);
 }
 

@@ -1,7 +1,48 @@
 // All samples of a pixel in one pass; its images are bound by the shader.
 
+// Whether the variance of samples is told along with their mean.
+override MEASURES_VARIANCE: bool = false;
+
+// Sums over samples of the luminance of their light, of their albedo and of both, of which a mean of light over albedo
+// and its variance follow (a ratio estimator: Cochran, "Sampling Techniques", 1977, chapter 6). Matte and gloss.
+struct Spread {
+    light: vec2<f32>,
+    albedo: vec2<f32>,
+    light_light: vec2<f32>,
+    light_albedo: vec2<f32>,
+    albedo_albedo: vec2<f32>,
+}
+
+// Luminance of what reflects nothing.
+const BLACK_LUMINANCE: f32 = 1e-6;
+
+fn ratio_of(light: vec2<f32>, albedo: vec2<f32>) -> vec2<f32> {
+    return select(vec2<f32>(0.0), light / max(albedo, vec2<f32>(BLACK_LUMINANCE)), albedo > vec2<f32>(BLACK_LUMINANCE));
+}
+
+// As filters see a sum or mean of light and albedo; bounded, so that squares stay finite.
+fn two_luminances(matte: vec3<f32>, gloss: vec3<f32>) -> vec2<f32> {
+    return min(vec2<f32>(luminance(matte), luminance(gloss)), vec2<f32>(1e16));
+}
+
+fn add_sample(s: ptr<function, Spread>, light: vec2<f32>, albedo: vec2<f32>) {
+    (*s).light += light;
+    (*s).albedo += albedo;
+    (*s).light_light += light * light;
+    (*s).light_albedo += light * albedo;
+    (*s).albedo_albedo += albedo * albedo;
+}
+
+// The mean square by which `count` samples are off their ratio.
+fn variance_of(s: Spread, count: f32) -> vec2<f32> {
+    let ratio = ratio_of(s.light, s.albedo);
+    let off = s.light_light - 2.0 * ratio * s.light_albedo + ratio * ratio * s.albedo_albedo;
+    let mean = s.albedo / count;
+    return max(ratio_of(off, mean * mean * count), vec2<f32>(0.0));
+}
+
 // Leaves demodulated radiance, and the pixel's counts with it: light that is not finite over its albedo is dropped.
-fn leave_radiance(at: u32, reflected: vec3<f32>, gloss: vec3<f32>, albedo: Albedo, counts: u32) {
+fn leave_radiance(at: u32, reflected: vec3<f32>, gloss: vec3<f32>, albedo: Albedo, variance: vec2<f32>, counts: u32) {
     var matte_light = over(reflected, albedo.all);
     var gloss_light = vec3<f32>(0.0);
     if HAS_GLOSS {
@@ -9,8 +50,15 @@ fn leave_radiance(at: u32, reflected: vec3<f32>, gloss: vec3<f32>, albedo: Albed
         gloss_light = over(gloss, albedo.all - albedo.matte);
     }
     let ok = is_finite(matte_light) && is_finite(gloss_light);
-    radiance_image[at] = select(vec4<u32>(0u, 0u, 0u, SAMPLED), pack_sampled(matte_light, gloss_light), ok);
+    radiance_image[at] = select(vec4<u32>(0u, 0u, 0u, SAMPLED), pack_mean(matte_light, gloss_light, variance), ok);
     tally_image[at] = add_tally(counts, 0u, select(1u, 0u, ok));
+}
+
+fn pack_mean(matte: vec3<f32>, gloss: vec3<f32>, variance: vec2<f32>) -> vec4<u32> {
+    if MEASURES_VARIANCE && is_finite(variance.xyy) {
+        return pack_sampled_with(matte, gloss, variance);
+    }
+    return pack_sampled(matte, gloss);
 }
 
 // Samples from pass_.args[0] to before pass_.args[1] of `pixel` of view `view`. Albedo, emission and radiance hold running
@@ -27,6 +75,7 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
     var reflected = vec3<f32>(0.0);
     var gloss = vec3<f32>(0.0);
     var matte = vec3<f32>(0.0);
+    var spread = Spread();
     var i = begin;
     for (; i < end; i += 1u) {
         was_cut_short = false;
@@ -60,12 +109,17 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
             emission = with_emission;
             reflected = with_radiance;
             gloss = with_gloss;
+            if MEASURES_VARIANCE {
+                let light = two_luminances(path.radiance * first.transmittance, path.gloss * first.transmittance);
+                let reflects = select(first.albedo, first.matte, HAS_GLOSS);
+                add_sample(&spread, light, two_luminances(reflects, first.albedo - first.matte));
+            }
         }
     }
     // Samples that the driver did not let begin.
     tally = add_tally(tally, 0u, end - i);
     if !JITTER {
-        leave_radiance(at, reflected, gloss, Albedo(albedo, matte, 0.0), tally);
+        leave_radiance(at, reflected, gloss, Albedo(albedo, matte, 0.0), vec2<f32>(0.0), tally);
         return;
     }
     if mixed {
@@ -74,7 +128,7 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
     let keep = f32(begin) * scale;
     let old_albedo = unpack_albedo(albedo_image[at]);
     let old_emission = select(vec4<f32>(0.0), emission_image[at], begin > 0u);
-    let old_radiance = unpack_light(select(vec4<u32>(0u), radiance_image[at], begin > 0u));
+    let old_radiance = unpack_sampled(select(vec4<u32>(0u), radiance_image[at], begin > 0u));
     let mean_albedo = Albedo(
         select(vec3<f32>(0.0), old_albedo.all, begin > 0u) * keep + albedo * scale,
         select(vec3<f32>(0.0), old_albedo.matte, begin > 0u) * keep + matte * scale,
@@ -82,12 +136,24 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
     );
     let mean_reflected = old_radiance.matte * keep + reflected * scale;
     let mean_gloss = old_radiance.gloss * keep + gloss * scale;
+    var variance = vec2<f32>(0.0);
+    if MEASURES_VARIANCE {
+        // Of samples so far and of these, which differ in their means as well (Chan, Golub & LeVeque 1983).
+        let old_reflects = select(old_albedo.all, old_albedo.matte, HAS_GLOSS);
+        let old = ratio_of(
+            two_luminances(old_radiance.matte, old_radiance.gloss),
+            two_luminances(old_reflects, old_albedo.all - old_albedo.matte),
+        );
+        let apart = select(vec2<f32>(0.0), old - ratio_of(spread.light, spread.albedo), begin > 0u);
+        let of_these = variance_of(spread, f32(end - begin));
+        variance = mix(of_these, old_radiance.a, keep) + apart * apart * keep * (1.0 - keep);
+    }
     albedo_image[at] = pack_albedo(mean_albedo);
     emission_image[at] = vec4<f32>(old_emission.rgb * keep + emission * scale, emission_image[at].a);
     if end < frame.sampling.spp {
-        radiance_image[at] = pack_sampled(mean_reflected, mean_gloss);
+        radiance_image[at] = pack_mean(mean_reflected, mean_gloss, variance);
         tally_image[at] = tally;
         return;
     }
-    leave_radiance(at, mean_reflected, mean_gloss, mean_albedo, tally);
+    leave_radiance(at, mean_reflected, mean_gloss, mean_albedo, variance, tally);
 }

@@ -13,6 +13,8 @@ struct SplitLight {
 
 // In the last word of what was sampled in this frame; 0: nothing was. As a float, what filters weigh it with.
 const SAMPLED: u32 = 0x3f800000u;
+// Or, with this bit, the variance of its samples' luminance.
+const TELLS_VARIANCE: u32 = 0x80000000u;
 
 const MOST_LIGHT: f32 = 65504.0;
 
@@ -49,6 +51,17 @@ fn pack_light(light: SplitLight) -> vec4<u32> {
 // Light of this frame.
 fn pack_sampled(matte: vec3<f32>, gloss: vec3<f32>) -> vec4<u32> {
     return vec4<u32>(pack_light(SplitLight(matte, gloss, vec2<f32>(0.0))).xyz, SAMPLED);
+}
+
+// The same with the variance of samples.
+fn pack_sampled_with(matte: vec3<f32>, gloss: vec3<f32>, variance: vec2<f32>) -> vec4<u32> {
+    let bits = pack_light(SplitLight(matte, gloss, variance));
+    return vec4<u32>(bits.xyz, bits.w | TELLS_VARIANCE);
+}
+
+// Light of this frame, with the variance of samples where that is told.
+fn unpack_sampled(bits: vec4<u32>) -> SplitLight {
+    return unpack_light(vec4<u32>(bits.xyz, bits.w & ~TELLS_VARIANCE));
 }
 
 // Variances as standard deviations; what is below 0 stays.

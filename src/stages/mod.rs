@@ -136,6 +136,7 @@ impl StageSettings {
         constants.push(("SOBOL", self.sampler == Sampler::Sobol));
         constants.push(("HAS_GLOSS", self.needs.gloss && self.keeps_history()));
         constants.push(("JITTER", jitter));
+        constants.push(("MEASURES_VARIANCE", jitter && self.keeps_history()));
         constants.push(("FOVEATED", self.foveation.is_some()));
         constants.push(("SPARSE", self.leaves_pixels()));
         constants

@@ -51,6 +51,20 @@ fn still_frames_converge_and_keep_their_energy() {
     }
 }
 
+/// The variance of its samples tells the filter how clean a frame is without any before it.
+#[test]
+fn a_frame_of_many_samples_is_blurred_little() {
+    let subject = Subject::load("builtin:cornell");
+    let right = reference(&subject, 0.0, 256);
+    let flip = |mut settings: RenderSettings| {
+        settings.stages.spp = 64;
+        errors(&right, &Stage::alone(&subject, &settings).frame(0).linear)[0].flip
+    };
+    let (filtered, traced) = (flip(subject.accumulated(WIDTH, HEIGHT)), flip(subject.settings(WIDTH, HEIGHT)));
+    println!("FLIP {filtered} filtered, {traced} as traced");
+    assert!(filtered < 2.2 * traced, "FLIP {filtered} filtered, {traced} as traced");
+}
+
 #[test]
 fn frames_on_their_way_are_better_than_frames_alone() {
     for shot in ["builtin:atrium", "builtin:checker"].into_iter().take(if is_thorough() { 2 } else { 1 }) {

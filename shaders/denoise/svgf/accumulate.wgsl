@@ -1,6 +1,7 @@
 // Temporal accumulation (Schied et al., "Spatiotemporal Variance-Guided Filtering", HPG 2017): what the frame before
 // gathered on a pixel's surface is found by the camera's motion and joined with what this frame saw. Departures:
 // - Means and variances are weighted by samples (West 1979), so frames of few and of many samples mix as they should.
+// - Where a frame has several samples of a pixel, they tell their variance themselves.
 // - How long a history counts is bounded by what resampling has blurred and by how far a short mean is off the long one.
 // - Gloss, where a scene has it, is accumulated beside matte light and counts on fewer of the same frames.
 // - Where the right eye finds no history, the left eye's is looked up.
@@ -170,8 +171,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let position = bitcast<vec3<f32>>(bits.xyz);
     let normal = unpack_normal(bits.w);
-    var now = unpack_light(radiance[at]);
-    var sampled = radiance[at].w == SAMPLED;
+    var now = unpack_sampled(radiance[at]);
+    let tells_variance = (radiance[at].w & TELLS_VARIANCE) != 0u;
+    var sampled = radiance[at].w != 0u;
     var dropped = false;
     if !is_finite_light(now) {
         now = SplitLight(vec3<f32>(0.0), vec3<f32>(0.0), vec2<f32>(0.0));
@@ -225,18 +227,21 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let old_mean = past.mean * scale;
     let difference = value - old_mean;
     let mean = old_mean + alphas * difference;
-    let variance = mix(past.variance * scale, new_samples * difference * (value - mean), alphas);
+    let moved = difference * (value - mean);
+    let fresh = select(new_samples * moved, now.a + moved, tells_variance);
+    let variance = mix(past.variance * scale, fresh, alphas);
     let recent = mix(past.recent * scale, value.x, max(alpha, select(0.0, 1.0 / RECENT_FRAMES, sampled)));
     frames += select(0.0, 1.0, sampled);
     // Light has changed when the recent mean is off the long one by more than both may vary.
     let spread = variance.x * (1.0 / (2.0 * RECENT_FRAMES - 1.0) + 1.0 / frames) * frames / total;
     let off = (recent - mean.x) * (recent - mean.x) / max(TRUSTED_DEVIATIONS * TRUSTED_DEVIATIONS * spread, unseen_square());
     let trust = select(1.0, max(1.0 / off, min(FEW_FRAMES / frames, 1.0)), off > 1.0 && frames > FEW_FRAMES);
-    let known = variance / totals * frames / max(frames - 1.0, 1.0);
+    let observations = select(frames, total, tells_variance);
+    let known = variance / totals * observations / max(observations - 1.0, 1.0);
     let light = SplitLight(
         mix(past.light * scale, now.matte, alphas.x),
         mix(past.gloss * scale, now.gloss, alphas.y),
-        select(vec2<f32>(UNKNOWN), known, frames >= FEW_FRAMES),
+        select(vec2<f32>(UNKNOWN), known, observations > FEW_FRAMES - 0.5),
     );
     if !(is_finite_light(light) && is_finite(vec3<f32>(variance, recent))) {
         leave_nothing(at, material, true);

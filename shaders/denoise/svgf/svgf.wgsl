@@ -32,8 +32,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let is_missing = centre.a.x < 0.0;
     let own = luminances(centre);
     let sigma2 = bitcast<f32>(pass_.args[1]);
-    // A pixel without light takes whatever its surface has.
-    let compares = select(1.0, 0.0, is_missing);
     var kernel = array<f32, 3>(0.25, 0.5, 0.25);
     let low = vec2<i32>(0, i32(pass_.valid_begin));
     let high = vec2<i32>(i32(pass_.width) - 1, i32(pass_.valid_end) - 1);
@@ -55,7 +53,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let counts = all(inside == there) && (dx != 0 || dy != 0) && value.a.x >= 0.0;
             let l = luminances(value);
             let d2 = (own - l) * (own - l) / (sigma2 * (max(centre.a, vec2<f32>(0.0)) + value.a) + 1e-6 * own * l + unseen_square());
-            let d = sqrt(d2) * compares;
+            // A pixel without light takes whatever its surface has.
+            let d = select(sqrt(d2), vec2<f32>(0.0), is_missing);
             let taps = vec2<f32>(surface_weight(guide, guide_image[tap], d.x), surface_weight(guide, guide_image[tap], d.y));
             let k = select(vec2<f32>(0.0), kernel[dx + 1] * kernel[dy + 1] * taps, counts);
             sum += value.matte * k.x;

@@ -26,7 +26,7 @@ impl Surface {
     pub fn weight(&self, reach: f64, tap: &Self, difference: f64) -> f64 {
         let cosine = self.normal.dot(tap.normal).max(0.0);
         let off = self.normal.dot(tap.position - self.position) / reach;
-        cosine.powi(8) * (-(off * off + difference).min(80.0)).exp()
+        cosine.powi(8) * (-(off * off + difference).min(40.0)).exp()
     }
 }
 

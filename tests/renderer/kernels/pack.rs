@@ -14,6 +14,9 @@ pub const NO_NORMAL: u32 = 0x8000_8000;
 /// In the last word of radiance that was sampled in this frame.
 pub const SAMPLED: u32 = 0x3f80_0000;
 
+/// A bit beside it that tells the variance of samples instead.
+pub const TELLS_VARIANCE: u32 = 0x8000_0000;
+
 /// In place of a variance.
 pub const UNKNOWN: f64 = -1.0;
 pub const MISSING: f64 = -2.0;
@@ -164,6 +167,19 @@ impl Format {
         [x, y, z, SAMPLED]
     }
 
+    /// The same with the variance of its samples.
+    pub fn pack_sampled_with(&self, light: &Light) -> [u32; 4] {
+        let [x, y, z, w] = self.pack(light);
+        [x, y, z, w | TELLS_VARIANCE]
+    }
+
+    /// Light that was sampled in this frame, if it was. Its variance is below 0 unless it is told.
+    pub fn unpack_sampled(&self, [x, y, z, w]: [u32; 4]) -> Option<Light> {
+        let light = self.unpack([x, y, z, w & !TELLS_VARIANCE]);
+        let told = if w & TELLS_VARIANCE != 0 { light.variance } else { DVec2::splat(UNKNOWN) };
+        (w != 0).then_some(Light { variance: told, ..light })
+    }
+
     /// Two variances as standard deviations. What is below 0 stands for no variance and stays as it is.
     pub fn pack_variances(&self, variances: DVec2) -> u32 {
         let [x, y] = variances.to_array().map(|v| if v < 0.0 { v } else { v.sqrt() * self.exposure });
@@ -193,10 +209,13 @@ impl Format {
         [pair(gloss.x, gloss.y), pair(gloss.z, albedo.roughness), pair(matte.x, matte.y), pair(matte.z, 0.0)]
     }
 
-    /// Whether an image holds this light as what was sampled in this frame, but for a relative error.
-    pub fn holds_sampled(&self, bits: [u32; 4], light: &Light, relative: f64) -> bool {
-        let [x, y, z, w] = bits;
-        w == SAMPLED && self.holds([x, y, z, 0], &Light { variance: DVec2::ZERO, ..*light }, relative, 0.0)
+    /// Whether an image holds this light as what was sampled in this frame, but for a relative error. Its variance is
+    /// told unless it is below 0.
+    pub fn holds_sampled(&self, [x, y, z, w]: [u32; 4], light: &Light, relative: f64) -> bool {
+        if light.variance.x < 0.0 {
+            return w == SAMPLED && self.holds([x, y, z, 0], &Light { variance: DVec2::ZERO, ..*light }, relative, 0.0);
+        }
+        w & TELLS_VARIANCE != 0 && self.holds([x, y, z, w & !TELLS_VARIANCE], light, relative, 0.0)
     }
 
     /// Whether an image holds this light, but for a relative error of `relative`, an error of the variance of

@@ -43,8 +43,8 @@ pub struct Now {
     /// Of 0 to 1; gloss of smoother surfaces changes faster.
     pub roughness: f64,
     pub is_view_dependent: bool,
-    pub light: Light,
-    pub is_sampled: bool,
+    /// What was sampled, with the variance of samples, which is below 0 unless it is told.
+    pub light: Option<Light>,
 }
 
 pub struct After {
@@ -139,7 +139,8 @@ impl Twin<'_> {
         };
         let black = Light { matte: DVec3::ZERO, gloss: DVec3::ZERO, variance: DVec2::splat(MISSING) };
         let nothing = Moments { material: now.material, ..Moments::default() };
-        let (mut light, mut is_sampled, mut dropped) = (now.light, now.is_sampled, false);
+        let (mut light, mut is_sampled, mut dropped) = (now.light.unwrap_or_default(), now.light.is_some(), false);
+        let tells_variance = is_sampled && light.variance.x >= 0.0;
         if !is_finite(light.matte) || !is_finite(light.gloss) {
             cases.meet("light that is not finite");
             (light, is_sampled, dropped) = (black, false, true);
@@ -180,7 +181,9 @@ impl Twin<'_> {
         let value = light.luminances();
         let difference = value - old.mean;
         let mean = old.mean + share * difference;
-        let variance = old.variance + share * (new_samples * difference * (value - mean) - old.variance);
+        let moved = difference * (value - mean);
+        let fresh = if tells_variance { light.variance + moved } else { new_samples * moved };
+        let variance = old.variance + share * (fresh - old.variance);
         let recent_share = if is_sampled { share.x.max(1.0 / FEW_FRAMES) } else { share.x };
         let recent = old.recent + recent_share * (value.x - old.recent);
         frames += if is_sampled { 1.0 } else { 0.0 };
@@ -195,18 +198,20 @@ impl Twin<'_> {
             cases.meet("light that has changed");
             trust = (1.0 / off).max(FEW_FRAMES / frames).min(1.0);
         }
-        let of_frames = variance / totals * frames;
-        let known = of_frames / (frames - 1.0).max(1.0);
-        cases.meet(if frames >= FEW_FRAMES { "variance that is known" } else { "variance that is unknown" });
+        let observations = if tells_variance { total } else { frames };
+        let of_all = variance / totals * observations;
+        let known = of_all / (observations - 1.0).max(1.0);
+        let is_known = observations > FEW_FRAMES - 0.5;
+        cases.meet(if is_known { "variance that is known" } else { "variance that is unknown" });
         let after = Light {
             matte: past.light.matte + share.x * (light.matte - past.light.matte),
             gloss: past.light.gloss + share.y * (light.gloss - past.light.gloss),
-            variance: if frames >= FEW_FRAMES { known } else { DVec2::splat(UNKNOWN) },
+            variance: if is_known { known } else { DVec2::splat(UNKNOWN) },
         };
         let is_sound = is_finite(after.matte)
             && is_finite(after.gloss)
             && is_finite(variance.extend(recent))
-            && (frames < FEW_FRAMES || is_finite(of_frames.extend(0.0)));
+            && (!is_known || is_finite(of_all.extend(0.0)));
         if !is_sound {
             cases.meet("a sum that is not finite");
             return Some(After { light: black, moments: nothing, dropped: true });

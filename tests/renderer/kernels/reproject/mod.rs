@@ -2,14 +2,14 @@
 
 mod twin;
 
-use glam::{DVec3, Vec2};
+use glam::{DVec2, DVec3, Vec2};
 
 use self::twin::{Fate, Pixel, Twin, Why};
 use super::camera::{Constants, Eye};
 use super::edges::Surface;
 use super::harness::{Buffer, Kernel, Outputs, Override, Stripe, only_in};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
-use super::pack::{Counts, Format, Light, MATERIAL_MASK, MIXED, VIEW_DEPENDENT, pack_guide};
+use super::pack::{Counts, Format, Light, MATERIAL_MASK, MIXED, UNKNOWN, VIEW_DEPENDENT, pack_guide};
 use super::select::{assert_lists, empty_list};
 
 struct Eyes {
@@ -43,7 +43,11 @@ fn inputs(random: &mut Random, constants: &Constants, format: Format, sparse: bo
     }
     let mut radiance = || match sparse && random.chance(0.4) {
         true => [0; 4],
-        false => format.pack_sampled(&random.light(2.0)),
+        false if random.chance(0.3) => format.pack_sampled(&random.light(2.0)),
+        false => {
+            let variance = DVec2::new(random.within(0.0..0.4), random.within(0.0..0.1));
+            format.pack_sampled_with(&Light { variance, ..random.light(2.0) })
+        }
     };
     Eyes { hit, guide, left_radiance: (0..area).map(|_| radiance()).collect() }
 }
@@ -87,7 +91,7 @@ fn compare(gloss: bool, sparse: bool, adjust: impl Fn(&mut Constants), seed: u64
                 is_mixed: hit & MIXED != 0,
                 is_view_dependent: hit & VIEW_DEPENDENT != 0,
                 material: hit & MATERIAL_MASK,
-                light: (radiance != [0; 4]).then(|| format.unpack(radiance)),
+                light: format.unpack_sampled(radiance),
             }
         };
         let left: Vec<_> = (0..constants.area()).map(|at| pixel(0, at)).collect();
@@ -180,7 +184,8 @@ fn whole_pixels_are_gathered_from_one_pixel() {
         let behind = |x: u32| f64::from(eye.origin.x) + (f64::from(x) + 0.5) / 4.0 - 2.0;
         (0..16).map(|x| pack_guide(DVec3::new(behind(x), 0.0, -4.0), DVec3::Z)).collect::<Vec<_>>()
     });
-    let light = |x: u32| Light { matte: DVec3::splat(f64::from(1 << x)), ..Light::default() };
+    let light =
+        |x: u32| Light { matte: DVec3::splat(f64::from(1 << x)), variance: DVec2::splat(UNKNOWN), ..Light::default() };
     let surface = [1, 2, 3, 7];
     let mut hit = [vec![surface; 16], vec![surface; 16]];
     hit[0][7][3] |= MIXED;

@@ -6,7 +6,7 @@ use glam::{DVec2, DVec3};
 use crate::kernels::camera::Constants;
 use crate::kernels::edges::Surface;
 use crate::kernels::inputs::Cases;
-use crate::kernels::pack::Light;
+use crate::kernels::pack::{Light, UNKNOWN};
 
 /// Why a pixel is a hole, as the shader numbers it.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -109,10 +109,14 @@ impl Twin<'_> {
         let weighted = [(light(0), 1.0 - fraction), (light(1), fraction)];
         let weight: f64 = weighted.iter().filter_map(|(light, w)| light.map(|_| w)).sum();
         if weight >= 1e-4 {
+            let variance = |(light, w): &(Option<Light>, f64)| light.map(|light| light.variance * *w);
+            let variance = weighted.iter().filter_map(variance).sum::<DVec2>() / weight;
             let of = |channel: fn(&Light) -> DVec3| -> DVec3 {
                 weighted.iter().filter_map(|(light, w)| light.map(|light| channel(&light) * *w)).sum::<DVec3>() / weight
             };
-            return Fate::Gathered(Light { matte: of(|l| l.matte), gloss: of(|l| l.gloss), variance: DVec2::ZERO });
+            let told = weighted.iter().all(|(light, w)| light.is_none_or(|l| *w == 0.0 || l.variance.x >= 0.0));
+            let variance = if told { variance } else { DVec2::splat(UNKNOWN) };
+            return Fate::Gathered(Light { matte: of(|l| l.matte), gloss: of(|l| l.gloss), variance });
         }
         if refusals.contains(&Some(Why::Skipped)) {
             // The filter fills it from what was sampled around it. Where all pixels are to have light it is traced.
