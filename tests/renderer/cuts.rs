@@ -6,11 +6,11 @@ use diptych::scene::shot::Gaze;
 use diptych::schedule::{Even, Measured};
 use diptych::stages::Foveation;
 
-const WIDTH: u32 = 72;
+const WIDTH: u32 = 40;
 const HEIGHT: u32 = 60;
 
 /// Along the camera's path, so that the later frames are cut by what was learned.
-const TIMES_S: [f64; 4] = [0.0, 0.05, 0.1, 0.15];
+const TIMES_S: [f64; 3] = [0.0, 0.05, 0.1];
 
 fn frames(subject: &Subject, settings: &RenderSettings, devices: usize) -> Vec<Frame> {
     let policy = Box::new(Measured::new(HEIGHT, devices));

@@ -55,7 +55,7 @@ fn still_frames_converge_and_keep_their_energy() {
 #[test]
 fn a_frame_of_many_samples_is_blurred_little() {
     let subject = Subject::load("builtin:cornell");
-    let right = reference(&subject, 0.0, 256);
+    let right = reference(&subject, 0.0, 128);
     let flip = |mut settings: RenderSettings| {
         settings.stages.spp = 64;
         errors(&right, &Stage::alone(&subject, &settings).frame(0).linear)[0].flip
