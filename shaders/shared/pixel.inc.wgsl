@@ -37,8 +37,9 @@ fn add_sample(s: ptr<function, Spread>, light: vec2<f32>, albedo: vec2<f32>) {
 fn variance_of(s: Spread, count: f32) -> vec2<f32> {
     let ratio = ratio_of(s.light, s.albedo);
     let off = s.light_light - 2.0 * ratio * s.light_albedo + ratio * ratio * s.albedo_albedo;
-    let mean = s.albedo / count;
-    return max(ratio_of(off, mean * mean * count), vec2<f32>(0.0));
+    // As a root, so that what counts as black is the same for it as for the mean.
+    let deviation = ratio_of(sqrt(max(off, vec2<f32>(0.0)) / count), s.albedo / count);
+    return deviation * deviation;
 }
 
 // Leaves demodulated radiance, and the pixel's counts with it: light that is not finite over its albedo is dropped.
