@@ -5,7 +5,8 @@
 //! [--hardware] [--traverse FILE.wgsl]... [SHOT]...`
 //!
 //! `--hardware` measures the device's own ray queries, too.
-//! `--traverse` names another version of `shaders/shared/traverse_compute.inc.wgsl` to measure beside the present one.
+//! `--traverse` names another version of `trace.inc.wgsl` and `traverse_compute.inc.wgsl` of `shaders/shared`, one after the
+//! other, to measure beside the present one.
 //! `--two-level` measures the scene's instances beside the flattened scene; the rays are the same.
 //! `--processor-time` counts what the process used instead of what passed, for a machine that does other work; on a
 //! software adapter only.

@@ -25,7 +25,7 @@ pub struct Gpu {
 pub enum Version {
     /// As it is.
     Present(Traversal),
-    /// In shaders, by this file.
+    /// In shaders, by this file in the place of `trace` and `traverse_compute`.
     Of(PathBuf),
 }
 
@@ -45,16 +45,16 @@ impl Version {
     }
 }
 
-/// What path tracing includes up to its hits, with the version's traversal, and the entry point.
+/// What path tracing includes up to its surfaces, with the version's traversal, and the entry point.
 fn source(version: &Version, access: SceneAccess) -> String {
     let stage = include_str!("../../shaders/path_trace.wgsl");
     let includes = stage.lines().find(|l| l.starts_with("//!include ")).expect("path_trace includes its parts");
-    let before = includes.split_once(" traverse").expect("path_trace includes the traversal").0;
+    let before = includes.split_once(" trace ").expect("path_trace includes the traversal").0;
     let traverse = match version {
-        Version::Present(_) => "//!include traverse".to_owned(),
+        Version::Present(_) => "//!include trace traverse".to_owned(),
         Version::Of(file) => std::fs::read_to_string(file).unwrap_or_else(|e| panic!("{}: {e}", file.display())),
     };
-    let text = [before, &traverse, "//!include hits", include_str!("../rays.wgsl")].join("\n");
+    let text = [before, &traverse, "//!include hits surface bsdf", include_str!("../rays.wgsl")].join("\n");
     shader_text(&Kernel { text: Some(text.leak()), ..Kernel::with_scene("rays") }, access)
 }
 
