@@ -18,7 +18,7 @@ fn centre_hit(pixel: vec2<u32>, hit: vec4<u32>) -> FirstHit {
 fn material_value(kind: u32, s: Surface, hit: vec4<u32>, to_viewer: vec3<f32>) -> vec3<f32> {
     switch kind {
         case BASE_COLOR: {
-            return parameters_at(placed(hit.x).row, bitcast<vec2<f32>>(hit.yz), materials[s.material]).base;
+            return parameters_at(placed(hit.x).row, bitcast<vec2<f32>>(hit.yz), stored_material(s.material)).base;
         }
         case DIFFUSE_ALBEDO: {
             return s.diffuse;
@@ -82,7 +82,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
                 }
             } else if hit.x != NO_PRIM {
                 let p = origin + direction * emission_image[at].a;
-                let light = lights[hit.x & ~SPHERE];
+                let light = stored_light(hit.x & ~SPHERE);
                 if pass_.args[0] >= BASE_COLOR {
                     value = vec3<f32>(0.0);
                 } else if pass_.args[0] == NORMAL {

@@ -65,6 +65,55 @@ impl fmt::Display for Declaration {
     }
 }
 
+/// A table of structs, in rows of 16 bytes.
+pub struct Table {
+    /// The struct of its entries.
+    pub entry: &'static str,
+    /// What the function is called that reads an entry.
+    pub reader: &'static str,
+    /// Member of `frame.tables` that has its first row.
+    pub first_row: &'static str,
+}
+
+/// Bytes of a row of tables.
+pub const ROW_BYTES: usize = 16;
+
+impl Declaration {
+    /// The function that reads an entry of a table of these.
+    ///
+    /// # Panics
+    /// If a member crosses rows, or is of a type that tables do not have.
+    pub fn reader(&self, table: &Table) -> String {
+        assert!(self.bytes.is_multiple_of(ROW_BYTES), "{} fills no rows", self.name);
+        let rows = self.bytes / ROW_BYTES;
+        let Self { name, .. } = self;
+        let Table { reader, first_row, .. } = table;
+        let mut out = format!("fn {reader}(index: u32) -> {name} {{\n");
+        out += &format!("    let at = frame.tables.{first_row} + {rows}u * index;\n");
+        for row in 0..rows {
+            out += &format!("    let row{row} = table_row(at + {row}u);\n");
+        }
+        let members: Vec<String> = self.members.iter().map(|member| member.in_rows()).collect();
+        out + &format!("    return {name}({});\n}}\n", members.join(", "))
+    }
+}
+
+impl Member {
+    /// What it is of the rows `row0` and so on.
+    fn in_rows(&self) -> String {
+        let (first, row) = (self.offset % ROW_BYTES / 4, self.offset / ROW_BYTES);
+        let words = match self.type_name.as_str() {
+            "u32" | "f32" => 1,
+            "vec2<u32>" | "vec2<f32>" => 2,
+            "vec3<f32>" => 3,
+            "vec4<f32>" => 4,
+            other => panic!("{other} in a table"),
+        };
+        let bits = format!("row{row}.{}", &"xyzw"[first..first + words]);
+        if self.type_name.contains("f32") { format!("bitcast<{}>({bits})", self.type_name) } else { bits }
+    }
+}
+
 /// Declares structs of plain data that shaders have as well, under the same names, and `structs`, which lists them.
 macro_rules! shared_structs {
     ($($(#[$about:meta])* pub struct $name:ident { $($(#[$what:meta])* pub $member:ident: $type:ty,)* })*) => {

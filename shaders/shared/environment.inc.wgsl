@@ -2,8 +2,7 @@
 
 override HAS_ENV_MAP: bool = true;
 
-@group(0) @binding(10) var env_map: texture_2d<f32>;
-@group(0) @binding(11) var<storage, read> env_cells: array<EnvCell>;
+@group(0) @binding(3) var env_map: texture_2d<f32>;
 
 fn env_texel(x: i32, y: i32) -> vec3<f32> {
     let w = i32(frame.environment.width);
@@ -55,7 +54,7 @@ fn environment(direction: vec3<f32>) -> vec3<f32> {
 // Density of the environment's grid at column `x`, which wraps, and row `y`, which is clamped.
 fn env_density(x: u32, y: u32) -> f32 {
     let column = select(x, 0u, x >= frame.environment.grid_width);
-    return env_cells[min(y, frame.environment.grid_height - 1u) * frame.environment.grid_width + column].density;
+    return stored_env_cell(min(y, frame.environment.grid_height - 1u) * frame.environment.grid_width + column).density;
 }
 
 // Densities at the corners of patch (x, y): above left, above right, below left, below right.
@@ -95,7 +94,7 @@ fn sample_env_map(choice: vec2<f32>, u: vec2<f32>) -> LightSample {
     let row = min(u32(scaled.y), height);
     let rest = scaled - vec2<f32>(f32(column), f32(row));
     var patch_ = row * width + column;
-    let entry = env_cells[patch_];
+    let entry = stored_env_cell(patch_);
     let keep = fract(rest.x + rest.y * 0x1p-11);
     patch_ = select(entry.alias_index, patch_, keep < entry.keep);
     let x = patch_ % width;

@@ -24,8 +24,8 @@ fn traverse_spheres(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, except:
     let inverse = inverse_of(direction);
     var row = frame.lights.sphere_tree;
     while row < frame.lights.sphere_tree_end {
-        let low = tree_row(row);
-        let high = tree_row(row + 1u);
+        let low = table_row(row);
+        let high = table_row(row + 1u);
         let a = (bitcast<vec3<f32>>(low.xyz) - origin) * inverse;
         let b = (bitcast<vec3<f32>>(high.xyz) - origin) * inverse;
         let enter = min(a, b);

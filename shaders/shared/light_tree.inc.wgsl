@@ -27,8 +27,8 @@ fn sine(cosine: f32) -> f32 {
 
 // PBRT 4e, 12.6.3, for bounds that are spheres. 0 only where no light of the node reaches the side of `n`.
 fn prospect(p: vec3<f32>, n: vec3<f32>, node: u32) -> Prospect {
-    let place = bitcast<vec4<f32>>(tree_row(frame.lights.tree + 2u * node));
-    let kind = tree_row(frame.lights.tree + 2u * node + 1u);
+    let place = bitcast<vec4<f32>>(table_row(frame.lights.tree + 2u * node));
+    let kind = table_row(frame.lights.tree + 2u * node + 1u);
     let power = bitcast<f32>(kind.x);
     let cosines = unpack2x16snorm(kind.z);
     let away = p - place.xyz;
@@ -82,7 +82,7 @@ struct Pick {
 }
 
 fn light_root() -> u32 {
-    return tree_row(frame.lights.tree + 1u).w;
+    return table_row(frame.lights.tree + 1u).w;
 }
 
 // Goes down the light tree. Levels take turns in using up the two numbers, so that neither runs out of digits.

@@ -11,9 +11,6 @@ override HAS_DIRECTIONAL: bool = true;
 override HAS_ALPHA_EMITTERS: bool = true;
 override HAS_COATED_EMITTERS: bool = true;
 
-// Spheres first, then other local lights, then directional ones.
-@group(0) @binding(9) var<storage, read> lights: array<Light>;
-
 const PI: f32 = 3.14159265358979;
 
 struct LightSample {
@@ -51,7 +48,7 @@ fn spot_factor(light: Light, away: vec3<f32>) -> f32 {
 // seen of it). The distance of the centre from the ray is computed
 // from the vector between them, which keeps small and distant spheres apart from their rounding errors.
 fn intersect_sphere(origin: vec3<f32>, direction: vec3<f32>, index: u32) -> f32 {
-    let light = lights[index];
+    let light = stored_light(index);
     let to_centre = light.position - origin;
     let along = dot(to_centre, direction);
     let aside = to_centre - along * direction;
@@ -64,7 +61,7 @@ fn intersect_sphere(origin: vec3<f32>, direction: vec3<f32>, index: u32) -> f32 
 
 // A spot's cone dims its whole sphere alike, by the direction from the centre to the viewer.
 fn sphere_radiance(index: u32, viewer: vec3<f32>) -> vec3<f32> {
-    let light = lights[index];
+    let light = stored_light(index);
     return light.strength * spot_factor(light, normalize(viewer - light.position));
 }
 
@@ -100,8 +97,8 @@ fn sample_cap(axis: vec3<f32>, cap: f32, u: vec2<f32>) -> vec3<f32> {
 }
 
 fn sample_triangle_light(p: vec3<f32>, light: Light, probability: f32, u: vec2<f32>) -> LightSample {
-    let tri = triangles[light.prim];
-    let m = materials[tri.material];
+    let tri = stored_triangle(light.prim);
+    let m = stored_material(tri.material);
     let root = sqrt(u.x);
     let bary = vec2<f32>(root * (1.0 - u.y), root * u.y);
     let e1 = tri.v1 - tri.v0;
@@ -135,7 +132,7 @@ fn sample_triangle_light(p: vec3<f32>, light: Light, probability: f32, u: vec2<f
 }
 
 fn sample_local_light(p: vec3<f32>, index: u32, probability: f32, u: vec2<f32>) -> LightSample {
-    let light = lights[index];
+    let light = stored_light(index);
     let to_light = light.position - p;
     let distance2 = max(dot(to_light, to_light), 1e-37);
     let axis = to_light * inverseSqrt(distance2);
@@ -167,8 +164,8 @@ fn sample_local_light(p: vec3<f32>, index: u32, probability: f32, u: vec2<f32>) 
 fn sample_directional_light(choice: vec2<f32>, u: vec2<f32>) -> LightSample {
     let count = frame.lights.directional_count;
     var index = frame.lights.local_count + min(u32(choice.y * f32(count)), count - 1u);
-    index = select(lights[index].alias_index, index, choice.x < lights[index].keep);
-    let light = lights[index];
+    index = select(stored_light(index).alias_index, index, choice.x < stored_light(index).keep);
+    let light = stored_light(index);
     var s = no_light();
     // A disc has the given irradiance, whatever its size. It is no part of the sky: neither camera nor bounces see it.
     s.direction = light.position;
@@ -200,8 +197,8 @@ fn sample_light(p: vec3<f32>, n: vec3<f32>, choice: vec2<f32>, u: vec2<f32>) -> 
                 return no_light();
             }
             let probability = pick.probability * group_probability();
-            if HAS_EMISSIVE && (!HAS_LOCAL_LIGHTS || lights[pick.light].kind == LIGHT_TRIANGLE) {
-                return sample_triangle_light(p, lights[pick.light], probability, u);
+            if HAS_EMISSIVE && (!HAS_LOCAL_LIGHTS || stored_light(pick.light).kind == LIGHT_TRIANGLE) {
+                return sample_triangle_light(p, stored_light(pick.light), probability, u);
             }
             if HAS_LOCAL_LIGHTS {
                 return sample_local_light(p, pick.light, probability, u);
@@ -224,13 +221,13 @@ fn sample_light(p: vec3<f32>, n: vec3<f32>, choice: vec2<f32>, u: vec2<f32>) -> 
 // distance `t` along `direction`, or spherical light `index`.
 
 fn triangle_light_pdf(p: vec3<f32>, n: vec3<f32>, prim: u32, t: f32, direction: vec3<f32>) -> f32 {
-    let light = lights[triangles[prim].light];
+    let light = stored_light(stored_triangle(prim).light);
     let cosine = max(abs(dot(light.axis, direction)), 1e-37);
     return group_probability() * tree_probability(p, n, light.trail) * t * t / (light.radius * cosine);
 }
 
 fn sphere_pdf(p: vec3<f32>, n: vec3<f32>, index: u32) -> f32 {
-    let light = lights[index];
+    let light = stored_light(index);
     let cap = sphere_cap(light, p);
     if cap <= 0.0 {
         return 0.0;

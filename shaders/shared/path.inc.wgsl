@@ -40,7 +40,7 @@ struct Medium {
 // Share of light left after `distance` through the medium, up to a surface's hit. A ray that meets a volume's surface
 // from behind was in that volume, even if nobody saw it go in: that is where the camera is.
 fn transmittance(medium: Medium, distance: f32, s: Surface) -> vec3<f32> {
-    let absorption = select(materials[s.material].absorption, medium.absorption, medium.is_inside);
+    let absorption = select(stored_material(s.material).absorption, medium.absorption, medium.is_inside);
     let is_inside = medium.is_inside || !(s.is_front || s.is_thin);
     return select(vec3<f32>(1.0), exp(-absorption * distance), is_inside);
 }
@@ -81,7 +81,7 @@ fn medium_towards(s: Surface, direction: vec3<f32>, before: Medium) -> Medium {
     if !HAS_TRANSMISSION || s.is_thin || dot(s.geometric_normal, direction) > 0.0 {
         return before;
     }
-    return Medium(materials[s.material].absorption, s.is_front);
+    return Medium(stored_material(s.material).absorption, s.is_front);
 }
 
 // The side of the surface from which light can be scattered to the viewer: 0 for both.
@@ -129,7 +129,7 @@ fn found_light_pdf(p: vec3<f32>, n: vec3<f32>, direction: vec3<f32>, hit: Hit) -
     if (hit.prim & SPHERE) != 0u {
         return sphere_pdf(p, n, hit.prim & ~SPHERE);
     }
-    if HAS_UNLIT && (materials[triangles[hit.prim].material].flags & UNLIT) != 0u {
+    if HAS_UNLIT && (stored_material(stored_triangle(hit.prim).material).flags & UNLIT) != 0u {
         return 0.0;
     }
     return triangle_light_pdf(p, n, hit.prim, hit.t, direction);
@@ -157,7 +157,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, rng: ptr<function, Rng>) 
     var v = -direction_in;
     var medium = Medium(vec3<f32>(0.0), false);
     if HAS_TRANSMISSION {
-        medium = Medium(materials[s.material].absorption, !(s.is_front || s.is_thin));
+        medium = Medium(stored_material(s.material).absorption, !(s.is_front || s.is_thin));
     }
     var throughput = vec3<f32>(1.0);
     var rays = 0u;
@@ -196,7 +196,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, rng: ptr<function, Rng>) 
             s = surface_at(hit.prim, hit.bary, origin, direction);
             if HAS_TRANSMISSION {
                 throughput *= transmittance(medium, hit.t, s);
-                medium = Medium(select(materials[s.material].absorption, medium.absorption, medium.is_inside), medium.is_inside || !(s.is_front || s.is_thin));
+                medium = Medium(select(stored_material(s.material).absorption, medium.absorption, medium.is_inside), medium.is_inside || !(s.is_front || s.is_thin));
             }
             if HAS_EMISSIVE || HAS_UNLIT {
                 found = s.emission;

@@ -7,16 +7,7 @@ override HAS_ALPHA: bool = true;
 // Whether triangles stand anywhere else than where the tables have them.
 override HAS_INSTANCES: bool = true;
 
-@group(0) @binding(2) var<storage, read> triangles: array<Triangle>;
-@group(0) @binding(3) var<storage, read> shadings: array<Shading>;
-@group(0) @binding(4) var<storage, read> vertex_colors: array<vec4<f32>>;
-@group(0) @binding(5) var<storage, read> materials: array<Material>;
-@group(0) @binding(6) var<storage, read> textures: array<TextureInfo>;
-@group(0) @binding(7) var texels: texture_2d_array<f32>;
-// Three of each a triangle.
-@group(0) @binding(12) var<storage, read> second_uvs: array<vec2<f32>>;
-@group(0) @binding(13) var<storage, read> tangents: array<vec4<f32>>;
-@group(0) @binding(8) var<storage, read> srgb_to_linear: array<f32, 256>;
+@group(0) @binding(2) var texels: texture_2d_array<f32>;
 
 // A triangle where one instance of it stands. Its number in a hit is its own, several may share a row of the tables.
 struct Placed {
@@ -36,7 +27,7 @@ struct Affine {
 }
 
 fn affine_at(row: u32) -> Affine {
-    return Affine(bitcast<vec4<f32>>(tree_row(row)), bitcast<vec4<f32>>(tree_row(row + 1u)), bitcast<vec4<f32>>(tree_row(row + 2u)));
+    return Affine(bitcast<vec4<f32>>(table_row(row)), bitcast<vec4<f32>>(table_row(row + 1u)), bitcast<vec4<f32>>(table_row(row + 2u)));
 }
 
 fn transform_vector(m: Affine, v: vec3<f32>) -> vec3<f32> {
@@ -49,7 +40,7 @@ fn transform_point(m: Affine, p: vec3<f32>) -> vec3<f32> {
 
 // First triangle's number, what leads from a number to its row, root of its tree, whether it is moved.
 fn instance_header(instance: u32) -> vec4<u32> {
-    return tree_row(instance + INSTANCE_HEADER);
+    return table_row(instance + INSTANCE_HEADER);
 }
 
 fn placed(prim: u32) -> Placed {
@@ -72,7 +63,7 @@ fn placed(prim: u32) -> Placed {
 
 // In the world.
 fn triangle_at(place: Placed) -> Triangle {
-    var tri = triangles[place.row];
+    var tri = stored_triangle(place.row);
     if HAS_INSTANCES {
         let m = affine_at(place.instance);
         tri.v0 = transform_point(m, tri.v0);
@@ -92,7 +83,7 @@ fn normal_in_world(place: Placed, n: vec3<f32>) -> vec3<f32> {
 }
 
 fn shading_at(place: Placed) -> Shading {
-    var shade = shadings[place.row];
+    var shade = stored_shading(place.row);
     shade.n0 = normal_in_world(place, shade.n0);
     shade.n1 = normal_in_world(place, shade.n1);
     shade.n2 = normal_in_world(place, shade.n2);
@@ -101,7 +92,10 @@ fn shading_at(place: Placed) -> Shading {
 
 // Of a corner, 0 to 2; without length where there is none.
 fn tangent_at(place: Placed, corner: u32) -> vec4<f32> {
-    let t = tangents[3u * place.row + corner];
+    if frame.tables.tangents == 0u {
+        return vec4<f32>(0.0);
+    }
+    let t = bitcast<vec4<f32>>(table_row(frame.tables.tangents + 3u * place.row + corner));
     if !HAS_INSTANCES || !place.is_moved {
         return t;
     }
@@ -117,7 +111,7 @@ fn placing_error(place: Placed, position: vec3<f32>) -> vec3<f32> {
     if !HAS_INSTANCES || !place.is_moved {
         return vec3<f32>(0.0);
     }
-    let tri = triangles[place.row];
+    let tri = stored_triangle(place.row);
     let there = magnitudes(affine_at(place.instance));
     let back = transform_point(magnitudes(affine_at(place.instance + LOCAL_FROM_WORLD)), abs(position));
     let corners = transform_point(there, max(max(abs(tri.v0), abs(tri.v1)), abs(tri.v2)));
@@ -138,6 +132,10 @@ fn wrap(coordinate: i32, size: i32, mode: u32) -> i32 {
     return select(c, 2 * size - 1 - c, c >= size);
 }
 
+fn linear_from_srgb(code: u32) -> f32 {
+    return bitcast<f32>(table_row(frame.tables.srgb + code).x);
+}
+
 fn texel(info: TextureInfo, x: i32, y: i32, srgb: bool) -> vec4<f32> {
     let column = wrap(x, i32(info.width), (info.flags >> WRAP_U_SHIFT) & 3u);
     let row = wrap(y, i32(info.height), (info.flags >> WRAP_V_SHIFT) & 3u);
@@ -147,7 +145,7 @@ fn texel(info: TextureInfo, x: i32, y: i32, srgb: bool) -> vec4<f32> {
         return stored;
     }
     let code = vec3<u32>(stored.rgb * 255.0 + 0.5);
-    return vec4<f32>(srgb_to_linear[code.r], srgb_to_linear[code.g], srgb_to_linear[code.b], stored.a);
+    return vec4<f32>(linear_from_srgb(code.r), linear_from_srgb(code.g), linear_from_srgb(code.b), stored.a);
 }
 
 // Filters linear colour: the sRGB curve is undone before the texels are mixed.
@@ -170,16 +168,17 @@ fn sample_texture(info: TextureInfo, uv: vec2<f32>) -> vec4<f32> {
 
 fn interpolate_uv(row: u32, bary: vec2<f32>, info: TextureInfo) -> vec2<f32> {
     let b0 = 1.0 - bary.x - bary.y;
-    let s = shadings[row];
+    let s = stored_shading(row);
     var uv = b0 * vec2<f32>(s.u0, s.v0) + bary.x * vec2<f32>(s.u1, s.v1) + bary.y * vec2<f32>(s.u2, s.v2);
     if HAS_SECOND_UVS && (info.flags & TEXTURE_SECOND_UVS) != 0u {
-        uv = b0 * second_uvs[3u * row] + bary.x * second_uvs[3u * row + 1u] + bary.y * second_uvs[3u * row + 2u];
+        let second = stored_second_uvs(row);
+        uv = select(vec2<f32>(0.0), b0 * second.uv0 + bary.x * second.uv1 + bary.y * second.uv2, frame.tables.second_uvs > 0u);
     }
     return vec2<f32>(dot(info.uv_matrix.xy, uv), dot(info.uv_matrix.zw, uv)) + info.uv_offset;
 }
 
 fn texture_at(row: u32, bary: vec2<f32>, texture: u32) -> vec4<f32> {
-    let info = textures[texture];
+    let info = stored_texture(texture);
     return sample_texture(info, interpolate_uv(row, bary, info));
 }
 
@@ -191,12 +190,16 @@ fn emissive_at(row: u32, bary: vec2<f32>, m: Material) -> vec3<f32> {
     return m.emissive;
 }
 
+fn vertex_color(corner: u32) -> vec4<f32> {
+    return bitcast<vec4<f32>>(table_row(frame.tables.vertex_colors + corner));
+}
+
 // Without the texture.
 fn base_factor_at(row: u32, bary: vec2<f32>, m: Material) -> vec4<f32> {
-    if HAS_VERTEX_COLORS && 3u * row + 2u < arrayLength(&vertex_colors) {
-        return m.base_color * ((1.0 - bary.x - bary.y) * vertex_colors[3u * row]
-            + bary.x * vertex_colors[3u * row + 1u]
-            + bary.y * vertex_colors[3u * row + 2u]);
+    if HAS_VERTEX_COLORS && frame.tables.vertex_colors > 0u {
+        return m.base_color * ((1.0 - bary.x - bary.y) * vertex_color(3u * row)
+            + bary.x * vertex_color(3u * row + 1u)
+            + bary.y * vertex_color(3u * row + 2u));
     }
     return m.base_color;
 }
@@ -221,6 +224,6 @@ fn coverage_at(row: u32, bary: vec2<f32>, m: Material) -> f32 {
 // Whether a ray meets the surface there. `key` names the ray: the same ray and triangle always decide alike, in whatever
 // order a traversal meets them.
 fn is_covered(row: u32, prim: u32, bary: vec2<f32>, key: u32) -> bool {
-    let m = materials[triangles[row].material];
+    let m = stored_material(stored_triangle(row).material);
     return unit_float(hash_combine(key, prim)) < coverage_at(row, bary, m);
 }

@@ -51,7 +51,9 @@ struct Surface {
 
 // Directional albedo of GGX reflection over cosine and perceptual roughness, as (scale of f0, scale of f90): a grid of
 // ALBEDO_GRID x ALBEDO_GRID nodes, and behind it the means over directions per roughness. `stages::albedo_table`.
-@group(0) @binding(14) var<storage, read> albedo_table: array<vec2<f32>>;
+fn albedo_node(at: u32) -> vec2<f32> {
+    return bitcast<vec2<f32>>(table_row(frame.tables.albedo + at).xy);
+}
 
 struct LayerAlbedo {
     towards: vec2<f32>,
@@ -67,10 +69,10 @@ fn layer_albedo(cosine: f32, roughness: f32) -> LayerAlbedo {
     let fx = x - f32(column);
     let fy = y - f32(row);
     let at = row * ALBEDO_GRID + column;
-    let low = mix(albedo_table[at], albedo_table[at + 1u], fx);
-    let high = mix(albedo_table[at + ALBEDO_GRID], albedo_table[at + ALBEDO_GRID + 1u], fx);
+    let low = mix(albedo_node(at), albedo_node(at + 1u), fx);
+    let high = mix(albedo_node(at + ALBEDO_GRID), albedo_node(at + ALBEDO_GRID + 1u), fx);
     let means = ALBEDO_GRID * ALBEDO_GRID + row;
-    return LayerAlbedo(mix(low, high, fy), mix(albedo_table[means], albedo_table[means + 1u], fy));
+    return LayerAlbedo(mix(low, high, fy), mix(albedo_node(means), albedo_node(means + 1u), fy));
 }
 
 fn max3(c: vec3<f32>) -> f32 {
@@ -116,7 +118,7 @@ fn parameters_at(row: u32, bary: vec2<f32>, m: Material) -> Parameters {
         return p;
     }
     for (var i = m.first_texture; i < m.first_texture + m.texture_count; i += 1u) {
-        let info = textures[i];
+        let info = stored_texture(i);
         let value = sample_texture(info, interpolate_uv(row, bary, info));
         let role = (info.flags >> ROLE_SHIFT) & 15u;
         p.base *= select(vec3<f32>(1.0), value.rgb, role == ROLE_BASE_COLOR);
@@ -201,7 +203,7 @@ fn surface_at(prim: u32, bary: vec2<f32>, origin: vec3<f32>, direction: vec3<f32
     let place = placed(prim);
     let tri = triangle_at(place);
     let shade = shading_at(place);
-    let m = materials[tri.material];
+    let m = stored_material(tri.material);
     let b0 = 1.0 - bary.x - bary.y;
     var s: Surface;
     let ng = unit_normal(tri, -direction);

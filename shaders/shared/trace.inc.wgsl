@@ -49,7 +49,7 @@ fn inverse_of(direction: vec3<f32>) -> vec3<f32> {
     return 1.0 / select(direction, select(vec3<f32>(1e-18), vec3<f32>(-1e-18), direction < vec3<f32>(0.0)), tiny);
 }
 
-fn hit_children4(child_meta: u32, octant: u32, near: vec4<f32>, far: vec4<f32>) -> u32 {
+fn hit_children4(child_meta: u32, octant: u32, near: vec4<i32>, far: vec4<i32>) -> u32 {
     let inner = ((child_meta & (child_meta << 1u)) & 0x10101010u) >> 4u;
     let slot = (child_meta ^ (octant & (inner * 0xffu))) & 0x1f1f1f1fu;
     let bits = unpack4xU8((child_meta >> 5u) & 0x07070707u);
@@ -57,8 +57,15 @@ fn hit_children4(child_meta: u32, octant: u32, near: vec4<f32>, far: vec4<f32>) 
     return mask.x | mask.y | mask.z | mask.w;
 }
 
-fn planes(word: u32, scale: f32, offset: f32) -> vec4<f32> {
-    return vec4<f32>(unpack4xU8(word)) * scale + offset;
+// As the bits of floats, whose order is that of integers unless both are negative: then both are less than 0 either way,
+// and that alone matters. Drivers make one instruction of an integer's minimum, and several of a float's, which must
+// choose between NaNs.
+fn planes(word: u32, scale: f32, offset: f32) -> vec4<i32> {
+    return bitcast<vec4<i32>>(vec4<f32>(unpack4xU8(word)) * scale + offset);
+}
+
+fn node_part(node: u32, part: u32) -> vec4<u32> {
+    return table_row(node * ROWS_PER_NODE + part);
 }
 
 // Which children of a node the ray meets up to `t_max`, as a group mask without the imask.
@@ -79,12 +86,13 @@ fn hit_children(ray: Traversal, n0: vec4<u32>, child_meta: vec2<u32>, node: u32,
     let nx = select(x, x.zwxy, ray.direction.x < 0.0);
     let ny = select(y, y.zwxy, ray.direction.y < 0.0);
     let nz = select(z, z.zwxy, ray.direction.z < 0.0);
-    let near0 = max(max(planes(nx.x, scale.x, low.x), planes(ny.x, scale.y, low.y)), max(planes(nz.x, scale.z, low.z), vec4<f32>(0.0)));
+    let near0 = max(max(planes(nx.x, scale.x, low.x), planes(ny.x, scale.y, low.y)), max(planes(nz.x, scale.z, low.z), vec4<i32>(0)));
     let far0 = min(min(planes(nx.z, scale.x, high.x), planes(ny.z, scale.y, high.y)), planes(nz.z, scale.z, high.z));
-    let near1 = max(max(planes(nx.y, scale.x, low.x), planes(ny.y, scale.y, low.y)), max(planes(nz.y, scale.z, low.z), vec4<f32>(0.0)));
+    let near1 = max(max(planes(nx.y, scale.x, low.x), planes(ny.y, scale.y, low.y)), max(planes(nz.y, scale.z, low.z), vec4<i32>(0)));
     let far1 = min(min(planes(nx.w, scale.x, high.x), planes(ny.w, scale.y, high.y)), planes(nz.w, scale.z, high.z));
-    return hit_children4(child_meta.x, ray.octant, near0, min(far0, vec4<f32>(t_max)))
-        | hit_children4(child_meta.y, ray.octant, near1, min(far1, vec4<f32>(t_max)));
+    let furthest = vec4<i32>(bitcast<i32>(t_max));
+    return hit_children4(child_meta.x, ray.octant, near0, min(far0, furthest))
+        | hit_children4(child_meta.y, ray.octant, near1, min(far1, furthest));
 }
 
 // Edge functions of the triangle as the ray sees it, projected along itself (after Woop, Benthin & Wald, "Watertight
@@ -96,7 +104,7 @@ fn hit_children(ray: Traversal, n0: vec4<u32>, child_meta: vec2<u32>, node: u32,
 // The distance is that of the plane, which keeps a ray that starts on a large triangle from meeting it again; seen from
 // the edge the plane has none, and the corners' distances are mixed instead. Returns (t, b1, b2); t < 0: missed.
 fn intersect_triangle(ray: Traversal, row: u32, t_max: f32) -> vec3<f32> {
-    let tri = triangles[row];
+    let tri = stored_triangle(row);
     let corner = tri.v0 - ray.origin;
     let a = corner * ray.frame;
     let b = (tri.v1 - ray.origin) * ray.frame;

@@ -35,10 +35,9 @@ fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, key: u32, any: 
                 let slot = (bit - 24u) ^ (ray.octant & 7u);
                 let child = group.x + countOneBits(group.y & ~(0xffffffffu << slot) & 0xffu);
                 group.y &= ~(1u << bit);
-                if group.y > 0x00ffffffu && top < STACK_SIZE {
-                    stack[top] = group;
-                    top += 1u;
-                }
+                // Stored in any case, as what lanes do alike costs software drivers less.
+                stack[min(top, STACK_SIZE - 1u)] = group;
+                top += select(0u, 1u, group.y > 0x00ffffffu && top < STACK_SIZE);
                 let n0 = node_part(child, 0u);
                 let n1 = node_part(child, 1u);
                 let mask = hit_children(ray, n0, n1.zw, child, hit.t);
@@ -61,11 +60,12 @@ fn traverse(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, key: u32, any: 
                 let row = leaf.x + firstTrailingBit(leaf.y);
                 leaf.y &= leaf.y - 1u;
                 let found = intersect_triangle(ray, row, hit.t);
-                let prim = row - row_offset;
+                let first_copy = stored_triangle(row).first_copy;
+                let prim = (first_copy & ~TRIANGLE_ALPHA) - row_offset;
                 let is_first = found.x > 0.0 && (found.x < hit.t || prim < hit.prim);
                 if is_first {
                     let nearer = Hit(found.x, prim, found.yz);
-                    if HAS_ALPHA && (triangles[row].flags & TRIANGLE_ALPHA) != 0u {
+                    if HAS_ALPHA && (first_copy & TRIANGLE_ALPHA) != 0u {
                         candidate = nearer;
                         candidate_row = row;
                         break;

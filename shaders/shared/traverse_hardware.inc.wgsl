@@ -6,7 +6,7 @@
 // that starts on a triangle may find it again by the device's arithmetic; it is then followed once more with a look at
 // every triangle on the way. What is equally far off is found in an order that is the device's own.
 
-@group(0) @binding(15) var scene_tree: acceleration_structure;
+@group(0) @binding(4) var scene_tree: acceleration_structure;
 
 const TERMINATE_ON_FIRST_HIT: u32 = 4u;
 const FORCE_NO_OPAQUE: u32 = 2u;
@@ -36,7 +36,7 @@ fn meet(world: Traversal, found: RayIntersection, t_max: f32) -> Found {
     if own.x > 0.0 {
         return Found(Hit(own.x, prim, own.yz), row);
     }
-    let tri = triangles[row];
+    let tri = stored_triangle(row);
     let normal = cross(tri.v1 - tri.v0, tri.v2 - tri.v0);
     let plane = dot(normal, tri.v0 - ray.origin) / dot(normal, ray.direction);
     let is_ahead = plane > 0.0 && plane <= t_max;
@@ -47,7 +47,7 @@ fn stops(found: Found, key: u32) -> bool {
     if found.hit.prim == NO_PRIM {
         return false;
     }
-    if HAS_ALPHA && (triangles[found.row].flags & TRIANGLE_ALPHA) != 0u {
+    if HAS_ALPHA && (stored_triangle(found.row).first_copy & TRIANGLE_ALPHA) != 0u {
         return is_covered(found.row, found.hit.prim, found.hit.bary, key);
     }
     return true;

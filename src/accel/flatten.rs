@@ -101,7 +101,7 @@ fn push_instance(
         linear.x_axis.cross(linear.y_axis),
     ) * if mirrored { -1.0 } else { 1.0 };
     let world: Vec<Vec3> = mesh.positions.iter().map(|&p| place.transform_point3(p)).collect();
-    let flags = if material.alpha_mode == AlphaMode::Opaque { 0 } else { TRIANGLE_ALPHA };
+    let first_copy = if material.alpha_mode == AlphaMode::Opaque { 0 } else { TRIANGLE_ALPHA };
     // A mirrored frame is left-handed: the bitangent's sign turns with it.
     let handedness = if mirrored { -1.0 } else { 1.0 };
     for &[a, b, c] in &mesh.triangles {
@@ -120,7 +120,7 @@ fn push_instance(
         });
         let uvs = |set: usize| corner.map(|i| mesh.uvs[set].get(i).copied().unwrap_or(Vec2::ZERO));
         let [t0, t1, t2] = uvs(0);
-        flat.triangles.push(Triangle { v0, material: mesh.material as u32, v1, flags, v2, light: 0 });
+        flat.triangles.push(Triangle { v0, material: mesh.material as u32, v1, first_copy, v2, light: 0 });
         flat.shadings.push(Shading {
             n0,
             u0: t0.x,

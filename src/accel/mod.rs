@@ -11,9 +11,14 @@ mod instances;
 use std::ops::Range;
 
 use glam::{DVec3, Vec3};
-use obvhs::BvhBuildParams;
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
 use obvhs::cwbvh::CwBvh;
-use obvhs::cwbvh::builder::{build_cwbvh, build_cwbvh_from_tris};
+use obvhs::cwbvh::builder::build_cwbvh;
+use obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
+use obvhs::ploc::PlocBuilder;
+use obvhs::splits::split_aabbs_preset;
+use obvhs::{Boundable, BvhBuildParams};
 
 use self::flatten::{Flat, Present};
 pub use self::instances::Instance;
@@ -44,8 +49,8 @@ const NODE_BYTES: usize = 80;
 /// What an instance takes at most until it is in the tree over them, with that tree, bytes.
 const INSTANCE_BYTES: usize = 1000;
 
-/// Bit of [`Triangle::flags`]: whether a ray is stopped must be asked of the material's alpha.
-pub const TRIANGLE_ALPHA: u32 = 1;
+/// Bit of [`Triangle::first_copy`]: whether a ray is stopped must be asked of the material's alpha.
+pub const TRIANGLE_ALPHA: u32 = 1 << 31;
 
 shared_structs! {
     /// A triangle as rays meet it: exact vertices, counter-clockwise from the front. An edge that two triangles share
@@ -54,8 +59,9 @@ shared_structs! {
         pub v0: Vec3,
         pub material: u32,
         pub v1: Vec3,
-        /// [`TRIANGLE_ALPHA`] or 0.
-        pub flags: u32,
+        /// The first row that has it, by which hits name it: where parts of a large triangle are in several leaves, each
+        /// has a copy. And [`TRIANGLE_ALPHA`].
+        pub first_copy: u32,
         pub v2: Vec3,
         /// Which light it is, if any; set where the lights are known.
         pub light: u32,
@@ -80,6 +86,15 @@ impl Triangle {
     pub fn area(&self) -> f32 {
         0.5 * (self.v1 - self.v0).cross(self.v2 - self.v0).length()
     }
+
+    pub fn asks_alpha(&self) -> bool {
+        self.first_copy & TRIANGLE_ALPHA != 0
+    }
+
+    /// Whether it is that of `row`, and no copy of another row's.
+    pub fn is_first(&self, row: usize) -> bool {
+        (self.first_copy & !TRIANGLE_ALPHA) as usize == row
+    }
 }
 
 /// A node: 80 bytes, as obvhs packs them.
@@ -102,7 +117,7 @@ pub enum Layout {
 pub struct Accel {
     /// The first node is the root over the flattened triangles.
     pub nodes: Vec<Node>,
-    /// The flattened triangles, then those of shared meshes.
+    /// The flattened triangles, then those of shared meshes, some of them more than once.
     pub triangles: Vec<Triangle>,
     pub shadings: Vec<Shading>,
     /// Three linear RGBA colours a triangle, or none at all.
@@ -186,12 +201,13 @@ impl Accel {
         let making = stored as u64 * (4 * present.row_bytes() + BUILD_BYTES) as u64;
         let mut reserved = budget.reserve(making).map_err(refused)?;
         let mut accel = Self { origin, ..Self::empty() };
-        let flat = accel.push_tree(&flatten::flatten(scene, division.flat(scene), origin, &present))?;
+        let room = Room { budget, row_bytes: present.row_bytes(), triangles: count };
+        let flat = accel.push_tree(&flatten::flatten(scene, division.flat(scene), origin, &present), &room)?;
         let levels = if division.shared.is_empty() {
             flat.levels
         } else {
             // The root over instances waits while the flattened triangles are looked through.
-            (flat.levels + 1).max(accel.push_instances(scene, &division.shared, &present)?)
+            (flat.levels + 1).max(accel.push_instances(scene, &division.shared, &present, &room)?)
         };
         if levels > MAX_DEPTH {
             return Err(AccelError::TooDeep { depth: levels });
@@ -201,7 +217,7 @@ impl Accel {
             accel.triangles.push(Triangle::default());
             accel.shadings.push(Shading::default());
         }
-        reserved.shrink_to((stored * (2 * present.row_bytes() + NODE_BYTES)) as u64);
+        reserved.shrink_to((stored * room.stored_bytes()) as u64);
         reserved.keep();
         Ok(accel)
     }
@@ -223,49 +239,58 @@ impl Accel {
     }
 
     /// Adds triangles, in tree order, and the tree over them.
-    fn push_tree(&mut self, flat: &Flat) -> Result<Tree, AccelError> {
+    fn push_tree(&mut self, flat: &Flat, room: &Room) -> Result<Tree, AccelError> {
         self.dropped += flat.dropped;
-        let tree = Tree {
-            root: self.nodes.len() as u32,
-            first_row: self.triangles.len() as u32,
-            triangles: flat.triangles.len() as u32,
-            levels: 1,
-        };
-        self.trees.push(tree.first_row..tree.first_row + tree.triangles);
+        let (root, first_row) = (self.nodes.len() as u32, self.triangles.len() as u32);
         if flat.triangles.is_empty() {
             // One node without children: every ray misses it.
             self.nodes.push(Node::default());
-            return Ok(tree);
+            self.trees.push(first_row..first_row);
+            return Ok(Tree { root, first_row, rows: 0, levels: 1 });
         }
-        let corners_of = |t: &Triangle| obvhs::triangle::Triangle { v0: t.v0.into(), v1: t.v1.into(), v2: t.v2.into() };
-        let boxes: Vec<_> = flat.triangles.iter().map(corners_of).collect();
-        let params = BvhBuildParams { pre_split: false, max_prims_per_leaf: 3, ..BvhBuildParams::slow_build() };
-        let bvh = build_cwbvh_from_tris(&boxes, params, &mut Default::default());
-        let levels = self.push_nodes(&bvh, tree.first_row)?;
+        let bvh = tree_over(&flat.triangles, room)?;
+        let levels = self.push_nodes(&bvh, first_row)?;
         let order = &bvh.primitive_indices;
-        self.triangles.extend(order.iter().map(|&i| flat.triangles[i as usize]));
+        let mut firsts = vec![None; flat.triangles.len()];
+        self.triangles.extend((first_row..).zip(order).map(|(row, &i)| {
+            let triangle = flat.triangles[i as usize];
+            let first = *firsts[i as usize].get_or_insert(row);
+            Triangle { first_copy: triangle.first_copy | first, ..triangle }
+        }));
         self.shadings.extend(order.iter().map(|&i| flat.shadings[i as usize]));
         self.colors.extend(corners(order, &flat.colors));
         self.second_uvs.extend(corners(order, &flat.second_uvs));
         self.tangents.extend(corners(order, &flat.tangents));
-        Ok(Tree { levels, ..tree })
+        let rows = order.len() as u32;
+        self.trees.push(first_row..first_row + rows);
+        Ok(Tree { root, first_row, rows, levels })
     }
 
     /// Adds shared meshes with a tree each, their instances and the tree over those; returns how many levels it has
     /// together with the deepest of the meshes'.
-    fn push_instances(&mut self, scene: &Scene, shared: &[Shared], present: &Present) -> Result<usize, AccelError> {
+    fn push_instances(
+        &mut self,
+        scene: &Scene,
+        shared: &[Shared],
+        present: &Present,
+        room: &Room,
+    ) -> Result<usize, AccelError> {
         let flattened = self.triangles.len() as u32;
         let (mut boxes, mut places, mut deepest) = (Vec::new(), Vec::new(), 0);
         for Shared { mesh, mirrored, places: of_mesh } in shared {
-            let tree = self.push_tree(&flatten::local(scene, *mesh, *mirrored, present))?;
+            let tree = self.push_tree(&flatten::local(scene, *mesh, *mirrored, present), room)?;
             deepest = deepest.max(tree.levels);
-            for place in of_mesh.iter().filter(|_| tree.triangles > 0) {
+            for place in of_mesh.iter().filter(|_| tree.rows > 0) {
                 boxes.push(instances::bounds(&scene.meshes[*mesh], place));
                 places.push((place, tree));
             }
         }
         if boxes.is_empty() {
             return Ok(deepest);
+        }
+        let prims = flattened as usize + places.iter().map(|(_, tree)| tree.rows as usize).sum::<usize>();
+        if prims >= MAX_PRIMS {
+            return Err(AccelError::TooManyInstances(prims));
         }
         let params = BvhBuildParams { max_prims_per_leaf: 1, ..BvhBuildParams::slow_build() };
         let bvh = build_cwbvh(&boxes, params, &mut Default::default());
@@ -275,7 +300,7 @@ impl Accel {
         for &i in &bvh.primitive_indices {
             let (place, tree) = places[i as usize];
             self.instances.push(Instance::new(place, first_prim, tree.first_row, tree.root));
-            first_prim += tree.triangles;
+            first_prim += tree.rows;
         }
         Ok(levels + deepest)
     }
@@ -302,8 +327,57 @@ impl Accel {
 struct Tree {
     root: u32,
     first_row: u32,
-    triangles: u32,
+    rows: u32,
     levels: usize,
+}
+
+/// What may be taken for the triangles of a scene.
+struct Room<'a> {
+    budget: &'a Budget,
+    /// Of a row of all tables.
+    row_bytes: usize,
+    /// After instancing.
+    triangles: usize,
+}
+
+impl Room<'_> {
+    /// What remains of a row, bytes.
+    fn stored_bytes(&self) -> usize {
+        2 * self.row_bytes + NODE_BYTES
+    }
+}
+
+/// The tree over triangles. Those that are large beside the others are split into boxes first (Karras & Aila, "Fast
+/// Parallel Construction of High-Quality Bounding Volume Hierarchies", HPG 2013), so that rays that pass a wall's or a
+/// beam's corner need not test it; at most 0.9 boxes a triangle are added.
+fn tree_over(triangles: &[Triangle], room: &Room) -> Result<CwBvh, AccelError> {
+    const PARAMS: BvhBuildParams = BvhBuildParams::slow_build();
+    const MOST_IN_A_LEAF: u32 = 3;
+    let corners_of = |t: &Triangle| obvhs::triangle::Triangle { v0: t.v0.into(), v1: t.v1.into(), v2: t.v2.into() };
+    let triangles: Vec<_> = triangles.iter().map(corners_of).collect();
+    let mut boxes: Vec<Aabb> = triangles.iter().map(Boundable::aabb).collect();
+    let mut indices: Vec<u32> = (0..triangles.len() as u32).collect();
+    let areas = || boxes.iter().map(Aabb::half_area);
+    let (average, largest) = (areas().sum::<f32>() / boxes.len() as f32, areas().fold(0.0, f32::max));
+    split_aabbs_preset(&mut boxes, &mut indices, &triangles, average, largest);
+    let copies = boxes.len() - triangles.len();
+    let making = copies * (4 * room.row_bytes + BUILD_BYTES);
+    let refused = |exceeded| AccelError::Memory { triangles: room.triangles, exceeded };
+    let mut reserved = room.budget.reserve(making as u64).map_err(refused)?;
+    let mut builder = PlocBuilder::with_capacity(boxes.len());
+    let mut bvh2 = builder.build(
+        PARAMS.ploc_search_distance,
+        &boxes,
+        indices,
+        PARAMS.sort_precision,
+        PARAMS.search_depth_threshold,
+    );
+    bvh2.uses_spatial_splits = copies > 0;
+    ReinsertionOptimizer::default().run(&mut bvh2, PARAMS.reinsertion_batch_ratio, None);
+    let bvh = bvh2_to_cwbvh(&bvh2, MOST_IN_A_LEAF, true, false);
+    reserved.shrink_to((copies * room.stored_bytes()) as u64);
+    reserved.keep();
+    Ok(bvh)
 }
 
 /// Where positions are counted from.
@@ -359,7 +433,9 @@ mod tests {
     fn building_keeps_every_triangle_with_area() {
         let scene = (builtin::find("cornell").unwrap().build)();
         let accel = Accel::build(&scene).unwrap();
-        assert_eq!(accel.triangles.len() + accel.dropped, scene.triangle_count());
+        let is_first = |&(row, t): &(usize, &Triangle)| t.is_first(row);
+        let firsts = accel.triangles.iter().enumerate().filter(is_first).count();
+        assert_eq!(firsts + accel.dropped, scene.triangle_count());
         assert!(accel.triangles.iter().all(|t| t.area() > 0.0));
     }
 

@@ -3,8 +3,6 @@
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-#[cfg(doc)]
-use super::Nodes;
 use super::choice::by_default;
 use super::{DeviceError, DeviceFailure, FailureKind, GpuDevice, Quirks, Traversal, TraversalChoice};
 
@@ -14,8 +12,8 @@ pub(super) const INSTALL_HINT: &str = "install a Vulkan driver (Debian or Ubuntu
 /// Most devices that one run drives: one bit each in masks, and far beyond any host.
 const MAX_DEVICES: usize = 64;
 
-/// Of the largest stage, hole-filling: 11 of the scene and 7 of its own. [`Nodes::Buffer`] takes one more.
-pub(super) const STORAGE_BUFFERS_PER_STAGE: u32 = 18;
+/// Of the largest stage, path tracing: the scene's and 7 of its own.
+const STORAGE_BUFFERS_PER_STAGE: u32 = 8;
 const IMMEDIATE_BYTES: u32 = 64;
 
 /// The oldest release of Mesa whose software driver is known to be faster than 22.3's, by 1.3 to 2.5 times for a frame.
@@ -140,7 +138,7 @@ fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
     let missing = missing(adapter.features(), &adapter.limits());
     let hint = if missing.is_empty() { "" } else { "update its driver or choose another adapter with --devices" };
     let limits = adapter.limits();
-    let quirks = Quirks::of(&info, &limits);
+    let quirks = Quirks::of(&info);
     AdapterReport {
         index,
         name: info.name.clone(),
@@ -309,9 +307,8 @@ mod tests {
         };
         assert_eq!(missing(features, &enough), [""; 0]);
         assert_eq!(missing(wgpu::Features::empty(), &enough), ["immediate (push) constants", "timestamp queries"]);
-        // As DirectX 12 has on devices of its second tier.
-        let limits = wgpu::Limits { max_storage_buffers_per_shader_stage: 16, max_immediate_size: 32, ..enough };
-        let expected = ["bytes of immediate (push) constants (32 of 64)", "storage buffers per stage (16 of 18)"];
+        let limits = wgpu::Limits { max_storage_buffers_per_shader_stage: 4, max_immediate_size: 32, ..enough };
+        let expected = ["bytes of immediate (push) constants (32 of 64)", "storage buffers per stage (4 of 8)"];
         assert_eq!(missing(features, &limits), expected);
     }
 

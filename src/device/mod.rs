@@ -19,7 +19,7 @@ pub use checks::ShaderChecks;
 pub use clock::GpuClock;
 pub use failure::{DeviceFailure, FailureKind, panic_text};
 pub use pipelines::{Pipeline, PipelineKey};
-pub use quirks::{Nodes, Quirks};
+pub use quirks::{Quirks, Tables};
 #[cfg(feature = "view")]
 pub use screen::ScreenDevice;
 pub use traversal::{Traversal, TraversalChoice};
@@ -79,13 +79,13 @@ pub const WAIT_SLICES: u32 = 8;
 /// How shaders of a device reach the scene.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct SceneAccess {
-    pub nodes: Nodes,
+    pub tables: Tables,
     pub traversal: Traversal,
 }
 
 impl GpuDevice {
     pub fn scene_access(&self) -> SceneAccess {
-        SceneAccess { nodes: self.quirks.nodes, traversal: self.info.traversal }
+        SceneAccess { tables: self.quirks.tables, traversal: self.info.traversal }
     }
 
     /// How long a device may take for what is asked of it before the first frame: drivers compile every shader.

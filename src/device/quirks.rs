@@ -1,24 +1,22 @@
 //! What drivers do beside what their API says, as far as the renderer goes by it.
 
-use wgpu::{AdapterInfo, DeviceType, Limits};
+use wgpu::{AdapterInfo, DeviceType};
 
-use super::adapters::STORAGE_BUFFERS_PER_STAGE;
-
-/// What shaders read the nodes of trees from. The images are the same.
+/// What shaders read the scene's tables from. The images are the same.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Nodes {
+pub enum Tables {
     #[default]
     Buffer,
-    /// One storage buffer less, and on lavapipe the faster way.
+    /// On lavapipe the faster way.
     Texture,
 }
 
-impl Nodes {
+impl Tables {
     /// The file of the shaders' part that reads them.
     pub fn shader(self) -> &'static str {
         match self {
-            Self::Buffer => "nodes_buffer",
-            Self::Texture => "nodes_texture",
+            Self::Buffer => "tables_buffer",
+            Self::Texture => "tables_texture",
         }
     }
 }
@@ -33,23 +31,21 @@ pub struct Quirks {
     /// The system resets the device when a submission takes seconds. So long may one be predicted to take unless another
     /// bound is set, which leaves room for predictions that are wrong.
     pub max_dispatch_ms: Option<f64>,
-    pub nodes: Nodes,
+    pub tables: Tables,
 }
 
 /// A tenth of what Windows allows.
 const MAX_DISPATCH_MS: f64 = 200.0;
 
 impl Quirks {
-    pub fn of(info: &AdapterInfo, limits: &Limits) -> Self {
+    pub fn of(info: &AdapterInfo) -> Self {
         let is_software = info.device_type == DeviceType::Cpu;
         let is_lavapipe = is_software && info.driver == "llvmpipe";
-        // With the nodes in one of them.
-        let has_buffers = limits.max_storage_buffers_per_shader_stage > STORAGE_BUFFERS_PER_STAGE;
         Self {
             threads_by_environment: is_lavapipe,
             submit_blocks: is_lavapipe,
             max_dispatch_ms: (!is_software).then_some(MAX_DISPATCH_MS),
-            nodes: if is_lavapipe || !has_buffers { Nodes::Texture } else { Nodes::Buffer },
+            tables: if is_lavapipe { Tables::Texture } else { Tables::Buffer },
         }
     }
 }
@@ -60,20 +56,14 @@ mod tests {
     use wgpu::Backend;
 
     fn quirks(kind: DeviceType, backend: Backend, driver: &str) -> Quirks {
-        quirks_with(kind, backend, driver, 64)
-    }
-
-    fn quirks_with(kind: DeviceType, backend: Backend, driver: &str, storage_buffers: u32) -> Quirks {
-        let info = AdapterInfo { driver: driver.to_owned(), ..AdapterInfo::new(kind, backend) };
-        let limits = Limits { max_storage_buffers_per_shader_stage: storage_buffers, ..Limits::downlevel_defaults() };
-        Quirks::of(&info, &limits)
+        Quirks::of(&AdapterInfo { driver: driver.to_owned(), ..AdapterInfo::new(kind, backend) })
     }
 
     #[test]
     fn work_arounds_for_lavapipe_are_off_elsewhere() {
         let lavapipe = quirks(DeviceType::Cpu, Backend::Vulkan, "llvmpipe");
-        let (threads_by_environment, submit_blocks, nodes) = (true, true, Nodes::Texture);
-        assert_eq!(lavapipe, Quirks { threads_by_environment, submit_blocks, max_dispatch_ms: None, nodes });
+        let (threads_by_environment, submit_blocks, tables) = (true, true, Tables::Texture);
+        assert_eq!(lavapipe, Quirks { threads_by_environment, submit_blocks, max_dispatch_ms: None, tables });
         for driver in ["SwiftShader driver", "10.0.22621.2506", ""] {
             assert_eq!(quirks(DeviceType::Cpu, Backend::Dx12, driver), Quirks::default());
         }
@@ -82,11 +72,5 @@ mod tests {
             assert_eq!(quirks(kind, Backend::Vulkan, "radv"), gpu);
             assert_eq!(quirks(kind, Backend::Metal, "llvmpipe"), gpu);
         }
-    }
-
-    #[test]
-    fn nodes_are_in_a_texture_where_there_are_few_buffers() {
-        let nodes = |buffers| quirks_with(DeviceType::DiscreteGpu, Backend::Vulkan, "NVIDIA", buffers).nodes;
-        assert_eq!([18, 19, 1 << 20].map(nodes), [Nodes::Texture, Nodes::Buffer, Nodes::Buffer]);
     }
 }

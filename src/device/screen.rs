@@ -29,7 +29,7 @@ impl ScreenDevice {
             ..Default::default()
         }))?;
         let (described, limits) = (adapter.get_info(), adapter.limits());
-        let quirks = Quirks::of(&described, &limits);
+        let quirks = Quirks::of(&described);
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("diptych window"),
             required_limits: limits.clone(),

@@ -4,13 +4,13 @@ mod tables;
 
 use glam::{UVec3, Vec2, Vec3, Vec4};
 
-use self::tables::ROLES;
+use self::tables::{ROLES, TABLES};
 pub use self::tables::*;
 use crate::accel::{self, SPHERE, TRIANGLE_ALPHA};
 use crate::graph::LIST_HEADER;
 use crate::passes::SKIPPED;
 use crate::scene::rig;
-use crate::wgsl::{Declaration, constants, declare, shared_constants, shared_structs};
+use crate::wgsl::{Declaration, Table, constants, declare, shared_constants, shared_structs};
 
 shared_structs! {
     /// An eye: a pinhole. Its axes are of unit length.
@@ -66,10 +66,10 @@ shared_structs! {
 
     /// Where shaders find the lights.
     pub struct Lights {
-        /// In `nodes`: first row of the tree of spheres, and the row after its last.
+        /// In the tables: first row of the tree of spheres, and the row after its last.
         pub sphere_tree: u32,
         pub sphere_tree_end: u32,
-        /// In `nodes`: row of the light tree's root.
+        /// In the tables: row of the light tree's root.
         pub tree: u32,
         /// How many of the groups local, directional and environment have any.
         pub group_count: u32,
@@ -98,9 +98,9 @@ shared_structs! {
     pub struct Geometry {
         /// Where (0, 0, 0) of the tables is in the world, scene units.
         pub world_origin: Vec3,
-        /// In `nodes`: the root of the tree over all instances but the first.
+        /// In the tables: the root of the tree over all instances but the first.
         pub instance_tree: u32,
-        /// In `nodes`: the instances' first row.
+        /// In the tables: the instances' first row.
         pub instances: u32,
         pub instance_count: u32,
         pub pad0: u32,
@@ -147,6 +147,7 @@ shared_structs! {
         pub lights: Lights,
         pub environment: Environment,
         pub geometry: Geometry,
+        pub tables: Tables,
         pub foveation: Foveation,
         pub history: History,
         pub display: Display,
@@ -202,6 +203,16 @@ shared_constants! {
 /// All structs that shaders have.
 pub fn all_structs() -> Vec<Declaration> {
     [accel::structs(), tables::structs(), structs()].concat()
+}
+
+/// The functions that read entries of the scene's tables.
+pub fn readers() -> String {
+    let structs = all_structs();
+    let reader = |table: &Table| {
+        let entry = structs.iter().find(|s| s.name == table.entry).expect("tables are of shared structs");
+        entry.reader(table)
+    };
+    TABLES.iter().map(reader).collect()
 }
 
 /// What every shader's text begins with: structs and constants.

@@ -3,11 +3,12 @@
 use std::borrow::Cow;
 use std::fmt;
 
-use super::layout::{NODES_PER_ROW, PAGE, PassConstants, TEXEL_BYTES};
+use super::layout::{PAGE, PassConstants, TABLE_WIDTH};
 use super::pipeline::{Groups, workgroups};
-use crate::accel::Node;
+use crate::device::Tables;
 use crate::graph::{Format, Pass, Program};
 use crate::image::Extent;
+use crate::wgsl::ROW_BYTES;
 
 /// A limit of WebGPU's.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -129,10 +130,9 @@ fn storage(what: &str, bytes: u64, remedy: &'static str) -> [Need; 2] {
 
 /// What a scene's tables come to.
 pub struct SceneSizes {
-    /// Of each table in a buffer, bytes.
-    pub buffers: Vec<(&'static str, u64)>,
-    /// Of trees, where they are in a texture.
-    pub textured_nodes: usize,
+    /// Rows of the tables, and what they are in.
+    pub rows: u64,
+    pub tables: Tables,
     pub texels: usize,
     pub environment: Extent,
 }
@@ -141,12 +141,11 @@ pub fn of_scene(sizes: &SceneSizes) -> Vec<Need> {
     let edges = |what: &'static str, edges: [u32; 2], remedy| {
         edges.map(|edge| Need { what: what.into(), limit: Limit::TextureEdge, amount: edge.into(), remedy })
     };
-    let buffers = sizes.buffers.iter();
-    let buffers = buffers.flat_map(|(name, bytes)| storage(&format!("the scene's {name}"), *bytes, SMALLER_SCENE));
-    let mut needs: Vec<Need> = buffers.collect();
-    if sizes.textured_nodes > 0 {
-        needs.extend(edges("the scene's tree", tree_size(sizes.textured_nodes), SMALLER_SCENE));
-    }
+    let tables = "the scene's tables";
+    let mut needs = match sizes.tables {
+        Tables::Buffer => Vec::from(storage(tables, sizes.rows * ROW_BYTES as u64, SMALLER_SCENE)),
+        Tables::Texture => Vec::from(edges(tables, table_size(sizes.rows), SMALLER_SCENE)),
+    };
     let Pages { edge, count } = Pages::of(sizes.texels);
     let what = "the scene's textures";
     needs.extend(edges(what, [edge; 2], SMALLER_TEXTURES));
@@ -203,10 +202,9 @@ fn of_pass(pass: &Pass, frame: Extent, scene_buffers: usize) -> [Need; 5] {
     ]
 }
 
-/// Columns and rows of the texture that holds so many nodes.
-pub fn tree_size(nodes: usize) -> [u32; 2] {
-    let rows = nodes.div_ceil(NODES_PER_ROW as usize);
-    [NODES_PER_ROW * size_of::<Node>() as u32 / TEXEL_BYTES, u32::try_from(rows).unwrap_or(u32::MAX)]
+/// Columns and rows of the texture that holds so many rows of tables.
+pub fn table_size(rows: u64) -> [u32; 2] {
+    [TABLE_WIDTH, u32::try_from(rows.div_ceil(TABLE_WIDTH.into())).unwrap_or(u32::MAX)]
 }
 
 /// The layers that hold texels one after another.
@@ -225,7 +223,6 @@ impl Pages {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::device::Nodes;
     use crate::passes::{Declarations, FrameSpec};
     use crate::stages::scene_tables::scene_buffers;
 
@@ -235,8 +232,7 @@ mod tests {
 
     /// Of a GPU of the last years, with WebGPU's sizes.
     fn limits() -> wgpu::Limits {
-        let (max_storage_buffers_per_shader_stage, max_immediate_size) = (18, 64);
-        wgpu::Limits { max_storage_buffers_per_shader_stage, max_immediate_size, ..wgpu::Limits::defaults() }
+        wgpu::Limits { max_immediate_size: 64, ..wgpu::Limits::defaults() }
     }
 
     #[track_caller]
@@ -248,45 +244,41 @@ mod tests {
     #[test]
     fn what_a_scene_needs_is_held_against_the_limits() {
         let environment = Extent::new(4096, 2048);
-        let scene = |triangles: u64, textured_nodes, texels| {
-            let buffers = vec![("materials", 64), ("triangles", 48 * triangles)];
-            of_scene(&SceneSizes { buffers, textured_nodes, texels, environment })
-        };
-        let (small, million, pages) = (scene(1000, 300, 70_000), 1 << 20, 257 * (PAGE * PAGE) as usize);
+        let scene = |rows, tables, texels| of_scene(&SceneSizes { rows, tables, texels, environment });
+        let (small, million, pages) = (scene(1000, Tables::Texture, 70_000), 1 << 20, 257 * (PAGE * PAGE) as usize);
         assert_said(&limits(), small.clone(), "all is well");
         assert_said(
             &wgpu::Limits::downlevel_defaults(),
             small.clone(),
-            "the scene's tree needs 5120 texels an edge, and device 3 takes 2048 texels an edge (its \
+            "the scene's tables need 8192 texels an edge, and device 3 takes 2048 texels an edge (its \
              max_texture_dimension_2d): use fewer triangles, or choose another adapter with --devices",
         );
-        let binding =
-            "the scene's triangles need 192 MiB, and device 3 takes 128 MiB (its max_storage_buffer_binding_size)";
-        assert_said(&limits(), scene(4 * million, 300, 0), binding);
+        let binding = "the scene's tables need 192 MiB, and device 3 takes 128 MiB (its max_storage_buffer_binding_size)";
+        assert_said(&limits(), scene(12 * million, Tables::Buffer, 0), binding);
         let bindings = wgpu::Limits { max_storage_buffer_binding_size: 1 << 32, ..limits() };
-        let buffer = "the scene's triangles need 288 MiB, and device 3 takes 256 MiB (its max_buffer_size)";
-        assert_said(&bindings, scene(6 * million, 300, 0), buffer);
-        let tree = "the scene's tree needs 10240 texels an edge, and device 3 takes 8192 texels an edge";
-        assert_said(&limits(), scene(1, 10 << 20, 0), tree);
+        let buffer = "the scene's tables need 288 MiB, and device 3 takes 256 MiB (its max_buffer_size)";
+        assert_said(&bindings, scene(18 * million, Tables::Buffer, 0), buffer);
+        let texture = "the scene's tables need 10240 texels an edge, and device 3 takes 8192 texels an edge";
+        assert_said(&limits(), scene(80 * million, Tables::Texture, 0), texture);
         let layers = "the scene's textures need 257 texture layers, and device 3 takes 256 texture layers";
-        assert_said(&limits(), scene(1, 1, pages), layers);
+        assert_said(&limits(), scene(1, Tables::Texture, pages), layers);
         let image = "the environment image needs 4096 texels an edge";
         let narrow = wgpu::Limits { max_texture_dimension_2d: 2048, ..limits() };
-        assert_said(&narrow, small.into_iter().skip(8), image);
+        assert_said(&narrow, small.into_iter().skip(5), image);
     }
 
     #[test]
-    fn textures_fill_layers_and_trees_fill_rows() {
+    fn textures_fill_layers_and_tables_fill_rows() {
         let layers = |texels| Pages::of(texels).count;
         let page = (PAGE * PAGE) as usize;
         assert_eq!([0, 1, page, page + 1, 257 * page].map(layers), [1, 1, 1, 2, 257]);
         assert_eq!((Pages::of(0).edge, Pages::of(1).edge), (1, PAGE));
-        assert_eq!([1, 1024, 1025].map(tree_size), [[5120, 1], [5120, 1], [5120, 2]]);
+        assert_eq!([1, 8192, 8193].map(table_size), [[8192, 1], [8192, 1], [8192, 2]]);
     }
 
     #[test]
     fn what_frames_need_is_held_against_the_limits() {
-        let frames = |programs: &[Program]| of_frames(programs, scene_buffers(Nodes::Texture)).collect::<Vec<_>>();
+        let frames = |programs: &[Program]| of_frames(programs, scene_buffers(Tables::Buffer)).collect::<Vec<_>>();
         let (hd, narrow, huge) = (programs(1920, 1080), programs(64, 1080), programs(4096, 4096));
         assert_said(&limits(), frames(&hd), "all is well");
         let text =
@@ -296,12 +288,10 @@ mod tests {
         assert_said(&few, frames(&hd), "needs 240 workgroups a row or column, and device 3 takes 100 workgroups");
         assert_said(&few, frames(&narrow), "needs 135 workgroups a row or column, and device 3 takes 100 workgroups");
         for (limits, expected) in [
-            // Of DirectX 12's second tier, and WebGPU's own.
             (
-                wgpu::Limits { max_storage_buffers_per_shader_stage: 16, ..limits() },
-                "path_trace needs 18 storage buffers",
+                wgpu::Limits { max_storage_buffers_per_shader_stage: 4, ..limits() },
+                "the pass gbuffer needs 6 storage buffers, and device 3 takes 4",
             ),
-            (wgpu::Limits::defaults(), "the pass gbuffer needs 16 storage buffers, and device 3 takes 8"),
             (wgpu::Limits { max_immediate_size: 32, ..limits() }, "needs 44 bytes, and device 3 takes 32 bytes"),
             (wgpu::Limits { max_compute_invocations_per_workgroup: 32, ..limits() }, "64 invocations a workgroup"),
             (wgpu::Limits { max_uniform_buffer_binding_size: 64, ..limits() }, "previous views at 1920x1080 needs 128"),

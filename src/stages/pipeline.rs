@@ -65,7 +65,7 @@ impl DeviceStages {
         limits::check(
             &gpu.device.limits(),
             gpu.info.index,
-            limits::of_frames(programs, scene_buffers(gpu.quirks.nodes)),
+            limits::of_frames(programs, scene_buffers(gpu.quirks.tables)),
         )?;
         let scene = SceneBuffers::new(gpu, tables)?;
         let images = Images::new(gpu, programs, settings.extent, settings.frames_in_flight);

@@ -3,10 +3,12 @@
 mod acceleration;
 mod buffers;
 
+use std::borrow::Cow;
 use std::sync::Arc;
 
-use glam::{DVec3, Vec3, Vec4};
+use glam::{DVec3, Vec2, Vec3, Vec4};
 
+use super::albedo_table;
 use super::emitters::{self, Emitters};
 use super::layout::{
     self, ALPHA_BLEND, ALPHA_MASK, BASE_COLOR_TEXTURE, CLEARCOAT_NORMAL_MAP, DOUBLE_SIDED, EMISSIVE_TEXTURE,
@@ -17,7 +19,9 @@ use crate::accel::Accel;
 use crate::image::Extent;
 use crate::scene::budget::{Budget, Exceeded};
 use crate::scene::{self, AlphaMode, Environment, Scene, TexelImage, Wrap};
+use crate::wgsl::ROW_BYTES;
 pub use buffers::{SceneBuffers, layout_entries, scene_buffers};
+
 
 #[derive(Debug, thiserror::Error)]
 pub enum TableError {
@@ -30,8 +34,9 @@ pub enum TableError {
 /// Tables of one scene, the same for every device.
 pub struct SceneTables {
     accel: Accel,
-    /// First row of the instances in the table of nodes.
+    /// First row of the instances.
     instances: u32,
+    first_rows: layout::Tables,
     has_surfaces: bool,
     materials: Vec<layout::Material>,
     textures: Vec<TextureInfo>,
@@ -75,7 +80,41 @@ impl SceneTables {
         let materials: Vec<_> = scene.materials.iter().map(|m| table.material(m)).collect();
         let textures = table.infos;
         let (images, environment) = (scene.images.clone(), scene.environment.clone());
-        Ok(Self { accel, instances, has_surfaces, materials, textures, images, emitters, environment })
+        let first_rows = layout::Tables::default();
+        let mut tables =
+            Self { accel, instances, first_rows, has_surfaces, materials, textures, images, emitters, environment };
+        tables.first_rows = tables.in_order().0;
+        Ok(tables)
+    }
+
+    /// All that shaders read by rows, each table's bytes after those of the one before, and where tables begin.
+    fn in_order(&self) -> (layout::Tables, Vec<Cow<'_, [u8]>>) {
+        let Self { accel, emitters, .. } = self;
+        let mut parts: Vec<Cow<'_, [u8]>> = Vec::new();
+        let mut rows = 0;
+        let mut add = |bytes| {
+            let bytes: Cow<'_, [u8]> = bytes;
+            let first = if bytes.is_empty() { 0 } else { rows };
+            rows += (bytes.len() / ROW_BYTES) as u32;
+            parts.push(bytes);
+            first
+        };
+        add(bytes_of(&accel.nodes));
+        let tables = layout::Tables {
+            triangles: add(bytes_of(&accel.triangles)),
+            shadings: add(bytes_of(&accel.shadings)),
+            vertex_colors: add(bytes_of(&accel.colors)),
+            second_uvs: add(collected(accel.second_uvs.chunks_exact(3).map(second_uvs))),
+            tangents: add(bytes_of(&accel.tangents)),
+            materials: add(bytes_of(&self.materials)),
+            textures: add(bytes_of(&self.textures)),
+            lights: add(bytes_of(&emitters.lights)),
+            env_cells: add(bytes_of(&emitters.env_cells)),
+            srgb: add(collected((0..=255).map(|code| [linear_from_srgb(code), 0.0, 0.0, 0.0]))),
+            albedo: add(collected(albedo_table::table().iter().map(|[x, y]| [*x, *y, 0.0, 0.0]))),
+            ..Default::default()
+        };
+        (tables, parts)
     }
 
     /// Fills in what the scene says about a frame.
@@ -87,6 +126,7 @@ impl SceneTables {
             instance_count: self.accel.instances.len() as u32,
             ..Default::default()
         };
+        frame.tables = self.first_rows;
         frame.lights = self.emitters.describe();
         frame.environment = self.describe_environment();
     }
@@ -123,6 +163,19 @@ impl SceneTables {
     pub fn has_surfaces(&self) -> bool {
         self.has_surfaces
     }
+}
+
+fn bytes_of<T: bytemuck::Pod>(table: &[T]) -> Cow<'_, [u8]> {
+    Cow::Borrowed(bytemuck::cast_slice(table))
+}
+
+fn collected<T: bytemuck::Pod>(entries: impl Iterator<Item = T>) -> Cow<'static, [u8]> {
+    Cow::Owned(bytemuck::cast_slice(&entries.collect::<Vec<T>>()).to_vec())
+}
+
+fn second_uvs(corners: &[[f32; 2]]) -> layout::SecondUvs {
+    let [uv0, uv1, uv2] = std::array::from_fn(|i| Vec2::from(corners[i]));
+    layout::SecondUvs { uv0, uv1, uv2, pad: Vec2::ZERO }
 }
 
 /// The texture table: each material's textures, one after another.

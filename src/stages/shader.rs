@@ -18,11 +18,11 @@ const FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/shader_files.
 const TRAVERSE: &str = "traverse";
 
 /// The whole text of a kernel's shader: the host's structs and constants, the kernel's own constants, and its file. With
-/// the scene comes how it reads the nodes of trees.
+/// the scene comes how it reads the tables.
 ///
 /// # Panics
 /// On a name or an include that no file has; a test goes through them all.
-pub fn shader_text(kernel: &Kernel, SceneAccess { nodes, traversal }: SceneAccess) -> String {
+pub fn shader_text(kernel: &Kernel, SceneAccess { tables, traversal }: SceneAccess) -> String {
     let text = kernel.text.unwrap_or_else(|| file(kernel.name, kernel.name));
     let mut out = String::new();
     if kernel.reads_scene && traversal == Traversal::Hardware {
@@ -36,7 +36,8 @@ pub fn shader_text(kernel: &Kernel, SceneAccess { nodes, traversal }: SceneAcces
             Some(names) => {
                 for include in names.split_whitespace() {
                     if include == "scene" {
-                        out += file(kernel.name, &format!("{}.inc", nodes.shader()));
+                        out += file(kernel.name, &format!("{}.inc", tables.shader()));
+                        out += &layout::readers();
                     }
                     let include = match include {
                         TRAVERSE => format!("{TRAVERSE}_{}", traversal.name()),

@@ -4,7 +4,7 @@ use crate::accel::{Instance, Node};
 use crate::device::{SceneAccess, Traversal};
 use crate::graph::{Kernel, Stage};
 use crate::passes::{self, tests::all_specs};
-use crate::wgsl::Declaration;
+use crate::wgsl::{Declaration, ROW_BYTES};
 
 fn module(shader: &str) -> naga::Module {
     let source = shader_text_of(shader, SceneAccess::default());
@@ -42,15 +42,14 @@ fn host_structs_lie_as_shaders_read_them() {
     }
 }
 
-/// Shaders read nodes and instances by texels, and an instance's numbers as its last one.
+/// Shaders read nodes and instances by rows, and an instance's numbers as its last one.
 #[test]
-fn tables_are_made_of_whole_texels() {
-    let texel = layout::TEXEL_BYTES as usize;
+fn tables_are_made_of_whole_rows() {
     let header = std::mem::offset_of!(Instance, first_prim);
     for bytes in [size_of::<Instance>(), size_of::<Node>(), std::mem::offset_of!(Instance, local_from_world), header] {
-        assert_eq!(bytes % texel, 0);
+        assert_eq!(bytes % ROW_BYTES, 0);
     }
-    assert_eq!(size_of::<Instance>() - header, texel);
+    assert_eq!(size_of::<Instance>() - header, ROW_BYTES);
 }
 
 #[test]

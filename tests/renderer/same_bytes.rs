@@ -3,7 +3,7 @@
 mod quality;
 
 use crate::common::{Stage, Subject, all_cores, devices, diptych, is_thorough, shared_shot};
-use diptych::device::{Nodes, ShaderChecks};
+use diptych::device::{Tables, ShaderChecks};
 use diptych::exec::{RenderSettings, Stereo};
 use diptych::graph::{Assignment, HaloPlan, Seam};
 use diptych::image::RgbImage;
@@ -315,20 +315,20 @@ fn shader_checks_change_no_byte() {
 
 /// As GPUs read them, and as lavapipe does.
 #[test]
-fn nodes_in_a_buffer_or_a_texture_give_the_same_bytes() {
+fn tables_in_a_buffer_or_a_texture_give_the_same_bytes() {
     for shot in ["builtin:atrium", "builtin:forest"] {
         let subject = Subject::load(shot);
         let settings = subject.accumulated(WIDTH, HEIGHT);
-        let render = |nodes| {
+        let render = |tables| {
             let mut gpus = devices(1, all_cores());
-            gpus[0].quirks.nodes = nodes;
+            gpus[0].quirks.tables = tables;
             gpus[0].pipelines.clear();
             let mut stage = Stage::on(gpus, &subject, &settings, Box::new(Even::new(HEIGHT, 1)));
             let frames = [0, 1].map(|frame| stage.frame(frame).linear);
             stage.into_devices();
             frames
         };
-        let (buffer, texture) = (render(Nodes::Buffer), render(Nodes::Texture));
+        let (buffer, texture) = (render(Tables::Buffer), render(Tables::Texture));
         for (a, b) in buffer.iter().zip(&texture) {
             assert_same(shot, a, b);
         }

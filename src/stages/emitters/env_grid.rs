@@ -57,7 +57,7 @@ fn build_within(image: &RgbImage, most_cells: usize) -> Option<EnvGrid> {
     let density = (gw * gh) as f64 / total;
     let cell = |(i, e): (usize, &alias::Entry)| {
         let density = (at(i % gw, i / gw) * density) as f32;
-        EnvCell { keep: e.keep, alias_index: e.alias, density }
+        EnvCell { keep: e.keep, alias_index: e.alias, density, ..EnvCell::default() }
     };
     let cells = alias::table(&weights).iter().enumerate().map(cell).collect();
     Some(EnvGrid { width: gw as u32, height: gh as u32, cells })

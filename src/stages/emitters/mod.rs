@@ -13,9 +13,10 @@ use glam::{DVec3, Vec3};
 use self::env_grid::EnvGrid;
 use self::light_tree::{Bounds, Cone, LightTree};
 use super::alias;
-use super::layout::{EnvCell, LIGHT_SPOT, LIGHT_TRIANGLE, Light, Lights, TEXEL_BYTES};
+use super::layout::{EnvCell, LIGHT_SPOT, LIGHT_TRIANGLE, Light, Lights};
 use crate::accel::{Accel, Node, Triangle};
 use crate::scene::{self, AlphaMode, LightKind, Material, Scene};
+use crate::wgsl::ROW_BYTES;
 
 /// Lights in the order spheres, points, emissive triangles (which the tree picks from), directional.
 #[derive(Default)]
@@ -40,8 +41,9 @@ const CELL_BYTES: u64 = 64;
 /// At most what making the emitters takes, bytes.
 pub(super) fn making_bytes(scene: &Scene, accel: &Accel) -> u64 {
     let shines: Vec<bool> = scene.materials.iter().map(|m| m.emissive != Vec3::ZERO).collect();
-    let shines = |t: &&Triangle| shines.get(t.material as usize) == Some(&true);
-    let lights = scene.lights.len() + accel.triangles.iter().filter(shines).count();
+    let shines = |t: &Triangle| shines.get(t.material as usize) == Some(&true);
+    let triangles = accel.triangles.iter().enumerate();
+    let lights = scene.lights.len() + triangles.filter(|(row, t)| t.is_first(*row) && shines(t)).count();
     let cells = match &scene.environment {
         scene::Environment::Map { image, .. } => image.pixels.len().min(env_grid::MOST_CELLS),
         _ => 0,
@@ -118,7 +120,7 @@ impl Emitters {
         spheres.extend(local);
         let mut means = HashMap::new();
         let per_area: Vec<f64> = scene.materials.iter().map(|m| emitted(scene, m, &mut means)).collect();
-        for (prim, t) in accel.triangles.iter_mut().enumerate() {
+        for (prim, t) in accel.triangles.iter_mut().enumerate().filter(|(row, t)| t.is_first(*row)) {
             // A scene without surfaces still has a triangle, without area and perhaps without material.
             let emitted = per_area.get(t.material as usize).copied().unwrap_or_default();
             if emitted > 0.0 {
@@ -273,9 +275,9 @@ fn set_picks(lights: &mut [Light], first: u32) {
     }
 }
 
-/// Shaders read the table of nodes by texels.
+/// Rows of tables that nodes take.
 pub(super) fn rows(nodes: &[Node]) -> u32 {
-    size_of_val(nodes) as u32 / TEXEL_BYTES
+    (size_of_val(nodes) / ROW_BYTES) as u32
 }
 
 /// Puts what has another size behind the nodes of the triangles' trees.

@@ -5,7 +5,7 @@ use std::mem::offset_of;
 use glam::{UVec2, Vec2, Vec3, Vec4};
 
 use crate::accel::{Instance, MAX_DEPTH, Node};
-use crate::wgsl::{Constant, shared_constants, shared_structs};
+use crate::wgsl::{Constant, ROW_BYTES, Table, shared_constants, shared_structs};
 
 shared_structs! {
     /// Factors of glTF's metallic-roughness material and its extensions, and the textures that multiply them.
@@ -77,13 +77,54 @@ shared_structs! {
         pub pad: UVec2,
     }
 
+    /// The second set of texture coordinates of a triangle's corners.
+    pub struct SecondUvs {
+        pub uv0: Vec2,
+        pub uv1: Vec2,
+        pub uv2: Vec2,
+        pub pad: Vec2,
+    }
+
     /// Alias table and density of the grid over the environment image. Densities are over the map's (u, v) square.
     pub struct EnvCell {
         pub keep: f32,
         pub alias_index: u32,
         pub density: f32,
+        pub pad: u32,
+    }
+
+    /// First rows of tables; 0 of those that are empty and need not be there.
+    pub struct Tables {
+        pub triangles: u32,
+        pub shadings: u32,
+        /// Three a triangle.
+        pub vertex_colors: u32,
+        pub second_uvs: u32,
+        /// Three a triangle.
+        pub tangents: u32,
+        pub materials: u32,
+        pub textures: u32,
+        /// Spheres first, then other local lights, then directional ones.
+        pub lights: u32,
+        pub env_cells: u32,
+        /// One code a row.
+        pub srgb: u32,
+        /// One node a row.
+        pub albedo: u32,
+        pub pad: u32,
     }
 }
+
+/// Tables that shaders read by entries.
+pub(super) const TABLES: &[Table] = &[
+    Table { entry: "Triangle", reader: "stored_triangle", first_row: "triangles" },
+    Table { entry: "Shading", reader: "stored_shading", first_row: "shadings" },
+    Table { entry: "SecondUvs", reader: "stored_second_uvs", first_row: "second_uvs" },
+    Table { entry: "Material", reader: "stored_material", first_row: "materials" },
+    Table { entry: "TextureInfo", reader: "stored_texture", first_row: "textures" },
+    Table { entry: "Light", reader: "stored_light", first_row: "lights" },
+    Table { entry: "EnvCell", reader: "stored_env_cell", first_row: "env_cells" },
+];
 
 /// What a material's texture is for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -152,15 +193,15 @@ shared_constants! {
     /// Deepest light tree: a trail has a bit per level.
     pub const LIGHT_LEVELS: u32 = 32;
 
-    /// Nodes of the triangles' trees in a row of the texture that has all trees.
-    pub const NODES_PER_ROW: u32 = 1024;
+    /// Rows of tables in a row of the texture that has them.
+    pub const TABLE_WIDTH: u32 = 8192;
 
-    /// Texels of the trees' texture that a node of the triangles' trees takes, and an instance; of the latter, those before
-    /// the matrix into its space and before its numbers.
-    const TEXELS_PER_NODE: u32 = size_of::<Node>() as u32 / TEXEL_BYTES;
-    const ROWS_PER_INSTANCE: u32 = size_of::<Instance>() as u32 / TEXEL_BYTES;
-    const LOCAL_FROM_WORLD: u32 = offset_of!(Instance, local_from_world) as u32 / TEXEL_BYTES;
-    const INSTANCE_HEADER: u32 = offset_of!(Instance, first_prim) as u32 / TEXEL_BYTES;
+    /// Rows that a node of the triangles' trees takes, and an instance; of the latter, those before the matrix into its
+    /// space and before its numbers.
+    const ROWS_PER_NODE: u32 = (size_of::<Node>() / ROW_BYTES) as u32;
+    const ROWS_PER_INSTANCE: u32 = (size_of::<Instance>() / ROW_BYTES) as u32;
+    const LOCAL_FROM_WORLD: u32 = (offset_of!(Instance, local_from_world) / ROW_BYTES) as u32;
+    const INSTANCE_HEADER: u32 = (offset_of!(Instance, first_prim) / ROW_BYTES) as u32;
 
     /// Nodes of the albedo table along the cosine and along perceptual roughness, both from 0 to 1.
     pub const ALBEDO_GRID: u32 = 32;
@@ -168,9 +209,6 @@ shared_constants! {
     /// Most levels of all trees that a ray goes through.
     const STACK_SIZE: u32 = MAX_DEPTH as u32;
 }
-
-/// Of the trees' texture.
-pub const TEXEL_BYTES: u32 = 16;
 
 /// Microfacets smoother than this are a mirror; the square of perceptual roughness.
 pub const SMOOTH: f32 = 1e-4;

@@ -3,17 +3,18 @@
 //!
 //! Primitives of a bottom-level structure are numbered as the triangles of its tree. Where some of these are opaque and
 //! others ask for their alpha, there is a geometry for either, with all triangles; those of the other kind are points
-//! there, which no ray can meet. So no table is needed that leads from primitives to triangles.
+//! there, which no ray can meet, and so are copies of triangles. So no table is needed that leads from primitives to
+//! triangles.
 
 use std::ops::Range;
 
 use wgpu::util::DeviceExt;
 
-use crate::accel::{Accel, Instance, TRIANGLE_ALPHA, Triangle};
+use crate::accel::{Accel, Instance, Triangle};
 use crate::device::GpuDevice;
 use crate::stages::limits::{self, LimitExceeded};
 
-/// Corners of triangles lie in the triangles' table, one every so many bytes.
+/// Corners lie in triangles, one every so many bytes.
 const CORNER_BYTES: u64 = size_of::<Triangle>() as u64 / 3;
 
 const FLAGS: wgpu::AccelerationStructureFlags = wgpu::AccelerationStructureFlags::PREFER_FAST_TRACE;
@@ -33,11 +34,11 @@ struct Bottom {
     geometries: Vec<Geometry>,
 }
 
-/// Builds the structures; `triangles` is the table of triangles on the device.
+/// Builds the structures.
 ///
 /// # Errors
 /// If the scene has more triangles or instances than the device takes.
-pub fn build(gpu: &GpuDevice, accel: &Accel, triangles: &wgpu::Buffer) -> Result<wgpu::Tlas, LimitExceeded> {
+pub fn build(gpu: &GpuDevice, accel: &Accel) -> Result<wgpu::Tlas, LimitExceeded> {
     let largest = accel.trees.iter().map(Range::len).max().unwrap_or(0);
     limits::check(&gpu.device.limits(), gpu.info.index, limits::of_structures(largest, accel.instances.len()))?;
     let is_bare = accel.trees.iter().all(Range::is_empty);
@@ -45,7 +46,12 @@ pub fn build(gpu: &GpuDevice, accel: &Accel, triangles: &wgpu::Buffer) -> Result
     let stored = is_bare.then_some(0..accel.triangles.len() as u32);
     let rows = accel.trees.iter().cloned().chain(stored).filter(|rows| !rows.is_empty());
     let bottoms: Vec<Bottom> = rows.map(|rows| bottom(gpu, accel, rows)).collect();
-    let entries: Vec<_> = bottoms.iter().map(|bottom| bottom.entry(triangles)).collect();
+    let corners = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+        label: Some("triangles' corners"),
+        contents: bytemuck::cast_slice(&accel.triangles),
+        usage: wgpu::BufferUsages::BLAS_INPUT,
+    });
+    let entries: Vec<_> = bottoms.iter().map(|bottom| bottom.entry(&corners)).collect();
     let mut tlas = gpu.device.create_tlas(&wgpu::CreateTlasDescriptor {
         label: Some("instances"),
         max_instances: accel.instances.len() as u32,
@@ -73,22 +79,23 @@ fn place(instance: &Instance) -> [f32; 12] {
 
 fn bottom(gpu: &GpuDevice, accel: &Accel, rows: Range<u32>) -> Bottom {
     let triangles = &accel.triangles[rows.start as usize..rows.end as usize];
-    let asks_alpha = |t: &Triangle| t.flags & TRIANGLE_ALPHA != 0;
+    let asks_alpha = Triangle::asks_alpha;
     let kinds: Vec<bool> =
         [false, true].into_iter().filter(|&k| triangles.iter().any(|t| asks_alpha(t) == k)).collect();
-    let is_mixed = kinds.len() > 1;
+    let is_first = |i: usize| triangles[i].is_first(rows.start as usize + i);
+    let has_points = kinds.len() > 1 || !(0..triangles.len()).all(is_first);
     let corners = 3 * triangles.len() as u32;
     let geometry = |alpha: bool| {
         let opaque = wgpu::AccelerationStructureGeometryFlags::OPAQUE;
         let size = wgpu::BlasTriangleGeometrySizeDescriptor {
             vertex_format: wgpu::VertexFormat::Float32x3,
             vertex_count: corners,
-            index_format: is_mixed.then_some(wgpu::IndexFormat::Uint32),
-            index_count: is_mixed.then_some(corners),
+            index_format: has_points.then_some(wgpu::IndexFormat::Uint32),
+            index_count: has_points.then_some(corners),
             flags: if alpha { wgpu::AccelerationStructureGeometryFlags::empty() } else { opaque },
         };
-        let indices = is_mixed.then(|| {
-            let kinds = triangles.iter().map(|t| asks_alpha(t) == alpha);
+        let indices = has_points.then(|| {
+            let kinds = (0..).zip(triangles).map(|(i, t)| asks_alpha(t) == alpha && is_first(i));
             gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
                 label: Some("corners of opaque triangles, or of others"),
                 contents: bytemuck::cast_slice(&indices(kinds)),

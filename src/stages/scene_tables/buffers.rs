@@ -3,56 +3,62 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use super::{SceneTables, acceleration, linear_from_srgb};
-use crate::accel::Node;
-use crate::device::{GpuDevice, Nodes, SceneAccess, Traversal};
+use super::{SceneTables, acceleration};
+use crate::device::{GpuDevice, SceneAccess, Tables, Traversal};
 use crate::image::{Extent, RgbImage};
 use crate::scene::{Environment, TexelImage};
-use crate::stages::albedo_table;
-use crate::stages::layout::TEXEL_BYTES;
-use crate::stages::limits::{self, LimitExceeded, Pages, SceneSizes, tree_size};
+use crate::stages::limits::{self, LimitExceeded, Pages, SceneSizes, table_size};
+use crate::wgsl::ROW_BYTES;
 
 /// A scene's tables on a device; group 0 of the tracing stages, but for the frame's constants at binding 0.
 pub struct SceneBuffers {
-    buffers: Vec<(u32, wgpu::Buffer)>,
+    /// Where shaders read the tables from a buffer.
+    buffer: Option<wgpu::Buffer>,
     textures: Vec<(u32, wgpu::TextureView)>,
     /// For hardware traversal.
     tlas: Option<wgpu::Tlas>,
 }
 
-/// Storage buffers among them, beside that of the trees' nodes.
-const SCENE_BUFFERS: usize = 11;
-
 /// How many storage buffers a pass binds that reads the scene.
-pub fn scene_buffers(nodes: Nodes) -> usize {
-    SCENE_BUFFERS + usize::from(nodes == Nodes::Buffer)
+pub fn scene_buffers(tables: Tables) -> usize {
+    usize::from(tables == Tables::Buffer)
 }
 
-/// Binding of the triangles.
-const TRIANGLES: u32 = 2;
+/// The tables, the textures' texels, the environment image, and the instances for hardware traversal.
+const TABLES: u32 = 1;
+const TEXELS: u32 = 2;
+const ENVIRONMENT: u32 = 3;
+const INSTANCES: u32 = 4;
 
-/// Bindings 1 to 14, and 15 for hardware traversal.
-pub fn layout_entries(SceneAccess { nodes, traversal }: SceneAccess) -> Vec<wgpu::BindGroupLayoutEntry> {
+const TABLE_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Uint;
+
+pub fn layout_entries(SceneAccess { tables, traversal }: SceneAccess) -> Vec<wgpu::BindGroupLayoutEntry> {
     let entry =
         |binding, ty| wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None };
-    let storage = wgpu::BindingType::Buffer {
-        ty: wgpu::BufferBindingType::Storage { read_only: true },
-        has_dynamic_offset: false,
-        min_binding_size: None,
+    let texture = |view_dimension| wgpu::BindingType::Texture {
+        sample_type: wgpu::TextureSampleType::Float { filterable: false },
+        view_dimension,
+        multisampled: false,
     };
-    let texture =
-        |sample_type, view_dimension| wgpu::BindingType::Texture { sample_type, view_dimension, multisampled: false };
-    let float = wgpu::TextureSampleType::Float { filterable: false };
-    let buffers: [u32; SCENE_BUFFERS] = [2, 3, 4, 5, 6, 8, 9, 11, 12, 13, 14];
-    let mut entries: Vec<_> = buffers.map(|b| entry(b, storage)).into();
-    entries.push(match nodes {
-        Nodes::Buffer => entry(1, storage),
-        Nodes::Texture => entry(1, texture(wgpu::TextureSampleType::Uint, wgpu::TextureViewDimension::D2)),
-    });
-    entries.push(entry(7, texture(float, wgpu::TextureViewDimension::D2Array)));
-    entries.push(entry(10, texture(float, wgpu::TextureViewDimension::D2)));
+    let tables = match tables {
+        Tables::Buffer => wgpu::BindingType::Buffer {
+            ty: wgpu::BufferBindingType::Storage { read_only: true },
+            has_dynamic_offset: false,
+            min_binding_size: None,
+        },
+        Tables::Texture => wgpu::BindingType::StorageTexture {
+            access: wgpu::StorageTextureAccess::ReadOnly,
+            format: TABLE_FORMAT,
+            view_dimension: wgpu::TextureViewDimension::D2,
+        },
+    };
+    let mut entries = vec![
+        entry(TABLES, tables),
+        entry(TEXELS, texture(wgpu::TextureViewDimension::D2Array)),
+        entry(ENVIRONMENT, texture(wgpu::TextureViewDimension::D2)),
+    ];
     if traversal == Traversal::Hardware {
-        entries.push(entry(15, wgpu::BindingType::AccelerationStructure { vertex_return: false }));
+        entries.push(entry(INSTANCES, wgpu::BindingType::AccelerationStructure { vertex_return: false }));
     }
     entries
 }
@@ -61,89 +67,67 @@ impl SceneBuffers {
     /// # Errors
     /// A scene that is beyond the limits of the device.
     pub fn new(gpu: &GpuDevice, tables: &SceneTables) -> Result<Self, LimitExceeded> {
-        let srgb: Vec<f32> = (0..=255).map(linear_from_srgb).collect();
-        let albedo = albedo_table::table();
-        let emitters = &tables.emitters;
-        let mut contents = vec![
-            (TRIANGLES, "triangles", bytes_of(&tables.accel.triangles)),
-            (3, "normals and texture coordinates", bytes_of(&tables.accel.shadings)),
-            (4, "vertex colours", bytes_of(&tables.accel.colors)),
-            (5, "materials", bytes_of(&tables.materials)),
-            (6, "texture table", bytes_of(&tables.textures)),
-            (8, "sRGB table", bytes_of(&srgb)),
-            (9, "lights", bytes_of(&emitters.lights)),
-            (11, "environment grid", bytes_of(&emitters.env_cells)),
-            (12, "second texture coordinates", bytes_of(&tables.accel.second_uvs)),
-            (13, "tangents", bytes_of(&tables.accel.tangents)),
-            (14, "albedo table", bytes_of(&albedo)),
-        ];
-        let nodes = &tables.accel.nodes;
-        let SceneAccess { nodes: read_from, traversal } = gpu.scene_access();
-        let is_textured = read_from == Nodes::Texture;
-        if !is_textured {
-            contents.push((1, "tree", bytes_of(nodes)));
-        }
+        let SceneAccess { tables: read_from, traversal } = gpu.scene_access();
+        let parts = tables.in_order().1;
+        let bytes: usize = parts.iter().map(|part| part.len()).sum();
         let environment = environment_image(&tables.environment);
         let sizes = SceneSizes {
-            buffers: contents.iter().map(|(_, what, bytes)| (*what, bytes.len() as u64)).collect(),
-            textured_nodes: if is_textured { nodes.len() } else { 0 },
+            rows: (bytes / ROW_BYTES) as u64,
+            tables: read_from,
             texels: tables.images.iter().map(|image| image.pixels.len()).sum(),
             environment: environment.extent,
         };
         limits::check(&gpu.device.limits(), gpu.info.index, limits::of_scene(&sizes))?;
-        let (mut buffers, mut tlas) = (Vec::new(), None);
-        for (binding, what, bytes) in &contents {
-            let is_built_from = traversal == Traversal::Hardware && *binding == TRIANGLES;
-            let more = if is_built_from { wgpu::BufferUsages::BLAS_INPUT } else { wgpu::BufferUsages::empty() };
-            let buffer = upload(gpu, what, bytes, more);
-            if is_built_from {
-                tlas = Some(acceleration::build(gpu, &tables.accel, &buffer)?);
-            }
-            buffers.push((*binding, buffer));
-        }
+        let is_hardware = traversal == Traversal::Hardware;
+        let tlas = is_hardware.then(|| acceleration::build(gpu, &tables.accel)).transpose()?;
         let mut textures = vec![
-            (7, upload_pages(gpu, &tables.images, &Pages::of(sizes.texels))),
-            (10, upload_environment(gpu, &environment)),
+            (TEXELS, upload_pages(gpu, &tables.images, &Pages::of(sizes.texels))),
+            (ENVIRONMENT, upload_environment(gpu, &environment)),
         ];
-        textures.extend(is_textured.then(|| (1, upload_tree(gpu, nodes))));
-        Ok(Self { buffers, textures, tlas })
+        let buffer = match read_from {
+            Tables::Buffer => Some(upload(gpu, &parts, bytes)),
+            Tables::Texture => {
+                textures.push((TABLES, upload_rows(gpu, &parts, sizes.rows)));
+                None
+            }
+        };
+        Ok(Self { buffer, textures, tlas })
     }
 
     pub fn entries(&self) -> Vec<wgpu::BindGroupEntry<'_>> {
-        let buffers = self.buffers.iter().map(|(binding, b)| (*binding, b.as_entire_binding()));
+        let buffer = self.buffer.iter().map(|b| (TABLES, b.as_entire_binding()));
         let textures = self.textures.iter().map(|(binding, v)| (*binding, wgpu::BindingResource::TextureView(v)));
-        let tlas = self.tlas.iter().map(|tlas| (15, wgpu::BindingResource::AccelerationStructure(tlas)));
-        let all = buffers.chain(textures).chain(tlas);
+        let tlas = self.tlas.iter().map(|tlas| (INSTANCES, wgpu::BindingResource::AccelerationStructure(tlas)));
+        let all = buffer.chain(textures).chain(tlas);
         all.map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }).collect()
     }
 }
 
-/// A table's bytes. No binding may be empty: a table without entries becomes one zeroed entry.
-fn bytes_of<T: bytemuck::Pod>(table: &[T]) -> Cow<'_, [u8]> {
-    if table.is_empty() { Cow::Owned(vec![0; size_of::<T>()]) } else { Cow::Borrowed(bytemuck::cast_slice(table)) }
-}
-
 /// A buffer with these contents, unless the device has failed.
-fn upload(gpu: &GpuDevice, label: &str, contents: &[u8], more: wgpu::BufferUsages) -> wgpu::Buffer {
-    let size = (contents.len() as u64).next_multiple_of(wgpu::COPY_BUFFER_ALIGNMENT);
-    let usage = wgpu::BufferUsages::STORAGE | more;
-    let descriptor = wgpu::BufferDescriptor { label: Some(label), size, usage, mapped_at_creation: true };
+fn upload(gpu: &GpuDevice, parts: &[Cow<'_, [u8]>], bytes: usize) -> wgpu::Buffer {
+    let (size, usage) = (bytes as u64, wgpu::BufferUsages::STORAGE);
+    let descriptor = wgpu::BufferDescriptor { label: Some("tables"), size, usage, mapped_at_creation: true };
     let buffer = gpu.device.create_buffer(&descriptor);
     if let Ok(mut mapped) = buffer.get_mapped_range_mut(..) {
-        mapped.slice(..contents.len()).copy_from_slice(contents);
+        let mut at = 0;
+        for part in parts {
+            mapped.slice(at..at + part.len()).copy_from_slice(part);
+            at += part.len();
+        }
     }
     buffer.unmap();
     buffer
 }
 
-/// Nodes row after row.
-fn upload_tree(gpu: &GpuDevice, nodes: &[Node]) -> wgpu::TextureView {
-    let [width, height] = tree_size(nodes.len());
+/// Texel after texel, and row of texels after row.
+fn upload_rows(gpu: &GpuDevice, parts: &[Cow<'_, [u8]>], rows: u64) -> wgpu::TextureView {
+    let [width, height] = table_size(rows);
     let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
-    let texture = new_texture(gpu, "tree", size, wgpu::TextureFormat::Rgba32Uint);
-    let mut bytes: Vec<u8> = bytemuck::cast_slice(nodes).to_vec();
-    bytes.resize((width * TEXEL_BYTES) as usize * height as usize, 0);
-    write_layer(gpu, &texture, 0, width, TEXEL_BYTES, &bytes);
+    let texture = new_texture(gpu, "tables", size, TABLE_FORMAT);
+    let row_bytes = width as usize * ROW_BYTES;
+    let mut bytes = parts.concat();
+    bytes.resize(row_bytes * height as usize, 0);
+    write_layer(gpu, &texture, 0, width, ROW_BYTES as u32, &bytes);
     texture.create_view(&Default::default())
 }
 
@@ -183,6 +167,8 @@ fn upload_environment(gpu: &GpuDevice, image: &RgbImage) -> wgpu::TextureView {
 }
 
 fn new_texture(gpu: &GpuDevice, label: &str, size: wgpu::Extent3d, format: wgpu::TextureFormat) -> wgpu::Texture {
+    let is_storage = format == TABLE_FORMAT;
+    let read = if is_storage { wgpu::TextureUsages::STORAGE_BINDING } else { wgpu::TextureUsages::TEXTURE_BINDING };
     gpu.device.create_texture(&wgpu::TextureDescriptor {
         label: Some(label),
         size,
@@ -190,7 +176,7 @@ fn new_texture(gpu: &GpuDevice, label: &str, size: wgpu::Extent3d, format: wgpu:
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
         format,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        usage: read | wgpu::TextureUsages::COPY_DST,
         view_formats: &[],
     })
 }
