@@ -37,7 +37,7 @@ fn densities(p: vec3<f32>, n: vec3<f32>, direction: vec3<f32>) -> vec2<f32> {
         if (hit.prim & SPHERE) != 0u {
             lamp = sphere_pdf(p, n, hit.prim & ~SPHERE);
         } else {
-            let tri = triangles[hit.prim];
+            let tri = stored_triangle(hit.prim);
             let m = materials[tri.material];
             let faces = dot(cross(tri.v1 - tri.v0, tri.v2 - tri.v0), direction) < 0.0;
             if faces || (m.flags & DOUBLE_SIDED) != 0u {
