@@ -7,8 +7,8 @@ use std::sync::Arc;
 use petgraph::Direction;
 use petgraph::graph::{DiGraph, NodeIndex};
 
-use super::program::{Linked, Program};
 use super::parcels::{Parcel, trips};
+use super::program::{Linked, Program};
 use super::resource::{Resource, Scope};
 use super::rows::{overlap, scale, share, subtract, widen};
 use super::{Assignment, Dispatch};
@@ -380,7 +380,8 @@ impl<'a> Builder<'a> {
             let task = &self.dag[transfer.down];
             let TaskKind::Download { image, .. } = task.kind else { continue };
             let row_bytes = self.program.images()[image].resource.row_bytes(self.program.extent);
-            let (parcel, transfers) = of_devices.entry(task.device).or_insert((Parcel { ready: 0, due, bytes: 0 }, vec![]));
+            let (parcel, transfers) =
+                of_devices.entry(task.device).or_insert((Parcel { ready: 0, due, bytes: 0 }, vec![]));
             parcel.ready = parcel.ready.max(task.key.pass);
             parcel.bytes += row_bytes * u64::from(task.rows.end - task.rows.start);
             transfers.push(transfer);

@@ -97,7 +97,10 @@ mod tests {
             let parcels: Vec<Parcel> = (0..count % 20).map(parcel).collect();
             for (Parcel { ready, due, bytes }, trip) in parcels.iter().zip(trips(&parcels, END)) {
                 let Trip { leaves_behind, arrives_before } = trip;
-                assert!(*ready <= leaves_behind && leaves_behind < arrives_before && arrives_before <= *due, "{trip:?}");
+                assert!(
+                    *ready <= leaves_behind && leaves_behind < arrives_before && arrives_before <= *due,
+                    "{trip:?}"
+                );
                 assert!(*bytes < FEW_BYTES || (leaves_behind, arrives_before) == (*ready, *due), "{trip:?}");
             }
         }
