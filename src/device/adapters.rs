@@ -231,9 +231,12 @@ fn open_one(
     let _guard = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
     let quirks = report.quirks;
     if quirks.threads_by_environment {
+        // A queue has a thread of its own, which does the work where there is no other. One other would take turns with
+        // it, and each dispatch would wake both.
+        let others = if threads > 1 { threads } else { 0 };
         // SAFETY: Mesa reads the variable while a device is made, which happens under the lock held here; nothing else
         // in this program reads or writes the environment from another thread at that time.
-        unsafe { std::env::set_var("LP_NUM_THREADS", threads.to_string()) };
+        unsafe { std::env::set_var("LP_NUM_THREADS", others.to_string()) };
     }
     let instance = new_instance();
     let adapter = enumerate(&instance).into_iter().nth(report.index).ok_or(DeviceError::NoAdapter)?;

@@ -182,6 +182,13 @@ impl Frames {
         self.in_flight.push_back(InFlight { inputs, report, attempt, graph, ticket, limit, injections });
     }
 
+    /// Notes how long the frame that was handed out last is predicted to take.
+    pub fn predict_last(&mut self, makespan_ms: Option<f64>) {
+        if let Some(frame) = self.in_flight.back_mut() {
+            frame.report.predicted_ms = makespan_ms;
+        }
+    }
+
     /// What a device may take for one thing that is waited for. Frames that were begun before may come first.
     fn limit(&self, inputs: &Inputs) -> Duration {
         self.limits.limit(inputs.samples() * self.capacity as u64)

@@ -301,8 +301,6 @@ impl Renderer {
         inputs.constants.history = layout::History::new(history.as_ref().map(|(_, rows)| *rows));
         let left = self.frames.devices_left();
         let (plan, graph) = self.planner.plan(&mut self.costs, &inputs, &left, history);
-        let known = self.costs.has_learned() && !overlapped;
-        let predicted = known.then(|| simulate(&graph, &self.costs).ok()).flatten();
         let report = FrameReport {
             index,
             begin_ms: attempt.begin_ms,
@@ -310,7 +308,7 @@ impl Renderer {
             interval_ms: None,
             slot: inputs.place.slot,
             overlapped,
-            predicted_ms: predicted.map(|p| p.makespan_ms),
+            predicted_ms: None,
             plan_ms: self.frames.now_ms() - now_ms,
             tasks: Vec::new(),
             clock_residuals_us: Vec::new(),
@@ -329,6 +327,10 @@ impl Renderer {
             bound_ms.map_or_else(Vec::new, |ms| cuts(&graph, &self.costs, device, ms, (spp, stages.jitter(spp))))
         };
         self.frames.hand_out(inputs, (&plan, Arc::clone(&graph)), cuts, report, attempt);
+        // The devices are at work meanwhile.
+        let known = self.costs.has_learned() && !overlapped;
+        let predicted = known.then(|| simulate(&graph, &self.costs).ok()).flatten();
+        self.frames.predict_last(predicted.map(|p| p.makespan_ms));
         self.planned = Some((plan, graph));
     }
 

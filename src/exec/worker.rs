@@ -105,6 +105,7 @@ impl Worker {
             Action::Begin { ticket } => part_of(parts, ticket)?.begin(device),
             Action::Record { ticket, task } => part_of(parts, ticket)?.record(device, task),
             Action::RecordTimestamps { ticket } => part_of(parts, ticket)?.record_stamps(device),
+            Action::Close { ticket } => part_of(parts, ticket)?.close(),
             Action::Submit { ticket } => part_of(parts, ticket)?.submit(device),
             Action::SubmitUploads { ticket } => part_of(parts, ticket)?.submit_uploads(device),
             Action::Inject { kind } => device.inject(kind),
@@ -128,8 +129,9 @@ impl Worker {
             }
             Action::Read { .. } => {
                 let (image, place) = self.read.take().ok_or_else(|| "it has nothing to read".to_owned())?;
-                let backs = device.request(&image, place)?;
-                self.done = Some(Answer::Pixels(device.take(backs)?));
+                for back in device.request(&[image], place)? {
+                    self.done = Some(Answer::Pixels(device.take(back)?));
+                }
             }
             Action::CallOff { ticket } => transport.call_off(ticket),
             Action::Answer { ticket, outcome } => self.answer(ticket, outcome),

@@ -1,19 +1,21 @@
 //! Builds the DAG of one frame from its program and the stripes.
 
+use std::collections::BTreeMap;
 use std::ops::Range;
 use std::sync::Arc;
 
 use petgraph::Direction;
 use petgraph::graph::{DiGraph, NodeIndex};
 
+use super::parcels::{Parcel, trips};
 use super::program::{Linked, Program};
 use super::resource::{Resource, Scope};
 use super::rows::{overlap, scale, share, subtract, widen};
 use super::{Assignment, Dispatch};
 use crate::scene::rig::Eye;
 
-/// Position of a task in the one order that all devices keep. Downloads come right after their producer, uploads right
-/// before their consumer. Every edge of the graph goes from a smaller key to a larger one, so workers that each take
+/// Position of a task in the one order that all devices keep. Downloads come behind their producer, uploads before their
+/// consumer, and [`super::parcels`] says where between the two. Every edge of the graph goes from a smaller key to a larger one, so workers that each take
 /// their tasks by key cannot wait for one another in a circle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Key {
@@ -190,8 +192,17 @@ struct Builder<'a> {
     works: Vec<bool>,
     transfers: u32,
     serial: u32,
-    /// The downloads of the consumer that is being added.
-    downloads: Vec<NodeIndex>,
+    /// The transfers of the consumer that is being added.
+    moved: Vec<Transfer>,
+    /// Those of consumers before, with what each wait for.
+    parcels: Vec<(Parcel, Vec<Transfer>)>,
+}
+
+/// The two tasks of a transfer.
+#[derive(Clone, Copy, Debug)]
+struct Transfer {
+    down: NodeIndex,
+    up: NodeIndex,
 }
 
 const UPLOAD: u8 = 0;
@@ -207,7 +218,8 @@ impl<'a> Builder<'a> {
             works: assignment.works(),
             transfers: 0,
             serial: 0,
-            downloads: Vec::new(),
+            moved: Vec::new(),
+            parcels: Vec::new(),
         }
     }
 
@@ -246,7 +258,6 @@ impl<'a> Builder<'a> {
             let kind = TaskKind::Dispatch { pass: number as usize, valid: own.clone() };
             let node = self.dag.add_node(Task { kind, view: pass.view, device, rows: rows.clone(), key });
             let mut valid = own.clone();
-            self.downloads.clear();
             for (used, &image) in pass.uses.iter().zip(&linked.images).filter(|(u, _)| u.is_read()) {
                 let image_height = used.image.resource.extent(self.program.extent).height;
                 let wanted = used.reach.rows(&scale(&rows, height, image_height), image_height);
@@ -259,7 +270,7 @@ impl<'a> Builder<'a> {
                     Scope::Device => self.need_own(image, node),
                 }
             }
-            self.join_downloads();
+            self.close_parcels(number);
             if let TaskKind::Dispatch { valid: rows, .. } = &mut self.dag[node].kind {
                 *rows = valid;
             }
@@ -339,7 +350,7 @@ impl<'a> Builder<'a> {
         }
         self.dag.update_edge(down, up, image);
         self.dag.update_edge(up, consumer, image);
-        self.downloads.push(down);
+        self.moved.push(Transfer { down, up });
         Holding { rows, device: to, node: Some(up) }
     }
 
@@ -352,23 +363,40 @@ impl<'a> Builder<'a> {
         let is_read = |image: &usize| is_read(&self.program.images()[*image].resource);
         let outputs: Vec<usize> = self.program.outputs().filter(is_read).collect();
         for view in Eye::ALL {
-            self.downloads.clear();
             for &image in &outputs {
                 let rows = self.program.images()[image].resource.extent(self.program.extent).rows();
                 self.need(image, view, rows, node, pass);
             }
-            self.join_downloads();
+            self.close_parcels(pass);
         }
+        self.dispatch_parcels(pass);
     }
 
-    /// Lets the downloads that one consumer waits for leave a device together, when the last of them is ready. A
-    /// submission for each of them would gain nothing.
-    fn join_downloads(&mut self) {
-        for &node in &self.downloads {
-            let device = self.dag[node].device;
-            let of_device = self.downloads.iter().filter(|&&other| self.dag[other].device == device);
-            let last = of_device.map(|&other| self.dag[other].key.pass).max().unwrap_or(0);
-            self.dag[node].key.pass = last;
+    /// What the consumer that was added waits for leaves each device together. A submission for each transfer would gain
+    /// nothing.
+    fn close_parcels(&mut self, due: u32) {
+        let mut of_devices: BTreeMap<usize, (Parcel, Vec<Transfer>)> = BTreeMap::new();
+        for transfer in self.moved.drain(..) {
+            let task = &self.dag[transfer.down];
+            let TaskKind::Download { image, .. } = task.kind else { continue };
+            let row_bytes = self.program.images()[image].resource.row_bytes(self.program.extent);
+            let (parcel, transfers) =
+                of_devices.entry(task.device).or_insert((Parcel { ready: 0, due, bytes: 0 }, vec![]));
+            parcel.ready = parcel.ready.max(task.key.pass);
+            parcel.bytes += row_bytes * u64::from(task.rows.end - task.rows.start);
+            transfers.push(transfer);
+        }
+        self.parcels.extend(of_devices.into_values());
+    }
+
+    /// Says when rows leave and arrive; `end` is the number behind the last pass.
+    fn dispatch_parcels(&mut self, end: u32) {
+        let (parcels, transfers): (Vec<_>, Vec<_>) = self.parcels.drain(..).unzip();
+        for (trip, transfers) in trips(&parcels, end).into_iter().zip(transfers) {
+            for Transfer { down, up } in transfers {
+                self.dag[down].key.pass = trip.leaves_behind;
+                self.dag[up].key.pass = trip.arrives_before;
+            }
         }
     }
 }

@@ -8,6 +8,7 @@
 mod build;
 mod halo;
 mod launch;
+mod parcels;
 mod pass;
 mod program;
 mod resource;

@@ -29,6 +29,7 @@ impl Worker {
                 Action::Begin { .. }
                 | Action::Record { .. }
                 | Action::RecordTimestamps { .. }
+                | Action::Close { .. }
                 | Action::Submit { .. }
                 | Action::SubmitUploads { .. }
                 | Action::Receive { .. } => self.protocol = after,

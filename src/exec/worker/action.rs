@@ -45,6 +45,10 @@ pub enum Action<B> {
     RecordTimestamps {
         ticket: u64,
     },
+    /// End the command encoder, which is what takes the host's time.
+    Close {
+        ticket: u64,
+    },
     /// Submit what is recorded.
     Submit {
         ticket: u64,

@@ -158,21 +158,28 @@ impl WorkerDevice {
         self.clock.residual_us
     }
 
-    /// Asks for an image, both eyes.
+    /// Asks for images, both eyes of each.
     ///
     /// # Errors
-    /// That no pass writes it.
-    pub fn request(&mut self, image: &Output, place: Place) -> Result<[ReadBack; 2], DeviceFailure> {
-        let resource = self.stages.images.find(&image.name, image.number);
-        let resource = resource.ok_or_else(|| format!("no pass writes the image {}", image.name))?;
-        let bound = Bound { resource, buffer: 0, is_before: false };
-        let (offset, size) = self.stages.images.whole(&resource);
-        Ok(Eye::ALL.map(|eye| {
-            let mut encoder = self.encoder();
-            let source = self.stages.images.buffer(&bound, eye, place);
-            let copy = self.pool.record(&self.gpu, &mut encoder, source, offset, size);
-            copy.submitted(self.gpu.queue.submit([encoder.finish()]))
-        }))
+    /// That no pass writes one of them.
+    pub fn request(&mut self, images: &[Output], place: Place) -> Result<Vec<[ReadBack; 2]>, DeviceFailure> {
+        let mut encoder = self.encoder();
+        let mut copies = Vec::new();
+        for image in images {
+            let resource = self.stages.images.find(&image.name, image.number);
+            let resource = resource.ok_or_else(|| format!("no pass writes the image {}", image.name))?;
+            let bound = Bound { resource, buffer: 0, is_before: false };
+            let (offset, size) = self.stages.images.whole(&resource);
+            copies.push(Eye::ALL.map(|eye| {
+                let source = self.stages.images.buffer(&bound, eye, place);
+                self.pool.record(&self.gpu, &mut encoder, source, offset, size)
+            }));
+        }
+        if copies.is_empty() {
+            return Ok(Vec::new());
+        }
+        let submission = self.gpu.queue.submit([encoder.finish()]);
+        Ok(copies.into_iter().map(|eyes| eyes.map(|copy| copy.submitted(submission.clone()))).collect())
     }
 
     /// An image that was asked for.

@@ -25,6 +25,8 @@ pub struct Part {
     /// When its first submission was handed out.
     submitted_ms: Option<f64>,
     encoder: Option<wgpu::CommandEncoder>,
+    /// Of an encoder that has ended.
+    commands: Option<wgpu::CommandBuffer>,
     /// In the encoder: rows for others, by task and transfer, and the timestamps.
     copies: Vec<(usize, u32, Recorded)>,
     stamps_copy: Option<Recorded>,
@@ -49,6 +51,7 @@ impl Part {
             end_ms: 0.0,
             submitted_ms: None,
             encoder: None,
+            commands: None,
             copies: Vec::new(),
             stamps_copy: None,
             outgoing: HashMap::new(),
@@ -67,7 +70,9 @@ impl Part {
 
     /// What is to be done for it.
     pub fn script(&self, ticket: u64) -> Script {
-        let steps = |tasks: &[Task]| tasks.iter().map(step).collect::<Vec<_>>();
+        let is_cut = |number: usize| self.job.cuts.iter().any(|cut| cut.task == number);
+        let steps =
+            |tasks: &[Task]| tasks.iter().enumerate().map(|(i, task)| step(task, is_cut(i))).collect::<Vec<_>>();
         let (own, stitch) = self.graph.parts_of(self.device);
         Script::new(ticket, &steps(own), &steps(stitch), self.job.injected)
     }
@@ -105,12 +110,21 @@ impl Part {
         self.stamps_copy = device.record_stamps(encoder);
     }
 
+    /// Ends the encoder; wgpu encodes only now.
+    pub fn close(&mut self) {
+        let _span = tracing::info_span!("encode").entered();
+        self.commands = self.encoder.take().map(wgpu::CommandEncoder::finish);
+    }
+
     /// Submits what is recorded.
     pub fn submit(&mut self, device: &WorkerDevice) {
-        let Some(encoder) = self.encoder.take() else { return };
+        if self.encoder.is_some() {
+            self.close();
+        }
+        let Some(commands) = self.commands.take() else { return };
         let _span = tracing::info_span!("submit").entered();
         self.submitted_ms.get_or_insert_with(|| device.now_ms());
-        let submission = device.gpu.queue.submit([encoder.finish()]);
+        let submission = device.gpu.queue.submit([commands]);
         for (task, transfer, copy) in self.copies.drain(..) {
             self.outgoing.insert(transfer, (task, copy.submitted(submission.clone())));
         }
@@ -184,9 +198,7 @@ impl Part {
             }
         }
         if self.device == self.graph.primary {
-            for image in Output::of_frame(&self.graph.program, &self.job.reads) {
-                self.images.push(device.request(&image, self.job.place)?);
-            }
+            self.images = device.request(&Output::of_frame(&self.graph.program, &self.job.reads), self.job.place)?;
         }
         Ok(true)
     }
@@ -209,8 +221,9 @@ impl Part {
 }
 
 /// A task, as far as the order of actions depends on it.
-fn step(task: &Task) -> Step {
+fn step(task: &Task, is_cut: bool) -> Step {
     match task.kind {
+        TaskKind::Dispatch { .. } if is_cut => Step::CutDispatch,
         TaskKind::Dispatch { .. } => Step::Dispatch,
         TaskKind::Download { transfer, to, .. } => Step::Download { transfer, to },
         TaskKind::Upload { transfer, .. } => Step::Upload { transfer },

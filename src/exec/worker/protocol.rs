@@ -227,6 +227,7 @@ impl<B> Protocol<B> {
             }
             Some(Operation::Begin) => Some(Action::Begin { ticket }),
             Some(&Operation::Record(task)) => Some(Action::Record { ticket, task }),
+            Some(Operation::Close) => Some(Action::Close { ticket }),
             Some(Operation::RecordTimestamps) => Some(Action::RecordTimestamps { ticket }),
             Some(&Operation::Inject(kind)) => Some(Action::Inject { kind }),
             None => {

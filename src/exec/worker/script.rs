@@ -6,6 +6,8 @@ use crate::exec::InjectedKind;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Step {
     Dispatch,
+    /// A dispatch that is spread over several submissions.
+    CutDispatch,
     /// Rows leave for device `to`.
     Download {
         transfer: u32,
@@ -32,6 +34,8 @@ pub(super) enum Operation {
     /// Put a dispatch or a copy of rows into the command encoder, by the number of the task.
     Record(usize),
     RecordTimestamps,
+    /// End the command encoder.
+    Close,
     /// Submit what is recorded, with copies of these rows.
     Submit(Vec<Outgoing>),
     Inject(InjectedKind),
@@ -56,13 +60,15 @@ impl Script {
     /// through its own.
     ///
     /// What is recorded is submitted as late as possible: when rows must be waited for, and at the end. Copies leave
-    /// together, as soon as the last of a run of them is recorded.
+    /// together, as soon as the last of a run of them is recorded. Rows are waited for once everything up to the next
+    /// submission is recorded, at whose head they are written: the host records while the device is at the work before.
     pub fn new(ticket: u64, own: &[Step], stitch: &[Step], injected: Option<InjectedKind>) -> Self {
         let mut builder = Builder::default();
         builder.operations.push(Operation::Begin);
         for (i, step) in own.iter().enumerate() {
             if let Some(kind) = injected.filter(|_| i == own.len() / 2) {
                 builder.submit();
+                builder.write();
                 builder.operations.push(Operation::Inject(kind));
             }
             if !builder.copies.is_empty() && !matches!(step, Step::Download { .. }) {
@@ -70,13 +76,17 @@ impl Script {
             }
             match *step {
                 Step::Dispatch => builder.record(Operation::Record(i)),
+                Step::CutDispatch => {
+                    builder.write();
+                    builder.record(Operation::Record(i));
+                }
                 Step::Download { transfer, to } => {
                     builder.record(Operation::Record(i));
                     builder.copies.push(Outgoing { ticket, transfer, to });
                 }
                 Step::Upload { transfer } => {
                     builder.submit();
-                    builder.operations.push(Operation::Write { task: i, transfer });
+                    builder.writes.push(Operation::Write { task: i, transfer });
                 }
                 Step::Stitch => {}
             }
@@ -84,10 +94,11 @@ impl Script {
         if own.is_empty() {
             builder.operations.extend(injected.map(Operation::Inject));
         }
-        if own.contains(&Step::Dispatch) {
+        if own.iter().any(|step| matches!(step, Step::Dispatch | Step::CutDispatch)) {
             builder.record(Operation::RecordTimestamps);
         }
         builder.submit();
+        builder.write();
         let upload = |(i, step): (usize, &Step)| match *step {
             Step::Upload { transfer } => Some((own.len() + i, transfer)),
             _ => None,
@@ -107,6 +118,8 @@ struct Builder {
     /// Whether anything is recorded that has not been submitted.
     has_recorded: bool,
     copies: Vec<Outgoing>,
+    /// Behind the last submission, and before the next one.
+    writes: Vec<Operation>,
 }
 
 impl Builder {
@@ -115,8 +128,14 @@ impl Builder {
         self.has_recorded = true;
     }
 
+    fn write(&mut self) {
+        self.operations.append(&mut self.writes);
+    }
+
     fn submit(&mut self) {
         if std::mem::take(&mut self.has_recorded) {
+            self.operations.push(Operation::Close);
+            self.write();
             self.operations.push(Operation::Submit(std::mem::take(&mut self.copies)));
         }
     }
@@ -124,7 +143,7 @@ impl Builder {
 
 #[cfg(test)]
 mod tests {
-    use super::Operation::{Begin, Inject, Record, RecordTimestamps, Submit, Write};
+    use super::Operation::{Begin, Close, Inject, Record, RecordTimestamps, Submit, Write};
     use super::*;
 
     const TICKET: u64 = 7;
@@ -141,17 +160,26 @@ mod tests {
     fn copies_leave_together_and_uploads_wait_behind_a_submission() {
         let download = |transfer| Step::Download { transfer, to: 1 };
         let own = [Step::Dispatch, download(4), download(5), Step::Dispatch, Step::Upload { transfer: 6 }, download(8)];
-        let recorded = [Begin, Record(0), Record(1), Record(2), Submit(vec![rows(4), rows(5)]), Record(3)];
-        let written = [Submit(vec![]), Write { task: 4, transfer: 6 }, Record(5)];
-        let last = [RecordTimestamps, Submit(vec![rows(8)])];
-        assert_eq!(operations(&own, None), [&recorded[..], &written, &last].concat());
+        let first = [Begin, Record(0), Record(1), Record(2), Close, Submit(vec![rows(4), rows(5)])];
+        let second = [Record(3), Close, Submit(vec![])];
+        let last = [Record(5), RecordTimestamps, Close, Write { task: 4, transfer: 6 }, Submit(vec![rows(8)])];
+        assert_eq!(operations(&own, None), [&first[..], &second, &last].concat());
+    }
+
+    /// Its first part is submitted while it is recorded.
+    #[test]
+    fn rows_are_written_before_a_dispatch_that_is_cut_is_recorded() {
+        let own = [Step::Upload { transfer: 6 }, Step::Dispatch, Step::CutDispatch];
+        let expected = [Begin, Record(1), Write { task: 0, transfer: 6 }, Record(2), RecordTimestamps, Close];
+        assert_eq!(operations(&own, None), [&expected[..], &[Submit(vec![])]].concat());
     }
 
     #[test]
     fn a_fault_is_injected_half_way_behind_a_submission() {
         let kind = InjectedKind::Loss;
-        let expected = [Begin, Record(0), Submit(vec![]), Inject(kind), Record(1), RecordTimestamps, Submit(vec![])];
-        assert_eq!(operations(&[Step::Dispatch; 2], Some(kind)), expected);
+        let first = [Begin, Record(0), Close, Submit(vec![]), Inject(kind)];
+        let second = [Record(1), RecordTimestamps, Close, Submit(vec![])];
+        assert_eq!(operations(&[Step::Dispatch; 2], Some(kind)), [&first[..], &second].concat());
         assert_eq!(operations(&[], Some(kind)), [Begin, Inject(kind)]);
     }
 

@@ -1,0 +1,108 @@
+//! When rows leave the device that has them, and when they arrive on the one that reads them. Both interrupt what a
+//! device can be given at once: rows leave with the end of a submission, and what reads them is in a later one. So few
+//! rows wait for one another, while many leave as soon as they are ready, so that they travel while devices are at work.
+
+/// A parcel with fewer bytes takes less time than the submission that it would need for itself.
+const FEW_BYTES: u64 = 64 << 10;
+
+/// The rows that one task waits for from one device.
+#[derive(Clone, Copy, Debug)]
+pub struct Parcel {
+    /// The pass that makes the last of them.
+    pub ready: u32,
+    /// The pass that reads them.
+    pub due: u32,
+    pub bytes: u64,
+}
+
+/// The way of a parcel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Trip {
+    /// A pass between the parcel's `ready` and its `due`.
+    pub leaves_behind: u32,
+    /// A later pass, its `due` at the latest.
+    pub arrives_before: u32,
+}
+
+/// The way of each parcel. `end` is the number behind the last pass.
+pub fn trips(parcels: &[Parcel], end: u32) -> Vec<Trip> {
+    let is_large = |parcel: &&Parcel| parcel.bytes >= FEW_BYTES;
+    // The passes before which devices are interrupted, in order. All of them come to their end.
+    let mut stops = vec![end];
+    let stop_at = |stops: &mut Vec<u32>, pass| {
+        if let Err(place) = stops.binary_search(&pass) {
+            stops.insert(place, pass);
+        }
+    };
+    for parcel in parcels.iter().filter(is_large) {
+        stop_at(&mut stops, parcel.ready + 1);
+        stop_at(&mut stops, parcel.due);
+    }
+    // As few stops as can be: whatever is due first and has none gets the last one that it can have.
+    let mut small: Vec<&Parcel> = parcels.iter().filter(|parcel| !is_large(parcel)).collect();
+    small.sort_by_key(|parcel| parcel.due);
+    for parcel in small {
+        let next = stops.partition_point(|&stop| stop <= parcel.ready);
+        if stops.get(next).is_none_or(|&stop| stop > parcel.due) {
+            stop_at(&mut stops, parcel.due);
+        }
+    }
+    let trip = |parcel: &Parcel| {
+        let stops = &stops[stops.partition_point(|&stop| stop <= parcel.ready)..];
+        let first = stops.first().copied().unwrap_or(end);
+        let last = stops[..stops.partition_point(|&stop| stop <= parcel.due)].last().copied().unwrap_or(first);
+        Trip { leaves_behind: first - 1, arrives_before: last }
+    };
+    parcels.iter().map(trip).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const END: u32 = 20;
+
+    fn trips_of(parcels: &[(u32, u32, u64)]) -> Vec<(u32, u32)> {
+        let parcels: Vec<Parcel> = parcels.iter().map(|&(ready, due, bytes)| Parcel { ready, due, bytes }).collect();
+        trips(&parcels, END).iter().map(|trip| (trip.leaves_behind, trip.arrives_before)).collect()
+    }
+
+    #[test]
+    fn few_rows_travel_together_and_late() {
+        assert_eq!(trips_of(&[(0, 5, 1)]), [(4, 5)]);
+        // The second is ready when the first is due; the third can go with both.
+        assert_eq!(trips_of(&[(0, 5, 1), (5, 8, 1), (1, 12, 1)]), [(4, 5), (7, 8), (4, 8)]);
+        assert_eq!(trips_of(&[(3, END, 1), (15, END, 1)]), [(END - 1, END); 2]);
+    }
+
+    #[test]
+    fn many_rows_leave_when_they_are_ready_and_take_few_along() {
+        assert_eq!(trips_of(&[(0, 5, FEW_BYTES), (0, 5, 1)]), [(0, 5); 2]);
+        assert_eq!(trips_of(&[(2, 9, FEW_BYTES), (0, 5, 1), (4, 12, 1)]), [(2, 9), (2, 3), (8, 9)]);
+    }
+
+    #[test]
+    fn each_trip_lies_between_what_makes_rows_and_what_reads_them() {
+        let mut random = 1u32;
+        let mut below = |most: u32| {
+            random = random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            (random >> 8) % most
+        };
+        for count in 0..200 {
+            let parcel = |_| {
+                let ready = below(END - 1);
+                let due = (ready + 1 + below(END)).min(END);
+                Parcel { ready, due, bytes: u64::from(below(2)) * FEW_BYTES }
+            };
+            let parcels: Vec<Parcel> = (0..count % 20).map(parcel).collect();
+            for (Parcel { ready, due, bytes }, trip) in parcels.iter().zip(trips(&parcels, END)) {
+                let Trip { leaves_behind, arrives_before } = trip;
+                assert!(
+                    *ready <= leaves_behind && leaves_behind < arrives_before && arrives_before <= *due,
+                    "{trip:?}"
+                );
+                assert!(*bytes < FEW_BYTES || (leaves_behind, arrives_before) == (*ready, *due), "{trip:?}");
+            }
+        }
+    }
+}
