@@ -11,7 +11,7 @@
 
 const REACH: i32 = i32(VARIANCE_REACH);
 // How often an estimate counts.
-const DOUBT: f32 = 4.0;
+const DOUBT: f32 = 9.0;
 // Weight of any surface for a pixel that has no light of its own.
 const LAST_RESORT: f32 = 1e-6;
 

@@ -14,7 +14,7 @@ const REACH: f64 = 0.02;
 /// Weight of pixels of other surfaces where a pixel has no light of its own.
 const LAST_RESORT: f64 = 1e-6;
 /// How often an estimate counts.
-const DOUBT: f64 = 4.0;
+const DOUBT: f64 = 9.0;
 
 struct Twin<'a> {
     constants: &'a Constants,
