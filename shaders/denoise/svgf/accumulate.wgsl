@@ -1,7 +1,9 @@
 // Temporal accumulation (Schied et al., "Spatiotemporal Variance-Guided Filtering", HPG 2017): what the frame before
 // gathered on a pixel's surface is found by the camera's motion and joined with what this frame saw. Departures:
 // - Means and variances are weighted by samples (West 1979), so frames of few and of many samples mix as they should.
-// - Where a frame has several samples of a pixel, they tell their variance themselves.
+// - Where the first frame has several samples of a pixel, they tell their variance themselves. Later ones are known by
+//   their means, which are closer to one another than as many independent samples would be.
+// - Variance counts the more, the less is known of it: few samples may have missed what is rare and bright.
 // - How long a history counts is bounded by what resampling has blurred and by how far a short mean is off the long one.
 // - Gloss, where a scene has it, is accumulated beside matte light and counts on fewer of the same frames.
 // - Where the right eye finds no history, the left eye's is looked up.
@@ -28,6 +30,8 @@
 
 // Frames before variance over time means something, as in the paper.
 const FEW_FRAMES: f32 = 4.0;
+// Observations by which variance counts twice.
+const FEW_OBSERVATIONS: f32 = 24.0;
 // Longest history in frames: of pixels that fall between those of the frame before, of those that fall on them, and of
 // light that depends on where the eye is.
 const LONGEST_MOVED: f32 = 32.0;
@@ -228,7 +232,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let difference = value - old_mean;
     let mean = old_mean + alphas * difference;
     let moved = difference * (value - mean);
-    let fresh = select(new_samples * moved, now.a + moved, tells_variance);
+    let fresh = select(new_samples * moved, now.a, tells_variance && samples == 0.0);
     let variance = mix(past.variance * scale, fresh, alphas);
     let recent = mix(past.recent * scale, value.x, max(alpha, select(0.0, 1.0 / RECENT_FRAMES, sampled)));
     frames += select(0.0, 1.0, sampled);
@@ -237,7 +241,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let off = (recent - mean.x) * (recent - mean.x) / max(TRUSTED_DEVIATIONS * TRUSTED_DEVIATIONS * spread, unseen_square());
     let trust = select(1.0, max(1.0 / off, min(FEW_FRAMES / frames, 1.0)), off > 1.0 && frames > FEW_FRAMES);
     let observations = select(frames, total, tells_variance);
-    let known = variance / totals * observations / max(observations - 1.0, 1.0);
+    let doubt = 1.0 + FEW_OBSERVATIONS / observations;
+    let known = variance / totals * observations / max(observations - 1.0, 1.0) * doubt;
     let light = SplitLight(
         mix(past.light * scale, now.matte, alphas.x),
         mix(past.gloss * scale, now.gloss, alphas.y),

@@ -15,7 +15,8 @@
 @group(1) @binding(5) var<uniform> previous: Previous;
 @group(1) @binding(6) var<storage, read_write> tally: array<u32>;
 
-// Longest history in frames, of a pixel that moved and of one that did not. Glare, what is far brighter than white, would
+// Longest history in frames, of a pixel that moved and of one that did not. Frames of several samples are antialiased
+// themselves: the less is gained by those that moved, which interpolation blurs. Glare, what is far brighter than white, would
 // drag a trail along: where the surroundings deviate by more than white, history is shorter.
 const LONGEST_MOVED: f32 = 10.0;
 const LONGEST_STILL: f32 = 255.0;
@@ -98,7 +99,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     // From 0, of what moves by so much that its history is shortest, to 1.
     let way = max(max(abs(motion.x), abs(motion.y)), LONGEST_WAY / LONGEST_STILL);
     let stillness = max(LONGEST_WAY / way - LONGEST_MOVED, 0.0) / (LONGEST_STILL - LONGEST_MOVED);
-    let longest_moved = LONGEST_MOVED / (1.0 + luminance(deviation) * frame.display.exposure);
+    let longest_moved = LONGEST_MOVED * inverseSqrt(f32(frame.sampling.spp)) / (1.0 + luminance(deviation) * frame.display.exposure);
     let longest = select(mix(longest_moved, LONGEST_STILL, stillness), LONGEST_STILL, is_still);
     let is_known = has_history && is_finite(old.rgb) && is_finite(old.aaa);
     let frames = select(0.0, clamp(round(old.a), 0.0, longest), is_known);

@@ -6,7 +6,9 @@
 // - Surfaces are told apart by the distance off the centre's plane, as in `atrous.wgsl`, instead of by depth gradients.
 // - Gloss, where a scene has it, is filtered along with matte light, each by its own luminance and variance (the paper
 //   tells direct light from indirect instead).
-// - Differences are measured by what both pixels may be off, so that light passes in both directions alike.
+// - Differences are measured by what both pixels may be off, so that light passes in both directions alike, and weights are
+//   Gaussians of them, which are near 1 for noise and fall faster behind it.
+// - The first iteration, which is kept for the next frame, allows less: its blur adds up over frames.
 
 //!include frame grid split rng pack edges foveation variance
 
@@ -52,9 +54,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             let value = unpack_light(source[tap]);
             let counts = all(inside == there) && (dx != 0 || dy != 0) && value.a.x >= 0.0;
             let l = luminances(value);
-            let d2 = (own - l) * (own - l) / (sigma2 * (max(centre.a, vec2<f32>(0.0)) + value.a) + 1e-6 * own * l + unseen_square());
+            let off2 = (own - l) * (own - l) / (sigma2 * (max(centre.a, vec2<f32>(0.0)) + value.a) + 1e-6 * own * l + unseen_square());
             // A pixel without light takes whatever its surface has.
-            let d = select(sqrt(d2), vec2<f32>(0.0), is_missing);
+            let d = select(off2, vec2<f32>(0.0), is_missing);
             let taps = vec2<f32>(surface_weight(guide, guide_image[tap], d.x), surface_weight(guide, guide_image[tap], d.y));
             let k = select(vec2<f32>(0.0), kernel[dx + 1] * kernel[dy + 1] * taps, counts);
             sum += value.matte * k.x;

@@ -1,7 +1,7 @@
 // Variance that guides the filter (Schied et al. 2017): smoothed over 3x3 pixels where it is known over time, estimated
 // from 7x7 pixels of the same surface where history is short; their mean then replaces the pixel's own light, as in the
-// authors' code. Gloss has its own, by the same taps. Departure: the 3x3 smoothing comes once, before the first iteration
-// instead of in each.
+// authors' code. Gloss has its own, by the same taps. Departures: the 3x3 smoothing comes once, before the first iteration
+// instead of in each; and an estimate, which may have missed what is rare and bright, counts several times.
 
 //!include frame grid split pack edges variance
 
@@ -10,6 +10,8 @@
 @group(1) @binding(2) var<storage, read_write> filtered: array<vec4<u32>>;
 
 const REACH: i32 = i32(VARIANCE_REACH);
+// How often an estimate counts.
+const DOUBT: f32 = 9.0;
 // Weight of any surface for a pixel that has no light of its own.
 const LAST_RESORT: f32 = 1e-6;
 
@@ -72,7 +74,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let scale = select(0.0, 1.0 / weight, weight > 0.0);
     let mean = first * scale;
-    let spatial = max(second * scale - mean * mean, vec2<f32>(0.0));
+    let spatial = DOUBT * max(second * scale - mean * mean, vec2<f32>(0.0));
     let variance = select(spatial, smooth_sum / smooth_weight, is_known);
     filtered[at] = pack_light(SplitLight(
         select(sum * scale, centre.matte, is_known),

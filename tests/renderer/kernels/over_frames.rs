@@ -24,7 +24,8 @@ fn lights(random: &mut Random, constants: &Constants) -> Vec<Vec<Light>> {
     (0..FRAMES).map(|frame| (0..constants.area()).map(|_| light(frame)).collect()).collect()
 }
 
-/// The mean over frames is that of all samples, and the variance beside it is the unbiased one of that mean.
+/// The mean over frames is that of all samples, and the variance beside it is the unbiased one of that mean, which counts
+/// the more, the fewer frames there are.
 fn accumulate(gloss: bool, seed: u64) {
     let mut random = Random::new(seed);
     let (constants, stripe) = still();
@@ -67,7 +68,7 @@ fn accumulate(gloss: bool, seed: u64) {
         {
             let mean = frames.iter().map(|frame| of(&frame[at])).sum::<DVec3>() / n;
             let deviations = frames.iter().map(|frame| luminance(of(&frame[at])) - luminance(mean));
-            let variance = deviations.map(|d| d * d).sum::<f64>() / (n - 1.0) / n;
+            let variance = deviations.map(|d| d * d).sum::<f64>() / (n - 1.0) / n * (1.0 + 24.0 / n);
             // Each frame is rounded once more, and neighbours have weights of some 1e-5.
             let relative = 1e-4 + if gloss { 4.0 * HALF } else { 0.0 };
             let color = [got.matte, got.gloss][channel];

@@ -11,7 +11,7 @@ use super::pack::{Format, Light, MISSING, UNKNOWN};
 /// Share of the distance to the eye by which the same surface may be off the centre's plane.
 const REACH: f64 = 0.02;
 /// Square of the standard deviations by which luminance may differ.
-const SIGMA2: f32 = 16.0;
+const SIGMA2: f32 = 1.44;
 
 /// What a pixel becomes.
 enum Filtered {
@@ -76,7 +76,7 @@ impl Twin<'_> {
             let (own, its) = (luminance(centre), luminance(value));
             let allowed = f64::from(SIGMA2) * (light(centre).1.max(0.0) + light(value).1) + 1e-6 * own * its + unseen;
             // A pixel without light takes whatever its surface has.
-            let difference = if is_missing { 0.0 } else { ((own - its).powi(2) / allowed).sqrt() };
+            let difference = if is_missing { 0.0 } else { (own - its).powi(2) / allowed };
             let similarity = if (dx, dy) == (0, 0) { 1.0 } else { surface.weight(reach, &other, difference) };
             let k = f64::from((2 - dx.abs()) * (2 - dy.abs())) / 16.0 * similarity;
             sum += light(value).0 * k;

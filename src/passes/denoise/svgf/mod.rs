@@ -28,8 +28,10 @@ const VARIANCE_KERNEL: Kernel = Kernel::new("variance").with(constants![VARIANCE
 /// Rows that antialiasing reads beyond its own.
 const RESOLVE_REACH_ROWS: u32 = 1;
 
-/// Standard deviations by which the luminance of two pixels may differ.
-const SIGMA: f32 = 4.0;
+/// Standard deviations by which the luminance of two pixels may differ: in the first iteration, which is kept for the next
+/// frame, so that its blur adds up over frames, and in the others.
+const FIRST_SIGMA: f32 = 0.8;
+const SIGMA: f32 = 1.2;
 
 /// Distance between the taps of iteration `index`. It rises, so that the first iteration, which is kept for the next
 /// frame, blurs least.
@@ -72,7 +74,8 @@ impl Denoise for Svgf {
         let mut passes = vec![link(VARIANCE, VARIANCE_KERNEL, VARIANCE_REACH, light.advance())];
         for index in 0..spec.iterations {
             let images = if index == 0 { light.advance_to(HISTORY.into()) } else { light.advance() };
-            let args = [step(index), (SIGMA * SIGMA).to_bits(), index];
+            let sigma = if index == 0 { FIRST_SIGMA } else { SIGMA };
+            let args = [step(index), (sigma * sigma).to_bits(), index];
             passes.push(link(STAGE, Kernel::new("svgf"), step(index), images).index(index).args(args));
         }
         passes

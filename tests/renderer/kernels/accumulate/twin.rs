@@ -13,6 +13,8 @@ use crate::kernels::pack::{Light, MISSING, UNKNOWN, is_finite};
 const LEAST_FOUND: f64 = 0.01;
 /// Frames that the recent mean remembers, and from which on variance over time is known.
 const FEW_FRAMES: f64 = 4.0;
+/// Observations by which variance counts twice.
+const FEW_OBSERVATIONS: f64 = 24.0;
 
 /// What an eye has left of the frame before.
 pub struct Before {
@@ -182,7 +184,8 @@ impl Twin<'_> {
         let difference = value - old.mean;
         let mean = old.mean + share * difference;
         let moved = difference * (value - mean);
-        let fresh = if tells_variance { light.variance + moved } else { new_samples * moved };
+        // Samples tell their variance where there are no frames to do so.
+        let fresh = if tells_variance && samples == 0.0 { light.variance } else { new_samples * moved };
         let variance = old.variance + share * (fresh - old.variance);
         let recent_share = if is_sampled { share.x.max(1.0 / FEW_FRAMES) } else { share.x };
         let recent = old.recent + recent_share * (value.x - old.recent);
@@ -200,7 +203,7 @@ impl Twin<'_> {
         }
         let observations = if tells_variance { total } else { frames };
         let of_all = variance / totals * observations;
-        let known = of_all / (observations - 1.0).max(1.0);
+        let known = of_all / (observations - 1.0).max(1.0) * (1.0 + FEW_OBSERVATIONS / observations);
         let is_known = observations > FEW_FRAMES - 0.5;
         cases.meet(if is_known { "variance that is known" } else { "variance that is unknown" });
         let after = Light {
@@ -211,7 +214,7 @@ impl Twin<'_> {
         let is_sound = is_finite(after.matte)
             && is_finite(after.gloss)
             && is_finite(variance.extend(recent))
-            && (!is_known || is_finite(of_all.extend(0.0)));
+            && (!is_known || (is_finite(of_all.extend(0.0)) && is_finite(known.extend(0.0))));
         if !is_sound {
             cases.meet("a sum that is not finite");
             return Some(After { light: black, moments: nothing, dropped: true });

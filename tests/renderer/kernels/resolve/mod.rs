@@ -53,6 +53,7 @@ fn compare_within(tolerance: f64, turn: Option<Turn>, has_history: bool, seed: u
     let mut cases = Cases::default();
     for (round, stripe) in stripes().iter().enumerate() {
         let view = round % 2;
+        constants.spp = [1, 4, 16][round / 2];
         let eyes = constants.eyes.map(|eye| turn.map_or(eye, |(way, yaw, pitch)| eye.moved(way, yaw, pitch)));
         let now: Vec<_> = (0..constants.area()).map(|at| composed(&mut random, at % WIDTH as usize)).collect();
         let last: Vec<_> = (0..constants.area()).map(|_| resolved(&mut random, damaged)).collect();

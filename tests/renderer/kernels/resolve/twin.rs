@@ -132,7 +132,9 @@ impl Twin<'_> {
         let way = motion.unwrap_or_default().abs().max_element().max(LONGEST_WAY / LONGEST_STILL);
         let stillness = (LONGEST_WAY / way - LONGEST_MOVED).max(0.0) / (LONGEST_STILL - LONGEST_MOVED);
         let exposure = f64::from(self.constants.exposure);
-        let moved = LONGEST_MOVED / (1.0 + luminance(around.deviation) * exposure);
+        // Frames of several samples are antialiased themselves.
+        let moved =
+            LONGEST_MOVED / f64::from(self.constants.spp).sqrt() / (1.0 + luminance(around.deviation) * exposure);
         let longest = moved + stillness * (LONGEST_STILL - moved);
         let mut frames = 0.0;
         let mut past = DVec3::ZERO;
