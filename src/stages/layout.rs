@@ -4,8 +4,8 @@ mod tables;
 
 use glam::{UVec3, Vec2, Vec3, Vec4};
 
-use self::tables::{ROLES, TABLES};
 pub use self::tables::*;
+use self::tables::{ROLES, TABLES};
 use crate::accel::{self, SPHERE, TRIANGLE_ALPHA};
 use crate::graph::LIST_HEADER;
 use crate::passes::SKIPPED;

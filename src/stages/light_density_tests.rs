@@ -38,7 +38,7 @@ fn densities(p: vec3<f32>, n: vec3<f32>, direction: vec3<f32>) -> vec2<f32> {
             lamp = sphere_pdf(p, n, hit.prim & ~SPHERE);
         } else {
             let tri = stored_triangle(hit.prim);
-            let m = materials[tri.material];
+            let m = stored_material(tri.material);
             let faces = dot(cross(tri.v1 - tri.v0, tri.v2 - tri.v0), direction) < 0.0;
             if faces || (m.flags & DOUBLE_SIDED) != 0u {
                 lamp = triangle_light_pdf(p, n, hit.prim, hit.t, direction);

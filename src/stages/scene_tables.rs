@@ -22,7 +22,6 @@ use crate::scene::{self, AlphaMode, Environment, Scene, TexelImage, Wrap};
 use crate::wgsl::ROW_BYTES;
 pub use buffers::{SceneBuffers, layout_entries, scene_buffers};
 
-
 #[derive(Debug, thiserror::Error)]
 pub enum TableError {
     #[error("the tables of the scene's lights are refused: {0}")]

@@ -3,7 +3,7 @@
 mod quality;
 
 use crate::common::{Stage, Subject, all_cores, devices, diptych, is_thorough, shared_shot};
-use diptych::device::{Tables, ShaderChecks};
+use diptych::device::{ShaderChecks, Tables};
 use diptych::exec::{RenderSettings, Stereo};
 use diptych::graph::{Assignment, HaloPlan, Seam};
 use diptych::image::RgbImage;
