@@ -15,8 +15,8 @@ use super::{Assignment, Dispatch};
 use crate::scene::rig::Eye;
 
 /// Position of a task in the one order that all devices keep. Downloads come behind their producer, uploads before their
-/// consumer, and [`super::parcels`] says where between the two. Every edge of the graph goes from a smaller key to a larger one, so workers that each take
-/// their tasks by key cannot wait for one another in a circle.
+/// consumer, and `parcels.rs` says where between the two. Every edge of the graph goes from a smaller key to a larger one,
+/// so workers that each take their tasks by key cannot wait for one another in a circle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Key {
     /// Index of the pass.
