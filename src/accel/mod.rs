@@ -7,22 +7,19 @@
 mod clearance;
 mod flatten;
 mod instances;
+mod tree;
 
 use std::ops::Range;
 
 use glam::{DVec3, Vec3};
-use obvhs::aabb::Aabb;
-use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
+use obvhs::BvhBuildParams;
 use obvhs::cwbvh::CwBvh;
 use obvhs::cwbvh::builder::build_cwbvh;
-use obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
-use obvhs::ploc::PlocBuilder;
-use obvhs::splits::split_aabbs_preset;
-use obvhs::{Boundable, BvhBuildParams};
 
 use self::flatten::{Flat, Present};
 pub use self::instances::Instance;
 use self::instances::{Division, Shared};
+use self::tree::{BUILD_BYTES, Room, Tree, depth, tree_over};
 use crate::scene::budget::{Budget, Exceeded};
 use crate::scene::{Bounds, Scene};
 use crate::wgsl::shared_structs;
@@ -41,10 +38,6 @@ const MAX_PRIMS: usize = SPHERE as usize;
 
 /// Largest coordinate: the tree's costs are sums of areas, which must not overflow.
 const MAX_REACH: f64 = 1e14;
-
-/// What building a tree takes at most for each of its triangles, beside the tables, bytes; and what remains of it.
-const BUILD_BYTES: usize = 400;
-const NODE_BYTES: usize = 80;
 
 /// What an instance takes at most until it is in the tree over them, with that tree, bytes.
 const INSTANCE_BYTES: usize = 1000;
@@ -322,64 +315,6 @@ impl Accel {
     }
 }
 
-/// A tree in the tables.
-#[derive(Clone, Copy, Debug)]
-struct Tree {
-    root: u32,
-    first_row: u32,
-    rows: u32,
-    levels: usize,
-}
-
-/// What may be taken for the triangles of a scene.
-struct Room<'a> {
-    budget: &'a Budget,
-    /// Of a row of all tables.
-    row_bytes: usize,
-    /// After instancing.
-    triangles: usize,
-}
-
-impl Room<'_> {
-    /// What remains of a row, bytes.
-    fn stored_bytes(&self) -> usize {
-        2 * self.row_bytes + NODE_BYTES
-    }
-}
-
-/// The tree over triangles. Those that are large beside the others are split into boxes first (Karras & Aila, "Fast
-/// Parallel Construction of High-Quality Bounding Volume Hierarchies", HPG 2013), so that rays that pass a wall's or a
-/// beam's corner need not test it; at most 0.9 boxes a triangle are added.
-fn tree_over(triangles: &[Triangle], room: &Room) -> Result<CwBvh, AccelError> {
-    const PARAMS: BvhBuildParams = BvhBuildParams::slow_build();
-    const MOST_IN_A_LEAF: u32 = 3;
-    let corners_of = |t: &Triangle| obvhs::triangle::Triangle { v0: t.v0.into(), v1: t.v1.into(), v2: t.v2.into() };
-    let triangles: Vec<_> = triangles.iter().map(corners_of).collect();
-    let mut boxes: Vec<Aabb> = triangles.iter().map(Boundable::aabb).collect();
-    let mut indices: Vec<u32> = (0..triangles.len() as u32).collect();
-    let areas = || boxes.iter().map(Aabb::half_area);
-    let (average, largest) = (areas().sum::<f32>() / boxes.len() as f32, areas().fold(0.0, f32::max));
-    split_aabbs_preset(&mut boxes, &mut indices, &triangles, average, largest);
-    let copies = boxes.len() - triangles.len();
-    let making = copies * (4 * room.row_bytes + BUILD_BYTES);
-    let refused = |exceeded| AccelError::Memory { triangles: room.triangles, exceeded };
-    let mut reserved = room.budget.reserve(making as u64).map_err(refused)?;
-    let mut builder = PlocBuilder::with_capacity(boxes.len());
-    let mut bvh2 = builder.build(
-        PARAMS.ploc_search_distance,
-        &boxes,
-        indices,
-        PARAMS.sort_precision,
-        PARAMS.search_depth_threshold,
-    );
-    bvh2.uses_spatial_splits = copies > 0;
-    ReinsertionOptimizer::default().run(&mut bvh2, PARAMS.reinsertion_batch_ratio, None);
-    let bvh = bvh2_to_cwbvh(&bvh2, MOST_IN_A_LEAF, true, false);
-    reserved.shrink_to((copies * room.stored_bytes()) as u64);
-    reserved.keep();
-    Ok(bvh)
-}
-
 /// Where positions are counted from.
 fn checked_origin(scene: &Scene) -> Result<DVec3, AccelError> {
     let bounds = scene.bounds();
@@ -409,19 +344,6 @@ fn origin_for(bounds: Bounds) -> DVec3 {
     }
     let cell = 4.0 * size.log2().ceil().exp2();
     ((min + max) / 2.0 / cell).round() * cell
-}
-
-/// Levels of the tree, walked without recursion.
-fn depth(bvh: &CwBvh) -> usize {
-    let mut deepest = 0;
-    let mut open = vec![(0u32, 1usize)];
-    while let Some((index, level)) = open.pop() {
-        deepest = deepest.max(level);
-        let node = &bvh.nodes[index as usize];
-        let children = node.imask.count_ones();
-        open.extend((0..children).map(|c| (node.child_base_idx + c, level + 1)));
-    }
-    deepest
 }
 
 #[cfg(test)]

@@ -4,6 +4,7 @@
 //! f0 · a + f90 · b, where a and b depend on the viewer's cosine and on roughness alone.
 
 use std::f64::consts::PI;
+use std::sync::LazyLock;
 
 use super::layout::{ALBEDO_GRID, SMOOTH};
 
@@ -12,7 +13,12 @@ const GRID: usize = ALBEDO_GRID as usize;
 const STRATA: usize = 16;
 
 /// (a, b) per node, cosines of one roughness side by side, then the means over directions per roughness.
-pub fn table() -> Vec<[f32; 2]> {
+pub fn table() -> &'static [[f32; 2]] {
+    static TABLE: LazyLock<Vec<[f32; 2]>> = LazyLock::new(made);
+    &TABLE
+}
+
+fn made() -> Vec<[f32; 2]> {
     let node = |i: usize| i as f64 / (GRID - 1) as f64;
     let rows: Vec<Vec<[f64; 2]>> =
         (0..GRID).map(|row| (0..GRID).map(|column| albedo(node(column), node(row).powi(2))).collect()).collect();
@@ -79,7 +85,7 @@ mod tests {
     #[test]
     fn nothing_reflects_more_than_it_gets() {
         for [a, b] in table() {
-            assert!(a >= 0.0 && b >= 0.0 && a + b <= 1.0 + 1e-6, "{a} {b}");
+            assert!(*a >= 0.0 && *b >= 0.0 && a + b <= 1.0 + 1e-6, "{a} {b}");
         }
     }
 

@@ -1,0 +1,111 @@
+//! The tree over triangles, and what it may take.
+
+use obvhs::aabb::Aabb;
+use obvhs::bvh2::reinsertion::ReinsertionOptimizer;
+use obvhs::cwbvh::CwBvh;
+use obvhs::cwbvh::bvh2_to_cwbvh::bvh2_to_cwbvh;
+use obvhs::ploc::PlocBuilder;
+use obvhs::splits::split_aabbs_preset;
+use obvhs::{Boundable, BvhBuildParams};
+
+use super::{AccelError, Triangle};
+use crate::scene::budget::Budget;
+
+/// What building a tree takes at most for each of its triangles, beside the tables, bytes; and what remains of it.
+pub const BUILD_BYTES: usize = 400;
+const NODE_BYTES: usize = 80;
+
+/// A tree in the tables.
+#[derive(Clone, Copy, Debug)]
+pub struct Tree {
+    pub root: u32,
+    pub first_row: u32,
+    pub rows: u32,
+    pub levels: usize,
+}
+
+/// What may be taken for the triangles of a scene.
+pub struct Room<'a> {
+    pub budget: &'a Budget,
+    /// Of a row of all tables.
+    pub row_bytes: usize,
+    /// After instancing.
+    pub triangles: usize,
+}
+
+impl Room<'_> {
+    /// What remains of a row, bytes.
+    pub fn stored_bytes(&self) -> usize {
+        2 * self.row_bytes + NODE_BYTES
+    }
+}
+
+/// The tree over triangles. Those that are large beside the others are split into boxes first (Karras & Aila, "Fast
+/// Parallel Construction of High-Quality Bounding Volume Hierarchies", HPG 2013), so that rays that pass a wall's or a
+/// beam's corner need not test it; at most 0.9 boxes a triangle are added.
+pub fn tree_over(triangles: &[Triangle], room: &Room) -> Result<CwBvh, AccelError> {
+    const PARAMS: BvhBuildParams = BvhBuildParams::slow_build();
+    const MOST_IN_A_LEAF: u32 = 3;
+    let corners_of = |t: &Triangle| obvhs::triangle::Triangle { v0: t.v0.into(), v1: t.v1.into(), v2: t.v2.into() };
+    let triangles: Vec<_> = triangles.iter().map(corners_of).collect();
+    let mut boxes: Vec<Aabb> = triangles.iter().map(Boundable::aabb).collect();
+    let mut indices: Vec<u32> = (0..triangles.len() as u32).collect();
+    let areas = || boxes.iter().map(Aabb::half_area);
+    let (average, largest) = (areas().sum::<f32>() / boxes.len() as f32, areas().fold(0.0, f32::max));
+    split_aabbs_preset(&mut boxes, &mut indices, &triangles, average, largest);
+    let copies = boxes.len() - triangles.len();
+    let making = copies * (4 * room.row_bytes + BUILD_BYTES);
+    let refused = |exceeded| AccelError::Memory { triangles: room.triangles, exceeded };
+    let mut reserved = room.budget.reserve(making as u64).map_err(refused)?;
+    let mut builder = PlocBuilder::with_capacity(boxes.len());
+    let mut bvh2 = builder.build(
+        PARAMS.ploc_search_distance,
+        &boxes,
+        indices,
+        PARAMS.sort_precision,
+        PARAMS.search_depth_threshold,
+    );
+    bvh2.uses_spatial_splits = copies > 0;
+    ReinsertionOptimizer::default().run(&mut bvh2, PARAMS.reinsertion_batch_ratio, None);
+    let bvh = bvh2_to_cwbvh(&bvh2, MOST_IN_A_LEAF, true, false);
+    reserved.shrink_to((copies * room.stored_bytes()) as u64);
+    reserved.keep();
+    Ok(bvh)
+}
+
+/// Levels of the tree, walked without recursion.
+pub fn depth(bvh: &CwBvh) -> usize {
+    let mut deepest = 0;
+    let mut open = vec![(0u32, 1usize)];
+    while let Some((index, level)) = open.pop() {
+        deepest = deepest.max(level);
+        let node = &bvh.nodes[index as usize];
+        let children = node.imask.count_ones();
+        open.extend((0..children).map(|c| (node.child_base_idx + c, level + 1)));
+    }
+    deepest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::accel::{Accel, TRIANGLE_ALPHA};
+    use crate::scene::builtin;
+
+    #[test]
+    fn large_triangles_are_split_among_leaves_and_named_by_their_first_row() {
+        let scene = (builtin::find("atrium").unwrap().build)();
+        let accel = Accel::build(&scene).unwrap();
+        let firsts = accel.triangles.iter().enumerate().filter(|(row, t)| t.is_first(*row)).count();
+        assert_eq!(firsts + accel.dropped, scene.triangle_count());
+        assert!((1..firsts * 9 / 10).contains(&(accel.triangles.len() - firsts)));
+        for (row, t) in accel.triangles.iter().enumerate() {
+            let first = (t.first_copy & !TRIANGLE_ALPHA) as usize;
+            assert!(first <= row && accel.triangles[first].is_first(first));
+            assert_eq!(
+                [t.v0, t.v1, t.v2],
+                [accel.triangles[first].v0, accel.triangles[first].v1, accel.triangles[first].v2]
+            );
+        }
+    }
+}

@@ -1,0 +1,50 @@
+//! The tasks of a frame and their order.
+
+use std::ops::Range;
+
+use crate::scene::rig::Eye;
+
+/// Position of a task in the one order that all devices keep. Downloads come behind their producer, uploads before their
+/// consumer, and `parcels.rs` says where between the two. Every edge of the graph goes from a smaller key to a larger one,
+/// so workers that each take their tasks by key cannot wait for one another in a circle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub struct Key {
+    /// Index of the pass.
+    pub pass: u32,
+    /// Upload, dispatch or download, in this order.
+    pub phase: u8,
+    pub serial: u32,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub enum TaskKind {
+    Dispatch {
+        /// Index among the program's passes.
+        pass: usize,
+        /// Rows of the pass's grid that may be read.
+        valid: Range<u32>,
+    },
+    /// Rows leave the device; `transfer` names the upload that takes them.
+    Download {
+        /// Index among the program's images.
+        image: usize,
+        transfer: u32,
+        to: usize,
+    },
+    Upload {
+        image: usize,
+        transfer: u32,
+    },
+    /// Both whole images are on the primary.
+    Stitch,
+}
+
+#[derive(Clone, Debug, PartialEq)]
+pub struct Task {
+    pub kind: TaskKind,
+    pub view: Eye,
+    pub device: usize,
+    /// The rows that are computed or moved, on the grid of the pass or of the image.
+    pub rows: Range<u32>,
+    pub key: Key,
+}
