@@ -88,7 +88,6 @@ pub fn depth(bvh: &CwBvh) -> usize {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
     use crate::accel::{Accel, TRIANGLE_ALPHA};
     use crate::scene::builtin;
 
