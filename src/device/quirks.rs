@@ -12,11 +12,11 @@ pub enum Tables {
 }
 
 impl Tables {
-    /// The file of the shaders' part that reads them.
-    pub fn shader(self) -> &'static str {
+    /// The end of the names of the shaders' files that read and change them.
+    pub fn name(self) -> &'static str {
         match self {
-            Self::Buffer => "tables_buffer",
-            Self::Texture => "tables_texture",
+            Self::Buffer => "buffer",
+            Self::Texture => "texture",
         }
     }
 }

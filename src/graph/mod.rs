@@ -19,7 +19,7 @@ mod task;
 pub use build::FrameGraph;
 pub use halo::{HaloPlan, Seam};
 pub use launch::{Launch, Run, runs};
-pub use pass::{Access, Chain, CutGroup, Dispatch, Kernel, Pass, Reach, Stage, Use, Work};
+pub use pass::{Access, Chain, CutGroup, Dispatch, Kernel, Pass, Reach, SceneUse, Stage, Use, Work};
 pub use program::{Bound, Linked, Program, ProgramError};
 pub use resource::{Format, Grid, Image, LIST_HEADER, Life, Projection, Resource, Scope, Size};
 pub use stripes::{Stripes, StripesError};

@@ -24,6 +24,15 @@ impl Stage {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct CutGroup(pub &'static str);
 
+/// What a shader does with the tables of the scene.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SceneUse {
+    No,
+    Read,
+    /// Changes rows of tables, and reads none.
+    Write,
+}
+
 /// A compute shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Kernel {
@@ -33,8 +42,7 @@ pub struct Kernel {
     pub text: Option<&'static str>,
     /// The size of a workgroup, in invocations.
     pub workgroup: [u32; 3],
-    /// Whether it reads the scene.
-    pub reads_scene: bool,
+    pub scene: SceneUse,
     /// Constants of its pass, by their names in the shader.
     pub constants: &'static [Constant],
 }
@@ -42,12 +50,17 @@ pub struct Kernel {
 impl Kernel {
     /// A kernel from a file of `shaders/`, with workgroups of 8 x 8, that does not read the scene.
     pub const fn new(name: &'static str) -> Self {
-        Self { name, text: None, workgroup: [8, 8, 1], reads_scene: false, constants: &[] }
+        Self { name, text: None, workgroup: [8, 8, 1], scene: SceneUse::No, constants: &[] }
     }
 
     /// A kernel like [`Self::new`] that reads the scene.
     pub const fn with_scene(name: &'static str) -> Self {
-        Self { reads_scene: true, ..Self::new(name) }
+        Self { scene: SceneUse::Read, ..Self::new(name) }
+    }
+
+    /// A kernel with workgroups of 64 x 1 that changes the scene.
+    pub const fn changing_scene(name: &'static str) -> Self {
+        Self { scene: SceneUse::Write, workgroup: [64, 1, 1], ..Self::new(name) }
     }
 
     /// The same kernel with these constants.

@@ -6,7 +6,7 @@ use std::ops::Range;
 use serde::{Deserialize, Serialize};
 
 use super::cost::CostModel;
-use crate::graph::{Dispatch, FrameGraph, Pass, TaskKind, runs};
+use crate::graph::{Dispatch, FrameGraph, Pass, SceneUse, TaskKind, runs};
 
 /// Where in a task: before this run of its kernel comes to this row.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -71,7 +71,7 @@ pub fn cuts(
                 let pixels = f64::from(width) * f64::from(rows.end - rows.start);
                 match model.cautious_pass_ms(pass, device, &rows, pixels) {
                     Some(ms) => ms * f64::from(samples) / all_samples,
-                    None if pass.kernel.reads_scene => UNKNOWN_PATH_MS * pixels * f64::from(samples),
+                    None if pass.kernel.scene == SceneUse::Read => UNKNOWN_PATH_MS * pixels * f64::from(samples),
                     None => UNKNOWN_PIXEL_MS * pixels,
                 }
             };

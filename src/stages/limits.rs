@@ -6,7 +6,7 @@ use std::fmt;
 use super::layout::{PAGE, PassConstants, TABLE_WIDTH};
 use super::pipeline::{Groups, workgroups};
 use crate::device::Tables;
-use crate::graph::{Format, Pass, Program};
+use crate::graph::{Format, Pass, Program, SceneUse};
 use crate::image::Extent;
 use crate::wgsl::ROW_BYTES;
 
@@ -186,7 +186,7 @@ fn of_pass(pass: &Pass, frame: Extent, scene_buffers: usize) -> [Need; 5] {
     let what = || Cow::from(format!("the pass {}", pass.stage.name()));
     let need = |limit, amount, remedy| Need { what: what(), limit, amount, remedy };
     let own = pass.uses.iter().filter(|u| !matches!(u.image.resource.format, Format::Uniform(_))).count();
-    let buffers = own + if pass.kernel.reads_scene { scene_buffers } else { 0 };
+    let buffers = own + if pass.kernel.scene == SceneUse::No { 0 } else { scene_buffers };
     let extent = pass.grid.extent(frame);
     let [columns, rows] = match workgroups(pass.dispatch, pass.kernel.workgroup, extent.width, &extent.rows()) {
         Groups::Direct([x, y, z]) => [x, y.max(z)],

@@ -6,7 +6,7 @@ use wgpu::naga::{AddressSpace, GlobalVariable, Handle, Module, StorageAccess, Ty
 
 use super::shader::shader_text;
 use crate::device::{SceneAccess, Traversal};
-use crate::graph::{Access, Format, Pass, Use};
+use crate::graph::{Access, Format, Pass, SceneUse, Use};
 
 /// How a shader differs from the declaration of its pass.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
@@ -31,8 +31,8 @@ pub enum Mismatch {
     Format(&'static str, u32, u32),
     #[error("workgroups are declared as {0:?}, the shader's are {1:?}")]
     Workgroup([u32; 3], [u32; 3]),
-    #[error("the scene is declared as read: {0}, the shader reads it: {1}")]
-    Scene(bool, bool),
+    #[error("the use of the scene is declared as {0:?}, the shader's is {1:?}")]
+    Scene(SceneUse, SceneUse),
 }
 
 /// Holds a pass against its shader, as it is for devices of any traversal.
@@ -64,9 +64,14 @@ fn verify_for(pass: &Pass, access: SceneAccess) -> Result<(), Mismatch> {
         let of = module.global_variables.iter().filter_map(move |(h, v)| Some((h, v.binding?)));
         of.filter(move |(_, b)| b.group == group).map(|(h, b)| (h, b.binding))
     };
-    let reads_scene = of_group(0).any(|(handle, binding)| binding > 0 && !flags(handle).is_empty());
-    if reads_scene != pass.kernel.reads_scene {
-        return Err(Mismatch::Scene(pass.kernel.reads_scene, reads_scene));
+    let of_scene: Vec<_> = of_group(0).filter(|(_, binding)| *binding > 0).map(|(handle, _)| flags(handle)).collect();
+    let scene = match of_scene.iter().any(|flags| flags.contains(GlobalUse::WRITE)) {
+        true => SceneUse::Write,
+        false if of_scene.iter().any(|flags| !flags.is_empty()) => SceneUse::Read,
+        false => SceneUse::No,
+    };
+    if scene != pass.kernel.scene {
+        return Err(Mismatch::Scene(pass.kernel.scene, scene));
     }
     if let Some((_, binding)) = of_group(1).find(|(_, binding)| *binding as usize >= pass.uses.len()) {
         return Err(Mismatch::Undeclared(binding));

@@ -2,12 +2,12 @@
 //! their includes put in.
 //!
 //! `//!include a b` in a stage's file puts `shared/a.inc.wgsl` and `shared/b.inc.wgsl` there. Includes do not nest, so a
-//! stage's first lines say all that it is made of. `traverse` alone has several files, of which the device's traversal
+//! stage's first lines say all that it is made of. `traverse` and `changed_tables` have several files, of which the device
 //! decides.
 
 use super::layout;
 use crate::device::{SceneAccess, Traversal};
-use crate::graph::Kernel;
+use crate::graph::{Kernel, SceneUse};
 use crate::passes;
 use crate::wgsl::declare;
 
@@ -16,6 +16,8 @@ const FILES: &[(&str, &str)] = include!(concat!(env!("OUT_DIR"), "/shader_files.
 
 /// The include by which shaders trace rays: `traverse_compute` or `traverse_hardware`.
 const TRAVERSE: &str = "traverse";
+/// The include by which shaders change rows of the scene's tables: `changed_tables_buffer` or `changed_tables_texture`.
+const CHANGED_TABLES: &str = "changed_tables";
 
 /// The whole text of a kernel's shader: the host's structs and constants, the kernel's own constants, and its file. With
 /// the scene comes how it reads the tables.
@@ -25,7 +27,7 @@ const TRAVERSE: &str = "traverse";
 pub fn shader_text(kernel: &Kernel, SceneAccess { tables, traversal }: SceneAccess) -> String {
     let text = kernel.text.unwrap_or_else(|| file(kernel.name, kernel.name));
     let mut out = String::new();
-    if kernel.reads_scene && traversal == Traversal::Hardware {
+    if kernel.scene == SceneUse::Read && traversal == Traversal::Hardware {
         // Before all declarations.
         out += "enable wgpu_ray_query;\n";
     }
@@ -36,11 +38,12 @@ pub fn shader_text(kernel: &Kernel, SceneAccess { tables, traversal }: SceneAcce
             Some(names) => {
                 for include in names.split_whitespace() {
                     if include == "scene" {
-                        out += file(kernel.name, &format!("{}.inc", tables.shader()));
+                        out += file(kernel.name, &format!("tables_{}.inc", tables.name()));
                         out += &layout::readers();
                     }
                     let include = match include {
                         TRAVERSE => format!("{TRAVERSE}_{}", traversal.name()),
+                        CHANGED_TABLES => format!("{CHANGED_TABLES}_{}", tables.name()),
                         _ => include.to_owned(),
                     };
                     out += file(kernel.name, &format!("{include}.inc"));

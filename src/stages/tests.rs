@@ -2,7 +2,7 @@ use super::layout;
 use super::*;
 use crate::accel::{Instance, Node};
 use crate::device::{SceneAccess, Traversal};
-use crate::graph::{Kernel, Stage};
+use crate::graph::{Kernel, SceneUse, Stage};
 use crate::passes::{self, tests::all_specs};
 use crate::wgsl::{Declaration, ROW_BYTES};
 
@@ -58,8 +58,8 @@ fn hardware_traversal_is_in_the_shaders_that_read_the_scene() {
         let [compute, hardware] =
             Traversal::ALL.map(|traversal| shader_text(&kernel, SceneAccess { traversal, ..Default::default() }));
         assert!(!compute.contains("ray_query"), "{}", kernel.name);
-        assert_eq!(hardware.starts_with("enable wgpu_ray_query;"), kernel.reads_scene, "{}", kernel.name);
-        assert_eq!(hardware == compute, !kernel.reads_scene, "{}", kernel.name);
+        assert_eq!(hardware.starts_with("enable wgpu_ray_query;"), kernel.scene == SceneUse::Read, "{}", kernel.name);
+        assert_eq!(hardware == compute, kernel.scene != SceneUse::Read, "{}", kernel.name);
     }
 }
 

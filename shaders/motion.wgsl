@@ -1,0 +1,26 @@
+// Where the surface behind each pixel's centre was in the frame before, and which way it faced.
+
+//!include frame grid scene pack last_surface
+
+@group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
+@group(1) @binding(1) var<storage, read> guide_image: array<vec4<u32>>;
+@group(1) @binding(2) var<storage, read_write> last_surface_image: array<vec4<u32>>;
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
+    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
+        return;
+    }
+    let at = pixel_index(pixel);
+    let guide = guide_image[at];
+    if guide.w == NO_NORMAL {
+        last_surface_image[at] = guide;
+        return;
+    }
+    let hit = hit_image[at];
+    let normal = unpack_normal(guide.w);
+    let last = last_surface(hit.x, bitcast<vec2<f32>>(hit.yz), bitcast<vec3<f32>>(guide.xyz), normal);
+    let packed = select(pack_normal(last.normal), guide.w, all(last.normal == normal));
+    last_surface_image[at] = vec4<u32>(bitcast<vec3<u32>>(last.position), packed);
+}

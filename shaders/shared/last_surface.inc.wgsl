@@ -1,0 +1,51 @@
+// Where a surface point was in the frame before.
+
+struct LastSurface {
+    position: vec3<f32>,
+    normal: vec3<f32>,
+}
+
+// The corners of a triangle in the frame before, in the world.
+fn last_triangle(place: Placed) -> array<vec3<f32>, 3> {
+    // Below the first one, the difference is large.
+    let deforming = place.row - frame.geometry.first_deforming;
+    if deforming < frame.geometry.deforming_count {
+        let at = frame.tables.last_corners + 3u * deforming;
+        return array<vec3<f32>, 3>(
+            bitcast<vec3<f32>>(table_row(at).xyz),
+            bitcast<vec3<f32>>(table_row(at + 1u).xyz),
+            bitcast<vec3<f32>>(table_row(at + 2u).xyz),
+        );
+    }
+    let tri = stored_triangle(place.row);
+    let m = affine_at(place.instance + LAST_WORLD_FROM_LOCAL);
+    return array<vec3<f32>, 3>(transform_point(m, tri.v0), transform_point(m, tri.v1), transform_point(m, tri.v2));
+}
+
+// A vector that is given along two edges and the normal of a triangle, brought to another triangle's: what turns and
+// stretches with the triangle.
+fn brought_along(v: vec3<f32>, e1: vec3<f32>, e2: vec3<f32>, to1: vec3<f32>, to2: vec3<f32>) -> vec3<f32> {
+    let n = cross(e1, e2);
+    let last_n = cross(to1, to2);
+    let size2 = dot(n, n);
+    let last_size2 = dot(last_n, last_n);
+    let a = dot(cross(v, e2), n) / size2;
+    let b = dot(cross(e1, v), n) / size2;
+    let c = dot(v, n) * inverseSqrt(size2 * last_size2);
+    let there = a * to1 + b * to2 + c * last_n;
+    return select(v, normalize(there), size2 > 0.0 && last_size2 > 0.0 && dot(there, there) > 0.0);
+}
+
+fn last_surface(prim: u32, bary: vec2<f32>, position: vec3<f32>, normal: vec3<f32>) -> LastSurface {
+    let place = placed(prim);
+    let now = triangle_at(place);
+    let last = last_triangle(place);
+    // What stands still is exactly where it is.
+    let moved = array<vec3<f32>, 3>(last[0] - now.v0, last[1] - now.v1, last[2] - now.v2);
+    if all(moved[0] == vec3<f32>(0.0)) && all(moved[1] == vec3<f32>(0.0)) && all(moved[2] == vec3<f32>(0.0)) {
+        return LastSurface(position, normal);
+    }
+    let shift = (1.0 - bary.x - bary.y) * moved[0] + bary.x * moved[1] + bary.y * moved[2];
+    let turned = brought_along(normal, now.v1 - now.v0, now.v2 - now.v0, last[1] - last[0], last[2] - last[0]);
+    return LastSurface(position + shift, turned);
+}

@@ -1,0 +1,128 @@
+// The triangles of bodies whose shape moves, as they are in this frame and as they were in the one before: linear blend
+// skinning of morphed vertices, as in glTF 2.0, sections 3.7.2.2 and 3.7.3. One invocation per triangle. Everything
+// follows from the two poses that the host gives, so no frame depends on what another left in the tables.
+
+//!include frame changed_tables
+
+@group(1) @binding(0) var<storage, read> triangles: array<SkinTriangle>;
+@group(1) @binding(1) var<storage, read> vertices: array<SkinVertex>;
+@group(1) @binding(2) var<storage, read> morphs: array<SkinMorph>;
+// Of each joint three rows of its matrix now and three of the one before; weights of morph targets, now in x, before in y.
+@group(1) @binding(3) var<storage, read> pose: array<vec4<f32>>;
+// Of nodes, then of triangles: least and largest coordinates.
+@group(1) @binding(4) var<storage, read_write> boxes: array<vec4<f32>>;
+
+const ROWS_PER_POSE: u32 = 3u;
+
+struct Affine {
+    x: vec4<f32>,
+    y: vec4<f32>,
+    z: vec4<f32>,
+}
+
+struct Corner {
+    position: vec3<f32>,
+    last_position: vec3<f32>,
+    normal: vec3<f32>,
+    tangent: vec4<f32>,
+}
+
+// The weighted mean of a vertex's joints; `which`: 0 now, 1 before.
+fn blended(v: u32, which: u32) -> Affine {
+    var m = Affine(vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0));
+    for (var i = 0u; i < JOINTS_PER_VERTEX; i += 1u) {
+        let weight = vertices[v].weights[i];
+        if weight == 0.0 {
+            break;
+        }
+        let row = (2u * vertices[v].joints[i] + which) * ROWS_PER_POSE;
+        m.x += weight * pose[row];
+        m.y += weight * pose[row + 1u];
+        m.z += weight * pose[row + 2u];
+    }
+    return m;
+}
+
+fn point(m: Affine, p: vec3<f32>) -> vec3<f32> {
+    return vec3<f32>(dot(m.x.xyz, p) + m.x.w, dot(m.y.xyz, p) + m.y.w, dot(m.z.xyz, p) + m.z.w);
+}
+
+fn vector(m: Affine, v: vec3<f32>) -> vec3<f32> {
+    return vec3<f32>(dot(m.x.xyz, v), dot(m.y.xyz, v), dot(m.z.xyz, v));
+}
+
+// By the cofactors: the inverse transpose up to a factor, which a matrix without inverse has as well.
+fn normal_vector(m: Affine, n: vec3<f32>) -> vec3<f32> {
+    let rows = mat3x3<f32>(cross(m.y.xyz, m.z.xyz), cross(m.z.xyz, m.x.xyz), cross(m.x.xyz, m.y.xyz));
+    return n * rows * sign(dot(m.x.xyz, rows[0]));
+}
+
+fn unit_or(v: vec3<f32>, otherwise: vec3<f32>) -> vec3<f32> {
+    let size2 = dot(v, v);
+    return select(otherwise, v * inverseSqrt(max(size2, 1e-37)), size2 > 1e-37);
+}
+
+fn corner_at(at: u32) -> Corner {
+    var position = vertices[at].position;
+    var last_position = position;
+    var normal = vertices[at].normal;
+    var tangent = vertices[at].tangent;
+    for (var i = 0u; i < vertices[at].morph_count; i += 1u) {
+        let morph = morphs[vertices[at].first_morph + i];
+        let weight = pose[vertices[at].first_weight + i];
+        position += weight.x * morph.position;
+        last_position += weight.y * morph.position;
+        normal += weight.x * morph.normal;
+        tangent += vec4<f32>(weight.x * morph.tangent, 0.0);
+    }
+    let now = blended(at, 0u);
+    let along = unit_or(vector(now, tangent.xyz), vec3<f32>(0.0));
+    let handedness = select(1.0, -1.0, dot(now.x.xyz, cross(now.y.xyz, now.z.xyz)) < 0.0);
+    return Corner(
+        point(now, position),
+        point(blended(at, 1u), last_position),
+        normal_vector(now, normal),
+        vec4<f32>(along, tangent.w * handedness),
+    );
+}
+
+fn set_row(row: u32, v: vec3<f32>, w: u32) {
+    set_table_row(row, vec4<u32>(bitcast<vec3<u32>>(v), w));
+}
+
+@compute @workgroup_size(64)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let first_box = pass_.args[1];
+    let count = pass_.args[0];
+    let i = id.x + id.y * COLUMNS;
+    if i >= count {
+        return;
+    }
+    let t = triangles[i];
+    let a = corner_at(t.corners.x);
+    let b = corner_at(t.corners.y);
+    let c = corner_at(t.corners.z);
+    let row = frame.geometry.first_deforming + i;
+    let at = frame.tables.triangles + 3u * row;
+    set_row(at, a.position, t.material);
+    set_row(at + 1u, b.position, t.first_copy);
+    set_row(at + 2u, c.position, t.light);
+    let flat = unit_or(cross(b.position - a.position, c.position - a.position), vec3<f32>(0.0, 0.0, 1.0));
+    let shading = frame.tables.shadings + 4u * row;
+    set_row(shading, unit_or(a.normal, flat), bitcast<u32>(t.uv0.x));
+    set_row(shading + 1u, unit_or(b.normal, flat), bitcast<u32>(t.uv0.y));
+    set_row(shading + 2u, unit_or(c.normal, flat), bitcast<u32>(t.uv1.x));
+    set_table_row(shading + 3u, vec4<u32>(bitcast<vec3<u32>>(vec3<f32>(t.uv1.y, t.uv2)), 0u));
+    if frame.tables.tangents != 0u {
+        let tangents = frame.tables.tangents + 3u * row;
+        set_table_row(tangents, bitcast<vec4<u32>>(a.tangent));
+        set_table_row(tangents + 1u, bitcast<vec4<u32>>(b.tangent));
+        set_table_row(tangents + 2u, bitcast<vec4<u32>>(c.tangent));
+    }
+    let last = frame.tables.last_corners + 3u * i;
+    set_row(last, a.last_position, 0u);
+    set_row(last + 1u, b.last_position, 0u);
+    set_row(last + 2u, c.last_position, 0u);
+    boxes[first_box + 2u * i] = vec4<f32>(min(min(a.position, b.position), c.position), 0.0);
+    boxes[first_box + 2u * i + 1u] = vec4<f32>(max(max(a.position, b.position), c.position), 0.0);
+}
