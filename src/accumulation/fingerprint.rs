@@ -91,7 +91,7 @@ fn hash(write: impl FnOnce(&mut Fnv) -> std::fmt::Result) -> String {
 fn scene_hash(scene: &Scene) -> String {
     let mut fnv = Fnv::new();
     for mesh in &scene.meshes {
-        let Mesh { positions, normals, tangents, uvs: [uv0, uv1], colors, triangles, material } = mesh;
+        let Mesh { positions, normals, tangents, uvs: [uv0, uv1], colors, triangles, material, .. } = mesh;
         for bytes in [
             bytemuck::cast_slice(positions),
             bytemuck::cast_slice(normals),

@@ -203,6 +203,7 @@ mod tests {
             colors: vec![Vec4::new(0.5, 0.25, 1.0, 0.125); 3],
             triangles: vec![[0, 1, 2]],
             material,
+            ..Mesh::default()
         };
         let wraps = [Wrap::Repeat, Wrap::MirroredRepeat, Wrap::ClampToEdge];
         let textures = |i: usize| Texture {

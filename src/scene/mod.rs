@@ -8,6 +8,7 @@ pub mod complete;
 pub mod folder;
 pub mod rig;
 pub mod projection;
+pub mod motion;
 pub mod shot;
 pub mod gltf;
 pub mod builtin;
@@ -20,6 +21,8 @@ pub mod viewpoint;
 use std::sync::Arc;
 
 use glam::{Affine2, Affine3A, Vec2, Vec3, Vec4};
+
+use self::motion::{Influence, Morph, Motion};
 
 /// Geometry of one glTF primitive: triangles with one material, in its own space.
 #[derive(Clone, Debug, Default)]
@@ -38,6 +41,29 @@ pub struct Mesh {
     pub triangles: Vec<[u32; 3]>,
     /// Index into [`Scene::materials`].
     pub material: usize,
+    /// What moves vertices where an instance has a skin: one per position or empty.
+    pub influences: Vec<Influence>,
+    /// Other shapes of the mesh, for instances that have weights for them.
+    pub morphs: Vec<Morph>,
+}
+
+impl Mesh {
+    /// Bytes on the heap.
+    pub fn bytes(&self) -> u64 {
+        let Self { positions, normals, tangents, uvs: [uvs_0, uvs_1], colors, triangles, .. } = self;
+        let vectors = held(positions) + held(normals) + held(tangents) + held(colors);
+        vectors + held(uvs_0) + held(uvs_1) + held(triangles) + self.motion_bytes()
+    }
+
+    /// Bytes on the heap of influences and morphs.
+    pub fn motion_bytes(&self) -> u64 {
+        let morph = |m: &Morph| held(&m.positions) + held(&m.normals) + held(&m.tangents);
+        held(&self.influences) + held(&self.morphs) + self.morphs.iter().map(morph).sum::<u64>()
+    }
+}
+
+fn held<T>(list: &Vec<T>) -> u64 {
+    (list.capacity() * size_of::<T>()) as u64
 }
 
 /// A mesh put into the world.
@@ -270,6 +296,8 @@ pub struct Scene {
     pub lights: Vec<Light>,
     pub environment: Environment,
     pub cameras: Vec<Camera>,
+    /// What of it moves. Instances, lights, cameras and materials are as they are at time 0.
+    pub motion: Motion,
     /// Things in the file that were left out or approximated, each said once.
     pub warnings: Vec<String>,
 }
@@ -294,6 +322,7 @@ impl Scene {
             lights: Vec::new(),
             environment: Environment::Black,
             cameras: Vec::new(),
+            motion: Motion::default(),
             warnings: Vec::new(),
         }
     }

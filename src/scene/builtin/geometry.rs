@@ -116,10 +116,9 @@ impl Surface {
             positions: self.vertices.iter().map(|v| v.position).collect(),
             normals: self.vertices.iter().map(|v| v.normal).collect(),
             uvs: [self.vertices.iter().map(|v| v.uv).collect(), Vec::new()],
-            colors: Vec::new(),
-            tangents: Vec::new(),
             triangles: self.triangles,
             material,
+            ..Mesh::default()
         }
     }
 }

@@ -108,16 +108,16 @@ impl<'a, 'b> Geometry<'a, 'b> {
             positions,
             uvs: [vertices.uvs(0, place, warnings)?, vertices.uvs(1, place, warnings)?],
             colors: vertices.colors(place, warnings)?,
-            tangents: Vec::new(),
             triangles,
             material,
+            ..Mesh::default()
         };
         if let Some(map) = map {
             // The format has tangents ignored where there are no normals.
             let given = if mesh.normals.is_empty() { None } else { vertices.tangents(place, warnings)? };
             tangents::give(&mut mesh, map, given, place, warnings);
         }
-        reserved.shrink_to(bytes_of(&mesh));
+        reserved.shrink_to(mesh.bytes());
         reserved.keep();
         Ok(Some(mesh))
     }
@@ -154,16 +154,6 @@ fn corners(indices: Option<(Elements, usize)>, vertex_count: usize) -> Outcome<V
             corners[at]
         ))),
     }
-}
-
-/// What a mesh holds.
-fn bytes_of(mesh: &Mesh) -> u64 {
-    fn held<T>(list: &Vec<T>) -> usize {
-        list.capacity() * size_of::<T>()
-    }
-    let Mesh { positions, normals, tangents, uvs: [uvs_0, uvs_1], colors, triangles, material: _ } = mesh;
-    let vectors = held(positions) + held(normals) + held(tangents) + held(colors);
-    (vectors + held(uvs_0) + held(uvs_1) + held(triangles)) as u64
 }
 
 /// Attributes of one primitive, gathered for the vertices in use.

@@ -46,6 +46,7 @@ use self::hierarchy::PlacedNode;
 use self::materials::Surfaces;
 pub use self::write::write;
 use super::folder::{self, Access, Folder};
+use super::motion::Motion;
 use super::{Environment, Instance, Material, Scene, SceneError};
 
 /// More instances than this are taken for a damaged or hostile file.
@@ -96,6 +97,7 @@ fn parse(bytes: &[u8], path: &Path, access: Access) -> Outcome<Scene> {
         lights,
         environment: Environment::Black,
         cameras,
+        motion: Motion::default(),
         warnings: warnings.into_texts(),
     })
 }

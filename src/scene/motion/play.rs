@@ -1,0 +1,103 @@
+//! What of a scene file's animations is played, and what moves besides.
+
+use glam::{DQuat, DVec3};
+
+use super::keys::{Interpolation, Keys};
+
+/// Which animations of a scene file are played.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum Choice {
+    /// All together.
+    #[default]
+    All,
+    None,
+    /// The first of that name.
+    Named(String),
+}
+
+impl Choice {
+    /// `all`, `none`, or a name.
+    pub fn of(text: &str) -> Self {
+        match text {
+            "all" => Self::All,
+            "none" => Self::None,
+            name => Self::Named(name.to_owned()),
+        }
+    }
+
+    pub fn text(&self) -> &str {
+        match self {
+            Self::All => "all",
+            Self::None => "none",
+            Self::Named(name) => name,
+        }
+    }
+}
+
+/// What is to move.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Play {
+    pub animation: Choice,
+    /// Whether animations begin anew after their end; else the end is held.
+    pub loops: bool,
+    pub moves: Vec<Move>,
+}
+
+impl Default for Play {
+    /// All of the file's animations, over and over.
+    fn default() -> Self {
+        Self { animation: Choice::All, loops: true, moves: Vec::new() }
+    }
+}
+
+/// What a move is of.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Moved {
+    /// The first node of that name in the scene's file.
+    Node(String),
+    /// One of the shot's own lights, by its number.
+    Light(usize),
+}
+
+/// A node or light that moves by keys of its own, linear between them. They go before the file's animations.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Move {
+    pub of: Moved,
+    /// At least one; times from 0 on that strictly rise, each of them one that an f32 holds apart from the others.
+    pub keys: Vec<MoveKey>,
+}
+
+/// A place in the parent. What is `None` in the first key is so in all, and stays as it is in the scene.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct MoveKey {
+    pub time_s: f64,
+    /// Scene units.
+    pub position: Option<DVec3>,
+    /// Turns around x, then y, then z of the parent, degrees.
+    pub rotation_deg: Option<DVec3>,
+    pub scale: Option<DVec3>,
+}
+
+impl MoveKey {
+    fn rotation(&self) -> Option<DQuat> {
+        let [x, y, z] = self.rotation_deg?.to_array().map(f64::to_radians);
+        Some(DQuat::from_rotation_z(z) * DQuat::from_rotation_y(y) * DQuat::from_rotation_x(x))
+    }
+}
+
+impl Move {
+    /// Keys of translation, rotation and scale, as far as it has any.
+    pub fn channels(&self) -> [Option<Keys>; 3] {
+        let numbers = |of: &dyn Fn(&MoveKey) -> Option<Vec<f64>>, width| {
+            let values: Vec<Vec<f64>> = self.keys.iter().filter_map(of).collect();
+            let times_s = self.keys.iter().map(|k| k.time_s as f32).collect();
+            let values = values.into_iter().flatten().map(|v| v as f32).collect();
+            Keys::new(times_s, values, width, Interpolation::Linear).ok()
+        };
+        [
+            numbers(&|k| k.position.map(|v| v.to_array().to_vec()), 3),
+            numbers(&|k| k.rotation().map(|q| q.to_array().to_vec()), 4),
+            numbers(&|k| k.scale.map(|v| v.to_array().to_vec()), 3),
+        ]
+    }
+}
