@@ -1,6 +1,6 @@
 // One auxiliary image per dispatch, from the hit behind the pixel's centre.
 
-//!include frame grid rng scene light_tree environment lights trace traverse hits surface bsdf path split pack motion
+//!include frame grid rng scene light_tree environment lights trace traverse hits surface bsdf path split pack motion last_surface
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> albedo_image: array<vec4<u32>>;
@@ -78,7 +78,11 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
                 } else if pass_.args[0] == POSITION {
                     value = s.position + frame.geometry.world_origin;
                 } else {
-                    value = vec3<f32>(pixel_of(s.position, previous.views[pass_.view]).xy - centre, 0.0);
+                    var was_at = s.position;
+                    if HAS_MOTION {
+                        was_at = last_surface(hit.x, bitcast<vec2<f32>>(hit.yz), s.position, s.normal).position;
+                    }
+                    value = vec3<f32>(pixel_of(was_at, previous.views[pass_.view]).xy - centre, 0.0);
                 }
             } else if hit.x != NO_PRIM {
                 let p = origin + direction * emission_image[at].a;

@@ -1,4 +1,5 @@
-// Where the surface behind each pixel's centre was in the frame before, and which way it faced.
+// Where the surface behind each pixel's centre was in the frame before, and which way it faced; NO_NORMAL where it has not
+// moved, and where there is none.
 
 //!include frame grid scene pack last_surface
 
@@ -14,13 +15,11 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let at = pixel_index(pixel);
     let guide = guide_image[at];
-    if guide.w == NO_NORMAL {
-        last_surface_image[at] = guide;
-        return;
+    var value = vec4<u32>(0u, 0u, 0u, NO_NORMAL);
+    if guide.w != NO_NORMAL {
+        let hit = hit_image[at];
+        let last = last_surface(hit.x, bitcast<vec2<f32>>(hit.yz), bitcast<vec3<f32>>(guide.xyz), unpack_normal(guide.w));
+        value = select(value, vec4<u32>(bitcast<vec3<u32>>(last.position), pack_normal(last.normal)), last.has_moved);
     }
-    let hit = hit_image[at];
-    let normal = unpack_normal(guide.w);
-    let last = last_surface(hit.x, bitcast<vec2<f32>>(hit.yz), bitcast<vec3<f32>>(guide.xyz), normal);
-    let packed = select(pack_normal(last.normal), guide.w, all(last.normal == normal));
-    last_surface_image[at] = vec4<u32>(bitcast<vec3<u32>>(last.position), packed);
+    last_surface_image[at] = value;
 }

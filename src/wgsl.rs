@@ -161,7 +161,7 @@ macro_rules! shared_constants {
         $($(#[$about])* $visible const $name: u32 = $value;)*
 
         /// Those above, for shaders.
-        pub(super) const CONSTANTS: &[$crate::wgsl::Constant] = $crate::wgsl::constants![$($name),*];
+        pub(crate) const CONSTANTS: &[$crate::wgsl::Constant] = $crate::wgsl::constants![$($name),*];
     };
 }
 

@@ -3,6 +3,7 @@
 struct LastSurface {
     position: vec3<f32>,
     normal: vec3<f32>,
+    has_moved: bool,
 }
 
 // The corners of a triangle in the frame before, in the world.
@@ -43,9 +44,9 @@ fn last_surface(prim: u32, bary: vec2<f32>, position: vec3<f32>, normal: vec3<f3
     // What stands still is exactly where it is.
     let moved = array<vec3<f32>, 3>(last[0] - now.v0, last[1] - now.v1, last[2] - now.v2);
     if all(moved[0] == vec3<f32>(0.0)) && all(moved[1] == vec3<f32>(0.0)) && all(moved[2] == vec3<f32>(0.0)) {
-        return LastSurface(position, normal);
+        return LastSurface(position, normal, false);
     }
     let shift = (1.0 - bary.x - bary.y) * moved[0] + bary.x * moved[1] + bary.y * moved[2];
     let turned = brought_along(normal, now.v1 - now.v0, now.v2 - now.v0, last[1] - last[0], last[2] - last[0]);
-    return LastSurface(position + shift, turned);
+    return LastSurface(position + shift, turned, true);
 }

@@ -1,4 +1,7 @@
-// Where a surface was seen before. Nothing but the eyes moves.
+// Where a surface was seen before.
+
+// Whether anything but the eyes moves.
+override HAS_MOTION: bool = false;
 
 struct Previous {
     views: array<View, 2>,

@@ -52,11 +52,11 @@ fn placed(prim: u32) -> Placed {
     var high = frame.geometry.instance_count;
     while high - low > 1u {
         let middle = (low + high) >> 1u;
-        let is_before = instance_header(frame.geometry.instances + ROWS_PER_INSTANCE * middle).x <= prim;
+        let is_before = table_row(frame.geometry.instance_numbers + middle).x <= prim;
         low = select(low, middle, is_before);
         high = select(middle, high, is_before);
     }
-    let instance = frame.geometry.instances + ROWS_PER_INSTANCE * low;
+    let instance = frame.geometry.instances + ROWS_PER_INSTANCE * table_row(frame.geometry.instance_numbers + low).y;
     let header = instance_header(instance);
     return Placed(prim + header.y, instance, header.w != 0u);
 }

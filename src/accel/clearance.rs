@@ -8,7 +8,7 @@ use super::{Accel, Instance, Triangle};
 
 impl Accel {
     /// At most the distance from `point`, relative to [`Self::origin`], to the nearest triangle; infinite in an empty
-    /// scene. Triangles of instances that are stretched may seem nearer than they are.
+    /// scene. Triangles of instances that are stretched may seem nearer than they are. What moves is where it is at time 0.
     pub fn clearance(&self, point: Vec3) -> f32 {
         let mut nearest = f32::INFINITY;
         self.visit(0, point, &mut nearest, |row, p, nearest| {

@@ -66,8 +66,16 @@ pub(super) fn flatten<'a>(
         let mesh = &scene.meshes[instance.mesh];
         let place = near_from_local(instance, origin);
         let mirrored = place.matrix3.determinant() < 0.0;
-        push_instance(&mut flat, &place, mirrored, mesh, &scene.materials[mesh.material], present);
+        push_instance(&mut flat, &place, mirrored, mesh, &scene.materials[mesh.material], present, false);
     }
+    flat
+}
+
+/// The shape of a body that deforms, in the world. Triangles without area are kept, as they may have some in other frames.
+pub(super) fn deforming(scene: &Scene, shape: &Mesh, origin: DVec3, present: &Present) -> Flat {
+    let mut flat = Flat::default();
+    let place = Affine3A::from_translation(-origin.as_vec3());
+    push_instance(&mut flat, &place, false, shape, &scene.materials[shape.material], present, true);
     flat
 }
 
@@ -77,7 +85,7 @@ pub(super) fn local(scene: &Scene, mesh: usize, mirrored: bool, present: &Presen
     let mut flat = Flat::default();
     let mesh = &scene.meshes[mesh];
     let material = &scene.materials[mesh.material];
-    push_instance(&mut flat, &Affine3A::IDENTITY, mirrored, mesh, material, present);
+    push_instance(&mut flat, &Affine3A::IDENTITY, mirrored, mesh, material, present, false);
     if mirrored {
         // They were turned by the cofactor matrix, which the determinant's sign is in.
         flat.shadings.iter_mut().for_each(|s| [s.n0, s.n1, s.n2] = [-s.n0, -s.n1, -s.n2]);
@@ -92,6 +100,7 @@ fn push_instance(
     mesh: &Mesh,
     material: &Material,
     present: &Present,
+    keeps_all: bool,
 ) {
     let linear = Mat3::from(place.matrix3);
     // The cofactor matrix: the inverse transpose up to a factor, defined for flattened (singular) transforms too.
@@ -109,11 +118,12 @@ fn push_instance(
         let corner = if mirrored { [a, c, b] } else { [a, b, c] }.map(|i| i as usize);
         let [v0, v1, v2] = corner.map(|i| world[i]);
         let cross = (v1 - v0).cross(v2 - v0);
-        if !(cross.length() > 0.0 && cross.is_finite()) {
+        let has_area = cross.length() > 0.0 && cross.is_finite();
+        if !(has_area || keeps_all) {
             flat.dropped += 1;
             continue;
         }
-        let normal = cross.normalize();
+        let normal = cross.normalize_or(Vec3::Z);
         let [n0, n1, n2] = corner.map(|i| match mesh.normals.get(i) {
             Some(&n) => (cofactor * n).try_normalize().unwrap_or(normal),
             None => normal,

@@ -3,12 +3,12 @@
 use std::collections::BTreeMap;
 
 use bytemuck::{Pod, Zeroable};
-use glam::{Affine3A, DMat3, DVec3, Mat3, Vec3, Vec3A, Vec4};
+use glam::{Affine3A, DMat3, DVec3, Mat3, Mat4, Vec3, Vec3A, Vec4};
 use obvhs::aabb::Aabb;
 
 use super::Layout;
-use super::flatten::near_from_local;
-use crate::scene::{self, Mesh, Scene};
+use super::tree::Tree;
+use crate::scene::{self, Material, Mesh, Scene};
 
 /// Most triangles that are flattened even if instances would be smaller: their widest table then fills the 128 MiB that
 /// every device lets a shader read at once. Rays find flattened triangles 1.2 to 1.8 times as fast (`benches/rays.rs
@@ -38,6 +38,8 @@ pub struct Instance {
     pub root: u32,
     /// 0 where its triangles lie as in the tables.
     pub is_moved: u32,
+    /// As `world_from_local`, in the frame before.
+    pub last_world_from_local: [Vec4; 3],
 }
 
 impl Instance {
@@ -49,9 +51,15 @@ impl Instance {
         row_offset: 0,
         root: 0,
         is_moved: 0,
+        last_world_from_local: [Vec4::X, Vec4::Y, Vec4::Z],
     };
 
-    pub(super) fn new(place: &Affine3A, first_prim: u32, first_row: u32, root: u32) -> Self {
+    /// Triangles that lie in the tables as in the world, under a tree of their own.
+    pub(super) fn still(first_row: u32, root: u32) -> Self {
+        Self { first_prim: first_row, root, ..Self::STILL }
+    }
+
+    pub(super) fn new(place: &Affine3A, last: &Affine3A, first_prim: u32, tree: &Tree) -> Self {
         let linear = Mat3::from(place.matrix3).as_dmat3();
         let inverse = linear.inverse();
         let translation = Vec3::from(place.translation).as_dvec3();
@@ -59,9 +67,10 @@ impl Instance {
             world_from_local: rows(linear, translation),
             local_from_world: rows(inverse, -(inverse * translation)),
             first_prim,
-            row_offset: first_row.wrapping_sub(first_prim),
-            root,
+            row_offset: tree.first_row.wrapping_sub(first_prim),
+            root: tree.root,
             is_moved: 1,
+            last_world_from_local: rows(Mat3::from(last.matrix3).as_dmat3(), Vec3::from(last.translation).as_dvec3()),
         }
     }
 }
@@ -70,12 +79,13 @@ fn rows(linear: DMat3, translation: DVec3) -> [Vec4; 3] {
     [0, 1, 2].map(|i| linear.row(i).extend(translation[i]).as_vec4())
 }
 
-/// A mesh that several instances share, all of them mirrored or none.
+/// A mesh that instances have in its own space, all of them mirrored or none.
 #[derive(Debug)]
 pub(super) struct Shared {
     pub mesh: usize,
     pub mirrored: bool,
-    pub places: Vec<Affine3A>,
+    /// Indices of the instances.
+    pub users: Vec<usize>,
 }
 
 /// A scene's instances.
@@ -84,47 +94,52 @@ pub(super) struct Division {
     /// Indices of those that are flattened, in order.
     pub flat: Vec<usize>,
     pub shared: Vec<Shared>,
+    /// Bodies, by their indices, whose triangles are brought into the world anew in each frame.
+    pub deforming: Vec<usize>,
 }
 
 impl Division {
     /// Flattened are all that share no mesh, that glow, since lights are triangles of the world, and those whose
-    /// transform cannot be undone well.
-    pub fn new(scene: &Scene, origin: DVec3, layout: Layout) -> Self {
-        let all_flat = || Self { flat: (0..scene.instances.len()).collect(), shared: Vec::new() };
-        if layout == Layout::Flat || layout == Layout::Auto && scene.triangle_count() <= MAX_FLAT {
-            return all_flat();
-        }
-        let divided = Self::two_level(scene, origin);
+    /// transform cannot be undone well. Bodies that would be deform, as those do that change their shape.
+    pub fn new(scene: &Scene, layout: Layout) -> Self {
+        let divided = Self::of_layout(scene, layout == Layout::Flat);
         let stored = divided.stored_triangles(scene);
-        if layout == Layout::Auto && stored * LEAST_SAVING > scene.triangle_count() { all_flat() } else { divided }
+        let is_small = scene.triangle_count() <= MAX_FLAT || stored * LEAST_SAVING > scene.triangle_count();
+        if layout == Layout::Auto && is_small { Self::of_layout(scene, true) } else { divided }
     }
 
-    fn two_level(scene: &Scene, origin: DVec3) -> Self {
+    /// `flattens`: all but bodies.
+    fn of_layout(scene: &Scene, flattens: bool) -> Self {
+        let mut moving = vec![None; scene.instances.len()];
+        for (number, body) in scene.motion.bodies.iter().enumerate() {
+            moving[body.instance] = Some((number, body));
+        }
         let mut sharing: BTreeMap<(usize, bool), Vec<usize>> = BTreeMap::new();
-        let mut flat = Vec::new();
+        let (mut flat, mut deforming) = (Vec::new(), Vec::new());
         for (i, instance) in scene.instances.iter().enumerate() {
-            let material = &scene.materials[scene.meshes[instance.mesh].material];
-            if material.unlit || material.emissive != Vec3::ZERO || !is_undone_well(&instance.world_from_local) {
-                flat.push(i);
-            } else {
-                let mirrored = instance.world_from_local.matrix3.determinant() < 0.0;
-                sharing.entry((instance.mesh, mirrored)).or_default().push(i);
+            let stays =
+                glows(scene, scene.meshes[instance.mesh].material) || !is_undone_well(&instance.world_from_local);
+            match moving[i] {
+                Some((number, body)) if stays || body.deforms() => deforming.push(number),
+                None if stays || flattens => flat.push(i),
+                _ => {
+                    let mirrored = instance.world_from_local.matrix3.determinant() < 0.0;
+                    sharing.entry((instance.mesh, mirrored)).or_default().push(i);
+                }
             }
         }
-        flat.extend(sharing.values().filter(|users| users.len() == 1).flatten());
+        let is_alone = |users: &[usize]| users.len() == 1 && moving[users[0]].is_none();
+        flat.extend(sharing.values().filter(|users| is_alone(users)).flatten());
         flat.sort_unstable();
-        let place = |i: &usize| near_from_local(&scene.instances[*i], origin);
-        let shared = sharing.into_iter().filter(|(_, users)| users.len() > 1);
-        let shared = shared.map(|((mesh, mirrored), users)| {
-            let places = users.iter().map(place).collect();
-            Shared { mesh, mirrored, places }
-        });
-        Self { flat, shared: shared.collect() }
+        let shared = sharing.into_iter().filter(|(_, users)| !is_alone(users));
+        let shared = shared.map(|((mesh, mirrored), users)| Shared { mesh, mirrored, users });
+        Self { flat, shared: shared.collect(), deforming }
     }
 
     /// Triangles that the tables hold.
     pub fn stored_triangles(&self, scene: &Scene) -> usize {
-        let flat = self.flat.iter().map(|&i| scene.instances[i].mesh);
+        let bodies = self.deforming.iter().map(|&b| &scene.motion.bodies[b].instance);
+        let flat = self.flat.iter().chain(bodies).map(|&i| scene.instances[i].mesh);
         flat.chain(self.shared.iter().map(|s| s.mesh)).map(|m| scene.meshes[m].triangles.len()).sum()
     }
 
@@ -133,8 +148,14 @@ impl Division {
     }
 }
 
+/// Whether what is made of it is a light, at some time, or shows its own colour.
+fn glows(scene: &Scene, material: usize) -> bool {
+    let Material { unlit, emissive, .. } = scene.materials[material];
+    unlit || emissive != Vec3::ZERO || scene.motion.emitters.iter().any(|e| e.index == material)
+}
+
 /// Whether rays can be brought into an instance's space and hits back without much loss.
-fn is_undone_well(place: &Affine3A) -> bool {
+pub(super) fn is_undone_well(place: &Affine3A) -> bool {
     let linear = Mat3::from(place.matrix3).as_dmat3();
     let norm = |m: DMat3| m.to_cols_array().map(|x| x * x).iter().sum::<f64>().sqrt();
     let (size, inverse) = (norm(linear), norm(linear.inverse()));
@@ -149,12 +170,25 @@ pub(super) fn bounds(mesh: &Mesh, place: &Affine3A) -> Aabb {
         out.extend(place.transform_point3(p).into());
         farthest = farthest.max(p.abs());
     }
-    let linear = Mat3::from(place.matrix3);
-    let terms = linear.x_axis.abs() * farthest.x
-        + linear.y_axis.abs() * farthest.y
-        + linear.z_axis.abs() * farthest.z
-        + Vec3::from(place.translation).abs();
-    // Eight times the error of a transformed point.
-    let slack = terms * 2f32.powi(-19);
-    Aabb::new(out.min - Vec3A::from(slack), out.max + Vec3A::from(slack))
+    grown(out, &Mat4::from(*place), farthest)
+}
+
+/// Bounds of a box that a matrix takes somewhere else, rounded up.
+pub(super) fn box_in(place: &Mat4, low: Vec3, high: Vec3) -> Aabb {
+    let mut out = Aabb::empty();
+    for corner in 0..8 {
+        let pick = |axis: usize| if corner >> axis & 1 == 0 { low[axis] } else { high[axis] };
+        out.extend(place.transform_point3(Vec3::new(pick(0), pick(1), pick(2))).into());
+    }
+    grown(out, place, low.abs().max(high.abs()))
+}
+
+/// By eight times the error of a point that is transformed, whose coordinates are at most `farthest`.
+fn grown(bounds: Aabb, place: &Mat4, farthest: Vec3) -> Aabb {
+    let terms = place.x_axis.abs() * farthest.x
+        + place.y_axis.abs() * farthest.y
+        + place.z_axis.abs() * farthest.z
+        + place.w_axis.abs();
+    let slack = Vec3A::from(terms.truncate() * 2f32.powi(-19));
+    Aabb::new(bounds.min - slack, bounds.max + slack)
 }

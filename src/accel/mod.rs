@@ -7,20 +7,28 @@
 mod clearance;
 mod flatten;
 mod instances;
+mod moving;
+mod skins;
 mod tree;
 
 use std::ops::Range;
 
-use glam::{DVec3, Vec3};
-use obvhs::BvhBuildParams;
+use glam::{DVec3, Vec3, Vec4};
+use obvhs::aabb::Aabb;
 use obvhs::cwbvh::CwBvh;
-use obvhs::cwbvh::builder::build_cwbvh;
 
 use self::flatten::{Flat, Present};
 pub use self::instances::Instance;
 use self::instances::{Division, Shared};
+use self::moving::{By, Placement};
+pub use self::moving::{Placed, Poses};
+pub use self::skins::{COLUMNS, Skins};
+pub(crate) use self::skins::{CONSTANTS as SKIN_CONSTANTS, structs as skin_structs};
 use self::tree::{BUILD_BYTES, Room, Tree, depth, tree_over};
 use crate::scene::budget::{Budget, Exceeded};
+use crate::scene::motion::Motion;
+use crate::scene::motion::bake::deformed;
+use crate::scene::motion::pose::Pose;
 use crate::scene::{Bounds, Scene};
 use crate::wgsl::shared_structs;
 
@@ -110,7 +118,7 @@ pub enum Layout {
 pub struct Accel {
     /// The first node is the root over the flattened triangles.
     pub nodes: Vec<Node>,
-    /// The flattened triangles, then those of shared meshes, some of them more than once.
+    /// The flattened triangles, those of bodies that deform, then those of shared meshes, some of them more than once.
     pub triangles: Vec<Triangle>,
     pub shadings: Vec<Shading>,
     /// Three linear RGBA colours a triangle, or none at all.
@@ -119,12 +127,17 @@ pub struct Accel {
     pub second_uvs: Vec<[f32; 2]>,
     /// Three tangents a triangle with the bitangent's sign in w, or none at all.
     pub tangents: Vec<[f32; 4]>,
-    /// [`Instance::STILL`], then those of shared meshes in the order of the tree over them.
+    /// [`Instance::STILL`], then the others in the order of the tree over them, as they are at time 0.
     pub instances: Vec<Instance>,
-    /// Rows of each tree's triangles: first of the flattened ones, which may be none, then of shared meshes.
-    pub trees: Vec<Range<u32>>,
+    /// The first number of each one's triangles, rising, and its place among the instances.
+    pub numbers: Vec<[u32; 4]>,
     /// Root of the tree over instances, if there are several; its leaves count [`Self::instances`].
     pub instance_tree: u32,
+    placements: Vec<Placement>,
+    /// Bodies that change their shape.
+    pub skins: Skins,
+    /// Rows of each tree's triangles: first of the flattened ones, which may be none, then of bodies and shared meshes.
+    pub trees: Vec<Range<u32>>,
     /// Stored triangles without area, which no ray can meet: they are left out.
     pub dropped: usize,
     /// What all positions on a device are relative to: (0, 0, 0) unless the scene stands far from there, where f32
@@ -184,7 +197,7 @@ impl Accel {
         let refused = |exceeded| AccelError::Memory { triangles: count, exceeded };
         let instances = scene.instances.len() * INSTANCE_BYTES;
         let _instances = budget.reserve(instances as u64).map_err(refused)?;
-        let division = Division::new(scene, origin, layout);
+        let division = Division::new(scene, layout);
         let stored = division.stored_triangles(scene);
         if stored > MAX_TRIANGLES {
             return Err(AccelError::TooMany(stored));
@@ -195,13 +208,25 @@ impl Accel {
         let mut reserved = budget.reserve(making).map_err(refused)?;
         let mut accel = Self { origin, ..Self::empty() };
         let room = Room { budget, row_bytes: present.row_bytes(), triangles: count };
-        let flat = accel.push_tree(&flatten::flatten(scene, division.flat(scene), origin, &present), &room)?;
-        let levels = if division.shared.is_empty() {
-            flat.levels
-        } else {
-            // The root over instances waits while the flattened triangles are looked through.
-            (flat.levels + 1).max(accel.push_instances(scene, &division.shared, &present, &room)?)
-        };
+        let (flat, _) =
+            accel.push_tree(&flatten::flatten(scene, division.flat(scene), origin, &present), true, &room)?;
+        let deepest = accel.push_bodies(scene, &division.deforming, &present, &room)?;
+        let deepest = deepest.max(accel.push_shared(scene, &division.shared, &present, &room)?);
+        let pose = scene.motion.pose(0.0);
+        let rows = accel.pose_rows(&scene.motion, [&pose, &pose]);
+        let poses = Poses { motion: &scene.motion, now: &pose, last: &pose, rows: &rows };
+        accel.instance_tree = accel.nodes.len() as u32;
+        let placed = accel.placed_at((!scene.motion.bodies.is_empty()).then_some(&poses));
+        (accel.instances, accel.numbers) = (placed.instances, placed.numbers);
+        if !accel.placements.is_empty() {
+            accel.nodes.extend(placed.nodes);
+            // As many as there may be when instances move.
+            let last = accel.instance_tree as usize + accel.placements.len();
+            accel.nodes.resize(accel.nodes.len().max(if accel.moves() { last } else { 0 }), Node::default());
+        }
+        // The root over instances waits while the flattened triangles are looked through.
+        let waiting = usize::from(!accel.placements.is_empty());
+        let levels = (flat.levels + waiting).max(deepest + placed.levels);
         if levels > MAX_DEPTH {
             return Err(AccelError::TooDeep { depth: levels });
         }
@@ -224,24 +249,27 @@ impl Accel {
             second_uvs: Vec::new(),
             tangents: Vec::new(),
             instances: vec![Instance::STILL],
-            trees: Vec::new(),
+            numbers: vec![[0; 4]],
             instance_tree: 0,
+            placements: Vec::new(),
+            skins: Skins::default(),
+            trees: Vec::new(),
             dropped: 0,
             origin: DVec3::ZERO,
         }
     }
 
-    /// Adds triangles, in tree order, and the tree over them.
-    fn push_tree(&mut self, flat: &Flat, room: &Room) -> Result<Tree, AccelError> {
+    /// Adds triangles, in tree order, and the tree over them; returns that order as well.
+    fn push_tree(&mut self, flat: &Flat, splits: bool, room: &Room) -> Result<(Tree, Vec<u32>), AccelError> {
         self.dropped += flat.dropped;
         let (root, first_row) = (self.nodes.len() as u32, self.triangles.len() as u32);
         if flat.triangles.is_empty() {
             // One node without children: every ray misses it.
             self.nodes.push(Node::default());
             self.trees.push(first_row..first_row);
-            return Ok(Tree { root, first_row, rows: 0, levels: 1 });
+            return Ok((Tree { root, first_row, rows: 0, levels: 1 }, Vec::new()));
         }
-        let bvh = tree_over(&flat.triangles, room)?;
+        let bvh = tree_over(&flat.triangles, splits, room)?;
         let levels = self.push_nodes(&bvh, first_row)?;
         let order = &bvh.primitive_indices;
         let mut firsts = vec![None; flat.triangles.len()];
@@ -256,46 +284,107 @@ impl Accel {
         self.tangents.extend(corners(order, &flat.tangents));
         let rows = order.len() as u32;
         self.trees.push(first_row..first_row + rows);
-        Ok(Tree { root, first_row, rows, levels })
+        Ok((Tree { root, first_row, rows, levels }, bvh.primitive_indices))
     }
 
-    /// Adds shared meshes with a tree each, their instances and the tree over those; returns how many levels it has
-    /// together with the deepest of the meshes'.
-    fn push_instances(
+    /// Adds bodies that deform, as they are at time 0, with a tree each; returns the levels of the deepest.
+    fn push_bodies(
+        &mut self,
+        scene: &Scene,
+        bodies: &[usize],
+        present: &Present,
+        room: &Room,
+    ) -> Result<usize, AccelError> {
+        let (motion, pose) = (&scene.motion, scene.motion.pose(0.0));
+        (self.skins.first_row, self.skins.first_node) = (self.triangles.len() as u32, self.nodes.len() as u32);
+        let mut deepest = 0;
+        for &number in bodies {
+            let mesh = &scene.meshes[scene.instances[motion.bodies[number].instance].mesh];
+            let joints = motion.joints(&pose, number);
+            let shape = deformed(mesh, &pose.weights[number], Some(&joints));
+            let flat = flatten::deforming(scene, &shape, self.origin, present);
+            let (tree, order) = self.push_tree(&flat, false, room)?;
+            if tree.rows == 0 {
+                continue;
+            }
+            deepest = deepest.max(tree.levels);
+            let corners: Vec<_> = order.iter().map(|&i| shape.triangles[i as usize]).collect();
+            self.skins.push(number, mesh, joints.len(), &corners, &self.triangles[tree.first_row as usize..]);
+            let by = By::Skin(self.skins.bodies() - 1);
+            self.placements.push(Placement { tree, first_prim: tree.first_row, by });
+        }
+        self.skins.nodes = self.nodes[self.skins.first_node as usize..].to_vec();
+        self.skins.finish();
+        Ok(deepest)
+    }
+
+    /// Adds shared meshes with a tree each, and where their instances are; returns the levels of the deepest.
+    fn push_shared(
         &mut self,
         scene: &Scene,
         shared: &[Shared],
         present: &Present,
         room: &Room,
     ) -> Result<usize, AccelError> {
-        let flattened = self.triangles.len() as u32;
-        let (mut boxes, mut places, mut deepest) = (Vec::new(), Vec::new(), 0);
-        for Shared { mesh, mirrored, places: of_mesh } in shared {
-            let tree = self.push_tree(&flatten::local(scene, *mesh, *mirrored, present), room)?;
+        let mut bodies = vec![None; scene.instances.len()];
+        for (number, body) in scene.motion.bodies.iter().enumerate() {
+            bodies[body.instance] = Some(number);
+        }
+        let mut first_prim = self.triangles.len();
+        let mut deepest = 0;
+        for &Shared { mesh, mirrored, ref users } in shared {
+            let (tree, _) = self.push_tree(&flatten::local(scene, mesh, mirrored, present), true, room)?;
             deepest = deepest.max(tree.levels);
-            for place in of_mesh.iter().filter(|_| tree.rows > 0) {
-                boxes.push(instances::bounds(&scene.meshes[*mesh], place));
-                places.push((place, tree));
+            let mesh = &scene.meshes[mesh];
+            let (low, high) = ends(&mesh.positions);
+            for &user in users.iter().filter(|_| tree.rows > 0) {
+                let by = bodies[user].map_or_else(
+                    || {
+                        let place = flatten::near_from_local(&scene.instances[user], self.origin);
+                        By::Place(place, instances::bounds(mesh, &place))
+                    },
+                    |number| By::Body { number, low, high },
+                );
+                self.placements.push(Placement { tree, first_prim: first_prim as u32, by });
+                first_prim += tree.rows as usize;
             }
         }
-        if boxes.is_empty() {
-            return Ok(deepest);
+        if first_prim >= MAX_PRIMS {
+            return Err(AccelError::TooManyInstances(first_prim));
         }
-        let prims = flattened as usize + places.iter().map(|(_, tree)| tree.rows as usize).sum::<usize>();
-        if prims >= MAX_PRIMS {
-            return Err(AccelError::TooManyInstances(prims));
-        }
-        let params = BvhBuildParams { max_prims_per_leaf: 1, ..BvhBuildParams::slow_build() };
-        let bvh = build_cwbvh(&boxes, params, &mut Default::default());
-        self.instance_tree = self.nodes.len() as u32;
-        let levels = self.push_nodes(&bvh, self.instances.len() as u32)?;
-        let mut first_prim = flattened;
-        for &i in &bvh.primitive_indices {
-            let (place, tree) = places[i as usize];
-            self.instances.push(Instance::new(place, first_prim, tree.first_row, tree.root));
-            first_prim += tree.rows;
-        }
-        Ok(levels + deepest)
+        Ok(deepest)
+    }
+
+    /// Where instances are, with the tree over them; without poses, nothing moves.
+    pub fn placed_at(&self, poses: Option<&Poses>) -> Placed {
+        Placed::new(&self.placements, &self.skins, poses, self.origin, self.instance_tree)
+    }
+
+    /// Has bodies that deform know which lights their triangles are.
+    pub fn know_lights(&mut self) {
+        let rows = &self.triangles[self.skins.first_row as usize..];
+        self.skins.triangles.iter_mut().zip(rows).for_each(|(skin, row)| skin.light = row.light);
+    }
+
+    /// Whether any triangles move.
+    pub fn moves(&self) -> bool {
+        self.placements.iter().any(Placement::moves)
+    }
+
+    /// Instances that there may be, the still one among them.
+    pub fn most_instances(&self) -> usize {
+        1 + self.placements.len()
+    }
+
+    /// The rows of a pose that shaders read, now and of the frame before.
+    pub fn pose_rows(&self, motion: &Motion, poses: [&Pose; 2]) -> Vec<Vec4> {
+        let of = |number: usize| poses.map(|pose| (motion.joints(pose, number), pose.weights[number].clone()));
+        self.skins.pose_rows(of, self.origin)
+    }
+
+    /// Bounds of each moving body, and by how much it has moved at most since the frame before, scene units.
+    pub fn moved<'a>(&'a self, poses: &'a Poses) -> impl Iterator<Item = (Aabb, f32)> + 'a {
+        self.placements.iter().filter_map(|placement| placement.moved(&self.skins, poses, self.origin))
     }
 
     /// Adds a tree's nodes, whose leaves count from `first`; returns its levels.
@@ -305,14 +394,24 @@ impl Accel {
             return Err(AccelError::TooDeep { depth });
         }
         let root = self.nodes.len() as u32;
-        self.nodes.extend(bvh.nodes.iter().map(|node| {
-            let mut node = *node;
-            node.child_base_idx = node.child_base_idx.wrapping_add(root);
-            node.primitive_base_idx = node.primitive_base_idx.wrapping_add(first);
-            bytemuck::cast::<_, Node>(node)
-        }));
+        self.nodes.extend(nodes_from(bvh, root, first));
         Ok(depth)
     }
+}
+
+/// A tree's nodes, of which the first is to be `root`, and whose leaves count from `first`.
+fn nodes_from(bvh: &CwBvh, root: u32, first: u32) -> impl Iterator<Item = Node> {
+    bvh.nodes.iter().map(move |node| {
+        let mut node = *node;
+        node.child_base_idx = node.child_base_idx.wrapping_add(root);
+        node.primitive_base_idx = node.primitive_base_idx.wrapping_add(first);
+        bytemuck::cast::<_, Node>(node)
+    })
+}
+
+/// Least and largest coordinates.
+fn ends(positions: &[Vec3]) -> (Vec3, Vec3) {
+    positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)))
 }
 
 /// Where positions are counted from.

@@ -42,17 +42,19 @@ impl Room<'_> {
 
 /// The tree over triangles. Those that are large beside the others are split into boxes first (Karras & Aila, "Fast
 /// Parallel Construction of High-Quality Bounding Volume Hierarchies", HPG 2013), so that rays that pass a wall's or a
-/// beam's corner need not test it; at most 0.9 boxes a triangle are added.
-pub fn tree_over(triangles: &[Triangle], room: &Room) -> Result<CwBvh, AccelError> {
+/// beam's corner need not test it, unless `splits` says otherwise; at most 0.9 boxes a triangle are added.
+pub fn tree_over(triangles: &[Triangle], splits: bool, room: &Room) -> Result<CwBvh, AccelError> {
     const PARAMS: BvhBuildParams = BvhBuildParams::slow_build();
     const MOST_IN_A_LEAF: u32 = 3;
     let corners_of = |t: &Triangle| obvhs::triangle::Triangle { v0: t.v0.into(), v1: t.v1.into(), v2: t.v2.into() };
     let triangles: Vec<_> = triangles.iter().map(corners_of).collect();
     let mut boxes: Vec<Aabb> = triangles.iter().map(Boundable::aabb).collect();
     let mut indices: Vec<u32> = (0..triangles.len() as u32).collect();
-    let areas = || boxes.iter().map(Aabb::half_area);
-    let (average, largest) = (areas().sum::<f32>() / boxes.len() as f32, areas().fold(0.0, f32::max));
-    split_aabbs_preset(&mut boxes, &mut indices, &triangles, average, largest);
+    if splits {
+        let areas = || boxes.iter().map(Aabb::half_area);
+        let (average, largest) = (areas().sum::<f32>() / boxes.len() as f32, areas().fold(0.0, f32::max));
+        split_aabbs_preset(&mut boxes, &mut indices, &triangles, average, largest);
+    }
     let copies = boxes.len() - triangles.len();
     let making = copies * (4 * room.row_bytes + BUILD_BYTES);
     let refused = |exceeded| AccelError::Memory { triangles: room.triangles, exceeded };

@@ -136,6 +136,7 @@ pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool
         aovs: options.aovs(),
         frames_in_flight: usize::from(options.frames_in_flight),
         checks: options.shader_checks,
+        moving: loaded.tables.moving(),
         ..StageSettings::new(options.size, needs)
     };
     RenderSettings {

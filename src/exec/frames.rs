@@ -15,7 +15,7 @@ use crate::graph::FrameGraph;
 use crate::passes::ROW_TALLY;
 use crate::quality::Quality;
 use crate::schedule::{Cut, Effort};
-use crate::stages::{Place, layout};
+use crate::stages::{Place, SceneUpdate, layout};
 
 /// What a frame is made of.
 #[derive(Clone)]
@@ -26,6 +26,11 @@ pub struct Inputs {
     pub effort: Effort,
     /// The eyes of the frame before.
     pub previous: [layout::View; 2],
+    /// What it changes in the scene.
+    pub update: SceneUpdate,
+    /// Its time and that of the frame before, seconds.
+    pub time_s: f64,
+    pub last_s: f64,
     pub place: Place,
     /// The images that come back with its answer.
     pub reads: Arc<[Output]>,
@@ -169,9 +174,9 @@ impl Frames {
             let (runs, injected) = self.injected.take(device, index);
             injections.extend(injected.map(|kind| Injection { kind, device, frame: index }));
             let Inputs { constants, previous, place, ref reads, .. } = inputs;
-            let reads = reads.to_vec();
+            let (reads, update) = (reads.to_vec(), inputs.update.clone());
             let cuts = cuts(device);
-            let job = FrameJob { plan: plan.clone(), constants, previous, place, reads, cuts, runs, injected };
+            let job = FrameJob { plan: plan.clone(), constants, previous, update, place, reads, cuts, runs, injected };
             orders.push((device, Order::Frame(Box::new(job))));
         }
         let limit = self.limit(&inputs);

@@ -1,6 +1,7 @@
 //! How far a frame must look for the history of its surfaces.
 
-use glam::{DVec2, DVec3};
+use glam::{DVec2, DVec3, Vec3};
+use obvhs::aabb::Aabb;
 
 use crate::stages::SceneTables;
 use crate::stages::layout::{Camera, View};
@@ -13,8 +14,10 @@ const LARGEST_SHARE: u32 = 4;
 /// Rows up and down within which a frame's surfaces were seen in the frame before, but for what is so near that it
 /// moved further than a quarter of the height. None where the eyes turned so far that hardly anything is seen again.
 ///
+/// `moved` has the bounds of what moves by itself, and by how much it did at most.
+///
 /// The images depend on it, and it on nothing but scene and cameras, so it is the same for any devices.
-pub fn history_rows(camera: &Camera, previous: &[View; 2], tables: &SceneTables) -> Option<u32> {
+pub fn history_rows(camera: &Camera, previous: &[View; 2], tables: &SceneTables, moved: &[(Aabb, f32)]) -> Option<u32> {
     let far = most_rows(camera, previous, [0.0; 2])?;
     let largest = (camera.height / LARGEST_SHARE).max(STEP_ROWS);
     if far > f64::from(largest) {
@@ -22,8 +25,25 @@ pub fn history_rows(camera: &Camera, previous: &[View; 2], tables: &SceneTables)
     }
     let nearest = camera.views.each_ref().map(|v| 1.0 / f64::from(tables.clearance(v.origin)));
     let near = most_rows(camera, previous, nearest).unwrap_or(f64::INFINITY);
-    let rows = far.max(near).min(f64::from(largest)) as u32;
+    let own = moved.iter().map(|(bounds, by)| rows_of_body(camera, bounds, f64::from(*by))).fold(0.0, f64::max);
+    let rows = (far.max(near) + own).min(f64::from(largest)) as u32;
     Some(rows.next_multiple_of(STEP_ROWS).min(largest))
+}
+
+/// The most rows that a body may seem to have moved by itself, seen from either eye.
+fn rows_of_body(camera: &Camera, bounds: &Aabb, by: f64) -> f64 {
+    let rows = camera.views.each_ref().map(|eye| {
+        let (low, high) = (Vec3::from(bounds.min).as_dvec3(), Vec3::from(bounds.max).as_dvec3());
+        let origin = eye.origin.as_dvec3();
+        let distance = origin.distance(origin.clamp(low, high));
+        // An angle is seen largest at the corners of the image.
+        let stretch = 1.0 + f64::from(eye.tan_half_x).powi(2) + f64::from(eye.tan_half_y).powi(2);
+        let sine = by / (distance - by);
+        let is_far = distance > by && sine < 1.0;
+        let per_radian = 0.5 * f64::from(camera.height) / f64::from(eye.tan_half_y);
+        if is_far { (sine.asin() * stretch * per_radian).ceil() } else { f64::INFINITY }
+    });
+    if by > 0.0 { rows[0].max(rows[1]) } else { 0.0 }
 }
 
 /// The most rows between where a point is seen and where it was, for points whose inverse distance from each eye is
@@ -117,10 +137,10 @@ mod tests {
         let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
         let camera = |rig: &Rig| Camera { views: eyes(rig, 1.0), width: 160, height: 90, ..Default::default() };
         let still = rig(DVec3::ZERO, DVec3::ZERO);
-        assert_eq!(history_rows(&camera(&still), &eyes(&still, 0.0), &tables), Some(4));
+        assert_eq!(history_rows(&camera(&still), &eyes(&still, 0.0), &tables, &[]), Some(4));
         let away = rig(DVec3::ZERO, DVec3::new(0.0, 6.0, 0.0));
-        assert_eq!(history_rows(&camera(&away), &eyes(&away, 0.0), &tables), None);
+        assert_eq!(history_rows(&camera(&away), &eyes(&away, 0.0), &tables, &[]), None);
         let back = rig(DVec3::ZERO, DVec3::Z * 9.0);
-        assert_eq!(history_rows(&camera(&back), &eyes(&back, 0.0), &tables), None);
+        assert_eq!(history_rows(&camera(&back), &eyes(&back, 0.0), &tables, &[]), None);
     }
 }

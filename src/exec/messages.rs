@@ -13,7 +13,7 @@ use super::staging::Mapped;
 use super::wire;
 use crate::device::DeviceFailure;
 use crate::schedule::Cut;
-use crate::stages::{Place, layout};
+use crate::stages::{Place, SceneUpdate, layout};
 
 /// What the renderer tells a worker.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
@@ -46,6 +46,8 @@ pub struct FrameJob {
     /// The eyes of the frame before.
     #[serde(with = "wire::pod")]
     pub previous: [layout::View; 2],
+    /// What it changes in the scene.
+    pub update: SceneUpdate,
     /// Where it leaves its images.
     pub place: Place,
     /// The images that the primary sends back with its answer, beside the row tallies.
@@ -196,6 +198,7 @@ mod tests {
             plan: Plan { seam, iterations: 5, assignment, history, outputs: Some(vec![LINEAR.into()]) },
             constants,
             previous: [layout::View { tan_half_x: 0.3, ..Default::default() }; 2],
+            update: SceneUpdate { rows: vec![(7, vec![1; 16])], pose: vec![[0.5; 4]] },
             place: Place { slot: 2, turn: 1 },
             reads: vec![LINEAR.into(), DISPLAY.into(), aov_image(3).into()],
             cuts: vec![Cut { task: 4, at: Position { run: 1, row: 16 } }],

@@ -90,7 +90,7 @@ impl RenderSettings {
     pub fn new(extent: Extent, scene: &Scene, tables: &SceneTables) -> Self {
         let needs = SceneNeeds { instances: tables.has_instances(), ..SceneNeeds::of(scene) };
         Self {
-            stages: StageSettings::new(extent, needs),
+            stages: StageSettings { moving: tables.moving(), ..StageSettings::new(extent, needs) },
             seam: Seam::Halo(HaloPlan::RECOMPUTE),
             adapts_halo: true,
             seed: 0,
@@ -114,6 +114,7 @@ impl RenderSettings {
             seam: self.seam,
             aovs: stages.aovs.clone(),
             has_surfaces,
+            moving: stages.moving.clone(),
             ..FrameSpec::new(stages.extent, devices)
         }
     }

@@ -199,17 +199,19 @@ impl Renderer {
         samples: &Samples,
         reads: &[Resource],
     ) -> Result<(), ExecError> {
-        let constants = constants(&self.settings, &self.quality, &self.tables, rig, time_s, index, samples);
+        let mut constants = constants(&self.settings, &self.quality, &self.tables, rig, time_s, index, samples);
         if self.frames.is_full() {
             self.finish()?;
         }
         let previous = self.last.as_ref().map_or(constants.camera.views, |l| l.constants.camera.views);
+        let last_s = self.last.as_ref().map_or(time_s, |l| l.time_s);
+        let update = self.tables.update(&mut constants, time_s, last_s);
         let place = Place::of(self.begun, self.settings.stages.frames_in_flight);
         self.begun += 1;
         let reads: Arc<[Output]> = reads.iter().map(|image| Output::from(*image)).collect();
         let (quality, effort) = (self.quality, self.effort.clone());
         let outputs = self.outputs.as_ref().map(|outputs| outputs.iter().chain(&*reads).cloned().collect());
-        let inputs = Inputs { constants, quality, effort, previous, place, reads, outputs };
+        let inputs = Inputs { constants, quality, effort, previous, update, time_s, last_s, place, reads, outputs };
         self.last = Some(inputs.clone());
         self.hand_out(inputs, None);
         Ok(())
@@ -337,6 +339,8 @@ impl Renderer {
     /// How many rows up and down a frame looks for the history of its surfaces; none if there is none.
     fn history_rows(&self, inputs: &Inputs) -> Option<u32> {
         let keeps = self.settings.stages.keeps_history();
-        keeps.then(|| history_rows(&inputs.constants.camera, &inputs.previous, &self.tables)).flatten()
+        let Inputs { constants, previous, time_s, last_s, .. } = inputs;
+        let moved = || self.tables.moved(*time_s, *last_s);
+        keeps.then(|| history_rows(&constants.camera, previous, &self.tables, &moved())).flatten()
     }
 }

@@ -5,6 +5,7 @@
 mod aov;
 pub mod denoise;
 pub mod gbuffer;
+mod moving;
 pub mod path_trace;
 mod reproject;
 mod select;
@@ -16,6 +17,7 @@ use std::fmt;
 use std::sync::Arc;
 
 pub use aov::{Aov, STAGE as AOV, image as aov_image};
+pub use moving::Moving;
 pub use reproject::HOLES;
 pub use spec::{FrameSpec, Views};
 pub use tally::{HoleReason, ROW_TALLY, RowTally, SKIPPED};
@@ -55,8 +57,10 @@ impl Declared {
 /// The renderer's own passes of a frame.
 pub fn declare(spec: &FrameSpec) -> Declared {
     let mut frame = Declared::default();
+    moving::bring(spec, &mut frame);
     for view in Eye::ALL {
         frame.add(gbuffer::pass(spec, view));
+        moving::follow(spec, view, &mut frame);
         let is_traced = view == Eye::Left || spec.views == Views::Traced;
         let surfaces = |frame: &mut Declared, is_needed: bool, why_not, pass| match spec.has_surfaces {
             true => frame.add_if(is_needed, why_not, pass),
@@ -154,8 +158,9 @@ impl Declarations {
 fn all_passes() -> impl Iterator<Item = Pass> {
     [None, Some(Denoiser::Atrous), Some(Denoiser::Svgf)].into_iter().flat_map(|filter| {
         let (seam, aovs) = (Seam::Filter, vec![Aov::Albedo]);
+        let moving = Some(Moving { triangles: 1, nodes: 1, levels: vec![1], ..Moving::default() });
         let small = FrameSpec::new(Extent::new(1, 1), 2);
-        declare(&FrameSpec { sparse: true, filter, iterations: 1, seam, aovs, ..small }).passes
+        declare(&FrameSpec { sparse: true, filter, iterations: 1, seam, aovs, moving, ..small }).passes
     })
 }
 

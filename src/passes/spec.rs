@@ -1,6 +1,6 @@
 //! What a frame must do.
 
-use super::Aov;
+use super::{Aov, Moving};
 use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
 use crate::quality::Denoiser;
@@ -33,6 +33,8 @@ pub struct FrameSpec {
     pub aovs: Vec<Aov>,
     /// Whether anything can reflect light. Otherwise only emission is visible.
     pub has_surfaces: bool,
+    /// What of the scene moves, if anything does.
+    pub moving: Option<Moving>,
 }
 
 impl FrameSpec {
@@ -49,6 +51,7 @@ impl FrameSpec {
             seam: Seam::Halo(HaloPlan::RECOMPUTE),
             aovs: Vec::new(),
             has_surfaces: true,
+            moving: None,
         }
     }
 

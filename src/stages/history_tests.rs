@@ -66,7 +66,14 @@ impl Bench {
         let assignment = Assignment::uniform(Stripes::even(EXTENT.height, 1));
         let program = Arc::new(program(before.map(|_| HISTORY_ROWS)));
         let graph = FrameGraph::build(&program, &assignment, before.map(|_| &assignment));
-        self.stages.set_frame(&self.gpu, &program, &frame, &before.unwrap_or(frame.camera.views), place);
+        self.stages.set_frame(
+            &self.gpu,
+            &program,
+            &frame,
+            &before.unwrap_or(frame.camera.views),
+            &Default::default(),
+            place,
+        );
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         for task in graph.tasks_of(0) {
             if let TaskKind::Dispatch { pass, valid } = task.kind.clone() {

@@ -103,8 +103,14 @@ shared_structs! {
         /// In the tables: the instances' first row.
         pub instances: u32,
         pub instance_count: u32,
+        /// In the tables: the first of the rows that lead from triangles' numbers to instances.
+        pub instance_numbers: u32,
+        /// Of the triangles, the first of bodies that deform, and how many these are.
+        pub first_deforming: u32,
+        pub deforming_count: u32,
         pub pad0: u32,
         pub pad1: u32,
+        pub pad2: u32,
     }
 
     /// Layers around the gaze.
@@ -202,7 +208,7 @@ shared_constants! {
 
 /// All structs that shaders have.
 pub fn all_structs() -> Vec<Declaration> {
-    [accel::structs(), tables::structs(), structs()].concat()
+    [accel::structs(), accel::skin_structs(), tables::structs(), structs()].concat()
 }
 
 /// The functions that read entries of the scene's tables.
@@ -219,6 +225,6 @@ pub fn readers() -> String {
 pub fn declarations() -> String {
     let structs: String = all_structs().iter().map(ToString::to_string).collect();
     let of_others = constants![SKIPPED, LIST_HEADER, SPHERE, TRIANGLE_ALPHA];
-    let constants = [CONSTANTS, tables::CONSTANTS, ROLES, of_others].concat();
+    let constants = [CONSTANTS, accel::SKIN_CONSTANTS, tables::CONSTANTS, ROLES, of_others].concat();
     structs + &declare(&constants) + &format!("const SMOOTH: f32 = {SMOOTH:?}f;\n")
 }

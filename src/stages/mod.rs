@@ -24,7 +24,7 @@ pub use pipeline::DeviceStages;
 pub use reflect::{Mismatch, verify};
 #[doc(hidden)] // For benchmarks.
 pub use scene_tables::{SceneBuffers, layout_entries as scene_layout_entries};
-pub use scene_tables::{SceneTables, TableError};
+pub use scene_tables::{SceneTables, SceneUpdate, TableError};
 pub use shader::{all_shader_text, override_names, shader_text, shader_text_of};
 pub use task::{StageTask, Stamps};
 
@@ -32,7 +32,7 @@ use glam::Vec2;
 
 use crate::device::ShaderChecks;
 use crate::image::Extent;
-use crate::passes::{Aov, Declarations};
+use crate::passes::{Aov, Declarations, Moving};
 use crate::quality::Denoiser;
 use crate::scene::needs::SceneNeeds;
 
@@ -68,6 +68,8 @@ pub struct StageSettings {
     /// None: all pixels are sampled and filtered alike.
     pub foveation: Option<Foveation>,
     pub aovs: Vec<Aov>,
+    /// What of the scene moves, if anything does, as its tables say.
+    pub moving: Option<Moving>,
     /// What says which passes frames have.
     pub declarations: Declarations,
     /// Frames that may be on the devices at a time, 1 at least.
@@ -90,6 +92,7 @@ impl StageSettings {
             sparse: false,
             foveation: None,
             aovs: Vec::new(),
+            moving: None,
             declarations: Declarations::default(),
             frames_in_flight: 1,
             checks: ShaderChecks::default(),
@@ -137,6 +140,7 @@ impl StageSettings {
         constants.push(("HAS_GLOSS", self.needs.gloss && self.keeps_history()));
         constants.push(("JITTER", jitter));
         constants.push(("MEASURES_VARIANCE", jitter && self.keeps_history()));
+        constants.push(("HAS_MOTION", self.moving.is_some()));
         constants.push(("FOVEATED", self.foveation.is_some()));
         constants.push(("SPARSE", self.leaves_pixels()));
         constants

@@ -9,12 +9,12 @@ use super::compile::{Built, StageError, buffer_entry, build};
 use super::images::{Images, Place};
 use super::layout::{Frame, PassConstants, View};
 use super::limits;
-use super::scene_tables::{SceneBuffers, SceneTables, layout_entries, scene_buffers};
+use super::scene_tables::{SceneBuffers, SceneTables, SceneUpdate, changing_entries, layout_entries, scene_buffers};
 use super::task::{StageTask, Stamps};
 use crate::device::GpuDevice;
-use crate::graph::{Access, Bound, Dispatch, Format, Kernel, Program, Use, runs};
+use crate::graph::{Access, Bound, Dispatch, Format, Kernel, Program, Resource, SceneUse, Use, runs};
 use crate::image::Extent;
-use crate::passes::PREVIOUS_VIEWS;
+use crate::passes::{Moving, PREVIOUS_VIEWS};
 use crate::scene::rig::Eye;
 
 /// A kernel by its name, what it binds, and the frame's place.
@@ -35,6 +35,9 @@ pub struct DeviceStages {
     program: Option<Arc<Program>>,
     frame_only: wgpu::BindGroup,
     with_scene: wgpu::BindGroup,
+    /// The frame, and the tables for those that change them.
+    changing_scene: wgpu::BindGroup,
+    scene: SceneBuffers,
     frame: wgpu::Buffer,
     /// What repeated tasks add to, as they found it, by binding and bytes.
     found: HashMap<(usize, u64), wgpu::Buffer>,
@@ -77,20 +80,32 @@ impl DeviceStages {
         };
         let frame_layout = group_layout("frame", &[constants]);
         let scene_layout = group_layout("frame and scene", &all);
+        let changing: Vec<_> = std::iter::once(constants).chain(changing_entries(gpu.quirks.tables)).collect();
+        let changing_layout = group_layout("frame and changed tables", &changing);
         let bind = |layout, entries: &[_]| {
             gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some("group 0"), layout, entries })
         };
         let first = wgpu::BindGroupEntry { binding: 0, resource: frame.as_entire_binding() };
         let frame_only = bind(&frame_layout, std::slice::from_ref(&first));
-        let with_scene = bind(&scene_layout, &std::iter::once(first).chain(scene.entries()).collect::<Vec<_>>());
+        let with_scene =
+            bind(&scene_layout, &std::iter::once(first.clone()).chain(scene.entries()).collect::<Vec<_>>());
+        let tables_entry = std::iter::once(first).chain(scene.tables_entry()).collect::<Vec<_>>();
+        let changing_scene = bind(&changing_layout, &tables_entry);
         let mut built: Vec<Built> = Vec::new();
         for pass in programs.iter().flat_map(Program::passes).map(|p| &p.pass) {
             if built.iter().any(|b| b.kernel == pass.kernel) {
                 continue;
             }
-            let group0 = if pass.kernel.reads_scene { &scene_layout } else { &frame_layout };
+            let group0 = match pass.kernel.scene {
+                SceneUse::No => &frame_layout,
+                SceneUse::Read => &scene_layout,
+                SceneUse::Write => &changing_layout,
+            };
             let _span = tracing::info_span!("build pipeline", shader = pass.kernel.name).entered();
             built.extend(build(gpu, pass, group0, &settings)?);
+        }
+        for (resource, bytes) in tables.skin_inputs().into_iter().filter(|(resource, _)| images.has(resource)) {
+            gpu.queue.write_buffer(input(&images, resource), 0, bytes);
         }
         Ok(Self {
             spp: settings.spp,
@@ -103,6 +118,8 @@ impl DeviceStages {
             program: None,
             frame_only,
             with_scene,
+            changing_scene,
+            scene,
             frame,
             found: HashMap::new(),
         })
@@ -115,6 +132,7 @@ impl DeviceStages {
         program: &Arc<Program>,
         frame: &Frame,
         previous: &[View; 2],
+        update: &SceneUpdate,
         place: Place,
     ) {
         if !self.program.as_ref().is_some_and(|p| Arc::ptr_eq(p, program)) {
@@ -124,9 +142,14 @@ impl DeviceStages {
         (self.spp, self.place) = (frame.sampling.spp, place);
         gpu.queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(frame));
         if self.images.has(&PREVIOUS_VIEWS) {
-            let bound = Bound { resource: PREVIOUS_VIEWS, buffer: 0, is_before: false };
-            let buffer = self.images.buffer(&bound, Eye::Left, place);
-            gpu.queue.write_buffer(buffer, 0, bytemuck::cast_slice(previous));
+            gpu.queue.write_buffer(input(&self.images, PREVIOUS_VIEWS), 0, bytemuck::cast_slice(previous));
+        }
+        let pose = self.settings.moving.as_ref().map(Moving::pose).filter(|pose| self.images.has(pose));
+        if let Some(pose) = pose {
+            gpu.queue.write_buffer(input(&self.images, pose), 0, bytemuck::cast_slice(&update.pose));
+        }
+        for (first_row, rows) in &update.rows {
+            self.scene.write(gpu, *first_row, rows);
         }
     }
 
@@ -244,7 +267,12 @@ impl DeviceStages {
             timestamp_writes: times,
         });
         pass.set_pipeline(&built.pipeline.compute);
-        pass.set_bind_group(0, if kernel.reads_scene { &self.with_scene } else { &self.frame_only }, &[]);
+        let group0 = match kernel.scene {
+            SceneUse::No => &self.frame_only,
+            SceneUse::Read => &self.with_scene,
+            SceneUse::Write => &self.changing_scene,
+        };
+        pass.set_bind_group(0, group0, &[]);
         pass.set_bind_group(1, &*group, &[]);
         let extent = declared.grid.extent(program.extent);
         for (number, run) in (0..).zip(runs(&declared.launches, self.spp, jitter)) {
@@ -302,6 +330,11 @@ pub fn workgroups(dispatch: Dispatch, workgroup: [u32; 3], width: u32, rows: &Ra
         Dispatch::List(_) if rows.is_empty() => Groups::Direct([1, 1, 1]),
         Dispatch::List(list) => Groups::Listed(list),
     }
+}
+
+/// The buffer of what the host sets.
+fn input(images: &Images, resource: Resource) -> &wgpu::Buffer {
+    images.buffer(&Bound { resource, buffer: 0, is_before: false }, Eye::Left, Place::default())
 }
 
 fn scratch(gpu: &GpuDevice, size: u64) -> wgpu::Buffer {

@@ -2,6 +2,7 @@
 
 mod acceleration;
 mod buffers;
+mod update;
 
 use std::borrow::Cow;
 use std::sync::Arc;
@@ -9,18 +10,23 @@ use std::sync::Arc;
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
 use super::albedo_table;
-use super::emitters::{self, Emitters};
+use super::emitters::{self, Emitters, Sources};
 use super::layout::{
     self, ALPHA_BLEND, ALPHA_MASK, BASE_COLOR_TEXTURE, CLEARCOAT_NORMAL_MAP, DOUBLE_SIDED, EMISSIVE_TEXTURE,
     NORMAL_MAP, ROLE_SHIFT, TEXTURE_LINEAR, TEXTURE_SECOND_UVS, TEXTURE_SRGB, THICK, TextureInfo, TextureRole, UNLIT,
     WRAP_CLAMP, WRAP_MIRROR, WRAP_REPEAT, WRAP_U_SHIFT, WRAP_V_SHIFT,
 };
+use crate::accel;
 use crate::accel::Accel;
+use crate::graph::Resource;
 use crate::image::Extent;
+use crate::passes::Moving;
 use crate::scene::budget::{Budget, Exceeded};
 use crate::scene::{self, AlphaMode, Environment, Scene, TexelImage, Wrap};
 use crate::wgsl::ROW_BYTES;
-pub use buffers::{SceneBuffers, layout_entries, scene_buffers};
+pub use buffers::{SceneBuffers, changing_entries, layout_entries, scene_buffers};
+use update::Moves;
+pub use update::SceneUpdate;
 
 #[derive(Debug, thiserror::Error)]
 pub enum TableError {
@@ -33,8 +39,11 @@ pub enum TableError {
 /// Tables of one scene, the same for every device.
 pub struct SceneTables {
     accel: Accel,
-    /// First row of the instances.
+    sources: Sources,
+    /// First row of the instances, and of what leads to them from triangles' numbers.
     instances: u32,
+    numbers: u32,
+    moving: Option<Moves>,
     first_rows: layout::Tables,
     has_surfaces: bool,
     materials: Vec<layout::Material>,
@@ -62,9 +71,20 @@ impl SceneTables {
     pub fn within(scene: &Scene, mut accel: Accel, budget: &Budget) -> Result<Self, TableError> {
         let _reserved = budget.reserve(emitters::making_bytes(scene, &accel)).map_err(TableError::Memory)?;
         let has_surfaces = accel.nodes.len() > 1 || accel.nodes[0] != [0; 20];
-        let emitters = Emitters::new(scene, &mut accel);
+        let sources = Sources::new(scene, &accel);
+        let emitters = Emitters::new(scene, &sources, &mut accel);
+        accel.know_lights();
         let instances = emitters::rows(&accel.nodes);
         emitters::append(&mut accel.nodes, bytemuck::cast_slice(&accel.instances));
+        // As many as there may be when instances move.
+        let count = if accel.moves() { accel.most_instances() } else { accel.instances.len() };
+        let end = instances as usize + count * size_of::<accel::Instance>() / ROW_BYTES;
+        let nodes = (end * ROW_BYTES).div_ceil(size_of::<accel::Node>());
+        accel.nodes.resize(accel.nodes.len().max(nodes), Default::default());
+        let numbers = emitters::rows(&accel.nodes);
+        let mut rows = accel.numbers.clone();
+        rows.resize(count, [u32::MAX; 4]);
+        emitters::append(&mut accel.nodes, rows.as_flattened());
         let mut firsts = Vec::with_capacity(scene.images.len());
         let mut texels = 0;
         for image in &scene.images {
@@ -80,8 +100,20 @@ impl SceneTables {
         let textures = table.infos;
         let (images, environment) = (scene.images.clone(), scene.environment.clone());
         let first_rows = layout::Tables::default();
-        let mut tables =
-            Self { accel, instances, first_rows, has_surfaces, materials, textures, images, emitters, environment };
+        let mut tables = Self {
+            accel,
+            sources,
+            instances,
+            numbers,
+            moving: Moves::of(scene),
+            first_rows,
+            has_surfaces,
+            materials,
+            textures,
+            images,
+            emitters,
+            environment,
+        };
         tables.first_rows = tables.in_order().0;
         Ok(tables)
     }
@@ -111,7 +143,7 @@ impl SceneTables {
             env_cells: add(bytes_of(&emitters.env_cells)),
             srgb: add(collected((0..=255).map(|code| [linear_from_srgb(code), 0.0, 0.0, 0.0]))),
             albedo: add(collected(albedo_table::table().iter().map(|[x, y]| [*x, *y, 0.0, 0.0]))),
-            ..Default::default()
+            last_corners: add(Cow::Owned(vec![0; 3 * ROW_BYTES * accel.skins.triangles.len()])),
         };
         (tables, parts)
     }
@@ -123,6 +155,9 @@ impl SceneTables {
             instance_tree: self.accel.instance_tree,
             instances: self.instances,
             instance_count: self.accel.instances.len() as u32,
+            instance_numbers: self.numbers,
+            first_deforming: self.accel.skins.first_row,
+            deforming_count: self.accel.skins.triangles.len() as u32,
             ..Default::default()
         };
         frame.tables = self.first_rows;
@@ -155,7 +190,25 @@ impl SceneTables {
 
     /// Whether rays meet some triangles by way of their instances.
     pub fn has_instances(&self) -> bool {
-        self.accel.instances.len() > 1
+        self.accel.most_instances() > 1
+    }
+
+    /// What moves, as far as passes depend on it.
+    pub fn moving(&self) -> Option<Moving> {
+        self.moving.as_ref().map(|_| Moving::of(&self.accel.skins))
+    }
+
+    /// What the passes that bring moving bodies into place read, and what is in it.
+    pub(super) fn skin_inputs(&self) -> [(Resource, &[u8]); 5] {
+        let skins = &self.accel.skins;
+        let bytes: [&[u8]; 5] = [
+            bytemuck::cast_slice(&skins.triangles),
+            bytemuck::cast_slice(&skins.vertices),
+            bytemuck::cast_slice(&skins.morphs),
+            bytemuck::cast_slice(&skins.nodes),
+            bytemuck::cast_slice(&skins.order),
+        ];
+        std::array::from_fn(|i| (Moving::of(skins).inputs()[i], bytes[i]))
     }
 
     /// Whether there is anything that could reflect light.

@@ -27,6 +27,7 @@
 @group(1) @binding(10) var<storage, read_write> moments: array<vec4<u32>>;
 @group(1) @binding(11) var<uniform> previous: Previous;
 @group(1) @binding(12) var<storage, read_write> tally: array<u32>;
+@group(1) @binding(13) var<storage, read> last_surface: array<vec4<u32>>;
 
 // Frames before variance over time means something, as in the paper.
 const FEW_FRAMES: f32 = 4.0;
@@ -98,7 +99,7 @@ fn gloss_longest(hit: u32) -> f32 {
     return mix(LONGEST_VIEW_DEPENDENT, LONGEST_MOVED, min(2.0 * roughness, 1.0));
 }
 
-// History of the surface at `position` around image point `seen` of the frame before.
+// History of the surface that was at `position` around image point `seen` of the frame before.
 fn past_at(seen: vec3<f32>, row: u32, of_left: bool, position: vec3<f32>, normal: vec3<f32>, material: u32) -> Past {
     var past = Past();
     let size = vec2<f32>(f32(pass_.width), f32(pass_.height));
@@ -173,8 +174,16 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         moments[at] = vec4<u32>(0u, 0u, 0u, material);
         return;
     }
-    let position = bitcast<vec3<f32>>(bits.xyz);
-    let normal = unpack_normal(bits.w);
+    // Where the surface was in the frame before.
+    var position = bitcast<vec3<f32>>(bits.xyz);
+    var normal = unpack_normal(bits.w);
+    var has_moved_itself = false;
+    if HAS_MOTION {
+        let last = last_surface[at];
+        has_moved_itself = last.w != NO_NORMAL;
+        position = select(position, bitcast<vec3<f32>>(last.xyz), has_moved_itself);
+        normal = select(normal, unpack_normal(last.w), has_moved_itself);
+    }
     var now = unpack_sampled(radiance[at]);
     let tells_variance = (radiance[at].w & TELLS_VARIANCE) != 0u;
     var sampled = radiance[at].w != 0u;
@@ -206,7 +215,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     // Resampling blurs most between pixels.
     let between = 4.0 * max(fraction.x * (1.0 - fraction.x), fraction.y * (1.0 - fraction.y));
     var longest = mix(LONGEST_STILL, LONGEST_MOVED, min(2.0 * between, 1.0));
-    let eye_moved = any(previous.views[pass_.view].origin != frame.camera.views[pass_.view].origin);
+    let eye_moved = has_moved_itself || any(previous.views[pass_.view].origin != frame.camera.views[pass_.view].origin);
     if !HAS_GLOSS && (hit & FLAG_VIEW_DEPENDENT) != 0u && eye_moved {
         longest = LONGEST_VIEW_DEPENDENT;
     }

@@ -14,6 +14,7 @@
 @group(1) @binding(4) var<storage, read_write> display: array<u32>;
 @group(1) @binding(5) var<uniform> previous: Previous;
 @group(1) @binding(6) var<storage, read_write> tally: array<u32>;
+@group(1) @binding(7) var<storage, read> last_surface: array<vec4<u32>>;
 
 // Longest history in frames, of a pixel that moved and of one that did not. Frames of several samples are antialiased
 // themselves: the less is gained by those that moved, which interpolation blurs. Glare, what is far brighter than white, would
@@ -70,9 +71,15 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let at_front = vec2<f32>(front) + frame.camera.centre;
     let direction = ray_of(pass_.view, at_front);
     let surface = frame.camera.views[pass_.view].origin + direction * depth;
-    let seen = pixel_of(select(eye.origin + direction, surface, depth > 0.0), eye);
+    var was_at = select(eye.origin + direction, surface, depth > 0.0);
+    var is_still = !has_moved(frame.camera.views[pass_.view], eye);
+    if HAS_MOTION {
+        let last = last_surface[pixel_index(vec2<u32>(front))];
+        is_still = is_still && last.w == NO_NORMAL;
+        was_at = select(was_at, bitcast<vec3<f32>>(last.xyz), last.w != NO_NORMAL);
+    }
+    let seen = pixel_of(was_at, eye);
     let size = vec2<f32>(f32(pass_.width), f32(pass_.height));
-    let is_still = !has_moved(frame.camera.views[pass_.view], eye);
     let motion = select(seen.xy - at_front, vec2<f32>(0.0), is_still);
     let moved = clamp(vec2<f32>(pixel) + motion, vec2<f32>(-2.0), size + 1.0);
     let base = floor(moved);

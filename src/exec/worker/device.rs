@@ -74,7 +74,7 @@ impl WorkerDevice {
     /// Turns to a frame.
     pub fn begin(&mut self, job: &FrameJob, program: &Arc<Program>) {
         self.stamps.reset();
-        self.stages.set_frame(&self.gpu, program, &job.constants, &job.previous, job.place);
+        self.stages.set_frame(&self.gpu, program, &job.constants, &job.previous, &job.update, job.place);
     }
 
     pub fn encoder(&self) -> wgpu::CommandEncoder {

@@ -7,7 +7,7 @@
 pub mod keys;
 pub mod play;
 pub mod pose;
-mod bake;
+pub mod bake;
 
 use glam::{Affine3A, DAffine3, DQuat, DVec3, Vec3};
 use serde::Serialize;

@@ -31,6 +31,8 @@ pub struct Emitters {
     /// First row in the table of nodes, and the one after the last, of the tree of spheres.
     sphere_rows: [u32; 2],
     light_tree: u32,
+    /// Both trees, for the table of nodes.
+    pub trees: Vec<Node>,
 }
 
 /// At most what making them takes for each light, while lists grow and the tree is built, and for each cell of the
@@ -63,18 +65,6 @@ const COAT_REFLECTANCE: f64 = 0.04 + 0.96 / 21.0;
 /// vertices may still leave some.
 const LEAST_COVERAGE: f64 = 1e-3;
 
-/// Mean radiance that a material emits, as luminance; above 0 unless it emits nothing at all. `means` holds the mean
-/// colours of images that are known.
-fn emitted(scene: &Scene, material: &Material, means: &mut HashMap<usize, Vec3>) -> f64 {
-    if material.unlit || material.emissive == Vec3::ZERO {
-        return 0.0;
-    }
-    let mut mean = |image: usize| *means.entry(image).or_insert_with(|| mean_color(&scene.images[image]));
-    let tint = material.emissive_texture.map_or(Vec3::ONE, |t| mean(scene.textures[t.texture].image));
-    let passes = 1.0 - COAT_REFLECTANCE * f64::from(material.clearcoat.factor);
-    luminance(material.emissive * tint) * passes * mean_coverage(scene, material).max(LEAST_COVERAGE)
-}
-
 /// Share of rays that meet the material, without the colours of vertices.
 fn mean_coverage(scene: &Scene, material: &Material) -> f64 {
     let coverage = |alpha: f32| match material.alpha_mode {
@@ -103,13 +93,90 @@ fn mean_color(image: &scene::TexelImage) -> Vec3 {
     Vec3::from_array(sum.map(|s| (s / image.pixels.len().max(1) as f64) as f32))
 }
 
+/// What of a scene's lights does not depend on where they are.
+pub struct Sources {
+    /// Of each material.
+    materials: Vec<Source>,
+    /// Triangles that may emit, by their numbers.
+    pub triangles: Vec<u32>,
+    /// Whether lights are listed that emit nothing now, as they may at other times.
+    keeps_dark: bool,
+}
+
+/// What a material emits.
+struct Source {
+    /// Mean colour of what multiplies its emission.
+    tint: Vec3,
+    /// Mean share of emission that is not held back.
+    share: f64,
+    two_sided: bool,
+}
+
+impl Sources {
+    pub fn new(scene: &Scene, accel: &Accel) -> Self {
+        let mut means = HashMap::new();
+        let is_animated = |material: usize| scene.motion.emitters.iter().any(|e| e.index == material);
+        let materials = scene.materials.iter().enumerate();
+        let materials: Vec<_> = materials.map(|(i, m)| Source::new(scene, m, is_animated(i), &mut means)).collect();
+        let emits = |t: &Triangle| materials.get(t.material as usize).is_some_and(|source| source.share > 0.0);
+        // A scene without surfaces still has a triangle, without area and perhaps without material.
+        let rows = accel.triangles.iter().enumerate().filter(|(row, t)| t.is_first(*row) && emits(t));
+        let triangles = rows.map(|(row, _)| row as u32).collect();
+        let motion = &scene.motion;
+        let keeps_dark = !(motion.emitters.is_empty() && motion.lamps.is_empty() && accel.skins.is_empty());
+        Self { materials, triangles, keeps_dark }
+    }
+}
+
+impl Source {
+    fn new(scene: &Scene, material: &Material, is_animated: bool, means: &mut HashMap<usize, Vec3>) -> Self {
+        let two_sided = material.double_sided;
+        if material.unlit || (material.emissive == Vec3::ZERO && !is_animated) {
+            return Self { tint: Vec3::ZERO, share: 0.0, two_sided };
+        }
+        let mut mean = |image: usize| *means.entry(image).or_insert_with(|| mean_color(&scene.images[image]));
+        let tint = material.emissive_texture.map_or(Vec3::ONE, |t| mean(scene.textures[t.texture].image));
+        let passes = 1.0 - COAT_REFLECTANCE * f64::from(material.clearcoat.factor);
+        let share = passes * mean_coverage(scene, material).max(LEAST_COVERAGE);
+        Self { tint, share, two_sided }
+    }
+}
+
+/// Power that a light counts with at least where lights are listed that emit nothing.
+const DARK: f64 = 1e-30;
+
 impl Emitters {
     /// Adds the trees to the nodes of `accel`, and tells its triangles which light they are.
-    pub fn new(scene: &Scene, accel: &mut Accel) -> Self {
+    pub fn new(scene: &Scene, sources: &Sources, accel: &mut Accel) -> Self {
+        let triangles = sources.triangles.iter().map(|&prim| (prim, accel.triangles[prim as usize]));
+        let mut out = Self::placed(scene, sources, accel.origin, triangles, rows(&accel.nodes));
+        accel.nodes.extend(&out.trees);
+        for (number, light) in (0..).zip(&out.lights).filter(|(_, light)| light.kind == LIGHT_TRIANGLE) {
+            accel.triangles[light.prim as usize].light = number;
+        }
+        if let scene::Environment::Map { image, .. } = &scene.environment
+            && let Some(EnvGrid { width, height, cells }) = env_grid::build(image)
+        {
+            out.env_size = [width, height];
+            out.env_cells = cells;
+        }
+        out
+    }
+
+    /// Of lights and materials as `scene` has them, and with these triangles, which say where they are by now. `first_row`
+    /// is that of the trees in the table of nodes.
+    pub fn placed(
+        scene: &Scene,
+        sources: &Sources,
+        origin: DVec3,
+        triangles: impl Iterator<Item = (u32, Triangle)>,
+        first_row: u32,
+    ) -> Self {
         let mut out = Self::default();
+        let dark = if sources.keeps_dark { DARK } else { 0.0 };
         let (mut spheres, mut local, mut directional) = (Vec::new(), Vec::new(), Vec::new());
-        for light in scene.lights.iter().filter(|l| luminance(l.strength) > 0.0) {
-            let light = told_from_a_point(relative_to(accel.origin, light));
+        for light in scene.lights.iter().filter(|l| sources.keeps_dark || luminance(l.strength) > 0.0) {
+            let light = told_from_a_point(relative_to(origin, light));
             match light.kind {
                 LightKind::Directional { .. } => directional.push(gpu_light(&light)),
                 _ if radius(&light) > 0.0 => spheres.push((gpu_light(&light), local_bounds(&light))),
@@ -118,40 +185,33 @@ impl Emitters {
         }
         let balls: Vec<_> = spheres.iter().map(|(l, _)| (l.position, l.radius)).collect();
         spheres.extend(local);
-        let mut means = HashMap::new();
-        let per_area: Vec<f64> = scene.materials.iter().map(|m| emitted(scene, m, &mut means)).collect();
-        for (prim, t) in accel.triangles.iter_mut().enumerate().filter(|(row, t)| t.is_first(*row)) {
-            // A scene without surfaces still has a triangle, without area and perhaps without material.
-            let emitted = per_area.get(t.material as usize).copied().unwrap_or_default();
-            if emitted > 0.0 {
-                let two_sided = scene.materials[t.material as usize].double_sided;
-                let (light, bounds) = triangle_light(prim as u32, t, emitted, two_sided);
-                if bounds.power > 0.0 {
-                    t.light = spheres.len() as u32;
-                    spheres.push((light, bounds));
-                }
+        for (prim, t) in triangles {
+            let (source, material) = (&sources.materials[t.material as usize], &scene.materials[t.material as usize]);
+            let emitted = luminance(material.emissive * source.tint) * source.share;
+            let (light, bounds) = triangle_light(prim, &t, emitted, source.two_sided);
+            if sources.keeps_dark || bounds.power > 0.0 {
+                spheres.push((light, bounds));
             }
         }
+        spheres.iter_mut().for_each(|(_, bounds)| bounds.power = bounds.power.max(dark));
         let (mut lights, bounds): (Vec<_>, Vec<_>) = spheres.into_iter().unzip();
         out.local_count = lights.len() as u32;
-        let first_row = rows(&accel.nodes);
         let nodes = sphere_tree::build(&balls, first_row);
         out.sphere_rows = [first_row, first_row + sphere_tree::ROWS * nodes.len() as u32];
-        append(&mut accel.nodes, nodes.as_flattened());
+        append(&mut out.trees, nodes.as_flattened());
         let LightTree { nodes, trails } = light_tree::build(&bounds);
-        out.light_tree = rows(&accel.nodes);
-        append(&mut accel.nodes, nodes.as_flattened());
+        out.light_tree = first_row + rows(&out.trees);
+        append(&mut out.trees, nodes.as_flattened());
         lights.iter_mut().zip(trails).for_each(|(light, trail)| light.trail = trail);
         set_picks(&mut directional, out.local_count);
         lights.extend(directional);
         out.lights = lights;
-        if let scene::Environment::Map { image, .. } = &scene.environment
-            && let Some(EnvGrid { width, height, cells }) = env_grid::build(image)
-        {
-            out.env_size = [width, height];
-            out.env_cells = cells;
-        }
         out
+    }
+
+    /// That of the trees in the table of nodes.
+    pub fn first_row(&self) -> u32 {
+        self.sphere_rows[0]
     }
 
     /// Where shaders find the lights.

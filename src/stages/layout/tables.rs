@@ -111,7 +111,8 @@ shared_structs! {
         pub srgb: u32,
         /// One node a row.
         pub albedo: u32,
-        pub pad: u32,
+        /// Three corners a triangle of bodies that deform, where they were in the frame before.
+        pub last_corners: u32,
     }
 }
 
@@ -197,11 +198,12 @@ shared_constants! {
     pub const TABLE_WIDTH: u32 = 8192;
 
     /// Rows that a node of the triangles' trees takes, and an instance; of the latter, those before the matrix into its
-    /// space and before its numbers.
+    /// space, before its numbers and before where it was.
     const ROWS_PER_NODE: u32 = (size_of::<Node>() / ROW_BYTES) as u32;
     const ROWS_PER_INSTANCE: u32 = (size_of::<Instance>() / ROW_BYTES) as u32;
     const LOCAL_FROM_WORLD: u32 = (offset_of!(Instance, local_from_world) / ROW_BYTES) as u32;
     const INSTANCE_HEADER: u32 = (offset_of!(Instance, first_prim) / ROW_BYTES) as u32;
+    const LAST_WORLD_FROM_LOCAL: u32 = (offset_of!(Instance, last_world_from_local) / ROW_BYTES) as u32;
 
     /// Nodes of the albedo table along the cosine and along perceptual roughness, both from 0 to 1.
     pub const ALBEDO_GRID: u32 = 32;

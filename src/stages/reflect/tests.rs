@@ -75,7 +75,10 @@ fn declarations_that_are_wrong_are_refused() {
 
     let workgroup = Kernel { workgroup: [64, 1, 1], ..kernel() };
     assert_eq!(check(workgroup, uses()), Err(Mismatch::Workgroup([64, 1, 1], [8, 8, 1])));
-    assert_eq!(check(Kernel { scene: SceneUse::Read, ..kernel() }, uses()), Err(Mismatch::Scene(SceneUse::Read, SceneUse::No)));
+    assert_eq!(
+        check(Kernel { scene: SceneUse::Read, ..kernel() }, uses()),
+        Err(Mismatch::Scene(SceneUse::Read, SceneUse::No))
+    );
     let no_main = Kernel { text: Some("fn other() {}"), ..kernel() };
     assert_eq!(check(no_main, []), Err(Mismatch::NoMain));
     let invalid = check(Kernel { text: Some("fn main("), ..kernel() }, []);

@@ -12,11 +12,16 @@ use crate::wgsl::ROW_BYTES;
 
 /// A scene's tables on a device; group 0 of the tracing stages, but for the frame's constants at binding 0.
 pub struct SceneBuffers {
-    /// Where shaders read the tables from a buffer.
-    buffer: Option<wgpu::Buffer>,
+    tables: TableStore,
     textures: Vec<(u32, wgpu::TextureView)>,
     /// For hardware traversal.
     tlas: Option<wgpu::Tlas>,
+}
+
+/// What the tables are in.
+enum TableStore {
+    Buffer(wgpu::Buffer),
+    Texture(wgpu::Texture, wgpu::TextureView),
 }
 
 /// How many storage buffers a pass binds that reads the scene.
@@ -32,6 +37,30 @@ const INSTANCES: u32 = 4;
 
 const TABLE_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba32Uint;
 
+fn tables_entry(tables: Tables, read_only: bool) -> wgpu::BindGroupLayoutEntry {
+    let ty = match tables {
+        Tables::Buffer => wgpu::BindingType::Buffer {
+            ty: wgpu::BufferBindingType::Storage { read_only },
+            has_dynamic_offset: false,
+            min_binding_size: None,
+        },
+        Tables::Texture => wgpu::BindingType::StorageTexture {
+            access: match read_only {
+                true => wgpu::StorageTextureAccess::ReadOnly,
+                false => wgpu::StorageTextureAccess::WriteOnly,
+            },
+            format: TABLE_FORMAT,
+            view_dimension: wgpu::TextureViewDimension::D2,
+        },
+    };
+    wgpu::BindGroupLayoutEntry { binding: TABLES, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None }
+}
+
+/// For passes that change the tables, and read nothing of the scene.
+pub fn changing_entries(tables: Tables) -> [wgpu::BindGroupLayoutEntry; 1] {
+    [tables_entry(tables, false)]
+}
+
 pub fn layout_entries(SceneAccess { tables, traversal }: SceneAccess) -> Vec<wgpu::BindGroupLayoutEntry> {
     let entry =
         |binding, ty| wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::COMPUTE, ty, count: None };
@@ -40,20 +69,8 @@ pub fn layout_entries(SceneAccess { tables, traversal }: SceneAccess) -> Vec<wgp
         view_dimension,
         multisampled: false,
     };
-    let tables = match tables {
-        Tables::Buffer => wgpu::BindingType::Buffer {
-            ty: wgpu::BufferBindingType::Storage { read_only: true },
-            has_dynamic_offset: false,
-            min_binding_size: None,
-        },
-        Tables::Texture => wgpu::BindingType::StorageTexture {
-            access: wgpu::StorageTextureAccess::ReadOnly,
-            format: TABLE_FORMAT,
-            view_dimension: wgpu::TextureViewDimension::D2,
-        },
-    };
     let mut entries = vec![
-        entry(TABLES, tables),
+        tables_entry(tables, true),
         entry(TEXELS, texture(wgpu::TextureViewDimension::D2Array)),
         entry(ENVIRONMENT, texture(wgpu::TextureViewDimension::D2)),
     ];
@@ -80,32 +97,49 @@ impl SceneBuffers {
         limits::check(&gpu.device.limits(), gpu.info.index, limits::of_scene(&sizes))?;
         let is_hardware = traversal == Traversal::Hardware;
         let tlas = is_hardware.then(|| acceleration::build(gpu, &tables.accel)).transpose()?;
-        let mut textures = vec![
+        let textures = vec![
             (TEXELS, upload_pages(gpu, &tables.images, &Pages::of(sizes.texels))),
             (ENVIRONMENT, upload_environment(gpu, &environment)),
         ];
-        let buffer = match read_from {
-            Tables::Buffer => Some(upload(gpu, &parts, bytes)),
+        let tables = match read_from {
+            Tables::Buffer => TableStore::Buffer(upload(gpu, &parts, bytes)),
             Tables::Texture => {
-                textures.push((TABLES, upload_rows(gpu, &parts, sizes.rows)));
-                None
+                let texture = upload_rows(gpu, &parts, sizes.rows);
+                let view = texture.create_view(&Default::default());
+                TableStore::Texture(texture, view)
             }
         };
-        Ok(Self { buffer, textures, tlas })
+        Ok(Self { tables, textures, tlas })
     }
 
     pub fn entries(&self) -> Vec<wgpu::BindGroupEntry<'_>> {
-        let buffer = self.buffer.iter().map(|b| (TABLES, b.as_entire_binding()));
         let textures = self.textures.iter().map(|(binding, v)| (*binding, wgpu::BindingResource::TextureView(v)));
         let tlas = self.tlas.iter().map(|tlas| (INSTANCES, wgpu::BindingResource::AccelerationStructure(tlas)));
-        let all = buffer.chain(textures).chain(tlas);
-        all.map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource }).collect()
+        let others = textures.chain(tlas).map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource });
+        self.tables_entry().into_iter().chain(others).collect()
+    }
+
+    /// Of the tables alone.
+    pub fn tables_entry(&self) -> [wgpu::BindGroupEntry<'_>; 1] {
+        let resource = match &self.tables {
+            TableStore::Buffer(buffer) => buffer.as_entire_binding(),
+            TableStore::Texture(_, view) => wgpu::BindingResource::TextureView(view),
+        };
+        [wgpu::BindGroupEntry { binding: TABLES, resource }]
+    }
+
+    /// Sets rows of the tables from `first` on. The device carries that out at the head of its next submission.
+    pub fn write(&self, gpu: &GpuDevice, first: u32, bytes: &[u8]) {
+        match &self.tables {
+            TableStore::Buffer(buffer) => gpu.queue.write_buffer(buffer, u64::from(first) * ROW_BYTES as u64, bytes),
+            TableStore::Texture(texture, _) => write_texels(gpu, texture, first, bytes),
+        }
     }
 }
 
 /// A buffer with these contents, unless the device has failed.
 fn upload(gpu: &GpuDevice, parts: &[Cow<'_, [u8]>], bytes: usize) -> wgpu::Buffer {
-    let (size, usage) = (bytes as u64, wgpu::BufferUsages::STORAGE);
+    let (size, usage) = (bytes as u64, wgpu::BufferUsages::STORAGE | wgpu::BufferUsages::COPY_DST);
     let descriptor = wgpu::BufferDescriptor { label: Some("tables"), size, usage, mapped_at_creation: true };
     let buffer = gpu.device.create_buffer(&descriptor);
     if let Ok(mut mapped) = buffer.get_mapped_range_mut(..) {
@@ -120,7 +154,7 @@ fn upload(gpu: &GpuDevice, parts: &[Cow<'_, [u8]>], bytes: usize) -> wgpu::Buffe
 }
 
 /// Texel after texel, and row of texels after row.
-fn upload_rows(gpu: &GpuDevice, parts: &[Cow<'_, [u8]>], rows: u64) -> wgpu::TextureView {
+fn upload_rows(gpu: &GpuDevice, parts: &[Cow<'_, [u8]>], rows: u64) -> wgpu::Texture {
     let [width, height] = table_size(rows);
     let size = wgpu::Extent3d { width, height, depth_or_array_layers: 1 };
     let texture = new_texture(gpu, "tables", size, TABLE_FORMAT);
@@ -128,7 +162,37 @@ fn upload_rows(gpu: &GpuDevice, parts: &[Cow<'_, [u8]>], rows: u64) -> wgpu::Tex
     let mut bytes = parts.concat();
     bytes.resize(row_bytes * height as usize, 0);
     write_layer(gpu, &texture, 0, width, ROW_BYTES as u32, &bytes);
-    texture.create_view(&Default::default())
+    texture
+}
+
+/// Sets some texels of a texture of tables: the rest of a row, whole rows, and the beginning of one.
+fn write_texels(gpu: &GpuDevice, texture: &wgpu::Texture, first: u32, bytes: &[u8]) {
+    let width = texture.width();
+    let mut at = first;
+    let mut rest = bytes;
+    while !rest.is_empty() {
+        let (x, y) = (at % width, at / width);
+        let texels = (rest.len() / ROW_BYTES) as u32;
+        let (columns, rows) =
+            if x == 0 && texels >= width { (width, texels / width) } else { (texels.min(width - x), 1) };
+        let (now, later) = rest.split_at((columns * rows) as usize * ROW_BYTES);
+        gpu.queue.write_texture(
+            wgpu::TexelCopyTextureInfo {
+                texture,
+                mip_level: 0,
+                origin: wgpu::Origin3d { x, y, z: 0 },
+                aspect: wgpu::TextureAspect::All,
+            },
+            now,
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(columns * ROW_BYTES as u32),
+                rows_per_image: None,
+            },
+            wgpu::Extent3d { width: columns, height: rows, depth_or_array_layers: 1 },
+        );
+        (at, rest) = (at + columns * rows, later);
+    }
 }
 
 /// The images' texels, one after another.

@@ -5,6 +5,7 @@
 use super::{CUT, Denoise, Light};
 use crate::graph::{Chain, Image, Kernel, Pass, Resource, Stage, Use};
 use crate::passes::gbuffer::{ALBEDO, EMISSION, GUIDE, HIT, TALLY};
+use crate::passes::moving::last_surface;
 use crate::passes::tonemap::{self, DISPLAY, LINEAR};
 use crate::passes::{FrameSpec, PREVIOUS_VIEWS};
 use crate::scene::rig::Eye;
@@ -61,6 +62,7 @@ impl Denoise for Svgf {
             Use::write(MOMENTS),
             Use::read(PREVIOUS_VIEWS),
             Use::add(TALLY),
+            Use::read(last_surface(spec)).if_written(),
         ]);
         vec![pass]
     }
@@ -96,6 +98,7 @@ impl Denoise for Svgf {
                 Use::write(DISPLAY),
                 Use::read(PREVIOUS_VIEWS),
                 Use::add(TALLY),
+                Use::read(last_surface(spec)).halo(spec.halo(RESOLVE_REACH_ROWS)).if_written(),
             ])
             .chain(Chain::Margin);
         vec![compose, resolve]

@@ -1,0 +1,137 @@
+//! What is put into the world by instances, in a frame and in the one before.
+
+use glam::{Affine3A, DAffine3, DVec3, Mat4, Vec3, Vec4};
+use obvhs::BvhBuildParams;
+use obvhs::aabb::Aabb;
+use obvhs::cwbvh::builder::build_cwbvh;
+
+use super::instances::{box_in, is_undone_well};
+use super::tree::{Tree, depth};
+use super::{Instance, Node, Skins, nodes_from};
+use crate::scene::motion::Motion;
+use crate::scene::motion::pose::{Pose, narrow};
+
+/// A tree with what says where in the world it is.
+#[derive(Debug)]
+pub(super) struct Placement {
+    pub tree: Tree,
+    /// Number of its first triangle.
+    pub first_prim: u32,
+    pub by: By,
+}
+
+#[derive(Debug)]
+pub(super) enum By {
+    /// An instance that stands still, with the bounds of its triangles in the world.
+    Place(Affine3A, Aabb),
+    /// A body that keeps its shape, with the least and largest coordinates of its mesh.
+    Body { number: usize, low: Vec3, high: Vec3 },
+    /// One of the bodies of [`Skins`].
+    Skin(usize),
+}
+
+/// Where a moving scene is at two times.
+pub struct Poses<'a> {
+    pub motion: &'a Motion,
+    pub now: &'a Pose,
+    pub last: &'a Pose,
+    /// The rows of [`Skins::pose_rows`].
+    pub rows: &'a [Vec4],
+}
+
+/// Instances with the tree over them.
+#[derive(Debug, Default)]
+pub struct Placed {
+    /// [`Instance::STILL`], then the others in the order of the tree.
+    pub instances: Vec<Instance>,
+    /// The first number of each one's triangles, rising, and its place among the instances.
+    pub numbers: Vec<[u32; 4]>,
+    /// At most as many as there are instances.
+    pub nodes: Vec<Node>,
+    pub levels: usize,
+}
+
+impl Placed {
+    /// The tree's first node is to be number `root`. Without `poses`, nothing moves. A body that is too small or too stretched for
+    /// rays to follow it is left out.
+    pub(super) fn new(
+        placements: &[Placement],
+        skins: &Skins,
+        poses: Option<&Poses>,
+        origin: DVec3,
+        root: u32,
+    ) -> Self {
+        let mut boxes = Vec::with_capacity(placements.len());
+        let mut there = Vec::with_capacity(placements.len());
+        for (number, placement) in placements.iter().enumerate() {
+            if let Some((bounds, instance)) = placement.put(skins, poses, origin) {
+                boxes.push(bounds);
+                there.push((number, instance));
+            }
+        }
+        let mut out = Self { instances: vec![Instance::STILL], numbers: vec![[0; 4]], ..Self::default() };
+        if boxes.is_empty() {
+            out.nodes.push(Node::default());
+            return out;
+        }
+        let params = if poses.is_some() { BvhBuildParams::fast_build() } else { BvhBuildParams::slow_build() };
+        let bvh = build_cwbvh(&boxes, BvhBuildParams { max_prims_per_leaf: 1, ..params }, &mut Default::default());
+        out.levels = depth(&bvh);
+        out.nodes.extend(nodes_from(&bvh, root, 1));
+        for (place, &i) in (1..).zip(&bvh.primitive_indices) {
+            let (number, instance) = &there[i as usize];
+            out.instances.push(*instance);
+            out.numbers.push([placements[*number].first_prim, place, 0, 0]);
+        }
+        out.numbers.sort_unstable();
+        out
+    }
+}
+
+impl Placement {
+    pub fn moves(&self) -> bool {
+        !matches!(self.by, By::Place(..))
+    }
+
+    fn put(&self, skins: &Skins, poses: Option<&Poses>, origin: DVec3) -> Option<(Aabb, Instance)> {
+        match (&self.by, poses) {
+            (By::Place(place, bounds), _) => Some((*bounds, Instance::new(place, place, self.first_prim, &self.tree))),
+            (By::Body { number, low, high }, Some(poses)) => {
+                let place = |pose| near(&poses.motion.joints(pose, *number)[0], origin);
+                let (now, last) = (place(poses.now), place(poses.last));
+                let is_there = is_undone_well(&now);
+                let bounds = || box_in(&Mat4::from(now), *low, *high);
+                is_there.then(|| (bounds(), Instance::new(&now, &last, self.first_prim, &self.tree)))
+            }
+            (By::Skin(index), Some(poses)) => {
+                let instance = Instance::still(self.tree.first_row, self.tree.root);
+                Some((skins.bounds(*index, poses.rows, 0), instance))
+            }
+            (By::Body { .. } | By::Skin(_), None) => None,
+        }
+    }
+
+    /// Bounds of a body now and by how much its points have moved at most since the frame before, scene units; none of what
+    /// stands still.
+    pub fn moved(&self, skins: &Skins, poses: &Poses, origin: DVec3) -> Option<(Aabb, f32)> {
+        match self.by {
+            By::Place(..) => None,
+            By::Body { number, low, high } => {
+                let place = |pose| Mat4::from(near(&poses.motion.joints(pose, number)[0], origin));
+                let (now, last) = (place(poses.now), place(poses.last));
+                // A difference of affine maps is largest at a corner.
+                Some((box_in(&now, low, high), farthest(&box_in(&(now - last), low, high))))
+            }
+            By::Skin(index) => Some((skins.bounds(index, poses.rows, 0), skins.moved(index, poses.rows))),
+        }
+    }
+}
+
+/// How far from (0, 0, 0) a point of the box may be.
+pub(super) fn farthest(bounds: &Aabb) -> f32 {
+    bounds.min.abs().max(bounds.max.abs()).length()
+}
+
+fn near(place: &DAffine3, origin: DVec3) -> Affine3A {
+    narrow(&DAffine3 { translation: place.translation - origin, ..*place })
+}

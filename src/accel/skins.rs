@@ -1,0 +1,294 @@
+//! Bodies that change their shape: what the passes `skin` and `refit` need to bring their triangles into the world, and
+//! the boxes of their trees around them, in each frame.
+
+use glam::{DAffine3, DVec3, Mat4, UVec3, Vec2, Vec3, Vec4};
+use obvhs::aabb::Aabb;
+
+use super::moving::farthest;
+use super::{Node, Triangle};
+use crate::scene::Mesh;
+use crate::scene::motion::Influence;
+use crate::wgsl::{shared_constants, shared_structs};
+
+shared_structs! {
+    /// A triangle of a body that deforms, and what does not change about it.
+    pub struct SkinTriangle {
+        /// Its corners among the vertices, counter-clockwise from the front.
+        pub corners: UVec3,
+        pub material: u32,
+        /// As in [`Triangle`].
+        pub first_copy: u32,
+        pub light: u32,
+        pub uv0: Vec2,
+        pub uv1: Vec2,
+        pub uv2: Vec2,
+    }
+
+    /// A vertex at rest.
+    pub struct SkinVertex {
+        pub position: Vec3,
+        /// The first of its morphs, one for each target.
+        pub first_morph: u32,
+        /// Of no length where the mesh has none.
+        pub normal: Vec3,
+        pub morph_count: u32,
+        /// With the bitangent's sign in w.
+        pub tangent: Vec4,
+        /// Joints of all bodies counted on, those with weights first.
+        pub joints: [u32; JOINTS_PER_VERTEX as usize],
+        pub weights: [f32; JOINTS_PER_VERTEX as usize],
+        /// Row of the pose with the first weight of its body's targets.
+        pub first_weight: u32,
+        pub pad0: u32,
+        pub pad1: u32,
+        pub pad2: u32,
+    }
+
+    /// By what a target moves a vertex.
+    pub struct SkinMorph {
+        pub position: Vec3,
+        pub pad0: u32,
+        pub normal: Vec3,
+        pub pad1: u32,
+        pub tangent: Vec3,
+        pub pad2: u32,
+    }
+}
+
+shared_constants! {
+    pub const JOINTS_PER_VERTEX: u32 = 8;
+    /// Invocations in a row of those that work on triangles or nodes.
+    pub const COLUMNS: u32 = 1 << 16;
+}
+
+/// Rows of the pose that a joint has: of its matrix now and in the frame before.
+const ROWS_PER_JOINT: usize = 6;
+
+/// All bodies that deform.
+#[derive(Debug, Default)]
+pub struct Skins {
+    /// In the order of their rows in the tables, of which `first_row` is the first.
+    pub triangles: Vec<SkinTriangle>,
+    pub first_row: u32,
+    pub vertices: Vec<SkinVertex>,
+    pub morphs: Vec<SkinMorph>,
+    /// The trees as they were built, and which of all nodes is the first of them.
+    pub nodes: Vec<Node>,
+    pub first_node: u32,
+    /// Indices of the nodes, the deepest first.
+    pub order: Vec<u32>,
+    /// Ends of the levels in `order`.
+    pub levels: Vec<u32>,
+    bodies: Vec<Body>,
+    joints: usize,
+    weights: usize,
+}
+
+/// What is known of a body beside its triangles.
+#[derive(Debug)]
+struct Body {
+    /// Index into [`Motion::bodies`](crate::scene::motion::Motion::bodies).
+    number: usize,
+    first_joint: usize,
+    first_weight: usize,
+    targets: usize,
+    /// Of the vertices that each joint moves, at rest and with no more of its morphs than `reach` times the weights.
+    boxes: Vec<Aabb>,
+    /// How far each target moves a vertex at most.
+    reach: Vec<Vec3>,
+}
+
+impl Skins {
+    pub fn is_empty(&self) -> bool {
+        self.triangles.is_empty()
+    }
+
+    /// How many there are.
+    pub(super) fn bodies(&self) -> usize {
+        self.bodies.len()
+    }
+
+    /// Adds a body: its mesh at rest, with `joints` matrices, and its triangles in the order of its tree.
+    pub(super) fn push(&mut self, number: usize, mesh: &Mesh, joints: usize, corners: &[[u32; 3]], rows: &[Triangle]) {
+        let first_vertex = self.vertices.len() as u32;
+        let first_joint = self.joints;
+        for i in 0..mesh.positions.len() {
+            let influence = mesh
+                .influences
+                .get(i)
+                .copied()
+                .unwrap_or(Influence { weights: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], ..Default::default() });
+            let (joints, weights) = sorted(&influence, first_joint);
+            self.vertices.push(SkinVertex {
+                position: mesh.positions[i],
+                first_morph: self.morphs.len() as u32,
+                normal: mesh.normals.get(i).copied().unwrap_or_default(),
+                morph_count: mesh.morphs.len() as u32,
+                tangent: mesh.tangents.get(i).copied().unwrap_or_default(),
+                joints,
+                weights,
+                first_weight: self.weights as u32,
+                ..Default::default()
+            });
+            let has_tangent = mesh.tangents.get(i).is_some_and(|t| t.truncate() != Vec3::ZERO);
+            self.morphs.extend(mesh.morphs.iter().map(|morph| SkinMorph {
+                position: morph.positions.get(i).copied().unwrap_or_default(),
+                normal: morph.normals.get(i).copied().unwrap_or_default(),
+                tangent: morph.tangents.get(i).copied().filter(|_| has_tangent).unwrap_or_default(),
+                ..Default::default()
+            }));
+        }
+        let uv = |i: u32| mesh.uvs[0].get(i as usize).copied().unwrap_or_default();
+        self.triangles.extend(corners.iter().zip(rows).map(|(&[a, b, c], row)| SkinTriangle {
+            corners: UVec3::new(a, b, c) + first_vertex,
+            material: row.material,
+            first_copy: row.first_copy,
+            light: row.light,
+            uv0: uv(a),
+            uv1: uv(b),
+            uv2: uv(c),
+        }));
+        let reach = mesh.morphs.iter().map(|m| m.positions.iter().fold(Vec3::ZERO, |most, p| most.max(p.abs())));
+        self.bodies.push(Body {
+            number,
+            first_joint,
+            first_weight: self.weights,
+            targets: mesh.morphs.len(),
+            boxes: boxes_of_joints(mesh, joints),
+            reach: reach.collect(),
+        });
+        self.joints += joints;
+        self.weights += mesh.morphs.len();
+    }
+
+    /// Puts the levels of the trees in order; all bodies have been added, and rows of weights stand behind those of joints.
+    pub(super) fn finish(&mut self) {
+        for vertex in &mut self.vertices {
+            vertex.first_weight += (self.joints * ROWS_PER_JOINT) as u32;
+        }
+        let mut level_of = vec![0u32; self.nodes.len()];
+        // Parents stand before their children.
+        for node in 0..self.nodes.len() {
+            let [.., imask] = self.nodes[node][3].to_le_bytes();
+            let first = self.nodes[node][4].wrapping_sub(self.first_node) as usize;
+            for child in (0..imask.count_ones() as usize).map(|i| first + i) {
+                level_of[child] = level_of[node] + 1;
+            }
+        }
+        self.order = (0..self.nodes.len() as u32).collect();
+        self.order.sort_by_key(|&node| std::cmp::Reverse(level_of[node as usize]));
+        let level = |i: usize| level_of[self.order[i] as usize];
+        self.levels = (1..=self.order.len())
+            .filter(|&end| end == self.order.len() || level(end) != level(end - 1))
+            .map(|end| end as u32)
+            .collect();
+    }
+
+    /// The pose as shaders read it, of two times; `joints` and `weights` are those of a body, now and before, positions
+    /// relative to `origin`.
+    pub fn pose_rows(&self, of: impl Fn(usize) -> [(Vec<DAffine3>, Vec<f32>); 2], origin: DVec3) -> Vec<Vec4> {
+        let mut rows = vec![Vec4::ZERO; self.pose_len()];
+        for body in &self.bodies {
+            for (which, (joints, weights)) in of(body.number).into_iter().enumerate() {
+                for (j, joint) in joints.iter().take(body.boxes.len()).enumerate() {
+                    let at = (body.first_joint + j) * ROWS_PER_JOINT + 3 * which;
+                    rows[at..at + 3].copy_from_slice(&matrix_rows(joint, origin));
+                }
+                for (i, weight) in weights.iter().take(body.targets).enumerate() {
+                    rows[self.joints * ROWS_PER_JOINT + body.first_weight + i][which] = *weight;
+                }
+            }
+        }
+        rows
+    }
+
+    /// Rows of a pose, at least one.
+    pub fn pose_len(&self) -> usize {
+        (self.joints * ROWS_PER_JOINT + self.weights).max(1)
+    }
+
+    /// Bounds of the `index`th body in a pose, now or, with `which` 1, before: a convex combination of points in its
+    /// joints' boxes lies in the box around these.
+    pub(super) fn bounds(&self, index: usize, pose: &[Vec4], which: usize) -> Aabb {
+        let body = &self.bodies[index];
+        let weight = |i: usize| pose[self.joints * ROWS_PER_JOINT + body.first_weight + i][which].abs();
+        let grown: Vec3 = body.reach.iter().enumerate().map(|(i, reach)| *reach * weight(i)).sum();
+        let mut out = Aabb::empty();
+        for (j, joint) in body.boxes.iter().enumerate().filter(|(_, b)| b.valid()) {
+            let at = (body.first_joint + j) * ROWS_PER_JOINT + 3 * which;
+            let m = Mat4::from_cols(pose[at], pose[at + 1], pose[at + 2], Vec4::W).transpose();
+            let (low, high) = (Vec3::from(joint.min) - grown, Vec3::from(joint.max) + grown);
+            out = out.union(&super::instances::box_in(&m, low, high));
+        }
+        out
+    }
+
+    /// By how much a point of the `index`th body has moved at most since the frame before.
+    pub(super) fn moved(&self, index: usize, pose: &[Vec4]) -> f32 {
+        let body = &self.bodies[index];
+        let weights = |i: usize| pose[self.joints * ROWS_PER_JOINT + body.first_weight + i];
+        let reaches = |of: &dyn Fn(usize) -> f32| body.reach.iter().enumerate().map(|(i, r)| *r * of(i).abs()).sum();
+        let grown: Vec3 = reaches(&|i| weights(i).x.abs().max(weights(i).y.abs()));
+        let morphed: Vec3 = reaches(&|i| weights(i).x - weights(i).y);
+        let mut most: f32 = 0.0;
+        for (j, joint) in body.boxes.iter().enumerate().filter(|(_, b)| b.valid()) {
+            let rows = &pose[(body.first_joint + j) * ROWS_PER_JOINT..][..ROWS_PER_JOINT];
+            let [now, last] =
+                [0, 3].map(|at| Mat4::from_cols(rows[at], rows[at + 1], rows[at + 2], Vec4::W).transpose());
+            let (low, high) = (Vec3::from(joint.min) - grown, Vec3::from(joint.max) + grown);
+            let linear = Mat4 { w_axis: Vec4::W, ..now };
+            let by_joint = farthest(&super::instances::box_in(&(now - last), low, high));
+            most = most.max(by_joint + farthest(&super::instances::box_in(&linear, -morphed, morphed)));
+        }
+        most
+    }
+
+    /// The corners of a triangle as the shader places them, now.
+    pub fn corners(&self, triangle: usize, pose: &[Vec4]) -> [Vec3; 3] {
+        self.triangles[triangle].corners.to_array().map(|v| self.position(v as usize, pose))
+    }
+
+    fn position(&self, vertex: usize, pose: &[Vec4]) -> Vec3 {
+        let v = &self.vertices[vertex];
+        let morphs = self.morphs[v.first_morph as usize..].iter().take(v.morph_count as usize);
+        let moved = morphs.enumerate().map(|(i, m)| pose[v.first_weight as usize + i].x * m.position);
+        let p = moved.fold(v.position, |sum, by| sum + by).extend(1.0);
+        let used = v.joints.iter().zip(&v.weights).take_while(|(_, w)| **w != 0.0);
+        used.fold(Vec3::ZERO, |sum, (&joint, &weight)| {
+            let row = joint as usize * ROWS_PER_JOINT;
+            sum + weight * Vec3::new(pose[row].dot(p), pose[row + 1].dot(p), pose[row + 2].dot(p))
+        })
+    }
+}
+
+/// Joints with weights first.
+fn sorted(influence: &Influence, first_joint: usize) -> ([u32; 8], [f32; 8]) {
+    let (mut joints, mut weights) = ([0; 8], [0.0; 8]);
+    let used = influence.joints.iter().zip(influence.weights).filter(|(_, weight)| *weight != 0.0);
+    for (i, (&joint, weight)) in used.enumerate() {
+        (joints[i], weights[i]) = (first_joint as u32 + u32::from(joint), weight);
+    }
+    (joints, weights)
+}
+
+/// Of each joint, the box of what it moves at rest; empty where it moves nothing.
+fn boxes_of_joints(mesh: &Mesh, joints: usize) -> Vec<Aabb> {
+    let mut boxes = vec![Aabb::empty(); joints];
+    for (i, &p) in mesh.positions.iter().enumerate() {
+        match mesh.influences.get(i) {
+            None => _ = boxes[0].extend(p.into()),
+            Some(Influence { joints, weights }) => {
+                for (&joint, _) in joints.iter().zip(weights).filter(|(_, weight)| **weight != 0.0) {
+                    boxes[usize::from(joint)].extend(p.into());
+                }
+            }
+        }
+    }
+    boxes
+}
+
+/// Rows of a matrix, translations in w.
+fn matrix_rows(joint: &DAffine3, origin: DVec3) -> [Vec4; 3] {
+    let translation = joint.translation - origin;
+    [0, 1, 2].map(|i| joint.matrix3.row(i).extend(translation[i]).as_vec4())
+}

@@ -1,0 +1,131 @@
+//! What moves: bodies that change their shape are brought to where they are, with the trees over them, and surfaces are
+//! followed back to the frame before.
+
+use super::gbuffer::{CUT, GUIDE, HIT};
+use super::{Declared, FrameSpec};
+use crate::accel::{COLUMNS, Skins};
+use crate::graph::{Grid, Kernel, Launch, Life, Pass, Resource, Size, Stage, Use};
+use crate::image::Extent;
+use crate::scene::rig::Eye;
+
+/// How much of a scene moves, as far as passes depend on it.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Moving {
+    /// Of bodies that change their shape.
+    pub triangles: u32,
+    pub vertices: u32,
+    pub morphs: u32,
+    /// Rows of a pose.
+    pub pose: u32,
+    /// Of the trees over these bodies, and the number of the first.
+    pub nodes: u32,
+    pub first_node: u32,
+    /// The number of nodes down to each level and below it, from the deepest.
+    pub levels: Vec<u32>,
+}
+
+impl Moving {
+    pub fn of(skins: &Skins) -> Self {
+        Self {
+            triangles: skins.triangles.len() as u32,
+            vertices: skins.vertices.len() as u32,
+            morphs: skins.morphs.len() as u32,
+            pose: skins.pose_len() as u32,
+            nodes: skins.nodes.len() as u32,
+            first_node: skins.first_node,
+            levels: skins.levels.clone(),
+        }
+    }
+
+    /// What the host sets at the start.
+    pub fn inputs(&self) -> [Resource; 5] {
+        [self.skin_triangles(), self.skin_vertices(), self.skin_morphs(), self.tree_nodes(), self.tree_order()]
+    }
+
+    fn skin_triangles(&self) -> Resource {
+        input("skin_triangles", 48, self.triangles)
+    }
+
+    fn skin_vertices(&self) -> Resource {
+        input("skin_vertices", 128, self.vertices)
+    }
+
+    fn skin_morphs(&self) -> Resource {
+        input("skin_morphs", 48, self.morphs)
+    }
+
+    fn tree_nodes(&self) -> Resource {
+        input("tree_nodes", 80, self.nodes)
+    }
+
+    fn tree_order(&self) -> Resource {
+        input("tree_order", 4, self.nodes)
+    }
+
+    /// Where joints are, now and in the frame before, and weights of morphs: the host sets it with every frame.
+    pub fn pose(&self) -> Resource {
+        input("pose", 16, self.pose)
+    }
+
+    /// Least and largest coordinates of nodes, then of triangles.
+    fn boxes(&self) -> Resource {
+        Resource::table("boxes", 32, Extent::new(self.nodes + self.triangles, 1))
+    }
+}
+
+fn input(name: &'static str, bytes: u32, count: u32) -> Resource {
+    Resource { life: Life::Input, ..Resource::table(name, bytes, Extent::new(count.max(1), 1)) }
+}
+
+/// Position and packed shading normal, in the frame before, of a surface that has moved; no normal where none has.
+pub fn last_surface(spec: &FrameSpec) -> Resource {
+    let image = Resource::image("last_surface", 16);
+    let nothing = Grid::table(Size::Fixed(Extent::new(1, 1)));
+    if spec.moving.is_some() { image } else { image.on(nothing) }
+}
+
+/// Invocations of a workgroup.
+const GROUP: u32 = 64;
+
+/// Workgroups for so many invocations.
+fn groups(count: u32) -> [u32; 3] {
+    [count.min(COLUMNS).div_ceil(GROUP), count.div_ceil(COLUMNS), 1]
+}
+
+/// Brings bodies that change their shape to where they are.
+pub fn bring(spec: &FrameSpec, frame: &mut Declared) {
+    let still = Moving::default();
+    let moving = spec.moving.as_ref().unwrap_or(&still);
+    let why_not = if spec.moving.is_some() { "nothing changes its shape" } else { "nothing in the scene moves" };
+    let skin = Pass::once(Stage("skin"), CUT, Kernel::changing_scene("skin"), groups(moving.triangles))
+        .uses([
+            Use::read(moving.skin_triangles()),
+            Use::read(moving.skin_vertices()),
+            Use::read(moving.skin_morphs()),
+            Use::read(moving.pose()),
+            Use::write(moving.boxes()),
+        ])
+        .args([moving.triangles, 2 * moving.nodes, 0]);
+    let begins = std::iter::once(0).chain(moving.levels.iter().copied());
+    let levels = begins.zip(&moving.levels).map(|(begin, &end)| [begin, end, moving.first_node]);
+    let widest = levels.clone().map(|[begin, end, _]| end - begin).max().unwrap_or(0);
+    let refit = Pass::once(Stage("refit"), CUT, Kernel::changing_scene("refit"), groups(widest))
+        .uses([Use::read(moving.tree_nodes()), Use::read(moving.tree_order()), Use::update(moving.boxes())])
+        .launches(levels.map(Launch::Once).collect());
+    frame.add_if(moving.triangles > 0, why_not, skin);
+    frame.add_if(moving.triangles > 0, why_not, refit);
+}
+
+/// Follows the surfaces of a view.
+pub fn follow(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
+    let pass = Pass::new(Stage("motion"), view, CUT, Kernel::with_scene("motion")).uses([
+        Use::read(HIT),
+        Use::read(GUIDE),
+        Use::write(last_surface(spec)),
+    ]);
+    let is_read = spec.denoiser() == Some(crate::quality::Denoiser::Svgf);
+    match spec.moving.is_some() {
+        true => frame.add_if(is_read, "no pass builds on the frame before", pass),
+        false => frame.add_if(false, "nothing in the scene moves", pass),
+    }
+}

@@ -1,0 +1,120 @@
+//! What a frame changes in the tables of a scene that moves.
+
+use glam::Vec4;
+use obvhs::aabb::Aabb;
+use serde::{Deserialize, Serialize};
+
+use super::{SceneTables, bytes_of};
+use crate::accel::{Poses, Triangle};
+use crate::scene::motion::{Motion, Target};
+use crate::scene::{Material, Scene};
+use crate::stages::emitters::Emitters;
+use crate::stages::layout;
+use crate::wgsl::ROW_BYTES;
+
+/// What a frame changes: plain data, the same for every device.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct SceneUpdate {
+    /// First rows in the tables, and what they are from there on.
+    pub rows: Vec<(u32, Vec<u8>)>,
+    /// Joints and weights of bodies that change their shape.
+    pub pose: Vec<[f32; 4]>,
+}
+
+/// How a scene moves.
+pub(super) struct Moves {
+    motion: Motion,
+    /// Lights and materials at rest; what else is asked of the scene is in other tables.
+    rest: Scene,
+}
+
+impl Moves {
+    /// None where nothing moves.
+    pub fn of(scene: &Scene) -> Option<Self> {
+        let (materials, lights) = (scene.materials.clone(), scene.lights.clone());
+        let rest = Scene { materials, lights, ..Scene::empty(&scene.name) };
+        (!scene.motion.is_empty()).then(|| Self { motion: scene.motion.clone(), rest })
+    }
+
+    /// Whether any light may be anywhere else, or anything else, at another time.
+    fn changes_lights(&self) -> bool {
+        let Motion { lights, lamps, emitters, .. } = &self.motion;
+        !(lights.is_empty() && lamps.is_empty() && emitters.is_empty())
+    }
+
+    fn changes_material(&self, material: usize) -> bool {
+        let mut channels = self.motion.animations.iter().flat_map(|a| &a.channels);
+        self.motion.emitters.iter().any(|e| e.index == material)
+            || channels.any(|c| c.target == Target::BaseColor(material))
+    }
+}
+
+impl SceneTables {
+    /// What a frame at `now_s` changes, `last_s` being the time of the one before, and says of it in its constants.
+    pub fn update(&self, frame: &mut layout::Frame, now_s: f64, last_s: f64) -> SceneUpdate {
+        let mut update = SceneUpdate::default();
+        let Some(moves @ Moves { motion, rest }) = &self.moving else { return update };
+        let [now, last] = [now_s, last_s].map(|time_s| motion.pose(time_s));
+        let pose = self.accel.pose_rows(motion, [&now, &last]);
+        if self.accel.moves() {
+            let poses = Poses { motion, now: &now, last: &last, rows: &pose };
+            let placed = self.accel.placed_at(Some(&poses));
+            let tree = self.accel.instance_tree * (size_of_val(&self.accel.nodes[0]) / ROW_BYTES) as u32;
+            update.rows.push((tree, bytes_of(&placed.nodes).into_owned()));
+            update.rows.push((self.instances, bytes_of(&placed.instances).into_owned()));
+            update.rows.push((self.numbers, bytes_of(&placed.numbers).into_owned()));
+            frame.geometry.instance_count = placed.instances.len() as u32;
+        }
+        let mut scene = rest.clone();
+        motion.place(&now, &mut scene);
+        for i in (0..scene.materials.len()).filter(|i| moves.changes_material(*i)) {
+            update.rows.push(self.material_row(i, &scene.materials[i]));
+        }
+        let glows = self.sources.triangles.last().is_some_and(|&last| last >= self.accel.skins.first_row);
+        if moves.changes_lights() || (glows && !self.accel.skins.is_empty()) {
+            let emitters = Emitters::placed(
+                &scene,
+                &self.sources,
+                self.accel.origin,
+                self.emissive_triangles(&pose),
+                self.emitters.first_row(),
+            );
+            update.rows.push((self.emitters.first_row(), bytes_of(&emitters.trees).into_owned()));
+            update.rows.push((self.first_rows.lights, bytes_of(&emitters.lights).into_owned()));
+        }
+        update.pose = pose.iter().map(Vec4::to_array).collect();
+        update
+    }
+
+    /// Where those are that may emit.
+    fn emissive_triangles<'a>(&'a self, pose: &'a [Vec4]) -> impl Iterator<Item = (u32, Triangle)> + 'a {
+        let skins = &self.accel.skins;
+        self.sources.triangles.iter().map(move |&prim| {
+            let triangle = self.accel.triangles[prim as usize];
+            let deforming = prim.wrapping_sub(skins.first_row) as usize;
+            if deforming >= skins.triangles.len() {
+                return (prim, triangle);
+            }
+            let [v0, v1, v2] = skins.corners(deforming, pose);
+            (prim, Triangle { v0, v1, v2, ..triangle })
+        })
+    }
+
+    /// The table's entry of a material that shines in other colours than at rest, with its first row.
+    fn material_row(&self, number: usize, now: &Material) -> (u32, Vec<u8>) {
+        let Material { base_color, emissive, .. } = *now;
+        let entry = layout::Material { base_color, emissive, ..self.materials[number] };
+        let row = self.first_rows.materials + (number * size_of::<layout::Material>() / ROW_BYTES) as u32;
+        (row, bytemuck::bytes_of(&entry).to_vec())
+    }
+
+    /// Bounds of each moving body now, relative to [`Self::origin`], and by how much it has moved at most between the two
+    /// times, scene units.
+    pub fn moved(&self, now_s: f64, last_s: f64) -> Vec<(Aabb, f32)> {
+        let Some(Moves { motion, .. }) = &self.moving else { return Vec::new() };
+        let [now, last] = [now_s, last_s].map(|time_s| motion.pose(time_s));
+        let rows = self.accel.pose_rows(motion, [&now, &last]);
+        let poses = Poses { motion, now: &now, last: &last, rows: &rows };
+        self.accel.moved(&poses).collect()
+    }
+}
