@@ -7,7 +7,7 @@
 pub mod keys;
 pub mod play;
 pub mod pose;
-mod bake;
+pub mod bake;
 
 use glam::{Affine3A, DAffine3, DQuat, DVec3, Vec3};
 use serde::Serialize;
@@ -76,7 +76,7 @@ pub struct Body {
     /// Index into [`Motion::skins`]. The mesh has influences then, which name the skin's joints, and its instance's
     /// transform is the identity.
     pub skin: Option<usize>,
-    /// Weights of the mesh's morphs at rest, as many as it has.
+    /// Weights of the mesh's morphs at rest, as many as it has, or empty: no morphs count.
     pub weights: Vec<f32>,
 }
 
@@ -118,7 +118,7 @@ pub struct Animation {
     /// As in the file; may be empty.
     pub name: String,
     pub channels: Vec<Channel>,
-    /// Time of the last key, from 0 on. An animation of 0 s is a still.
+    /// From 0 on, and not before the last key. An animation of 0 s is a still.
     pub duration_s: f64,
 }
 

@@ -3,6 +3,7 @@
 use glam::{DQuat, DVec3};
 
 use super::keys::{Interpolation, Keys};
+use super::{Animation, Channel, Target};
 
 /// Which animations of a scene file are played.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -86,18 +87,27 @@ impl MoveKey {
 }
 
 impl Move {
-    /// Keys of translation, rotation and scale, as far as it has any.
-    pub fn channels(&self) -> [Option<Keys>; 3] {
-        let numbers = |of: &dyn Fn(&MoveKey) -> Option<Vec<f64>>, width| {
-            let values: Vec<Vec<f64>> = self.keys.iter().filter_map(of).collect();
+    /// Its channels, of a node by that index.
+    pub fn channels(&self, node: usize) -> Vec<Channel> {
+        let keys = |width, of: &dyn Fn(&MoveKey) -> Option<Vec<f64>>| {
+            let values: Vec<f32> = self.keys.iter().filter_map(of).flatten().map(|v| v as f32).collect();
             let times_s = self.keys.iter().map(|k| k.time_s as f32).collect();
-            let values = values.into_iter().flatten().map(|v| v as f32).collect();
             Keys::new(times_s, values, width, Interpolation::Linear).ok()
         };
-        [
-            numbers(&|k| k.position.map(|v| v.to_array().to_vec()), 3),
-            numbers(&|k| k.rotation().map(|q| q.to_array().to_vec()), 4),
-            numbers(&|k| k.scale.map(|v| v.to_array().to_vec()), 3),
-        ]
+        let triple = |v: DVec3| v.to_array().to_vec();
+        let channels = [
+            (Target::Translation(node), keys(3, &|k| k.position.map(triple))),
+            (Target::Rotation(node), keys(4, &|k| k.rotation().map(|q| q.to_array().to_vec()))),
+            (Target::Scale(node), keys(3, &|k| k.scale.map(triple))),
+        ];
+        channels.into_iter().filter_map(|(target, keys)| Some(Channel { target, keys: keys? })).collect()
+    }
+}
+
+impl Play {
+    /// Moves as an animation. All of them last as long as the longest.
+    pub fn animation_of(&self, channels: Vec<Channel>) -> Animation {
+        let ends = self.moves.iter().filter_map(|m| m.keys.last()).map(|k| f64::from(k.time_s as f32));
+        Animation { name: String::new(), channels, duration_s: ends.fold(0.0, f64::max) }
     }
 }

@@ -176,7 +176,8 @@ pub fn narrow(transform: &DAffine3) -> Affine3A {
     Affine3A::from_mat3_translation(transform.matrix3.as_mat3(), transform.translation.as_vec3())
 }
 
-pub(super) fn wide(transform: &Affine3A) -> DAffine3 {
+/// Exact.
+pub fn wide(transform: &Affine3A) -> DAffine3 {
     DAffine3::from_mat3_translation(
         Mat3::from(transform.matrix3).as_dmat3(),
         Vec3::from(transform.translation).as_dvec3(),
