@@ -64,6 +64,9 @@ struct SamplerJson {
 const FLOAT: &[ComponentType] = &[F32];
 const UNIT: &[ComponentType] = &[F32, I8, U8, I16, U16];
 
+/// More names than these are not said.
+const MOST_NAMES: usize = 20;
+
 /// Reads what is played. Targets name nodes by their place in `nodes`, and materials and lights by their index in the file.
 pub struct Reader<'a, 'b> {
     pub buffers: &'a Buffers<'b>,
@@ -77,7 +80,7 @@ impl Reader<'_, '_> {
     pub fn read(&self, file: &Animations, warnings: &mut Warnings) -> Outcome<Vec<Animation>> {
         let moves = self.moves()?;
         let moved: HashSet<Target> = moves.iter().flat_map(|a| &a.channels).map(|c| c.target).collect();
-        let mut taken = HashSet::new();
+        let (mut taken, mut covered) = (HashSet::new(), false);
         let mut played = Vec::new();
         for (index, json) in self.chosen(file)? {
             let place = label("animation", index, &json.name);
@@ -93,12 +96,17 @@ impl Reader<'_, '_> {
                     continue;
                 }
                 if !taken.insert(target) {
-                    warnings.note("where several animations move one thing, the first is shown: choose one", &place);
+                    covered = true;
                     continue;
                 }
                 animation.channels.push(Channel { target, keys });
             }
             played.push(animation);
+        }
+        if covered {
+            let names: Vec<_> = played.iter().take(MOST_NAMES).map(|a: &Animation| a.name.as_str()).collect();
+            let hint = "where several animations move the same, the first goes before: --animation chooses one of";
+            warnings.note(&format!("{hint} {}", names.join(", ")), "");
         }
         played.extend(moves);
         Ok(played)
@@ -111,7 +119,7 @@ impl Reader<'_, '_> {
         };
         let found = all.find(|(_, a)| a.name.as_ref() == Some(wanted));
         found.map(|one| vec![one]).ok_or_else(|| {
-            let names: Vec<_> = file.animations.iter().filter_map(|a| a.name.as_deref()).collect();
+            let names: Vec<_> = file.animations.iter().filter_map(|a| a.name.as_deref()).take(MOST_NAMES).collect();
             let hint = if names.is_empty() { "none with a name".into() } else { names.join(", ") };
             Fault::Invalid(format!("it has no animation named '{wanted}': it has {hint}"))
         })

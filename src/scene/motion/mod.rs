@@ -151,6 +151,7 @@ pub enum Target {
 
 /// How much of a scene moves.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Moves {
     /// Animations that are played.
     pub animations: Vec<PlayedAnimation>,
@@ -172,6 +173,7 @@ pub struct Moves {
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct PlayedAnimation {
     pub name: String,
     pub duration_s: f64,
