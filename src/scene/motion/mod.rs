@@ -235,3 +235,6 @@ pub struct Morph {
     /// Added to x, y and z of unit tangents; the sum is normalised.
     pub tangents: Vec<Vec3>,
 }
+
+#[cfg(test)]
+mod tests;

@@ -7,6 +7,7 @@ mod hierarchy;
 mod layers;
 mod materials;
 mod meshopt;
+mod motion;
 mod placed;
 mod real_scenes;
 mod tangents;
