@@ -72,7 +72,7 @@ enum Command {
     Graph(graph::Args),
     /// List adapters and drivers, their limits, and what each lacks
     Devices(devices::Args),
-    /// List the built-in scenes
+    /// List the built-in scenes, or say what a scene is made of and what of it moves
     Scenes(scenes::Args),
     /// Write a shot file, complete and with comments, for a scene: to edit
     Shot(shot::Args),

@@ -78,7 +78,7 @@ pub struct RunOptions {
     /// Size of each eye, WIDTHxHEIGHT
     #[arg(long, default_value = "640x360", help_heading = SCENE)]
     pub size: Extent,
-    /// Seconds along the camera path
+    /// Seconds along the camera path and the scene's animations
     #[arg(long, default_value_t = 0.0, value_name = "T", allow_negative_numbers = true, help_heading = SCENE)]
     pub time: f64,
     #[arg(long, default_value_t = 0, help_heading = QUALITY)]

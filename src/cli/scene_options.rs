@@ -7,6 +7,7 @@ use diptych::scene::budget::{Budget, ByteSize};
 use diptych::scene::complete::Overrides;
 use diptych::scene::folder::Access;
 use diptych::scene::load::load_shot_within;
+use diptych::scene::motion::play::Choice;
 use diptych::scene::shot::allowed::{ANY, Allowed, NOT_NEGATIVE, STOPS, YFOV};
 use diptych::scene::shot::{Shot, ShotEnvironment, Sky};
 use diptych::scene::{Scene, SceneError};
@@ -36,6 +37,9 @@ pub struct SceneOptions {
     /// What is all around: an .hdr or .exr in latitude and longitude, or a radiance [default: the shot's]
     #[arg(long, value_name = "FILE|R,G,B", value_parser = environment)]
     pub environment: Option<ShotEnvironment>,
+    /// Which of the scene file's animations are played: all, none, or a name [default: the shot's, else all]
+    #[arg(long, value_name = "NAME", value_parser = animation)]
+    pub animation: Option<Choice>,
     /// Memory that the scene may take on the host, as 4GiB or 800MB [default: half of what is there]
     #[arg(long, value_name = "SIZE")]
     pub max_scene_memory: Option<ByteSize>,
@@ -49,7 +53,8 @@ impl SceneOptions {
         self.max_scene_memory.map_or_else(Budget::of_host, Budget::new)
     }
 
-    pub fn load(&self, shot: &str, budget: &Budget) -> Result<(Shot, Scene), SceneError> {
+    /// The shot and its scene, whose cameras are taken as they are at `time_s`.
+    pub fn load(&self, shot: &str, time_s: f64, budget: &Budget) -> Result<(Shot, Scene), SceneError> {
         let overrides = Overrides {
             yfov_rad: self.yfov.map(f64::to_radians),
             baseline_m: self.baseline,
@@ -58,6 +63,8 @@ impl SceneOptions {
             position: self.position,
             target: self.target,
             environment: self.environment.clone(),
+            animation: self.animation.clone(),
+            time_s,
         };
         load_shot_within(shot, &overrides, Access { budget, allow_outside: self.allow_outside })
     }
@@ -75,6 +82,10 @@ fn triple(text: &str, allowed: &Allowed) -> Option<DVec3> {
 
 fn point(text: &str) -> Result<DVec3, String> {
     triple(text, &ANY).ok_or_else(|| "give three numbers, as 0,1.6,-2.5".to_owned())
+}
+
+fn animation(text: &str) -> Result<Choice, String> {
+    Ok(Choice::of(text))
 }
 
 fn environment(text: &str) -> Result<ShotEnvironment, String> {

@@ -33,7 +33,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         let what = anyhow!("--out {}: it is there already, and may have been edited: give another name", out.display());
         return Err(Failure::Input(what));
     }
-    let (mut shot, scene) = args.scene.load(&args.scene_file, &args.scene.budget())?;
+    let (mut shot, scene) = args.scene.load(&args.scene_file, 0.0, &args.scene.budget())?;
     for warning in &scene.warnings {
         eprintln!("warning: {warning}");
     }

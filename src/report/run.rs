@@ -18,6 +18,7 @@ use crate::passes::AOV;
 use crate::passes::path_trace::CUT;
 use crate::quality::{FrameQuality, Quality};
 use crate::scene::Scene;
+use crate::scene::motion::Moves;
 use crate::scene::needs::SceneNeeds;
 use crate::scene::projection::Matrices;
 use crate::scene::rig::{Eye, Rig};
@@ -50,6 +51,9 @@ pub struct SceneSummary {
     pub instances: usize,
     pub lights: usize,
     pub textures: usize,
+    /// What of it moves. It is absent where the scene stands still.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub moves: Option<Moves>,
     pub needs: SceneNeeds,
     /// Shader features compiled out because the scene lacks them.
     pub skipped: Vec<&'static str>,
@@ -66,6 +70,7 @@ impl SceneSummary {
             instances: scene.instances.len(),
             lights: scene.lights.len(),
             textures: scene.textures.len(),
+            moves: scene.motion.moves(),
             needs,
             skipped: skipped.collect(),
             warnings: scene.warnings.clone(),

@@ -6,6 +6,7 @@
 use glam::{DVec3, Vec3};
 
 use super::budget::Budget;
+use super::motion::play::Choice;
 use super::rig::{DEFAULT_BASELINE_M, DEFAULT_YFOV_DEG, Rig, RigKey, degenerate_time};
 use super::shot::allowed::fits_f32;
 use super::shot::{Draft, PartialRig, Shot, ShotEnvironment, Sky};
@@ -27,6 +28,10 @@ pub struct Overrides {
     pub target: Option<DVec3>,
     /// Its image starts from the working folder.
     pub environment: Option<ShotEnvironment>,
+    /// Which of the scene file's animations are played.
+    pub animation: Option<Choice>,
+    /// When the scene's cameras are taken, seconds.
+    pub time_s: f64,
 }
 
 /// The scene is told of what was decided for it, by its warnings.
@@ -38,6 +43,7 @@ pub fn complete(draft: Draft, overrides: &Overrides, scene: &mut Scene, budget: 
     let white = ShotEnvironment { sky: Sky::Constant(Vec3::ONE), scale: 1.0, rotation_deg: 0.0 };
     let rig = rig(&draft.rig, overrides, scene, budget)?;
     Ok(Shot {
+        play: draft.play(),
         name: draft.name,
         scene: draft.scene,
         rig,

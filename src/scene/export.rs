@@ -3,13 +3,15 @@
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
+use super::motion::play::Play;
 use super::shot::{SceneSource, Shot, ShotEnvironment, ShotLight, ShotLightKind, Sky};
 use super::{Environment, Light, LightKind, Scene, SceneError, gltf};
 use crate::image::exr;
 use crate::image::file::atomic_write;
 
 /// Writes `NAME.glb`, `NAME.toml` and, where the environment is an image, `NAME.exr` into `folder`, after the shot's
-/// name. Loading the shot gives the same scene; its lights are all in the shot then.
+/// name. Loading the shot gives the same scene; its lights are all in the shot then. Nothing of it moves: of a scene that
+/// does, give [`Scene::at`].
 ///
 /// # Errors
 /// [`SceneError`], where a file cannot be written.
@@ -28,6 +30,7 @@ pub fn export(shot: &Shot, scene: &Scene, folder: &Path) -> Result<PathBuf, Scen
     };
     let exported = Shot {
         scene: SceneSource::File(scene_file),
+        play: Play::default(),
         environment: sky.map(|sky| ShotEnvironment { sky, scale: 1.0, rotation_deg }),
         lights: scene.lights.iter().map(|light| shot_light(light, shot.rig.metres_per_unit)).collect(),
         ..shot.clone()

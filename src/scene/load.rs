@@ -6,10 +6,11 @@ use std::sync::Arc;
 
 use glam::Vec3;
 
-use super::budget::Budget;
+use super::budget::{Budget, Exceeded};
 use super::complete::{Overrides, complete};
 use super::environment::read_latlong;
 use super::folder::{self, Access, Folder};
+use super::motion::play::{Choice, Move, Moved, Play};
 use super::shot::{Draft, SceneSource, Shot, ShotEnvironment, Sky};
 use super::{Environment, Scene, SceneError, builtin, gltf};
 
@@ -29,9 +30,20 @@ pub fn load_shot(arg: &str) -> Result<(Shot, Scene), SceneError> {
 /// [`SceneError`], naming the file or the option.
 pub fn load_shot_within(arg: &str, overrides: &Overrides, access: Access) -> Result<(Shot, Scene), SceneError> {
     let folder = Folder::of(Path::new(arg), access);
-    let (draft, mut scene) = open(arg, &folder)?;
-    let shot = complete(draft, overrides, &mut scene, access.budget)?;
+    let (draft, mut scene) = open(arg, overrides, &folder)?;
+    let shot = if scene.motion.is_empty() {
+        complete(draft, overrides, &mut scene, access.budget)?
+    } else {
+        let exceeded = |error: Exceeded| SceneError::Refused { path: arg.to_owned(), what: error.to_string() };
+        let _copy = access.budget.reserve(scene.bytes_at()).map_err(exceeded)?;
+        let mut still = scene.at(overrides.time_s);
+        let shot = complete(draft, overrides, &mut still, access.budget)?;
+        scene.warnings = still.warnings;
+        shot
+    };
+    let first = scene.lights.len();
     scene.lights.extend(shot.lights());
+    shot.play.move_lights(&mut scene, first);
     if let Some(environment) = &shot.environment {
         let (origin, folder) = match overrides.environment {
             // What the user names may be anywhere.
@@ -44,24 +56,28 @@ pub fn load_shot_within(arg: &str, overrides: &Overrides, access: Access) -> Res
 }
 
 /// What a file says, and the scene it names.
-fn open(arg: &str, folder: &Folder) -> Result<(Draft, Scene), SceneError> {
+fn open(arg: &str, overrides: &Overrides, folder: &Folder) -> Result<(Draft, Scene), SceneError> {
     let path = Path::new(arg);
     let extension = path.extension().map(|e| e.to_ascii_lowercase().to_string_lossy().into_owned());
+    let asked = |draft: Draft| Draft { animation: overrides.animation.clone().or(draft.animation.clone()), ..draft };
     let draft = match (arg.strip_prefix("builtin:"), extension.as_deref()) {
         (Some(name), _) => Draft::parse(builtin::find(name)?.shot, arg)?,
         (None, Some("toml")) => Draft::parse(&read_text(path, folder.access)?, arg)?,
         (None, Some("gltf" | "glb")) => {
             let [name, stem] = [path.file_name(), path.file_stem()].map(|p| p.unwrap_or_default().to_string_lossy());
-            let draft = Draft::of(SceneSource::File(name.into_owned()), stem.into_owned());
-            return Ok((draft, gltf::load(path, folder.access)?));
+            let draft = asked(Draft::of(SceneSource::File(name.into_owned()), stem.into_owned()));
+            let scene = gltf::load_playing(path, &draft.play(), folder.access)?;
+            return Ok((draft, scene));
         }
         _ => {
             let what = "give a shot (.toml), a scene (.gltf, .glb) or builtin:NAME".to_owned();
             return Err(SceneError::Invalid { path: arg.to_owned(), what });
         }
     };
+    let draft = asked(draft);
     match draft.scene.clone() {
         SceneSource::Builtin(name) => {
+            reject_motion(&draft.play(), arg)?;
             let builtin = builtin::find(&name)?;
             let is_seen = !draft.rig.keys.is_empty();
             let draft = if is_seen { draft } else { draft.or(Draft::parse(builtin.shot, &name)?) };
@@ -69,9 +85,22 @@ fn open(arg: &str, folder: &Folder) -> Result<(Draft, Scene), SceneError> {
         }
         SceneSource::File(name) => {
             let path = folder.find(&name).map_err(|error| error.in_file(arg))?;
-            Ok((draft, gltf::load(&path, folder.access)?))
+            let scene = gltf::load_playing(&path, &draft.play(), folder.access)?;
+            Ok((draft, scene))
         }
     }
+}
+
+/// Built-in scenes have neither animations nor nodes with names.
+fn reject_motion(play: &Play, arg: &str) -> Result<(), SceneError> {
+    let what = match (&play.animation, play.moves.iter().find(|m| matches!(m.of, Moved::Node(_)))) {
+        (Choice::Named(name), _) => format!("a built-in scene has no animation '{name}': it stands still"),
+        (_, Some(Move { of: Moved::Node(name), .. })) => {
+            format!("a built-in scene has no node '{name}': only the shot's own lights move in it")
+        }
+        _ => return Ok(()),
+    };
+    Err(SceneError::Invalid { path: arg.to_owned(), what })
 }
 
 fn read_text(path: &Path, access: Access) -> Result<String, SceneError> {

@@ -13,6 +13,7 @@ use std::ops::RangeInclusive;
 
 use glam::Vec3;
 
+use super::motion::play::{Choice, Move, Play};
 use super::rig::{DEFAULT_BASELINE_M, Rig, RigKey};
 use super::{Light, LightKind, SceneError};
 
@@ -108,6 +109,9 @@ impl PartialRig {
 pub struct Draft {
     pub name: String,
     pub scene: SceneSource,
+    pub animation: Option<Choice>,
+    pub loops: Option<bool>,
+    pub moves: Vec<Move>,
     pub rig: PartialRig,
     pub environment: Option<ShotEnvironment>,
     /// Beside the scene's own.
@@ -132,6 +136,9 @@ impl Draft {
         Draft {
             name,
             scene,
+            animation: None,
+            loops: None,
+            moves: Vec::new(),
             rig: PartialRig::default(),
             environment: None,
             lights: Vec::new(),
@@ -146,6 +153,8 @@ impl Draft {
         let (environment, lights) =
             if is_lit { (self.environment, self.lights) } else { (other.environment, other.lights) };
         Draft {
+            animation: self.animation.or(other.animation),
+            loops: self.loops.or(other.loops),
             rig: PartialRig {
                 yfov_rad: self.rig.yfov_rad.or(other.rig.yfov_rad),
                 baseline_m: self.rig.baseline_m.or(other.rig.baseline_m),
@@ -160,6 +169,16 @@ impl Draft {
         }
     }
 
+    /// What is to move.
+    pub fn play(&self) -> Play {
+        let default = Play::default();
+        Play {
+            animation: self.animation.clone().unwrap_or(default.animation),
+            loops: self.loops.unwrap_or(default.loops),
+            moves: self.moves.clone(),
+        }
+    }
+
     /// Whether it says neither from where its scene is seen nor what lights it.
     pub fn is_bare(&self) -> bool {
         self.rig.keys.is_empty() && self.environment.is_none() && self.lights.is_empty()
@@ -171,6 +190,7 @@ impl Draft {
 pub struct Shot {
     pub name: String,
     pub scene: SceneSource,
+    pub play: Play,
     pub rig: Rig,
     /// `None`: the scene keeps its own.
     pub environment: Option<ShotEnvironment>,

@@ -41,6 +41,9 @@ pub fn load_as_is(path: &Path, budget: &Budget) -> Option<Scene> {
         }
     };
     check(&scene);
+    for time_s in [0.0, 0.3, -1e9] {
+        check(&scene.at(time_s));
+    }
     let view = shot.rig.view(0.0, Eye::Left);
     assert!([view.origin, view.right, view.up, view.forward].iter().all(|v| v.is_finite()), "{view:?}");
     let accel = Accel::build_within(&scene, Layout::Auto, budget).ok()?;
@@ -57,6 +60,9 @@ fn check(scene: &Scene) {
         assert!(mesh.triangles.as_flattened().iter().all(|&v| (v as usize) < n));
         let lengths = [mesh.normals.len(), mesh.uvs[0].len(), mesh.uvs[1].len(), mesh.colors.len()];
         assert!(lengths.iter().all(|&l| l == 0 || l == n), "{lengths:?} for {n}");
+        assert!(
+            [0, n].contains(&mesh.influences.len()) && mesh.morphs.iter().all(|m| [0, n].contains(&m.positions.len()))
+        );
         assert!(mesh.uvs.iter().flatten().all(|uv| uv.is_finite()) && mesh.material < scene.materials.len());
     }
     for instance in &scene.instances {
@@ -201,6 +207,7 @@ fn everything() -> Draft {
     );
     draft.push("meshes", json!({"primitives": [{"attributes": {"POSITION": packed}, "mode": 6}]}));
     furnish(&mut draft);
+    animate(&mut draft, positions);
     draft.json["buffers"] = json!([{"byteLength": draft.bin.len()},
         {"byteLength": 48, "extensions": {"EXT_meshopt_compression": {"fallback": true}}}]);
     draft
@@ -244,6 +251,46 @@ fn furnish(draft: &mut Draft) {
                 "KHR_materials_transmission": {"transmissionFactor": 0.9}, "KHR_materials_ior": {"ior": 1.4}}}],
     });
     merge(&mut draft.json, more);
+}
+
+/// A skinned and morphed quad at these positions on two joints, and animations of all kinds of interpolation.
+fn animate(draft: &mut Draft, positions: usize) {
+    let bytes = |draft: &mut Draft, values: [u8; 16]| {
+        let view = draft.view(&values, json!({}));
+        let accessor =
+            json!({"bufferView": view, "componentType": 5121, "count": 4, "type": "VEC4", "normalized": true});
+        draft.push("accessors", accessor)
+    };
+    let joints = bytes(draft, [0, 1, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 0, 0, 0, 0]);
+    draft.json["accessors"][joints]["normalized"] = json!(false);
+    let weights = bytes(draft, [200, 55, 0, 0, 255, 0, 0, 0, 255, 0, 0, 0, 0, 0, 0, 0]);
+    let mut binds = [[0.0f32; 16]; 2];
+    binds.iter_mut().for_each(|m| [0, 5, 10, 15].iter().for_each(|&i| m[i] = 1.0));
+    let view = draft.view(bytemuck::cast_slice(&binds), json!({}));
+    let binds = json!({"bufferView": view, "componentType": 5126, "count": 2, "type": "MAT4"});
+    let binds = draft.push("accessors", binds);
+    let attributes = json!({"POSITION": positions, "JOINTS_0": joints, "WEIGHTS_0": weights});
+    let primitive = json!({"attributes": attributes, "mode": 6, "targets": [{"POSITION": positions}]});
+    let mesh = draft.push("meshes", json!({"primitives": [primitive], "weights": [0.25]}));
+    draft.push("skins", json!({"joints": [7, 8], "inverseBindMatrices": binds}));
+    draft.push("nodes", json!({"name": "Hip", "children": [8]}));
+    draft.push("nodes", json!({"name": "Knee", "translation": [0.0, 0.5, 0.0]}));
+    draft.push("nodes", json!({"mesh": mesh, "skin": 0}));
+    draft.json["scenes"][0]["nodes"] = json!([0, 7, 9]);
+    let times = draft.floats("SCALAR", &[0.0, 0.5, 1.0]);
+    let turns = draft.floats("VEC4", &[0.0, 0.0, 0.0, 1.0, 0.0, 0.6, 0.0, 0.8, 0.0, 1.0, 0.0, 0.0]);
+    let places = draft.floats("VEC3", &[0.0; 27]);
+    let numbers = draft.floats("SCALAR", &[0.0, 1.0, 0.5]);
+    let pointer = "/materials/1/extensions/KHR_materials_emissive_strength/emissiveStrength";
+    let pointer = json!({"path": "pointer", "extensions": {"KHR_animation_pointer": {"pointer": pointer}}});
+    let animation = json!({"name": "Walk",
+        "samplers": [{"input": times, "output": turns}, {"input": times, "output": numbers, "interpolation": "STEP"},
+            {"input": times, "output": places, "interpolation": "CUBICSPLINE"}],
+        "channels": [{"sampler": 0, "target": {"node": 8, "path": "rotation"}},
+            {"sampler": 1, "target": {"node": 9, "path": "weights"}},
+            {"sampler": 2, "target": {"node": 3, "path": "translation"}},
+            {"sampler": 1, "target": pointer}]});
+    draft.push("animations", animation);
 }
 
 #[test]

@@ -54,6 +54,18 @@ kind = "directional"
 direction = [0.0, -1.0, 0.1]
 angle_deg = 0.5
 
+[[move]]
+light = 1
+
+[[move.key]]
+position = [0.0, 2.0, 0.0]
+rotation_deg = [-90.0, 0.0, 0.0]
+
+[[move.key]]
+time_s = 1.0
+position = [1.0, 2.0, 0.0]
+rotation_deg = [-90.0, 45.0, 0.0]
+
 [gaze]
 path = [[0.0, 0.5, 0.5], [1.0, 0.2, 0.9]]
 

@@ -6,14 +6,14 @@ use ::gltf::json::validation::Checked;
 use super::buffers::{Buffers, View};
 use super::fault::{Fault, Outcome, Within, label, lookup};
 
-/// Four components of four bytes.
-const MAX_ELEMENT: usize = 16;
+/// A matrix of 16 components of four bytes.
+const MAX_ELEMENT: usize = 64;
 
 /// An accessor whose every element is known to be readable.
 pub struct Elements<'a> {
     pub count: usize,
     pub component: ComponentType,
-    /// Components of an element, 1 to 4.
+    /// Components of an element, 1 to 4, or 16.
     pub width: usize,
     normalized: bool,
     base: Option<Strided<'a>>,
@@ -78,8 +78,21 @@ impl<'a> Elements<'a> {
         read_unsigned(self.component, self.element(i))
     }
 
-    fn convert(&self, i: usize, normalized: bool) -> [f32; 4] {
-        let mut out = [0.0; 4];
+    /// The components of element `i` of an accessor with unsigned components, absent ones zero. `i < count`.
+    pub fn unsigneds(&self, i: usize) -> [u32; 4] {
+        let mut out = [0; 4];
+        let components = self.element(i).chunks_exact(self.component.size());
+        out.iter_mut().zip(components).for_each(|(value, bytes)| *value = read_unsigned(self.component, bytes));
+        out
+    }
+
+    /// Element `i` of an accessor with 16 components, column after column. `i < count`.
+    pub fn matrix(&self, i: usize) -> [f32; 16] {
+        self.convert(i, self.normalized)
+    }
+
+    fn convert<const N: usize>(&self, i: usize, normalized: bool) -> [f32; N] {
+        let mut out = [0.0; N];
         let components = self.element(i).chunks_exact(self.component.size());
         for (value, bytes) in out.iter_mut().zip(components) {
             *value = to_float(self.component, bytes, normalized);
@@ -152,7 +165,8 @@ fn width_of(type_: Checked<Type>) -> Outcome<usize> {
         Checked::Valid(Type::Vec2) => Ok(2),
         Checked::Valid(Type::Vec3) => Ok(3),
         Checked::Valid(Type::Vec4) => Ok(4),
-        Checked::Valid(other) => Err(Fault::Invalid(format!("it holds {other:?} where vectors are wanted"))),
+        Checked::Valid(Type::Mat4) => Ok(16),
+        Checked::Valid(other) => Err(Fault::Invalid(format!("it holds {other:?}, which nothing is made of"))),
         Checked::Invalid => Err(Fault::Invalid("its type is unknown".into())),
     }
 }

@@ -5,6 +5,7 @@ use serde::Deserialize;
 use serde::de::IgnoredAny;
 use serde_json::{Value, json};
 
+use super::animations::Animations;
 use super::fault::{Fault, Outcome};
 use crate::scene::budget::{Budget, Reserved};
 
@@ -19,6 +20,7 @@ const MATERIAL_BYTES: u64 = 3 * size_of::<Material>() as u64;
 
 pub struct Container<'a, 'b> {
     pub root: Root,
+    pub animations: Animations,
     pub bin: Option<&'a [u8]>,
     _reserved: Reserved<'b>,
 }
@@ -37,7 +39,10 @@ pub fn parse<'a, 'b>(bytes: &'a [u8], budget: &'b Budget) -> Outcome<Container<'
         lenient.ok_or_else(|| Fault::Invalid(format!("its JSON does not read as glTF 2.0: {error}")))
     })?;
     check_version(&root)?;
-    Ok(Container { root, bin, _reserved: reserved })
+    let animations = serde_json::from_slice(json);
+    let animations =
+        animations.map_err(|error| Fault::Invalid(format!("its JSON does not read as glTF 2.0: {error}")))?;
+    Ok(Container { root, animations, bin, _reserved: reserved })
 }
 
 /// At most what the JSON takes as the parser lays it out, which may be hundreds of times its length.
@@ -63,7 +68,7 @@ fn parsing_bytes(json: &[u8]) -> u64 {
 }
 
 /// Fills in what the format lets a file leave out but the parser asks for: a scene's list of nodes, and parts of
-/// animations where an extension says them otherwise (they are not read anyway).
+/// animations where an extension says them otherwise (they are read apart).
 fn complete(mut json: Value) -> Value {
     for scene in json.get_mut("scenes").and_then(Value::as_array_mut).into_iter().flatten() {
         if let Some(scene) = scene.as_object_mut() {

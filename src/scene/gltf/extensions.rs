@@ -8,6 +8,7 @@ use super::fault::{Fault, Outcome, Warnings};
 const READ: &[&str] = &[
     "EXT_meshopt_compression",
     "EXT_texture_webp",
+    "KHR_animation_pointer",
     "KHR_lights_punctual",
     "KHR_materials_clearcoat",
     "KHR_materials_emissive_strength",

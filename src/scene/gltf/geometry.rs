@@ -3,14 +3,16 @@
 use std::ops::Range;
 
 use ::gltf::json::accessor::ComponentType::{self, F32, I8, I16, U8, U16, U32};
-use ::gltf::json::mesh::{Mode, Primitive, Semantic};
+use ::gltf::json::mesh::{Mode, MorphTarget, Primitive, Semantic};
 use ::gltf::json::validation::Checked;
 use glam::{DVec3, Vec2, Vec3, Vec4};
 
 use super::accessor::Elements;
 use super::buffers::Buffers;
 use super::fault::{Fault, Outcome, Warnings, Within, label, lookup};
-use super::tangents;
+use super::topology::{assemble, compact, corners};
+use super::{morphs, skins, tangents};
+use crate::scene::motion::Influence;
 use crate::scene::{Material, Mesh};
 
 /// More triangles than this, before instancing, are taken for a damaged or hostile file.
@@ -24,11 +26,20 @@ const INDEX: &[ComponentType] = &[U8, U16, U32];
 const CORNER_BYTES: u64 = 40;
 const VERTEX_BYTES: u64 = 16;
 
+/// What a mesh needs besides its shape.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Wanted {
+    pub influences: bool,
+    pub morphs: bool,
+}
+
 /// The meshes read so far.
 pub struct Geometry<'a, 'b> {
     buffers: &'a Buffers<'b>,
     /// Those of the file; they say which meshes need tangents.
     materials: &'a [Material],
+    /// Per glTF mesh.
+    wanted: &'a [Wanted],
     meshes: Vec<Mesh>,
     /// Per glTF mesh, once read, where its primitives are in `meshes`.
     ranges: Vec<Option<Range<usize>>>,
@@ -36,9 +47,9 @@ pub struct Geometry<'a, 'b> {
 }
 
 impl<'a, 'b> Geometry<'a, 'b> {
-    pub fn new(buffers: &'a Buffers<'b>, materials: &'a [Material]) -> Self {
+    pub fn new(buffers: &'a Buffers<'b>, materials: &'a [Material], wanted: &'a [Wanted]) -> Self {
         let ranges = vec![None; buffers.root.meshes.len()];
-        Self { buffers, materials, meshes: Vec::new(), ranges, triangles_left: MAX_TRIANGLES }
+        Self { buffers, materials, wanted, meshes: Vec::new(), ranges, triangles_left: MAX_TRIANGLES }
     }
 
     /// The places in the scene's meshes of the primitives of glTF mesh `index`, read on first use.
@@ -50,7 +61,8 @@ impl<'a, 'b> Geometry<'a, 'b> {
         let start = self.meshes.len();
         for (i, primitive) in mesh.primitives.iter().enumerate() {
             let place = format!("{} primitive {i}", label("mesh", index, &mesh.name));
-            let read = self.read(primitive, &place, warnings).within(|| place.clone())?;
+            let wanted = self.wanted.get(index).copied().unwrap_or_default();
+            let read = self.read(primitive, wanted, &place, warnings).within(|| place.clone())?;
             self.meshes.extend(read);
         }
         let range = start..self.meshes.len();
@@ -67,7 +79,13 @@ impl<'a, 'b> Geometry<'a, 'b> {
         self.meshes
     }
 
-    fn read(&mut self, primitive: &Primitive, place: &str, warnings: &mut Warnings) -> Outcome<Option<Mesh>> {
+    fn read(
+        &mut self,
+        primitive: &Primitive,
+        wanted: Wanted,
+        place: &str,
+        warnings: &mut Warnings,
+    ) -> Outcome<Option<Mesh>> {
         let Checked::Valid(mode) = primitive.mode else {
             return Err(Fault::Invalid("its mode is none of 0 to 6".into()));
         };
@@ -79,9 +97,6 @@ impl<'a, 'b> Geometry<'a, 'b> {
             warnings.note("primitives without POSITION are left out", place);
             return Ok(None);
         };
-        if primitive.targets.as_ref().is_some_and(|t| !t.is_empty()) {
-            warnings.note("morph targets are left out", place);
-        }
         let indices = self.indices(primitive)?;
         let corner_count = indices.as_ref().map_or(positions.count, |(indices, _)| indices.count);
         if corner_count / 3 > MAX_TRIANGLES {
@@ -97,7 +112,7 @@ impl<'a, 'b> Geometry<'a, 'b> {
         }
         self.triangles_left = self.triangles_left.checked_sub(triangles.len()).ok_or_else(too_many)?;
         let used = compact(&mut triangles, positions.count);
-        let vertices = Vertices { buffers: self.buffers, primitive, used: &used, count: positions.count };
+        let vertices = Vertices { buffers: self.buffers, primitive, used: &used, count: positions.count, wanted };
         let material = self.material(primitive)?;
         let map = self.materials.get(material).and_then(tangents::wanted_by);
         let mut reserved = budget.reserve(vertices.mesh_bytes(triangles.capacity(), map.is_some()))?;
@@ -108,6 +123,8 @@ impl<'a, 'b> Geometry<'a, 'b> {
             positions,
             uvs: [vertices.uvs(0, place, warnings)?, vertices.uvs(1, place, warnings)?],
             colors: vertices.colors(place, warnings)?,
+            influences: if wanted.influences { skins::influences(&vertices, place, warnings)? } else { Vec::new() },
+            morphs: morphs::read(&vertices, vertices.targets())?,
             triangles,
             material,
             ..Mesh::default()
@@ -143,29 +160,23 @@ impl<'a, 'b> Geometry<'a, 'b> {
     }
 }
 
-/// The vertices in the order in which triangles take them, each below `vertex_count`.
-fn corners(indices: Option<(Elements, usize)>, vertex_count: usize) -> Outcome<Vec<u32>> {
-    let Some((indices, accessor)) = indices else { return Ok((0..vertex_count as u32).collect()) };
-    let corners: Vec<u32> = (0..indices.count).map(|i| indices.unsigned(i)).collect();
-    match corners.iter().position(|&v| v as usize >= vertex_count) {
-        None => Ok(corners),
-        Some(at) => Err(Fault::Invalid(format!(
-            "indices: accessor {accessor} points to vertex {} (its element {at}), but there are {vertex_count}",
-            corners[at]
-        ))),
-    }
-}
-
 /// Attributes of one primitive, gathered for the vertices in use.
-struct Vertices<'a, 'b> {
-    buffers: &'a Buffers<'b>,
+pub struct Vertices<'a, 'b> {
+    pub buffers: &'a Buffers<'b>,
     primitive: &'a Primitive,
-    used: &'a [u32],
+    /// Their numbers in the file, rising.
+    pub used: &'a [u32],
     /// Vertices in the file.
-    count: usize,
+    pub count: usize,
+    wanted: Wanted,
 }
 
 impl Vertices<'_, '_> {
+    /// The morph targets that are wanted.
+    fn targets(&self) -> &[MorphTarget] {
+        self.primitive.targets.as_deref().filter(|_| self.wanted.morphs).unwrap_or_default()
+    }
+
     /// At most what the mesh takes while it is made.
     fn mesh_bytes(&self, triangles: usize, mapped: bool) -> u64 {
         let has = |semantic| self.primitive.attributes.contains_key(&Checked::Valid(semantic));
@@ -177,10 +188,12 @@ impl Vertices<'_, '_> {
             (has(Semantic::Colors(0)), size_of::<Vec4>()),
             (mapped, size_of::<Vec4>()),
         ];
-        let per_vertex: usize = attributes.iter().filter(|(is_there, _)| *is_there).map(|(_, bytes)| bytes).sum();
+        let still: usize = attributes.iter().filter(|(is_there, _)| *is_there).map(|(_, bytes)| bytes).sum();
+        let influence = if self.wanted.influences { size_of::<Influence>() } else { 0 };
+        let moved = influence + morphs::bytes_per_vertex(self.targets());
         let made = mapped && !has(Semantic::Tangents);
-        let per_triangle = size_of::<[u32; 3]>() + if made { tangents::BYTES_PER_TRIANGLE } else { 0 };
-        (self.used.len() * per_vertex + triangles * per_triangle) as u64
+        let per_triangle = size_of::<[u32; 3]>() + if made { tangents::BYTES_PER_TRIANGLE + 6 * moved } else { 0 };
+        (self.used.len() * (still + moved) + triangles * per_triangle) as u64
     }
 
     fn positions(&self, elements: &Elements) -> Outcome<Vec<Vec3>> {
@@ -276,7 +289,8 @@ impl Vertices<'_, '_> {
         Ok(colors)
     }
 
-    fn open(
+    /// The elements of an attribute, one for each vertex of the file.
+    pub fn open(
         &self,
         semantic: Semantic,
         widths: std::ops::RangeInclusive<usize>,
@@ -314,50 +328,6 @@ fn attribute<'a>(
 
 fn too_many() -> Fault {
     Fault::Invalid(format!("the file has more than {MAX_TRIANGLES} triangles"))
-}
-
-/// Triangles from corners in the order of section 3.7.2.1 of glTF 2.0. Strips and fans lose triangles that name a
-/// vertex twice, which is how they make jumps.
-fn assemble(mode: Mode, corners: &[u32]) -> Outcome<Vec<[u32; 3]>> {
-    let has_area = |t: &[u32; 3]| t[0] != t[1] && t[1] != t[2] && t[2] != t[0];
-    match mode {
-        Mode::TriangleStrip => {
-            let turned = |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[0], w[2], w[1]] };
-            Ok(corners.windows(3).enumerate().map(turned).filter(has_area).collect())
-        }
-        Mode::TriangleFan => {
-            let hub = corners.first().copied().unwrap_or_default();
-            let rim = corners.get(1..).unwrap_or_default();
-            Ok(rim.windows(2).map(|w| [w[0], w[1], hub]).filter(has_area).collect())
-        }
-        _ => {
-            let (triangles, rest) = corners.as_chunks::<3>();
-            if !rest.is_empty() {
-                return Err(Fault::Invalid(format!("{} corners do not make whole triangles", corners.len())));
-            }
-            Ok(triangles.to_vec())
-        }
-    }
-}
-
-/// Renumbers the triangles' vertices without gaps; returns the old number of each, rising.
-fn compact(triangles: &mut [[u32; 3]], vertex_count: usize) -> Vec<u32> {
-    // One more than the new number, 0 where unused: pages that no triangle touches cost nothing.
-    let mut successor = vec![0u32; vertex_count];
-    let mut used = Vec::new();
-    for &v in triangles.as_flattened() {
-        if std::mem::replace(&mut successor[v as usize], 1) == 0 {
-            used.push(v);
-        }
-    }
-    used.sort_unstable();
-    for (new, &old) in used.iter().enumerate() {
-        successor[old as usize] = new as u32 + 1;
-    }
-    for v in triangles.as_flattened_mut() {
-        *v = successor[*v as usize] - 1;
-    }
-    used
 }
 
 fn unit(v: DVec3) -> Option<Vec3> {

@@ -2,22 +2,20 @@
 
 use ::gltf::json::Root;
 use ::gltf::json::scene::Node;
-use glam::{Affine3A, DAffine3, DMat4, DQuat, DVec3};
+use glam::{DAffine3, DMat4, DQuat, DVec3};
 
 use super::fault::{Fault, Outcome, Within, label, lookup};
+use crate::scene::motion::Placement;
 
 /// A node of the scene with its transform.
 pub struct PlacedNode {
     /// Index into the file's nodes.
     pub node: usize,
+    /// Its parent's place in the list, before its own.
+    pub parent: Option<usize>,
+    /// In its parent.
+    pub rest: Placement,
     pub world_from_node: DAffine3,
-}
-
-impl PlacedNode {
-    pub fn world_from_local_f32(&self) -> Affine3A {
-        let DAffine3 { matrix3, translation } = self.world_from_node;
-        Affine3A::from_mat3_translation(matrix3.as_mat3(), translation.as_vec3())
-    }
 }
 
 /// The nodes of the default scene, else of scene 0, else all; each parent before its children.
@@ -32,19 +30,19 @@ pub fn walk(root: &Root) -> Outcome<Vec<PlacedNode>> {
     };
     let starts = shown.map_or(tops, |scene| scene.nodes.iter().map(|n| n.value()).collect());
     let mut seen = vec![false; root.nodes.len()];
-    let mut pending: Vec<(usize, DAffine3)> = starts.into_iter().rev().map(|n| (n, DAffine3::IDENTITY)).collect();
-    let mut placed = Vec::new();
-    while let Some((index, world_from_parent)) = pending.pop() {
+    let mut pending: Vec<(usize, Option<usize>)> = starts.into_iter().rev().map(|n| (n, None)).collect();
+    let mut placed: Vec<PlacedNode> = Vec::new();
+    while let Some((index, parent)) = pending.pop() {
         let node = lookup(&root.nodes, "node", index).within(|| "its scene".into())?;
         if std::mem::replace(&mut seen[index], true) {
             return Err(Fault::Invalid(format!("its scene shows {} twice", label("node", index, &node.name))));
         }
-        let world_from_node = parent_from_node(node)
-            .map(|local| world_from_parent * local)
-            .and_then(check_range)
-            .within(|| label("node", index, &node.name))?;
-        pending.extend(node.children.iter().flatten().rev().map(|c| (c.value(), world_from_node)));
-        placed.push(PlacedNode { node: index, world_from_node });
+        let world_from_parent = parent.map_or(DAffine3::IDENTITY, |p| placed[p].world_from_node);
+        let within = || label("node", index, &node.name);
+        let rest = placement(node).within(within)?;
+        let world_from_node = check_range(world_from_parent * rest.affine()).within(within)?;
+        pending.extend(node.children.iter().flatten().rev().map(|c| (c.value(), Some(placed.len()))));
+        placed.push(PlacedNode { node: index, parent, rest, world_from_node });
     }
     Ok(placed)
 }
@@ -81,9 +79,9 @@ fn reject_cycles(root: &Root, parents: &[Option<usize>], tops: &[usize]) -> Outc
     Err(Fault::Invalid(format!("{} is its own ancestor", label("node", lost, &root.nodes[lost].name))))
 }
 
-fn parent_from_node(node: &Node) -> Outcome<DAffine3> {
+fn placement(node: &Node) -> Outcome<Placement> {
     if let Some(columns) = node.matrix {
-        return affine_from_matrix(columns);
+        return affine_from_matrix(columns).map(Placement::Matrix);
     }
     let translation = node.translation.unwrap_or_default();
     let scale = node.scale.unwrap_or([1.0; 3]);
@@ -92,14 +90,15 @@ fn parent_from_node(node: &Node) -> Outcome<DAffine3> {
     if !length.is_finite() || length == 0.0 {
         return Err(Fault::Invalid("its rotation is no quaternion".into()));
     }
-    Ok(DAffine3::from_scale_rotation_translation(
-        DVec3::from_array(scale.map(f64::from)),
-        DQuat::from_vec4(glam::DVec4::from(rotation) / length),
-        DVec3::from_array(translation.map(f64::from)),
-    ))
+    Ok(Placement::Parts {
+        translation: DVec3::from_array(translation.map(f64::from)),
+        rotation: DQuat::from_vec4(glam::DVec4::from(rotation) / length),
+        scale: DVec3::from_array(scale.map(f64::from)),
+    })
 }
 
-fn affine_from_matrix(columns: [f32; 16]) -> Outcome<DAffine3> {
+/// From columns of numbers.
+pub fn affine_from_matrix(columns: [f32; 16]) -> Outcome<DAffine3> {
     const TOLERANCE: f32 = 1e-4;
     let last_row = [columns[3], columns[7], columns[11], columns[15] - 1.0];
     if !last_row.iter().all(|x| x.abs() <= TOLERANCE) {

@@ -12,10 +12,14 @@
 //!   split where needed.
 //! - A material of the file starts from glTF's defaults. A mesh without one has [`Material::default`], white and
 //!   Lambertian, where glTF would have a white metal.
-//! - Occlusion textures, animations, skins and morph targets are left out (the rest pose is shown).
+//! - What is animated is the scene's [`Motion`](super::motion::Motion). Skins and morph targets that nothing animates are
+//!   baked; the transform of a skinned mesh's own node does not count.
+//! - Animations of nodes, morph weights, and by `KHR_animation_pointer` of base colour, emission, light intensity and light
+//!   colour are read. Occlusion textures are left out.
 //! - Photometric units are taken as radiometric ones: candela as W/sr, lux as W/m².
 
 mod accessor;
+mod animations;
 mod buffers;
 mod container;
 mod extensions;
@@ -26,9 +30,13 @@ mod images;
 mod layers;
 mod materials;
 mod meshopt;
+mod morphs;
+mod motion;
 mod placed;
+mod skins;
 mod tangents;
 mod textures;
+mod topology;
 mod uri;
 mod write;
 
@@ -37,16 +45,17 @@ mod tests;
 
 use std::path::Path;
 
-use ::gltf::json::Root;
-
 use self::buffers::Buffers;
 use self::fault::{Fault, Outcome, Warnings, Within, label};
 use self::geometry::Geometry;
 use self::hierarchy::PlacedNode;
 use self::materials::Surfaces;
+use self::motion::{Candidate, Plan};
 pub use self::write::write;
 use super::folder::{self, Access, Folder};
 use super::motion::Motion;
+use super::motion::play::Play;
+use super::motion::pose::narrow;
 use super::{Environment, Instance, Material, Scene, SceneError};
 
 /// More instances than this are taken for a damaged or hostile file.
@@ -55,19 +64,28 @@ const MAX_INSTANCES: usize = 1 << 22;
 /// What an instance takes in a list that grows.
 const INSTANCE_BYTES: usize = 3 * size_of::<Instance>();
 
-/// Reads the default scene of the file at `path`; files it refers to are looked up beside it.
+/// [`load_playing`] all animations of the file, over and over.
+///
+/// # Errors
+/// As [`load_playing`].
+pub fn load(path: &Path, access: Access) -> Result<Scene, SceneError> {
+    load_playing(path, &Play::default(), access)
+}
+
+/// Reads the default scene of the file at `path`; files it refers to are looked up beside it. The scene moves as `play`
+/// says.
 ///
 /// # Errors
 /// [`SceneError::Read`] names a file that cannot be read, [`SceneError::Extensions`] the required extensions that are
-/// not supported, [`SceneError::Invalid`] the part of the file that is wrong, [`SceneError::Refused`] what `access` has
-/// no room for or does not allow.
-pub fn load(path: &Path, access: Access) -> Result<Scene, SceneError> {
+/// not supported, [`SceneError::Invalid`] the part of the file that is wrong, or the animation or node of `play` that it
+/// does not have, [`SceneError::Refused`] what `access` has no room for or does not allow.
+pub fn load_playing(path: &Path, play: &Play, access: Access) -> Result<Scene, SceneError> {
     let bytes = folder::read(path, access.budget).map_err(|error| error.in_file(&path.display().to_string()))?;
-    parse(&bytes, path, access).map_err(|fault| fault.in_file(path))
+    parse(&bytes, path, play, access).map_err(|fault| fault.in_file(path))
 }
 
 /// `path` is where the `bytes` come from.
-fn parse(bytes: &[u8], path: &Path, access: Access) -> Outcome<Scene> {
+fn parse(bytes: &[u8], path: &Path, play: &Play, access: Access) -> Outcome<Scene> {
     let container = container::parse(bytes, access.budget)?;
     let root = &container.root;
     let mut warnings = Warnings::default();
@@ -75,41 +93,46 @@ fn parse(bytes: &[u8], path: &Path, access: Access) -> Outcome<Scene> {
     let folder = Folder::of(path, access);
     let buffers = Buffers::new(root, container.bin, &folder);
     let nodes = hierarchy::walk(root)?;
-    warn_of_motion(root, &nodes, &mut warnings);
+    let plan = Plan::new(&buffers, &container.animations, &nodes, play, &mut warnings)?;
 
     let Surfaces { mut materials, textures, images } = materials::read(&buffers, &mut warnings)?;
-    let mut geometry = Geometry::new(&buffers, &materials);
-    let instances = place_meshes(&buffers, &nodes, &mut geometry, &mut warnings)?;
+    let wanted = plan.wanted();
+    let mut geometry = Geometry::new(&buffers, &materials, &wanted);
+    let (instances, candidates) = place_meshes(&buffers, &nodes, &plan, &mut geometry, &mut warnings)?;
     let lights = placed::lights(root, &nodes, &mut warnings)?;
-    let cameras = placed::cameras(root, &nodes, &mut warnings)?;
+    let (cameras, camera_places): (Vec<_>, Vec<_>) = placed::cameras(root, &nodes, &mut warnings)?.into_iter().unzip();
     let needs_default = materials.is_empty() || geometry.uses_default_material();
     let meshes = geometry.into_meshes();
     if needs_default {
         materials.push(Material::default());
     }
-    Ok(Scene {
+    let mut scene = Scene {
         name: path.file_stem().map(|s| s.to_string_lossy().into_owned()).unwrap_or_default(),
         meshes,
         instances,
         materials,
         textures,
         images,
-        lights,
+        lights: lights.iter().map(|l| l.light).collect(),
         environment: Environment::Black,
         cameras,
         motion: Motion::default(),
-        warnings: warnings.into_texts(),
-    })
+        warnings: Vec::new(),
+    };
+    plan.put_into(&mut scene, &candidates, &lights, &camera_places, &mut warnings)?;
+    scene.warnings = warnings.into_texts();
+    Ok(scene)
 }
 
 fn place_meshes(
     buffers: &Buffers,
     nodes: &[PlacedNode],
+    plan: &Plan,
     geometry: &mut Geometry,
     warnings: &mut Warnings,
-) -> Outcome<Vec<Instance>> {
-    let mut instances = Vec::new();
-    for placed in nodes {
+) -> Outcome<(Vec<Instance>, Vec<Candidate>)> {
+    let (mut instances, mut candidates) = (Vec::new(), Vec::new());
+    for (place, placed) in nodes.iter().enumerate() {
         let node = &buffers.root.nodes[placed.node];
         let Some(index) = node.mesh else { continue };
         let meshes =
@@ -117,21 +140,13 @@ fn place_meshes(
         if instances.len() + meshes.len() > MAX_INSTANCES {
             return Err(Fault::Invalid(format!("it places more than {MAX_INSTANCES} primitives")));
         }
-        let world_from_local = placed.world_from_local_f32();
+        let world_from_local = narrow(&placed.world_from_node);
         buffers.budget().reserve((meshes.len() * INSTANCE_BYTES) as u64)?.keep();
+        let first = instances.len();
         instances.extend(meshes.map(|mesh| Instance { mesh, world_from_local }));
-    }
-    Ok(instances)
-}
-
-fn warn_of_motion(root: &Root, nodes: &[PlacedNode], warnings: &mut Warnings) {
-    if !root.animations.is_empty() {
-        warnings.note("animations are left out: the scene stands still", "");
-    }
-    for placed in nodes {
-        let node = &root.nodes[placed.node];
-        if node.skin.is_some() {
-            warnings.note("skins are left out: meshes stand as if unskinned", &label("node", placed.node, &node.name));
+        if plan.is_candidate(place) {
+            candidates.extend((first..instances.len()).map(|instance| Candidate { instance, place }));
         }
     }
+    Ok((instances, candidates))
 }

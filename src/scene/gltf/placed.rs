@@ -6,24 +6,34 @@ use ::gltf::json::Root;
 use ::gltf::json::camera::Type as Projection;
 use ::gltf::json::extensions::scene::khr_lights_punctual::{Light as JsonLight, Type as JsonKind};
 use ::gltf::json::validation::Checked;
-use glam::{Affine3A, DAffine3, DVec3, Mat3, Vec3};
+use glam::{DVec3, Vec3};
 
 use super::fault::{Fault, Outcome, Warnings, Within, label, lookup};
 use super::hierarchy::PlacedNode;
+use crate::scene::motion::pose::without_scale;
 use crate::scene::{Camera, Light, LightKind};
 
-pub fn lights(root: &Root, nodes: &[PlacedNode], warnings: &mut Warnings) -> Outcome<Vec<Light>> {
+/// A light of the scene.
+pub struct PlacedLight {
+    pub light: Light,
+    /// Index into the file's lights.
+    pub index: usize,
+    /// Its node's place in the list of nodes.
+    pub place: usize,
+}
+
+pub fn lights(root: &Root, nodes: &[PlacedNode], warnings: &mut Warnings) -> Outcome<Vec<PlacedLight>> {
     let declared = root.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref());
     let declared = declared.map_or(&[][..], |l| &l.lights);
     let mut lights = Vec::new();
-    for placed in nodes {
+    for (at, placed) in nodes.iter().enumerate() {
         let node = &root.nodes[placed.node];
         let Some(reference) = node.extensions.as_ref().and_then(|e| e.khr_lights_punctual.as_ref()) else { continue };
         let place = label("node", placed.node, &node.name);
         let index = reference.light.value();
         let light = lookup(declared, "light", index).within(|| place.clone())?;
         let read = read_light(light, placed, &place, warnings).within(|| label("light", index, &light.name))?;
-        lights.extend(read);
+        lights.extend(read.map(|light| PlacedLight { light, index, place: at }));
     }
     Ok(lights)
 }
@@ -65,9 +75,10 @@ fn read_light(light: &JsonLight, placed: &PlacedNode, place: &str, warnings: &mu
     Ok(Some(Light { kind, strength }))
 }
 
-pub fn cameras(root: &Root, nodes: &[PlacedNode], warnings: &mut Warnings) -> Outcome<Vec<Camera>> {
+/// Cameras, each with its node's place in the list of nodes.
+pub fn cameras(root: &Root, nodes: &[PlacedNode], warnings: &mut Warnings) -> Outcome<Vec<(Camera, usize)>> {
     let mut cameras = Vec::new();
-    for placed in nodes {
+    for (at, placed) in nodes.iter().enumerate() {
         let node = &root.nodes[placed.node];
         let Some(index) = node.camera else { continue };
         let place = label("node", placed.node, &node.name);
@@ -84,18 +95,9 @@ pub fn cameras(root: &Root, nodes: &[PlacedNode], warnings: &mut Warnings) -> Ou
             ))
         })?;
         match without_scale(&placed.world_from_node) {
-            Some(world_from_view) => cameras.push(Camera { world_from_view, yfov_rad }),
+            Some(world_from_view) => cameras.push((Camera { world_from_view, yfov_rad }, at)),
             None => warnings.note("cameras on nodes of scale 0 have no direction and are left out", &place),
         }
     }
     Ok(cameras)
-}
-
-/// The rigid transform that looks and stands as `transform` does; shear and mirroring go, too.
-fn without_scale(transform: &DAffine3) -> Option<Affine3A> {
-    let back = transform.matrix3.z_axis.try_normalize()?;
-    let up = transform.matrix3.y_axis.try_normalize()?;
-    let right = up.cross(back).try_normalize()?;
-    let rotation = Mat3::from_cols(right.as_vec3(), back.cross(right).as_vec3(), back.as_vec3());
-    Some(Affine3A::from_mat3_translation(rotation, transform.translation.as_vec3()))
 }

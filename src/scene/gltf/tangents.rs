@@ -116,7 +116,7 @@ impl bevy_mikktspace::Geometry for Corners<'_> {
 fn split(mesh: &mut Mesh, corners: &[[Option<Vec4>; 3]]) {
     let mut tangents: Vec<Option<Vec4>> = vec![None; mesh.positions.len()];
     let mut copies: HashMap<(u32, [u32; 4]), u32> = HashMap::new();
-    let Mesh { positions, normals, uvs: [uvs_0, uvs_1], colors, triangles, .. } = mesh;
+    let Mesh { positions, normals, uvs: [uvs_0, uvs_1], colors, triangles, influences, morphs, .. } = mesh;
     for (vertex, &tangent) in triangles.as_flattened_mut().iter_mut().zip(corners.as_flattened()) {
         let Some(tangent) = tangent else { continue };
         let original = *vertex as usize;
@@ -130,6 +130,12 @@ fn split(mesh: &mut Mesh, corners: &[[Option<Vec4>; 3]]) {
             duplicate(uvs_0, original);
             duplicate(uvs_1, original);
             duplicate(colors, original);
+            duplicate(influences, original);
+            for morph in &mut *morphs {
+                duplicate(&mut morph.positions, original);
+                duplicate(&mut morph.normals, original);
+                duplicate(&mut morph.tangents, original);
+            }
             tangents.len() as u32 - 1
         });
     }

@@ -76,7 +76,7 @@ pub struct Body {
     /// Index into [`Motion::skins`]. The mesh has influences then, which name the skin's joints, and its instance's
     /// transform is the identity.
     pub skin: Option<usize>,
-    /// Weights of the mesh's morphs at rest, as many as it has.
+    /// Weights of the mesh's morphs at rest, as many as it has, or empty: no morphs count.
     pub weights: Vec<f32>,
 }
 
@@ -118,7 +118,7 @@ pub struct Animation {
     /// As in the file; may be empty.
     pub name: String,
     pub channels: Vec<Channel>,
-    /// Time of the last key, from 0 on. An animation of 0 s is a still.
+    /// From 0 on, and not before the last key. An animation of 0 s is a still.
     pub duration_s: f64,
 }
 
@@ -151,6 +151,7 @@ pub enum Target {
 
 /// How much of a scene moves.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct Moves {
     /// Animations that are played.
     pub animations: Vec<PlayedAnimation>,
@@ -172,6 +173,7 @@ pub struct Moves {
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct PlayedAnimation {
     pub name: String,
     pub duration_s: f64,
@@ -233,3 +235,6 @@ pub struct Morph {
     /// Added to x, y and z of unit tangents; the sum is normalised.
     pub tangents: Vec<Vec3>,
 }
+
+#[cfg(test)]
+mod tests;

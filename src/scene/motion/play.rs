@@ -1,8 +1,10 @@
 //! What of a scene file's animations is played, and what moves besides.
 
-use glam::{DQuat, DVec3};
+use glam::{DQuat, DVec3, Vec3};
 
 use super::keys::{Interpolation, Keys};
+use super::{Animation, Attached, Channel, Node, Placement, Target};
+use crate::scene::{LightKind, Scene};
 
 /// Which animations of a scene file are played.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -86,18 +88,61 @@ impl MoveKey {
 }
 
 impl Move {
-    /// Keys of translation, rotation and scale, as far as it has any.
-    pub fn channels(&self) -> [Option<Keys>; 3] {
-        let numbers = |of: &dyn Fn(&MoveKey) -> Option<Vec<f64>>, width| {
-            let values: Vec<Vec<f64>> = self.keys.iter().filter_map(of).collect();
+    /// Its channels, of a node by that index.
+    pub fn channels(&self, node: usize) -> Vec<Channel> {
+        let keys = |width, of: &dyn Fn(&MoveKey) -> Option<Vec<f64>>| {
+            let values: Vec<f32> = self.keys.iter().filter_map(of).flatten().map(|v| v as f32).collect();
             let times_s = self.keys.iter().map(|k| k.time_s as f32).collect();
-            let values = values.into_iter().flatten().map(|v| v as f32).collect();
             Keys::new(times_s, values, width, Interpolation::Linear).ok()
         };
-        [
-            numbers(&|k| k.position.map(|v| v.to_array().to_vec()), 3),
-            numbers(&|k| k.rotation().map(|q| q.to_array().to_vec()), 4),
-            numbers(&|k| k.scale.map(|v| v.to_array().to_vec()), 3),
-        ]
+        let triple = |v: DVec3| v.to_array().to_vec();
+        let channels = [
+            (Target::Translation(node), keys(3, &|k| k.position.map(triple))),
+            (Target::Rotation(node), keys(4, &|k| k.rotation().map(|q| q.to_array().to_vec()))),
+            (Target::Scale(node), keys(3, &|k| k.scale.map(triple))),
+        ];
+        channels.into_iter().filter_map(|(target, keys)| Some(Channel { target, keys: keys? })).collect()
     }
+}
+
+impl Play {
+    /// Lets the shot's own lights move, the first of which has the index `first` in the scene.
+    pub fn move_lights(&self, scene: &mut Scene, first: usize) {
+        let mut channels = Vec::new();
+        let motion = &mut scene.motion;
+        for one in &self.moves {
+            let Moved::Light(number) = one.of else { continue };
+            let Some(light) = scene.lights.get(first + number) else { continue };
+            let node = motion.nodes.len();
+            motion.nodes.push(Node { name: String::new(), parent: None, rest: place_of(&light.kind) });
+            motion.lights.push(Attached { index: first + number, node });
+            channels.extend(one.channels(node));
+        }
+        if !channels.is_empty() {
+            motion.loops = self.loops;
+            motion.animations.push(self.animation_of(channels));
+            let motion = motion.clone();
+            motion.place(&motion.pose(0.0), scene);
+        }
+    }
+
+    /// Moves as an animation. All of them last as long as the longest.
+    pub fn animation_of(&self, channels: Vec<Channel>) -> Animation {
+        let ends = self.moves.iter().filter_map(|m| m.keys.last()).map(|k| f64::from(k.time_s as f32));
+        Animation { name: String::new(), channels, duration_s: ends.fold(0.0, f64::max) }
+    }
+}
+
+/// Where a light's node is that shines along its −z.
+fn place_of(light: &LightKind) -> Placement {
+    let towards = |direction: Vec3| {
+        let direction = direction.as_dvec3().try_normalize().unwrap_or(DVec3::NEG_Z);
+        DQuat::from_rotation_arc(DVec3::NEG_Z, direction)
+    };
+    let (position, rotation) = match *light {
+        LightKind::Point { position, .. } => (position, DQuat::IDENTITY),
+        LightKind::Directional { direction, .. } => (Vec3::ZERO, towards(direction)),
+        LightKind::Spot { position, direction, .. } => (position, towards(direction)),
+    };
+    Placement::Parts { translation: position.as_dvec3(), rotation, scale: DVec3::ONE }
 }

@@ -45,7 +45,7 @@ impl Motion {
                 let numbers = || keys.at(at_s);
                 let triple = || -> DVec3 { DVec3::from_array(first(numbers())) };
                 let color = || triple().as_vec3().clamp(Vec3::ZERO, Vec3::MAX);
-                let strength = || (first::<1>(numbers())[0] as f32).max(0.0);
+                let strength = || (first::<1>(numbers())[0] as f32).clamp(0.0, f32::MAX);
                 match channel.target {
                     Target::Translation(node) => set(&mut rests, node, |t, _, _| *t = triple()),
                     Target::Rotation(node) => set(&mut rests, node, |_, r, _| *r = keys.rotation_at(at_s)),
@@ -53,7 +53,10 @@ impl Motion {
                     Target::Weights(node) => {
                         let now = numbers();
                         for (_, weights) in self.bodies.iter().zip(&mut weights).filter(|(body, _)| body.node == node) {
-                            weights.iter_mut().zip(&now).for_each(|(to, from)| *to = *from as f32);
+                            weights
+                                .iter_mut()
+                                .zip(&now)
+                                .for_each(|(to, from)| *to = (*from as f32).clamp(-f32::MAX, f32::MAX));
                         }
                     }
                     Target::BaseColor(material) => {
@@ -69,7 +72,7 @@ impl Motion {
                 }
             }
         }
-        let product = |e: super::Emitter| (e.index, (e.color * e.strength).min(Vec3::MAX));
+        let product = |e: super::Emitter| (e.index, (e.color * e.strength).clamp(Vec3::ZERO, Vec3::MAX));
         Pose {
             world_from_node: self.world_from_nodes(&rests),
             weights,
@@ -176,7 +179,8 @@ pub fn narrow(transform: &DAffine3) -> Affine3A {
     Affine3A::from_mat3_translation(transform.matrix3.as_mat3(), transform.translation.as_vec3())
 }
 
-pub(super) fn wide(transform: &Affine3A) -> DAffine3 {
+/// Exact.
+pub fn wide(transform: &Affine3A) -> DAffine3 {
     DAffine3::from_mat3_translation(
         Mat3::from(transform.matrix3).as_dmat3(),
         Vec3::from(transform.translation).as_dvec3(),

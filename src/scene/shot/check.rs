@@ -7,9 +7,12 @@ use glam::{DVec3, Vec3};
 use toml::Spanned;
 
 use super::allowed::{ANY, Allowed, CONE, DISC, FRACTION, NOT_NEGATIVE, POSITIVE, STOPS, YFOV, fits_f32};
-use super::file::{EnvironmentTable, KeyTable, Kind, LightTable, Number, RigTable, ShotFile, Triple};
+use super::file::{
+    EnvironmentTable, KeyTable, Kind, LightTable, MoveKeyTable, MoveTable, Number, RigTable, ShotFile, Triple,
+};
 use super::{Draft, Gaze, PartialRig, SceneSource, ShotEnvironment, ShotLight, ShotLightKind, Sky};
 use crate::scene::SceneError;
+use crate::scene::motion::play::{Choice, Move, MoveKey, Moved};
 use crate::scene::rig::{self, RigKey};
 
 const DEFAULT_INNER_CONE_DEG: f64 = 20.0;
@@ -22,10 +25,14 @@ pub fn draft(text: &str, origin: &str) -> Result<Draft> {
     let file: ShotFile = toml::from_str(text).map_err(|error| check.syntax(error))?;
     let rig = file.rig.as_ref().map_or(Ok(PartialRig::default()), |table| check.rig(table))?;
     let lights = file.light.iter().enumerate();
+    let moves = check.moves(&file.moves, file.light.len())?;
     let ev = file.exposure.and_then(|e| e.ev);
     Ok(Draft {
         name: file.name.unwrap_or_else(|| stem(origin)),
         scene: check.scene(&file.scene)?,
+        animation: file.animation.as_deref().map(Choice::of),
+        loops: file.loops,
+        moves,
         environment: file.environment.map(|table| check.environment(&table)).transpose()?,
         lights: lights.map(|(i, table)| check.light(i, table, &rig)).collect::<Result<_>>()?,
         gaze: file.gaze.and_then(|table| table.path).map(|path| check.gaze(&path)).transpose()?,
@@ -233,6 +240,60 @@ impl Check<'_> {
                     format!("{} is {inner_deg}: give at most outer_cone_deg, which is {outer}", name("inner_cone_deg"));
                 Err(self.at(inner.span(), what))
             }
+        }
+    }
+
+    fn moves(&self, tables: &[Spanned<MoveTable>], lights: usize) -> Result<Vec<Move>> {
+        let mut moves: Vec<Move> = Vec::with_capacity(tables.len());
+        for (i, table) in tables.iter().enumerate() {
+            let t = table.get_ref();
+            let of = match (&t.node, &t.light) {
+                (Some(node), None) => Moved::Node(node.get_ref().clone()),
+                (None, Some(light)) if *light.get_ref() < lights => Moved::Light(*light.get_ref()),
+                (None, Some(light)) => {
+                    let what = format!("move[{i}].light is {}: the file has {lights} [[light]]", light.get_ref());
+                    return Err(self.at(light.span(), what));
+                }
+                _ => return Err(self.at(table.span(), format!("move[{i}]: give either a node or a light"))),
+            };
+            if moves.iter().any(|other| other.of == of) {
+                return Err(self.at(table.span(), format!("move[{i}] is of what another [[move]] moves: give one")));
+            }
+            moves.push(Move { of, keys: self.move_keys(i, table)? });
+        }
+        Ok(moves)
+    }
+
+    fn move_keys(&self, index: usize, table: &Spanned<MoveTable>) -> Result<Vec<MoveKey>> {
+        let mut keys: Vec<MoveKey> = Vec::new();
+        for (i, table) in table.get_ref().key.iter().enumerate() {
+            let t: &MoveKeyTable = table.get_ref();
+            let name = |field: &str| format!("move[{index}].key[{i}].{field}");
+            let triple = |field: &str, value: &Option<Triple>| {
+                value.as_ref().map(|v| self.triple(&name(field), v, &ANY)).transpose()
+            };
+            let key = MoveKey {
+                time_s: self.number_or(&name("time_s"), t.time_s.as_ref(), 0.0, &NOT_NEGATIVE)?,
+                position: triple("position", &t.position)?,
+                rotation_deg: triple("rotation_deg", &t.rotation_deg)?,
+                scale: triple("scale", &t.scale)?,
+            };
+            // Keys are kept as those of glTF, whose times are f32.
+            if let Some(last) = keys.last().filter(|last| last.time_s as f32 >= key.time_s as f32) {
+                let what = format!("{} is {}: give a time after {} s", name("time_s"), key.time_s, last.time_s);
+                return Err(self.at(t.time_s.as_ref().map_or(table.span(), Spanned::span), what));
+            }
+            let given = |key: &MoveKey| [key.position.is_some(), key.rotation_deg.is_some(), key.scale.is_some()];
+            if keys.first().is_some_and(|first| given(first) != given(&key)) || given(&key) == [false; 3] {
+                let what =
+                    format!("move[{index}].key[{i}]: give position, rotation_deg or scale, the same in all keys");
+                return Err(self.at(table.span(), what));
+            }
+            keys.push(key);
+        }
+        match keys.is_empty() {
+            true => Err(self.at(table.span(), format!("move[{index}] has no [[move.key]]: give at least one"))),
+            false => Ok(keys),
         }
     }
 

@@ -11,10 +11,15 @@ pub type Triple = Spanned<[f64; 3]>;
 pub struct ShotFile {
     pub name: Option<String>,
     pub scene: Spanned<String>,
+    pub animation: Option<String>,
+    #[serde(rename = "loop")]
+    pub loops: Option<bool>,
     pub rig: Option<Spanned<RigTable>>,
     pub environment: Option<EnvironmentTable>,
     #[serde(default)]
     pub light: Vec<Spanned<LightTable>>,
+    #[serde(default, rename = "move")]
+    pub moves: Vec<Spanned<MoveTable>>,
     pub gaze: Option<GazeTable>,
     pub exposure: Option<ExposureTable>,
 }
@@ -67,6 +72,24 @@ pub struct LightTable {
     pub angle_deg: Option<Number>,
     pub inner_cone_deg: Option<Number>,
     pub outer_cone_deg: Option<Number>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MoveTable {
+    pub node: Option<Spanned<String>>,
+    pub light: Option<Spanned<usize>>,
+    #[serde(default)]
+    pub key: Vec<Spanned<MoveKeyTable>>,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct MoveKeyTable {
+    pub time_s: Option<Number>,
+    pub position: Option<Triple>,
+    pub rotation_deg: Option<Triple>,
+    pub scale: Option<Triple>,
 }
 
 #[derive(Deserialize)]

@@ -5,6 +5,7 @@ use std::fmt::Write;
 use toml::Value;
 
 use super::{SceneSource, Shot, ShotEnvironment, ShotLight, ShotLightKind, Sky};
+use crate::scene::motion::play::{Move, Moved, Play};
 
 /// The whole of it.
 pub fn text(shot: &Shot) -> String {
@@ -17,6 +18,7 @@ pub fn text(shot: &Shot) -> String {
         string(&shot.name),
         string(&source)
     );
+    play(&mut text, &shot.play);
     rig(&mut text, shot);
     environment(&mut text, shot.environment.as_ref());
     text += "\n# Lights beside the scene file's own. point and spot have a position, and are spheres with a radius_m;\n\
@@ -28,6 +30,7 @@ pub fn text(shot: &Shot) -> String {
     if shot.lights.is_empty() {
         text += "# [[light]]\n# kind = \"point\"\n# position = [0.0, 2.0, 0.0]\n# intensity = 5.0\n# radius_m = 0.05\n";
     }
+    moves(&mut text, &shot.play.moves);
     let path: Vec<String> = shot.gaze.path.iter().map(|point| numbers(point)).collect();
     let ev = shot.exposure_ev;
     let _ = write!(
@@ -37,6 +40,38 @@ pub fn text(shot: &Shot) -> String {
         path.join(", ")
     );
     text
+}
+
+fn play(text: &mut String, play: &Play) {
+    let _ = write!(
+        text,
+        "# Of the scene's file: \"all\", \"none\" or a name. Animations begin anew after their end, or hold it.\n\
+         animation = {}\nloop = {}\n",
+        string(play.animation.text()),
+        play.loops
+    );
+}
+
+fn moves(text: &mut String, moves: &[Move]) {
+    *text += "\n# Nodes of the scene's file or lights of this one that move: position, rotation_deg or scale in their parents.\n";
+    for one in moves {
+        let _ = match &one.of {
+            Moved::Node(name) => writeln!(text, "[[move]]\nnode = {}", string(name)),
+            Moved::Light(number) => writeln!(text, "[[move]]\nlight = {number}"),
+        };
+        for key in &one.keys {
+            let _ = writeln!(text, "[[move.key]]\ntime_s = {:?}", key.time_s);
+            for (name, value) in [("position", key.position), ("rotation_deg", key.rotation_deg), ("scale", key.scale)]
+            {
+                if let Some(value) = value {
+                    let _ = writeln!(text, "{name} = {}", numbers(&value.to_array()));
+                }
+            }
+        }
+    }
+    if moves.is_empty() {
+        *text += "# [[move]]\n# node = \"Door\"\n# [[move.key]]\n# time_s = 0.0\n# rotation_deg = [0.0, 90.0, 0.0]\n";
+    }
 }
 
 fn rig(text: &mut String, shot: &Shot) {

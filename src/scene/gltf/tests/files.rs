@@ -139,7 +139,7 @@ fn scenes_without_nodes_and_animations_of_pointers_are_read() {
     draft.json["extras"] = json!({"tool": ["a", 1]});
     let scene = draft.scene();
     assert_eq!((scene.triangle_count(), scene.warnings.len()), (1, 1));
-    assert_mentions(&scene.warnings[0], &["animations"]);
+    assert_mentions(&scene.warnings[0], &["animations of /nodes/0 are left out", "animation 0 channel 0"]);
     draft.json["scene"] = json!(1);
     assert_eq!(draft.scene().triangle_count(), 0);
 }

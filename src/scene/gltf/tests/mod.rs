@@ -7,6 +7,7 @@ mod hierarchy;
 mod layers;
 mod materials;
 mod meshopt;
+mod motion;
 mod placed;
 mod real_scenes;
 mod tangents;
@@ -137,7 +138,8 @@ impl Draft {
 
 fn read(bytes: &[u8]) -> Result<Scene, SceneError> {
     let path = Path::new("draft.glb");
-    super::parse(bytes, path, any(&Budget::unlimited())).map_err(|fault| fault.in_file(path))
+    super::parse(bytes, path, &crate::scene::motion::play::Play::default(), any(&Budget::unlimited()))
+        .map_err(|fault| fault.in_file(path))
 }
 
 /// What a file may do whose memory is not in question.

@@ -3,7 +3,10 @@
 use std::env;
 use std::path::PathBuf;
 
-use super::load;
+use super::super::load_playing;
+use super::{any, load};
+use crate::scene::budget::Budget;
+use crate::scene::motion::play::{Choice, Play};
 
 /// `DIPTYCH_SCENES`, else the folder beside the crate.
 fn folder() -> PathBuf {
@@ -38,5 +41,36 @@ fn real_scenes_have_all_their_triangles() {
         assert_eq!(scene.warnings.join(", "), warning, "{file}");
         let texels: usize = scene.images.iter().map(|i| i.pixels.len()).sum();
         eprintln!("{file}: {} meshes, {texels} texels, {bounds:?}", scene.meshes.len());
+    }
+}
+
+#[test]
+fn real_scenes_move() {
+    for (file, skinned, animations) in [("fox/Fox.glb", 1, 3), ("fox/SimpleSkin.gltf", 1, 1)] {
+        let path = folder().join(file);
+        if !path.is_file() {
+            eprintln!("SKIPPED: '{}' is absent; set DIPTYCH_SCENES to the folder of scenes", path.display());
+            continue;
+        }
+        let names = if animations == 3 { vec!["Survey", "Walk", "Run"] } else { vec!["all"] };
+        let size = |scene: &crate::scene::Scene| {
+            let bounds = scene.bounds();
+            (bounds.max - bounds.min).length()
+        };
+        let rest = load(&path).unwrap();
+        assert_eq!(rest.motion.moves().unwrap().skinned_instances, skinned, "{file}");
+        for name in names {
+            let play = Play { animation: Choice::of(name), ..Play::default() };
+            let scene = load_playing(&path, &play, any(&Budget::unlimited())).unwrap();
+            assert_eq!(scene.warnings, [""; 0], "{file}");
+            let first = scene.at(0.0);
+            for step in 1..20 {
+                let still = scene.at(scene.motion.duration_s() * f64::from(step) / 20.0);
+                assert_ne!(still.meshes[0].positions, first.meshes[0].positions, "{file} {name} {step}");
+                let ratio = size(&still) / size(&first);
+                assert!((0.5..2.0).contains(&ratio), "{file} {name} {step}: {ratio}");
+                assert!(still.meshes[0].normals.iter().all(|n| (n.length() - 1.0).abs() < 1e-4));
+            }
+        }
     }
 }

@@ -1,0 +1,63 @@
+//! From a primitive's corners to triangles over the vertices that they use.
+
+use ::gltf::json::mesh::Mode;
+
+use super::accessor::Elements;
+use super::fault::{Fault, Outcome};
+
+/// The vertices in the order in which triangles take them, each below `vertex_count`.
+pub fn corners(indices: Option<(Elements, usize)>, vertex_count: usize) -> Outcome<Vec<u32>> {
+    let Some((indices, accessor)) = indices else { return Ok((0..vertex_count as u32).collect()) };
+    let corners: Vec<u32> = (0..indices.count).map(|i| indices.unsigned(i)).collect();
+    match corners.iter().position(|&v| v as usize >= vertex_count) {
+        None => Ok(corners),
+        Some(at) => Err(Fault::Invalid(format!(
+            "indices: accessor {accessor} points to vertex {} (its element {at}), but there are {vertex_count}",
+            corners[at]
+        ))),
+    }
+}
+
+/// Triangles from corners in the order of section 3.7.2.1 of glTF 2.0. Strips and fans lose triangles that name a
+/// vertex twice, which is how they make jumps.
+pub fn assemble(mode: Mode, corners: &[u32]) -> Outcome<Vec<[u32; 3]>> {
+    let has_area = |t: &[u32; 3]| t[0] != t[1] && t[1] != t[2] && t[2] != t[0];
+    match mode {
+        Mode::TriangleStrip => {
+            let turned = |(i, w): (usize, &[u32])| if i % 2 == 0 { [w[0], w[1], w[2]] } else { [w[0], w[2], w[1]] };
+            Ok(corners.windows(3).enumerate().map(turned).filter(has_area).collect())
+        }
+        Mode::TriangleFan => {
+            let hub = corners.first().copied().unwrap_or_default();
+            let rim = corners.get(1..).unwrap_or_default();
+            Ok(rim.windows(2).map(|w| [w[0], w[1], hub]).filter(has_area).collect())
+        }
+        _ => {
+            let (triangles, rest) = corners.as_chunks::<3>();
+            if !rest.is_empty() {
+                return Err(Fault::Invalid(format!("{} corners do not make whole triangles", corners.len())));
+            }
+            Ok(triangles.to_vec())
+        }
+    }
+}
+
+/// Renumbers the triangles' vertices without gaps; returns the old number of each, rising.
+pub fn compact(triangles: &mut [[u32; 3]], vertex_count: usize) -> Vec<u32> {
+    // One more than the new number, 0 where unused: pages that no triangle touches cost nothing.
+    let mut successor = vec![0u32; vertex_count];
+    let mut used = Vec::new();
+    for &v in triangles.as_flattened() {
+        if std::mem::replace(&mut successor[v as usize], 1) == 0 {
+            used.push(v);
+        }
+    }
+    used.sort_unstable();
+    for (new, &old) in used.iter().enumerate() {
+        successor[old as usize] = new as u32 + 1;
+    }
+    for v in triangles.as_flattened_mut() {
+        *v = successor[*v as usize] - 1;
+    }
+    used
+}
