@@ -1,5 +1,5 @@
-// Where the surface behind each pixel's centre was in the frame before, and which way it faced; NO_NORMAL where it has not
-// moved, and where there is none.
+// Where the surface behind each pixel's centre was in the frame before, and which way it faced: the guide of the
+// frame before, as this frame sees it.
 
 //!include frame grid scene pack last_surface
 
@@ -15,7 +15,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let at = pixel_index(pixel);
     let guide = guide_image[at];
-    var value = vec4<u32>(0u, 0u, 0u, NO_NORMAL);
+    var value = guide;
     if guide.w != NO_NORMAL {
         let hit = hit_image[at];
         let last = last_surface(hit.x, bitcast<vec2<f32>>(hit.yz), bitcast<vec3<f32>>(guide.xyz), unpack_normal(guide.w));

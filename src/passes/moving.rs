@@ -77,7 +77,7 @@ fn input(name: &'static str, bytes: u32, count: u32) -> Resource {
     Resource { life: Life::Input, ..Resource::table(name, bytes, Extent::new(count.max(1), 1)) }
 }
 
-/// Position and packed shading normal, in the frame before, of a surface that has moved; no normal where none has.
+/// Position and packed shading normal of surfaces as they were in the frame before. There is none where nothing moves.
 pub fn last_surface(spec: &FrameSpec) -> Resource {
     let image = Resource::image("last_surface", 16);
     let nothing = Grid::table(Size::Fixed(Extent::new(1, 1)));

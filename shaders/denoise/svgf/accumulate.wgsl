@@ -11,6 +11,7 @@
 //!include frame grid split motion pack variance
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
+// Of the surfaces as they were in the frame before.
 @group(1) @binding(1) var<storage, read> guide_image: array<vec4<u32>>;
 // Radiance over albedo; alpha 0: not sampled.
 @group(1) @binding(2) var<storage, read> radiance: array<vec4<u32>>;
@@ -27,7 +28,6 @@
 @group(1) @binding(10) var<storage, read_write> moments: array<vec4<u32>>;
 @group(1) @binding(11) var<uniform> previous: Previous;
 @group(1) @binding(12) var<storage, read_write> tally: array<u32>;
-@group(1) @binding(13) var<storage, read> last_surface: array<vec4<u32>>;
 
 // Frames before variance over time means something, as in the paper.
 const FEW_FRAMES: f32 = 4.0;
@@ -174,16 +174,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         moments[at] = vec4<u32>(0u, 0u, 0u, material);
         return;
     }
-    // Where the surface was in the frame before.
-    var position = bitcast<vec3<f32>>(bits.xyz);
-    var normal = unpack_normal(bits.w);
-    var has_moved_itself = false;
-    if HAS_MOTION {
-        let last = last_surface[at];
-        has_moved_itself = last.w != NO_NORMAL;
-        position = select(position, bitcast<vec3<f32>>(last.xyz), has_moved_itself);
-        normal = select(normal, unpack_normal(last.w), has_moved_itself);
-    }
+    let position = bitcast<vec3<f32>>(bits.xyz);
+    let normal = unpack_normal(bits.w);
     var now = unpack_sampled(radiance[at]);
     let tells_variance = (radiance[at].w & TELLS_VARIANCE) != 0u;
     var sampled = radiance[at].w != 0u;
@@ -215,7 +207,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     // Resampling blurs most between pixels.
     let between = 4.0 * max(fraction.x * (1.0 - fraction.x), fraction.y * (1.0 - fraction.y));
     var longest = mix(LONGEST_STILL, LONGEST_MOVED, min(2.0 * between, 1.0));
-    let eye_moved = has_moved_itself || any(previous.views[pass_.view].origin != frame.camera.views[pass_.view].origin);
+    // What a surface shows changes as well where others move.
+    let eye_moved = HAS_MOTION || any(previous.views[pass_.view].origin != frame.camera.views[pass_.view].origin);
     if !HAS_GLOSS && (hit & FLAG_VIEW_DEPENDENT) != 0u && eye_moved {
         longest = LONGEST_VIEW_DEPENDENT;
     }

@@ -24,6 +24,8 @@ const LONGEST_STILL: f32 = 255.0;
 // What moves slowly has a history between these, over which it moves by this much, pixels: cubic interpolation moves the
 // finest detail by less than it should, and what it lags behind adds up.
 const LONGEST_WAY: f32 = 0.1;
+// What moves by less, pixels, stands still: where a surface is was rounded.
+const STILL: f32 = 1e-3;
 // Half the width of what the surroundings allow, in standard deviations.
 const ALLOWED_DEVIATIONS: f32 = 2.5;
 
@@ -72,13 +74,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let direction = ray_of(pass_.view, at_front);
     let surface = frame.camera.views[pass_.view].origin + direction * depth;
     var was_at = select(eye.origin + direction, surface, depth > 0.0);
-    var is_still = !has_moved(frame.camera.views[pass_.view], eye);
     if HAS_MOTION {
         let last = last_surface[pixel_index(vec2<u32>(front))];
-        is_still = is_still && last.w == NO_NORMAL;
         was_at = select(was_at, bitcast<vec3<f32>>(last.xyz), last.w != NO_NORMAL);
     }
     let seen = pixel_of(was_at, eye);
+    let is_still = !has_moved(frame.camera.views[pass_.view], eye)
+        && (!HAS_MOTION || all(abs(seen.xy - at_front) < vec2<f32>(STILL)));
     let size = vec2<f32>(f32(pass_.width), f32(pass_.height));
     let motion = select(seen.xy - at_front, vec2<f32>(0.0), is_still);
     let moved = clamp(vec2<f32>(pixel) + motion, vec2<f32>(-2.0), size + 1.0);

@@ -50,7 +50,7 @@ impl Denoise for Svgf {
         let (traced, accumulated) = light.advance();
         let pass = Pass::new(Stage("accumulate"), view, CUT, Kernel::new("accumulate")).uses([
             Use::read(HIT),
-            Use::read(GUIDE),
+            Use::read(if spec.moving.is_some() { last_surface(spec) } else { GUIDE }),
             Use::read(traced),
             last(GUIDE),
             last(MOMENTS),
@@ -62,7 +62,6 @@ impl Denoise for Svgf {
             Use::write(MOMENTS),
             Use::read(PREVIOUS_VIEWS),
             Use::add(TALLY),
-            Use::read(last_surface(spec)).if_written(),
         ]);
         vec![pass]
     }
