@@ -199,7 +199,7 @@ fn morphing() -> Draft {
 #[test]
 fn morph_targets_follow_their_weights() {
     let mut draft = morphing();
-    assert_eq!(draft.scene().meshes[0].positions.as_flattened_floats(), CORNERS);
+    assert_eq!(bytemuck::cast_slice::<Vec3, f32>(&draft.scene().meshes[0].positions), CORNERS);
     draft.json["meshes"][0]["weights"] = json!([0.5, 0.0]);
     let rest = draft.scene();
     assert!(rest.motion.is_empty() && rest.meshes[0].morphs.is_empty());
@@ -221,16 +221,6 @@ fn morph_targets_follow_their_weights() {
     let mut none = Draft::triangle();
     animate(&mut none, "", target, &[0.0], "SCALAR", &[0.0]);
     assert_mentions(&none.complaint(), &["animation 0", "no morph targets"]);
-}
-
-trait Floats {
-    fn as_flattened_floats(&self) -> Vec<f32>;
-}
-
-impl Floats for Vec<Vec3> {
-    fn as_flattened_floats(&self) -> Vec<f32> {
-        self.iter().flat_map(|p| p.to_array()).collect()
-    }
 }
 
 #[test]
