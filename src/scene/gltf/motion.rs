@@ -259,10 +259,12 @@ impl<'a, 'b> Plan<'a, 'b> {
                         lamps.into_iter().map(|l| of(number_of(&mut motion.lamps, l))).collect()
                     }
                 };
-                for target in targets {
+                let Some((&last, others)) = targets.split_last() else { continue };
+                for &target in others {
                     self.buffers.budget().reserve(keys.bytes())?.keep();
                     channels.push(Channel { target, keys: keys.clone() });
                 }
+                channels.push(Channel { target: last, keys });
             }
             if !channels.is_empty() {
                 motion.animations.push(Animation { channels, ..animation });

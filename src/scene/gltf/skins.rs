@@ -91,7 +91,7 @@ pub fn influences(vertices: &Vertices, place: &str, warnings: &mut Warnings) -> 
             influence.weights.iter_mut().for_each(|w| *w = (f64::from(*w) / sum) as f32);
         } else {
             unbound = true;
-            influence.joints[0] = sets[0].0.unsigned(vertex as usize) as u16;
+            influence.joints[0] = sets[0].0.unsigneds(vertex as usize)[0] as u16;
             influence.weights[0] = 1.0;
         }
         influence

@@ -23,10 +23,10 @@ pub struct Pose {
 impl Animation {
     /// The time within it that is shown at `time_s`.
     fn local_s(&self, time_s: f64, loops: bool) -> f64 {
-        match () {
-            () if !(self.duration_s > 0.0 && time_s.is_finite()) => 0.0,
-            () if loops => time_s.rem_euclid(self.duration_s),
-            () => time_s.clamp(0.0, self.duration_s),
+        match self.duration_s > 0.0 && time_s.is_finite() {
+            true if loops => time_s.rem_euclid(self.duration_s),
+            true => time_s.clamp(0.0, self.duration_s),
+            false => 0.0,
         }
     }
 }

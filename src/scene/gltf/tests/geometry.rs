@@ -167,7 +167,7 @@ fn bad_accessors_are_named() {
         ("/accessors/0/byteOffset", json!(1), &["accessor 0"]),
         ("/accessors/0/bufferView", json!(9), &["accessor 0", "buffer view 9"]),
         ("/accessors/0/componentType", json!(7), &["accessor 0", "componentType"]),
-        ("/accessors/0/type", json!("MAT4"), &["accessor 0", "Mat4"]),
+        ("/accessors/0/type", json!("MAT3"), &["accessor 0", "Mat3"]),
         ("/accessors/0/type", json!("VEC2"), &["POSITION", "accessor 0"]),
         ("/bufferViews/0/byteStride", json!(4), &["accessor 0", "stride of 4"]),
         ("/bufferViews/0/byteStride", json!(0), &["accessor 0", "stride of 0"]),
