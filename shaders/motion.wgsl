@@ -1,7 +1,7 @@
 // Where the surface behind each pixel's centre was in the frame before, and which way it faced: the guide of the
 // frame before, as this frame sees it.
 
-//!include frame grid scene pack last_surface
+//!include frame grid rng scene pack last_surface
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
 @group(1) @binding(1) var<storage, read> guide_image: array<vec4<u32>>;

@@ -75,9 +75,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     for warning in &loaded.scene.warnings {
         eprintln!("warning: {warning}");
     }
-    if let Some(warning) = loaded.held_still() {
-        progress.warn(&warning);
-    }
     let gpus = setup::open_devices(options, usize::from(args.options.virtual_devices))?;
     Disturbances(&args.disturb).check(args.frames, gpus.len())?;
     let session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;

@@ -143,7 +143,7 @@ impl Plan {
     pub fn fingerprint(&self, loaded: &Loaded, frame: u32) -> Fingerprint {
         let options = &self.options;
         Fingerprint::of(&Subject {
-            scene: &loaded.still(),
+            scene: &loaded.at(self.time_s(frame)),
             rig: &loaded.shot.rig,
             time_s: self.time_s(frame),
             extent: options.size,

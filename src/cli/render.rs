@@ -111,9 +111,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if let Some(warning) = setup::beyond_path(&loaded.shot.rig, options.time, last_s) {
         progress.warn(&warning);
     }
-    if let Some(warning) = loaded.held_still().filter(|_| options.frames > 1) {
-        progress.warn(&warning);
-    }
     if let Some(plan) = &plan {
         plan.prepare(&loaded, "--passes-out")?;
     }

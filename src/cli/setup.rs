@@ -9,7 +9,6 @@ use diptych::device::{self, GpuDevice, Selection, Traversal};
 use diptych::exec::{FrameReport, RenderSettings, Renderer};
 use diptych::quality::Quality;
 use diptych::scene::Scene;
-use diptych::scene::budget::Exceeded;
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::rig::Rig;
 use diptych::scene::shot::Shot;
@@ -26,22 +25,14 @@ pub struct Loaded {
     pub shot: Shot,
     /// As it moves.
     pub scene: Scene,
-    /// The time that the tables are of, seconds.
-    pub time_s: f64,
     pub needs: SceneNeeds,
     pub tables: Arc<SceneTables>,
 }
 
 impl Loaded {
-    /// The scene as the tables have it: at their time, with nothing that moves.
-    pub fn still(&self) -> Cow<'_, Scene> {
-        at(&self.scene, self.time_s)
-    }
-
-    /// Says that a sequence shows the scene at one time, if it moves.
-    pub fn held_still(&self) -> Option<String> {
-        let moves = !self.scene.motion.is_empty();
-        moves.then(|| format!("the scene's animations are not played: all frames show it at {} s", self.time_s))
+    /// The scene at one time, with nothing that moves.
+    pub fn at(&self, time_s: f64) -> Cow<'_, Scene> {
+        if self.scene.motion.is_empty() { Cow::Borrowed(&self.scene) } else { Cow::Owned(self.scene.at(time_s)) }
     }
 
     /// The shot's exposure as its file says it: -0.9, where the nearest f32 is -0.8999999761581421.
@@ -55,22 +46,13 @@ pub fn load(options: &RunOptions) -> Result<Loaded, Failure> {
     let _span = tracing::info_span!("load scene").entered();
     let budget = options.scene.budget();
     let (shot, scene) = options.scene.load(&options.shot, options.time, &budget)?;
-    let moves = !scene.motion.is_empty();
-    let exceeded = |e: Exceeded| Failure::Input(e.into());
-    let copy = moves.then(|| budget.reserve(scene.bytes_at())).transpose().map_err(exceeded)?;
-    let still = at(&scene, options.time);
     let accel = {
         let _span = tracing::info_span!("build tree").entered();
-        Accel::build_within(&still, Layout::Auto, &budget)?
+        Accel::build_within(&scene, Layout::Auto, &budget)?
     };
-    let tables = SceneTables::within(&still, accel, &budget).map_err(|e| Failure::Input(e.into()))?;
-    let needs = SceneNeeds { instances: tables.has_instances(), ..SceneNeeds::of(&still) };
-    drop((still, copy));
-    Ok(Loaded { shot, scene, time_s: options.time, needs, tables: Arc::new(tables) })
-}
-
-fn at(scene: &Scene, time_s: f64) -> Cow<'_, Scene> {
-    if scene.motion.is_empty() { Cow::Borrowed(scene) } else { Cow::Owned(scene.at(time_s)) }
+    let tables = SceneTables::within(&scene, accel, &budget).map_err(|e| Failure::Input(e.into()))?;
+    let needs = SceneNeeds { instances: tables.has_instances(), ..SceneNeeds::of(&scene) };
+    Ok(Loaded { shot, scene, needs, tables: Arc::new(tables) })
 }
 
 /// Says where frames between these times are beyond the ends of the camera's path.

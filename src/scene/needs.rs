@@ -1,6 +1,6 @@
 //! What a scene asks of the shaders. What it does not ask is compiled out.
 
-use super::{AlphaMode, Environment, LightKind, Material, Scene};
+use super::{AlphaMode, Environment, LightKind, Material, Mesh, Scene};
 
 /// Each flag switches code of the tracing stages on. More flags than needed change the time, never the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
@@ -74,7 +74,9 @@ impl SceneNeeds {
     pub fn of(scene: &Scene) -> Self {
         let used = || scene.instances.iter().map(|i| &scene.meshes[i.mesh]);
         let materials = || used().map(|m| &scene.materials[m.material]);
-        let emitters = || materials().filter(|m| m.emissive != glam::Vec3::ZERO);
+        let is_animated = |material: usize| scene.motion.emitters.iter().any(|e| e.index == material);
+        let shines = |m: &&Mesh| scene.materials[m.material].emissive != glam::Vec3::ZERO || is_animated(m.material);
+        let emitters = || used().filter(shines).map(|m| &scene.materials[m.material]);
         let radius = |kind: &LightKind| match kind {
             LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } => Some(*radius),
             LightKind::Directional { .. } => None,
