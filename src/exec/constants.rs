@@ -57,7 +57,7 @@ pub fn constants(
             ..Default::default()
         },
         foveation: layout::Foveation { layer_iterations: quality.iterations.into(), ..layers.unwrap_or_default() },
-        history: layout::History::new(None),
+        history: layout::History::new(None, 0..0),
         display: layout::Display { exposure: settings.exposure_ev.exp2(), ..Default::default() },
         ..Default::default()
     };

@@ -174,6 +174,7 @@ mod tests {
 
     use super::*;
     use crate::device::FailureKind;
+    use crate::exec::planner::History;
     use crate::graph::{Assignment, HaloPlan, Seam, Stripes};
     use crate::passes::path_trace::CUT;
     use crate::passes::tonemap::{DISPLAY, LINEAR};
@@ -186,7 +187,7 @@ mod tests {
         assert_eq!(serde_json::from_str::<T>(&text).unwrap(), *message, "{text}");
     }
 
-    fn job(seam: Seam, history: Option<(Assignment, u32)>) -> FrameJob {
+    fn job(seam: Seam, history: Option<History>) -> FrameJob {
         let mut assignment = Assignment::uniform(Stripes::even(90, 3));
         assignment.set(CUT, Eye::Right, Stripes::from_edges(90, &[10, 70]));
         // Device 0 has been taken out.
@@ -215,7 +216,8 @@ mod tests {
         for seam in [Seam::None, Seam::Filter].into_iter().chain(halos.map(Seam::Halo)) {
             round_trip(&command(Order::Frame(Box::new(job(seam, None)))));
         }
-        let history = (Assignment::uniform(Stripes::even(90, 4)), 12);
+        let before = Assignment::uniform(Stripes::even(90, 4));
+        let history = History { before, rows: 12, lost: vec![1] };
         round_trip(&command(Order::Frame(Box::new(job(Seam::None, Some(history))))));
         let place = Place { slot: 0, turn: 1 };
         round_trip(&command(Order::Read { image: ROW_TALLY.into(), place, injected: None }));

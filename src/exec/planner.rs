@@ -1,5 +1,6 @@
 //! The plan of a frame: who has which rows, and the graph that follows.
 
+use std::ops::Range;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use serde::{Deserialize, Serialize};
@@ -9,7 +10,32 @@ use super::output::Output;
 use super::{RenderSettings, wire};
 use crate::graph::{Assignment, FrameGraph, Program, ProgramError, Resource, Seam};
 use crate::passes::{Declarations, FrameSpec, ROW_TALLY};
+use crate::scene::rig::Eye;
 use crate::schedule::{CostModel, Policy, choose_halo};
+
+/// What is left of the frame before.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct History {
+    /// Who had which rows.
+    #[serde(with = "wire::assignment")]
+    pub before: Assignment,
+    /// How many rows its surfaces may have moved.
+    pub rows: u32,
+    /// Devices that have failed since, and what they had with them.
+    pub lost: Vec<usize>,
+}
+
+impl History {
+    /// The rows that devices had which failed, of any image that is kept, and those between them.
+    pub fn lost_rows(&self, program: &Program) -> Range<u32> {
+        let kept = program.images().iter().filter(|image| image.is_before);
+        let of_image = kept.flat_map(|image| Eye::ALL.map(|view| (program.writer(&image.resource, view), view)));
+        let stripes = of_image.filter_map(|(group, view)| Some(self.before.stripes(group?, view)));
+        let rows = stripes.flat_map(|stripes| self.lost.iter().map(|&device| stripes.rows(device)).collect::<Vec<_>>());
+        let lost = rows.filter(|rows| !rows.is_empty());
+        lost.reduce(|a, b| a.start.min(b.start)..a.end.max(b.end)).unwrap_or(0..0)
+    }
+}
 
 /// What distinguishes the graphs of a run from one another.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -18,9 +44,7 @@ pub struct Plan {
     pub iterations: u32,
     #[serde(with = "wire::assignment")]
     pub assignment: Assignment,
-    /// Who had which rows in the frame before, and how many rows its surfaces may have moved.
-    #[serde(with = "wire::history")]
-    pub history: Option<(Assignment, u32)>,
+    pub history: Option<History>,
     /// The images that end up whole on the primary, beside the row tallies; none: all.
     pub outputs: Option<Vec<Output>>,
 }
@@ -52,7 +76,7 @@ impl Graphs {
 
     /// What a frame of this plan must do.
     pub fn spec(&self, plan: &Plan) -> FrameSpec {
-        let history_rows = plan.history.as_ref().map(|(_, rows)| *rows);
+        let history_rows = plan.history.as_ref().map(|history| history.rows);
         FrameSpec { seam: plan.seam, iterations: plan.iterations, history_rows, ..self.spec.clone() }
     }
 
@@ -65,7 +89,7 @@ impl Graphs {
             let alike = latest.iter().rev().find(|(old, _)| self.spec(old) == spec);
             let program = alike.map(|(_, graph)| Arc::clone(&graph.program));
             let program = program.unwrap_or_else(|| self.declarations.program(&spec));
-            let before = plan.history.as_ref().map(|(before, _)| before);
+            let before = plan.history.as_ref().map(|history| (&history.before, &history.lost[..]));
             let is_read = |image: &Resource| {
                 let is_listed = |outputs: &Vec<Output>| outputs.contains(&Output::from(*image));
                 *image == ROW_TALLY || plan.outputs.as_ref().is_none_or(is_listed)
@@ -115,14 +139,13 @@ impl Planner {
         self.graphs.of(plan)
     }
 
-    /// Plans the next frame on the devices that are `left`. `history` has who had which rows in the frame before, and
-    /// how many rows its surfaces may have moved.
+    /// Plans the next frame on the devices that are `left`.
     pub fn plan(
         &mut self,
         costs: &mut CostModel,
         inputs: &Inputs,
         left: &[usize],
-        history: Option<(Assignment, u32)>,
+        history: Option<History>,
     ) -> (Plan, Arc<FrameGraph>) {
         let iterations = inputs.quality.most_iterations();
         costs.set_quality(iterations, &inputs.effort);
@@ -180,7 +203,7 @@ mod tests {
     #[test]
     fn what_a_frame_must_do_follows_from_its_plan() {
         let graphs = graphs(1);
-        let history = Some((plan(4, 3).assignment, 8));
+        let history = Some(History { before: plan(4, 3).assignment, rows: 8, lost: Vec::new() });
         let spec = graphs.spec(&Plan { history, ..plan(4, 2) });
         assert_eq!((spec.seam, spec.iterations, spec.history_rows), (Seam::Filter, 2, Some(8)));
         assert_eq!(FrameSpec { seam: Seam::None, iterations: 3, history_rows: None, ..spec }, graphs.spec);

@@ -8,7 +8,7 @@ use super::constants::{Samples, constants};
 use super::frames::{Attempt, Finished, Frames, InFlight, Inputs, Whole};
 use super::history::history_rows;
 use super::output::Output;
-use super::planner::{Graphs, Plan, Planner};
+use super::planner::{Graphs, History, Plan, Planner};
 use super::worker_pool::WorkerPool;
 use super::{ExecError, Fault, FrameReport, InjectedFaults, RenderSettings, costs, quality};
 use crate::device::{DeviceFailure, DeviceInfo, GpuDevice};
@@ -296,13 +296,21 @@ impl Renderer {
         let now_ms = self.frames.now_ms();
         let attempt = again.unwrap_or_else(|| self.frames.first_attempt(now_ms));
         let overlapped = self.frames.in_flight() > 0;
-        // What devices that failed had kept is lost, so all of it is.
-        let is_lost = again.is_some() | std::mem::take(&mut self.begins_anew);
-        let before = self.planned.take().map(|(plan, _)| plan.assignment).filter(|_| !is_lost);
-        let history = before.and_then(|before| Some((before, self.history_rows(&inputs)?)));
-        inputs.constants.history = layout::History::new(history.as_ref().map(|(_, rows)| *rows));
         let left = self.frames.devices_left();
+        let planned = self.planned.take().map(|(plan, _)| plan);
+        let before = match again {
+            None => planned.map(|plan| plan.assignment).filter(|_| !std::mem::take(&mut self.begins_anew)),
+            // Frames behind the one that failed may have begun, and what they leave takes the place of what was before.
+            Some(_) if self.settings.stages.frames_in_flight > 1 => None,
+            Some(_) => planned.and_then(|plan| plan.history).map(|history| history.before),
+        };
+        let history = before.and_then(|before| {
+            let lost = (0..before.devices()).filter(|device| !left.contains(device)).collect();
+            Some(History { before, rows: self.history_rows(&inputs)?, lost })
+        });
         let (plan, graph) = self.planner.plan(&mut self.costs, &inputs, &left, history);
+        let lost = plan.history.as_ref().map_or(0..0, |history| history.lost_rows(&graph.program));
+        inputs.constants.history = layout::History::new(plan.history.as_ref().map(|history| history.rows), lost);
         let report = FrameReport {
             index,
             begin_ms: attempt.begin_ms,

@@ -77,23 +77,6 @@ pub mod assignment {
     }
 }
 
-/// The same for what was before a frame.
-pub mod history {
-    use super::*;
-
-    pub fn serialize<S: Serializer>(history: &Option<(Assignment, u32)>, serializer: S) -> Result<S::Ok, S::Error> {
-        history.as_ref().map(|(before, rows)| (AssignmentFields::from(before), *rows)).serialize(serializer)
-    }
-
-    pub fn deserialize<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Option<(Assignment, u32)>, D::Error> {
-        let Some((fields, rows)) = Option::<(AssignmentFields, u32)>::deserialize(deserializer)? else {
-            return Ok(None);
-        };
-        let before = fields.assignment().ok_or_else(|| D::Error::custom("no such assignment"))?;
-        Ok(Some((before, rows)))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

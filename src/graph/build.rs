@@ -38,19 +38,20 @@ impl FrameGraph {
     /// Builds the graph of a frame. `before` says which device had which rows in the frame before, if this one has a
     /// history. All outputs end up on the primary.
     pub fn build(program: &Arc<Program>, assignment: &Assignment, before: Option<&Assignment>) -> Self {
-        Self::build_for(program, assignment, before, |_| true)
+        Self::build_for(program, assignment, before.map(|before| (before, &[][..])), |_| true)
     }
 
-    /// Like [`Self::build`], but only the outputs that are read end up on the primary.
+    /// Like [`Self::build`], but only the outputs that are read end up on the primary, and some devices have failed since
+    /// the frame before, which had their rows.
     pub fn build_for(
         program: &Arc<Program>,
         assignment: &Assignment,
-        before: Option<&Assignment>,
+        before: Option<(&Assignment, &[usize])>,
         is_read: impl Fn(&Resource) -> bool,
     ) -> Self {
         let mut builder = Builder::new(program, assignment);
-        if let Some(before) = before {
-            builder.know_history(before);
+        if let Some((before, lost)) = before {
+            builder.know_history(before, lost);
         }
         for (number, linked) in program.passes().iter().enumerate() {
             builder.add_pass(number as u32, linked, assignment);
@@ -184,13 +185,15 @@ impl<'a> Builder<'a> {
         Key { pass, phase, serial: self.serial }
     }
 
-    fn know_history(&mut self, before: &Assignment) {
+    fn know_history(&mut self, before: &Assignment, lost: &[usize]) {
         for (number, bound) in self.program.images().iter().enumerate().filter(|(_, b)| b.is_before) {
             for view in Eye::ALL {
                 let Some(group) = self.program.writer(&bound.resource, view) else { continue };
                 let (from, to) = (before.height(), bound.resource.extent(self.program.extent).height);
                 let holding = |(device, rows)| Holding { rows: share(&rows, from, to), device, node: None };
-                self.versions[number][view as usize].owned = before.stripes(group, view).iter().map(holding).collect();
+                let stripes = before.stripes(group, view);
+                let kept = stripes.iter().filter(|(device, _)| !lost.contains(device));
+                self.versions[number][view as usize].owned = kept.map(holding).collect();
             }
         }
     }

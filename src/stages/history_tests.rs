@@ -110,7 +110,7 @@ impl Bench {
                 ..Default::default()
             },
             foveation: Foveation { layer_iterations: UVec3::splat(ITERATIONS), ..Default::default() },
-            history: History::new(self.before.map(|_| HISTORY_ROWS)),
+            history: History::new(self.before.map(|_| HISTORY_ROWS), 0..0),
             display: Display { exposure: 1.0, ..Default::default() },
             ..Frame::default()
         };

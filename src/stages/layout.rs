@@ -2,6 +2,8 @@
 
 mod tables;
 
+use std::ops::Range;
+
 use glam::{UVec3, Vec2, Vec3, Vec4};
 
 pub use self::tables::*;
@@ -132,9 +134,10 @@ shared_structs! {
     pub struct History {
         /// How many rows up and down it may have moved; [`NO_HISTORY`]: nothing is known.
         pub rows: u32,
+        /// Rows of which nothing is known: the first, and the one after the last.
+        pub lost_begin: u32,
+        pub lost_end: u32,
         pub pad0: u32,
-        pub pad1: u32,
-        pub pad2: u32,
     }
 
     /// How light becomes what a display shows.
@@ -193,9 +196,9 @@ impl View {
 }
 
 impl History {
-    /// That reaches so many rows up and down; none: there is none.
-    pub fn new(rows: Option<u32>) -> Self {
-        Self { rows: rows.unwrap_or(NO_HISTORY), ..Self::default() }
+    /// That reaches so many rows up and down, or none, without those rows that are lost.
+    pub fn new(rows: Option<u32>, lost: Range<u32>) -> Self {
+        Self { rows: rows.unwrap_or(NO_HISTORY), lost_begin: lost.start, lost_end: lost.end, ..Self::default() }
     }
 }
 

@@ -5,7 +5,8 @@ use std::time::{Duration, Instant};
 
 use crate::common::{Stage, Subject, devices, diptych};
 use diptych::device::{FailureKind, GpuDevice};
-use diptych::exec::{ExecError, InjectedFaults, Injection};
+use diptych::exec::{ExecError, InjectedFaults, Injection, Stereo};
+use diptych::image::RgbImage;
 use diptych::schedule::{Even, Measured};
 use serde_json::Value;
 
@@ -103,9 +104,10 @@ fn frames_in_flight_keep_their_bytes_when_devices_fail() {
     assert!(faults.iter().all(|f| f.recovery_ms > 0.0 && f.attempts > 1), "{faults:?}");
 }
 
-/// What a device that failed had kept is lost, so history begins anew for all: as in a run that begins there.
+/// With frames in flight, those behind the one that failed may have taken the place of what was before: history begins
+/// anew for all rows, as in a run that begins there.
 #[test]
-fn history_begins_anew_when_a_device_fails() {
+fn history_begins_anew_when_a_device_fails_with_frames_in_flight() {
     let subject = Subject::load("builtin:checker");
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
     let times_s: Vec<f64> = (0..6).map(|i| f64::from(i) * 0.02).collect();
@@ -114,16 +116,39 @@ fn history_begins_anew_when_a_device_fails() {
         let mut alone = Stage::alone(&subject, &settings);
         (3..6).map(|i| alone.frame_at(times_s[i as usize], i)).collect()
     };
-    for in_flight in [1, 2] {
-        settings.stages.frames_in_flight = in_flight;
-        let mut three = Stage::with(&subject, &settings, 3, Box::new(Measured::new(HEIGHT, 3)));
-        three.renderer().set_injected_faults(injected(&["loss:dev1@frame3"], &[]));
-        let frames = three.frames_in_flight(&times_s);
-        for (one, other) in before.iter().chain(&after).zip(&frames) {
-            assert!(one.linear == other.linear, "frame {} differs", one.report.index);
-        }
-        assert_eq!(frames[3].report.spec.history_rows, None);
-        assert!(frames[4].report.spec.history_rows.is_some());
+    settings.stages.frames_in_flight = 2;
+    let mut three = Stage::with(&subject, &settings, 3, Box::new(Measured::new(HEIGHT, 3)));
+    three.renderer().set_injected_faults(injected(&["loss:dev1@frame3"], &[]));
+    let frames = three.frames_in_flight(&times_s);
+    for (one, other) in before.iter().chain(&after).zip(&frames) {
+        assert!(one.linear == other.linear, "frame {} differs", one.report.index);
+    }
+    assert_eq!(frames[3].report.spec.history_rows, None);
+    assert!(frames[4].report.spec.history_rows.is_some());
+}
+
+/// Only the rows of the device that failed begin anew, whichever it was: other rows are as if nothing had happened, and a
+/// run with the same fault has the same bytes.
+#[test]
+fn history_of_other_devices_survives_a_fault() {
+    let subject = Subject::load("builtin:checker");
+    let settings = subject.accumulated(WIDTH, HEIGHT);
+    let render = |faults: &[&str]| {
+        let mut three = Stage::with(&subject, &settings, 3, Box::new(Even::new(HEIGHT, 3)));
+        three.renderer().set_injected_faults(injected(faults, &[]));
+        (0..5).map(|i| three.frame_at(f64::from(i) * 0.02, i).linear).collect::<Vec<_>>()
+    };
+    let whole = render(&[]);
+    let is_as_before = |frames: &[Stereo<RgbImage>], frame: usize, row: u32| {
+        let row = |image: &RgbImage| image.pixels[(row * WIDTH) as usize..][..WIDTH as usize].to_vec();
+        row(&frames[frame].left) == row(&whole[frame].left) && row(&frames[frame].right) == row(&whole[frame].right)
+    };
+    for (fault, lost, kept) in [("loss:dev0@frame3", 0..18, HEIGHT - 1), ("loss:dev2@frame3", 36..HEIGHT, 0)] {
+        let frames = render(&[fault]);
+        assert!((0..3).all(|frame| frames[frame] == whole[frame]), "{fault}");
+        assert!(lost.clone().all(|row| !is_as_before(&frames, 3, row)), "{fault}");
+        assert!(is_as_before(&frames, 3, kept), "{fault}");
+        assert!(render(&[fault]) == frames, "{fault}");
     }
 }
 

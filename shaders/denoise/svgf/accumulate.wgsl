@@ -113,7 +113,7 @@ fn past_at(seen: vec3<f32>, row: u32, of_left: bool, position: vec3<f32>, normal
         let low = max(i32(pass_.valid_begin), i32(row) - i32(frame.history.rows));
         let high = min(i32(pass_.valid_end), i32(row) + i32(frame.history.rows) + 1);
         let inside = seen.z > 0.0 && there.x >= 0 && there.x < i32(pass_.width)
-            && there.y >= low && there.y < high;
+            && there.y >= low && there.y < high && !are_lost(there.y, there.y + 1);
         let at = select(0u, u32(there.y) * pass_.width + u32(there.x), inside);
         let tap = tap_at(at, of_left);
         let off = abs(dot(normal, bitcast<vec3<f32>>(tap.guide.xyz) - position));

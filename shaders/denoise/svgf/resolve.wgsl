@@ -91,7 +91,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let rows_high = min(high.y, i32(pixel.y) + reach);
     let inside = seen.z > 0.0 && all(moved > vec2<f32>(-0.5)) && all(moved < size - 0.5);
     let has_history = inside && frame.history.rows != NO_HISTORY
-        && i32(base.y) >= rows_low - 1 && i32(base.y) <= rows_high;
+        && i32(base.y) >= rows_low - 1 && i32(base.y) <= rows_high
+        && !are_lost(i32(base.y) - 1, i32(base.y) + 3);
     let wx = cubic(fraction.x);
     let wy = cubic(fraction.y);
     var old = vec4<f32>(0.0);

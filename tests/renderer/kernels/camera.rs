@@ -156,7 +156,7 @@ impl Constants {
                 radii,
                 ..Default::default()
             },
-            history: History::new(self.history_rows),
+            history: History::new(self.history_rows, 0..0),
             display: Display { exposure: self.exposure, ..Default::default() },
             ..Frame::default()
         };
