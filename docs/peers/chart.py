@@ -59,7 +59,11 @@ class Axis:
         self.least, self.most = math.log(min(values) / 1.12), math.log(max(values) * 1.12)
         self.begin, self.end = begin, end
         steps = [m * 10.0**d for d in range(-4, 7) for m in (1, 1.5, 2, 3, 5, 7)]
-        self.ticks = [s for s in steps if self.least <= math.log(s) <= self.most]
+        self.ticks = []
+        for step in steps:
+            inside = self.least <= math.log(step) <= self.most
+            if inside and (not self.ticks or abs(self.at(step) - self.at(self.ticks[-1])) > 8 * len(f"{step:g}")):
+                self.ticks.append(step)
 
     def at(self, value):
         share = (math.log(value) - self.least) / (self.most - self.least)
@@ -85,14 +89,14 @@ def grid(x, y):
 
 def legend(entries):
     """Of names and functions that draw a mark at a place."""
-    wide, high = 7.9 * max(len(name) for name, _ in entries) + 34, 20 * len(entries) + 10
+    wide, high = 6.7 * max(len(name) for name, _ in entries) + 34, 17 * len(entries) + 10
     left, top = RIGHT - wide - 8, TOP + 6
     frame = f'x="{left:.0f}" y="{top}" width="{wide:.0f}" height="{high}"'
     yield f'<rect {frame} fill="#FFFFFF" fill-opacity="0.85" stroke="{GRID}"/>'
     for number, (name, mark) in enumerate(entries):
-        row = top + 20 * number + 15
+        row = top + 17 * number + 14
         yield mark(left + 14, row)
-        yield text(left + 26, row + 5, name, anchor="start")
+        yield text(left + 26, row + 4, name, 12, "start")
 
 
 def dot(colour):
@@ -137,7 +141,10 @@ def chart(title, table):
 def main():
     table = Path(sys.argv[1])
     out = Path(sys.argv[2]) if len(sys.argv) > 2 else table.with_suffix(".svg")
-    out.write_text(chart(f"{table.stem}: error against time; beside points, samples per pixel", table.read_text()))
+    text = table.read_text()
+    size = re.search(r"^(\d+x\d+) per eye", text, re.M)
+    name = f"{table.stem}, {size[1]}" if size else table.stem
+    out.write_text(chart(f"{name}: error against time; beside points, samples per pixel", text))
 
 
 if __name__ == "__main__":
