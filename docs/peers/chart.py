@@ -62,7 +62,7 @@ class Axis:
         self.ticks = []
         for step in steps:
             inside = self.least <= math.log(step) <= self.most
-            if inside and (not self.ticks or abs(self.at(step) - self.at(self.ticks[-1])) > 8 * len(f"{step:g}")):
+            if inside and (not self.ticks or abs(self.at(step) - self.at(self.ticks[-1])) > 10 * len(f"{step:g}")):
                 self.ticks.append(step)
 
     def at(self, value):
