@@ -4,7 +4,7 @@
 # make test-view    the same for the window of `diptych view`, which needs Xvfb and xdotool to be tested
 # make test-hardware-rays    tests of the renderer with rays that the device follows by itself; fails where none can
 # make golden    hashes of the images of many kinds of frames, in out/golden.txt. BEFORE=FILE of another build: what differs
-# make peers    diptych beside Mitsuba 3 with OIDN, both measured here: out/peers/NAME/NAME.md. SHOT=FILE for another shot
+# make peers    diptych beside Mitsuba 3 with OIDN, both measured here: out/peers/NAME/NAME.md and .svg. SHOT=FILE for another shot
 # make deps    checks for a Vulkan driver and compilers; installs Mesa's driver where apt-get is and none was found; says
 #              where the software driver is an old, slow one
 # make clean

@@ -6,7 +6,8 @@ A shot is what `diptych render` takes. Both sides render the same scene, as `dip
 at the same instant, with as many bounces, on the same cores, in turns. Both are judged by NVIDIA's FLIP against the same
 reference, Mitsuba's, after the same tonemapping at the shot's exposure; errors are means over both eyes. Times are of a
 stereo frame: diptych's are medians over the frames on the way to that instant, Mitsuba's of as many calls as there are
-rounds. Nobody's include loading, compiling or files. Writes NAME.md, a table, and NAME.toml for `diptych bench --peers`.
+rounds. Nobody's include loading, compiling or files. Writes NAME.md, a table, NAME.svg, a chart of it, and NAME.toml for
+`diptych bench --peers`.
 """
 
 import argparse
@@ -83,6 +84,7 @@ import pyoidn as oidn  # noqa: E402
 mi.set_variant("llvm_ad_rgb")
 
 import drjit  # noqa: E402
+from chart import chart  # noqa: E402
 from mitsuba_scene import Shot  # noqa: E402
 
 
@@ -223,7 +225,7 @@ def measure_ours(ours, figures, seed):
         figures.add("diptych", note, eyes, times[COLD:])
         if note == FIRST_FRAME_OF:
             # Cold, so the time is that of the frames which follow.
-            eyes, _ = ours.frame(settings, seed, ("--time", INSTANT))
+            eyes, _ = ours.frame(settings, seed, ("--time", INSTANT, "--warm-up", 0))
             figures.add("diptych", f"{note}, first frame", eyes, times[COLD:])
 
 
@@ -325,6 +327,8 @@ def compare(argument, device):
     text = markdown(shot, figures, lines)
     (folder / f"{exported.stem}.md").write_text(text)
     (folder / f"{exported.stem}.toml").write_text(peers_file(figures, lines))
+    title = f"{shot.name}, {options.size}: error against time; beside points, samples per pixel"
+    (folder / f"{exported.stem}.svg").write_text(chart(title, text))
     print(text, flush=True)
     say(f"written to {folder}")
 
