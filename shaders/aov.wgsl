@@ -82,7 +82,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
                     if HAS_MOTION {
                         was_at = last_surface(hit.x, bitcast<vec2<f32>>(hit.yz), s.position, s.normal).position;
                     }
-                    value = vec3<f32>(pixel_of(was_at, previous.views[pass_.view]).xy - centre, 0.0);
+                    let motion = vec3<f32>(pixel_of(was_at, previous.views[pass_.view]).xy - centre, 0.0);
+                    value = select(motion, was_at + frame.geometry.world_origin, pass_.args[0] == LAST_POSITION);
                 }
             } else if hit.x != NO_PRIM {
                 let p = origin + direction * emission_image[at].a;
@@ -91,7 +92,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
                     value = vec3<f32>(0.0);
                 } else if pass_.args[0] == NORMAL {
                     value = normalize(p - light.position);
-                } else if pass_.args[0] == POSITION {
+                } else if pass_.args[0] == POSITION || pass_.args[0] == LAST_POSITION {
                     value = p + frame.geometry.world_origin;
                 } else {
                     value = vec3<f32>(pixel_of(p, previous.views[pass_.view]).xy - centre, 0.0);

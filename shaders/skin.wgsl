@@ -1,6 +1,7 @@
 // The triangles of bodies whose shape moves, as they are in this frame and as they were in the one before: linear blend
-// skinning of morphed vertices, as in glTF 2.0, sections 3.7.2.2 and 3.7.3. One invocation per triangle. Everything
-// follows from the two poses that the host gives, so no frame depends on what another left in the tables.
+// skinning of morphed vertices, as in glTF 2.0, sections 3.7.2.2 and 3.7.3. One invocation per vertex, then one per
+// triangle. Everything follows from the two poses that the host gives, so no frame depends on what another left in the
+// tables.
 
 //!include frame changed_tables
 
@@ -9,10 +10,12 @@
 @group(1) @binding(2) var<storage, read> morphs: array<SkinMorph>;
 // Of each joint three rows of its matrix now and three of the one before; weights of morph targets, now in x, before in y.
 @group(1) @binding(3) var<storage, read> pose: array<vec4<f32>>;
+// Vertices, brought into the world.
+@group(1) @binding(4) var<storage, read_write> skinned: array<Corner>;
 // Of nodes, then of triangles: least and largest coordinates.
-@group(1) @binding(4) var<storage, read_write> boxes: array<vec4<f32>>;
+@group(1) @binding(5) var<storage, read_write> boxes: array<vec4<f32>>;
 
-const ROWS_PER_POSE: u32 = 3u;
+const ROWS_PER_JOINT: u32 = 6u;
 
 struct Affine {
     x: vec4<f32>,
@@ -27,18 +30,26 @@ struct Corner {
     tangent: vec4<f32>,
 }
 
-// The weighted mean of a vertex's joints; `which`: 0 now, 1 before.
-fn blended(v: u32, which: u32) -> Affine {
-    var m = Affine(vec4<f32>(0.0), vec4<f32>(0.0), vec4<f32>(0.0));
+// The weighted means of a vertex's joints.
+struct Blended {
+    now: Affine,
+    last: Affine,
+}
+
+fn blended(v: u32) -> Blended {
+    var m = Blended();
     for (var i = 0u; i < JOINTS_PER_VERTEX; i += 1u) {
         let weight = vertices[v].weights[i];
         if weight == 0.0 {
             break;
         }
-        let row = (2u * vertices[v].joints[i] + which) * ROWS_PER_POSE;
-        m.x += weight * pose[row];
-        m.y += weight * pose[row + 1u];
-        m.z += weight * pose[row + 2u];
+        let row = vertices[v].joints[i] * ROWS_PER_JOINT;
+        m.now.x += weight * pose[row];
+        m.now.y += weight * pose[row + 1u];
+        m.now.z += weight * pose[row + 2u];
+        m.last.x += weight * pose[row + 3u];
+        m.last.y += weight * pose[row + 4u];
+        m.last.z += weight * pose[row + 5u];
     }
     return m;
 }
@@ -62,7 +73,7 @@ fn unit_or(v: vec3<f32>, otherwise: vec3<f32>) -> vec3<f32> {
     return select(otherwise, v * inverseSqrt(max(size2, 1e-37)), size2 > 1e-37);
 }
 
-fn corner_at(at: u32) -> Corner {
+fn bring(at: u32) -> Corner {
     var position = vertices[at].position;
     var last_position = position;
     var normal = vertices[at].normal;
@@ -75,12 +86,13 @@ fn corner_at(at: u32) -> Corner {
         normal += weight.x * morph.normal;
         tangent += vec4<f32>(weight.x * morph.tangent, 0.0);
     }
-    let now = blended(at, 0u);
+    let m = blended(at);
+    let now = m.now;
     let along = unit_or(vector(now, tangent.xyz), vec3<f32>(0.0));
     let handedness = select(1.0, -1.0, dot(now.x.xyz, cross(now.y.xyz, now.z.xyz)) < 0.0);
     return Corner(
         point(now, position),
-        point(blended(at, 1u), last_position),
+        point(m.last, last_position),
         normal_vector(now, normal),
         vec4<f32>(along, tangent.w * handedness),
     );
@@ -92,16 +104,19 @@ fn set_row(row: u32, v: vec3<f32>, w: u32) {
 
 @compute @workgroup_size(64)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    let first_box = pass_.args[1];
-    let count = pass_.args[0];
     let i = id.x + id.y * COLUMNS;
-    if i >= count {
+    if i >= pass_.args[0] {
         return;
     }
+    if pass_.args[2] == VERTICES {
+        skinned[i] = bring(i);
+        return;
+    }
+    let first_box = pass_.args[1];
     let t = triangles[i];
-    let a = corner_at(t.corners.x);
-    let b = corner_at(t.corners.y);
-    let c = corner_at(t.corners.z);
+    let a = skinned[t.corners.x];
+    let b = skinned[t.corners.y];
+    let c = skinned[t.corners.z];
     let row = frame.geometry.first_deforming + i;
     let at = frame.tables.triangles + 3u * row;
     set_row(at, a.position, t.material);

@@ -103,7 +103,11 @@ impl<'a> Sequence<'a> {
             Ok(exr::read_channels(&path, channels)?)
         };
         let xyz = ["X", "Y", "Z"];
-        let surfaces = Surfaces::new(aov("motion", ["X", "Y", "Y"])?, aov("position", xyz)?, aov("normal", xyz)?)?;
+        let mut surfaces = Surfaces::new(aov("motion", ["X", "Y", "Y"])?, aov("position", xyz)?, aov("normal", xyz)?)?;
+        // Only scenes that move need it.
+        if self.image.join(format!("{eye}.last_position.{frame:04}.exr")).is_file() {
+            surfaces = surfaces.with_last_position(aov("last_position", xyz)?)?;
+        }
         Ok(((pair, surfaces), differences(&reference.tags, &image.tags)))
     }
 }

@@ -11,7 +11,7 @@ use super::output::Output;
 use super::planner::{Graphs, History, Plan, Planner};
 use super::worker_pool::WorkerPool;
 use super::{ExecError, Fault, FrameReport, InjectedFaults, RenderSettings, costs, quality};
-use crate::device::{DeviceFailure, DeviceInfo, GpuDevice};
+use crate::device::{DeviceFailure, DeviceInfo, GpuDevice, Traversal};
 use crate::graph::{FrameGraph, Resource};
 use crate::quality::{Denoiser, Quality};
 use crate::scene::rig::Rig;
@@ -63,6 +63,9 @@ impl Renderer {
     ) -> Result<Self, ExecError> {
         if gpus.iter().any(|gpu| gpu.info.traversal != gpus[0].info.traversal) {
             return Err(ExecError::MixedTraversal);
+        }
+        if tables.moving().is_some() && gpus.iter().any(|gpu| gpu.info.traversal == Traversal::Hardware) {
+            return Err(ExecError::MovingTraversal);
         }
         let stages = &settings.stages;
         let spec = settings.spec(gpus.len(), tables.has_surfaces());

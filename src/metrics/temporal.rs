@@ -35,6 +35,8 @@ pub struct Surfaces {
     extent: Extent,
     motion_px: Vec<[f32; 3]>,
     position: Vec<[f32; 3]>,
+    /// Where surfaces were in the frame before.
+    last_position: Vec<[f32; 3]>,
     normal: Vec<[f32; 3]>,
 }
 
@@ -59,14 +61,25 @@ impl Surfaces {
         let extent = position.extent;
         check_same_size(extent, motion_px.extent)?;
         check_same_size(extent, normal.extent)?;
-        Ok(Self { extent, motion_px: motion_px.pixels, position: position.pixels, normal: normal.pixels })
+        let last_position = position.pixels.clone();
+        let (motion_px, position) = (motion_px.pixels, position.pixels);
+        Ok(Self { extent, motion_px, position, last_position, normal: normal.pixels })
+    }
+
+    /// Of surfaces that were somewhere else in the frame before, in world space.
+    ///
+    /// # Errors
+    /// [`ImageError::SizeMismatch`].
+    pub fn with_last_position(self, last_position: RgbImage) -> Result<Self, ImageError> {
+        check_same_size(self.extent, last_position.extent)?;
+        Ok(Self { last_position: last_position.pixels, ..self })
     }
 
     /// Where each pixel's surface was in the frame before, row-major.
     ///
     /// The motion leads from the pixel's centre to between four pixels of `before`; taken is the nearest that shows the
     /// same surface. That is one whose normal agrees within 60 degrees and whose position lies no farther off the plane
-    /// through the surface now than pixels are apart on it: the least distance to the position of one of the four
+    /// through where the surface was than pixels are apart on it: the least distance to the position of one of the four
     /// neighbours, so that no scale has to be chosen. This takes surfaces that rest, or move within their plane.
     ///
     /// # Errors
@@ -83,7 +96,7 @@ impl Surfaces {
         }
         let spacing = self.spacing(i);
         let is_same = |j: &usize| {
-            let off_plane = dot(normal, sub(before.position[*j], self.position[i])).abs();
+            let off_plane = dot(normal, sub(before.position[*j], self.last_position[i])).abs();
             dot(normal, before.normal[*j]) > NORMALS_AGREE && off_plane <= spacing
         };
         self.pixels_before(i).into_iter().find(is_same).map_or(History::New, History::Seen)

@@ -19,6 +19,7 @@ const KERNEL: Kernel = Kernel::with_scene("aov").with(&[
     ("ALBEDO", Aov::Albedo as u32),
     ("NORMAL", Aov::Normal as u32),
     ("POSITION", Aov::Position as u32),
+    ("LAST_POSITION", Aov::LastPosition as u32),
     ("DEPTH", Aov::Depth as u32),
     ("ROUGHNESS", Aov::Roughness as u32),
     ("HOLES", Aov::Holes as u32),
@@ -56,6 +57,8 @@ pub enum Aov {
     Normal,
     /// World space, scene units.
     Position,
+    /// Position of the surface in the previous frame, world space, scene units.
+    LastPosition,
     /// Distance along the ray, scene units; 0 for the sky.
     Depth,
     /// Where the surface was in the previous frame minus where it is, pixels.
@@ -93,6 +96,7 @@ impl Aov {
             Self::Albedo => "albedo",
             Self::Normal => "normal",
             Self::Position => "position",
+            Self::LastPosition => "last_position",
             Self::Depth => "depth",
             Self::Motion => "motion",
             Self::Roughness => "roughness",
@@ -109,7 +113,7 @@ impl Aov {
     pub fn channels(self) -> &'static [&'static str] {
         match self {
             Self::Albedo | Self::BaseColor | Self::DiffuseAlbedo | Self::SpecularAlbedo => &["R", "G", "B"],
-            Self::Normal | Self::Position => &["X", "Y", "Z"],
+            Self::Normal | Self::Position | Self::LastPosition => &["X", "Y", "Z"],
             Self::Motion => &["X", "Y"],
             Self::Depth => &["Z"],
             Self::Roughness | Self::Holes | Self::Spp | Self::Stripes => &["Y"],

@@ -7,6 +7,7 @@ use crate::accel::{COLUMNS, Skins};
 use crate::graph::{Grid, Kernel, Launch, Life, Pass, Resource, Size, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
+use crate::wgsl::constants;
 
 /// How much of a scene moves, as far as passes depend on it.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -67,6 +68,11 @@ impl Moving {
         input("pose", 16, self.pose)
     }
 
+    /// Vertices, brought into the world.
+    fn skinned(&self) -> Resource {
+        Resource::table("skinned", 64, Extent::new(self.vertices.max(1), 1))
+    }
+
     /// Least and largest coordinates of nodes, then of triangles.
     fn boxes(&self) -> Resource {
         Resource::table("boxes", 32, Extent::new(self.nodes + self.triangles, 1))
@@ -87,6 +93,11 @@ pub fn last_surface(spec: &FrameSpec) -> Resource {
 /// Invocations of a workgroup.
 const GROUP: u32 = 64;
 
+/// As the third argument: vertices are brought into place, not triangles.
+const VERTICES: u32 = 1;
+
+const SKIN: Kernel = Kernel::changing_scene("skin").with(constants![VERTICES]);
+
 /// Workgroups for so many invocations.
 fn groups(count: u32) -> [u32; 3] {
     [count.min(COLUMNS).div_ceil(GROUP), count.div_ceil(COLUMNS), 1]
@@ -97,15 +108,18 @@ pub fn bring(spec: &FrameSpec, frame: &mut Declared) {
     let still = Moving::default();
     let moving = spec.moving.as_ref().unwrap_or(&still);
     let why_not = if spec.moving.is_some() { "nothing changes its shape" } else { "nothing in the scene moves" };
-    let skin = Pass::once(Stage("skin"), CUT, Kernel::changing_scene("skin"), groups(moving.triangles))
+    let most = groups(moving.triangles.max(moving.vertices));
+    let launches = [[moving.vertices, 0, VERTICES], [moving.triangles, 2 * moving.nodes, 0]].map(Launch::Once);
+    let skin = Pass::once(Stage("skin"), CUT, SKIN, most)
         .uses([
             Use::read(moving.skin_triangles()),
             Use::read(moving.skin_vertices()),
             Use::read(moving.skin_morphs()),
             Use::read(moving.pose()),
+            Use::write_then_read(moving.skinned()),
             Use::write(moving.boxes()),
         ])
-        .args([moving.triangles, 2 * moving.nodes, 0]);
+        .launches(launches.to_vec());
     let begins = std::iter::once(0).chain(moving.levels.iter().copied());
     let levels = begins.zip(&moving.levels).map(|(begin, &end)| [begin, end, moving.first_node]);
     let widest = levels.clone().map(|[begin, end, _]| end - begin).max().unwrap_or(0);
