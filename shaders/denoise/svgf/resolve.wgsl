@@ -24,8 +24,6 @@ const LONGEST_STILL: f32 = 255.0;
 // What moves slowly has a history between these, over which it moves by this much, pixels: cubic interpolation moves the
 // finest detail by less than it should, and what it lags behind adds up.
 const LONGEST_WAY: f32 = 0.1;
-// What moves by less, pixels, stands still: where a surface is was rounded.
-const STILL: f32 = 1e-3;
 // Half the width of what the surroundings allow, in standard deviations.
 const ALLOWED_DEVIATIONS: f32 = 2.5;
 
@@ -79,8 +77,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         was_at = select(was_at, bitcast<vec3<f32>>(last.xyz), last.w != NO_NORMAL);
     }
     let seen = pixel_of(was_at, eye);
-    let is_still = !has_moved(frame.camera.views[pass_.view], eye)
-        && (!HAS_MOTION || all(abs(seen.xy - at_front) < vec2<f32>(STILL)));
+    // Where something moves, what it hid and the light that it kept off change where nothing else does.
+    let is_still = !HAS_MOTION && !has_moved(frame.camera.views[pass_.view], eye);
     let size = vec2<f32>(f32(pass_.width), f32(pass_.height));
     let motion = select(seen.xy - at_front, vec2<f32>(0.0), is_still);
     let moved = clamp(vec2<f32>(pixel) + motion, vec2<f32>(-2.0), size + 1.0);
@@ -108,7 +106,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     // From 0, of what moves by so much that its history is shortest, to 1.
     let way = max(max(abs(motion.x), abs(motion.y)), LONGEST_WAY / LONGEST_STILL);
-    let stillness = max(LONGEST_WAY / way - LONGEST_MOVED, 0.0) / (LONGEST_STILL - LONGEST_MOVED);
+    let lasting = max(LONGEST_WAY / way - LONGEST_MOVED, 0.0) / (LONGEST_STILL - LONGEST_MOVED);
+    let stillness = select(lasting, 0.0, HAS_MOTION);
     let longest_moved = LONGEST_MOVED * inverseSqrt(f32(frame.sampling.spp)) / (1.0 + luminance(deviation) * frame.display.exposure);
     let longest = select(mix(longest_moved, LONGEST_STILL, stillness), LONGEST_STILL, is_still);
     let is_known = has_history && is_finite(old.rgb) && is_finite(old.aaa);
