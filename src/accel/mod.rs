@@ -206,6 +206,9 @@ impl Accel {
         // Lists grow to at most twice their length, and are copied in the order of the tree.
         let making = stored as u64 * (4 * present.row_bytes() + BUILD_BYTES) as u64;
         let mut reserved = budget.reserve(making).map_err(refused)?;
+        let bodies =
+            division.deforming.iter().map(|&b| &scene.meshes[scene.instances[scene.motion.bodies[b].instance].mesh]);
+        budget.reserve(bodies.map(Skins::bytes).sum()).map_err(refused)?.keep();
         let mut accel = Self { origin, ..Self::empty() };
         let room = Room { budget, row_bytes: present.row_bytes(), triangles: count };
         let (flat, _) =

@@ -97,7 +97,7 @@ impl Placement {
         match (&self.by, poses) {
             (By::Place(place, bounds), _) => Some((*bounds, Instance::new(place, place, self.first_prim, &self.tree))),
             (By::Body { number, low, high }, Some(poses)) => {
-                let place = |pose| near(&poses.motion.joints(pose, *number)[0], origin);
+                let place = |pose| near(&poses.motion.world_from_body(pose, *number), origin);
                 let (now, last) = (place(poses.now), place(poses.last));
                 let is_there = is_undone_well(&now);
                 let bounds = || box_in(&Mat4::from(now), *low, *high);
@@ -117,7 +117,7 @@ impl Placement {
         match self.by {
             By::Place(..) => None,
             By::Body { number, low, high } => {
-                let place = |pose| Mat4::from(near(&poses.motion.joints(pose, number)[0], origin));
+                let place = |pose| Mat4::from(near(&poses.motion.world_from_body(pose, number), origin));
                 let (now, last) = (place(poses.now), place(poses.last));
                 // A difference of affine maps is largest at a corner.
                 Some((box_in(&now, low, high), farthest(&box_in(&(now - last), low, high))))

@@ -103,6 +103,14 @@ impl Skins {
         self.triangles.is_empty()
     }
 
+    /// What a body takes at most, while it is added and then: lists grow to at most twice their length.
+    pub(super) fn bytes(mesh: &Mesh) -> u64 {
+        let vertex = size_of::<SkinVertex>() + mesh.morphs.len() * size_of::<SkinMorph>();
+        let triangle = size_of::<SkinTriangle>() + 2 * size_of::<Node>();
+        let shape = 2 * (mesh.bytes() - mesh.motion_bytes());
+        shape + 2 * (mesh.positions.len() * vertex + mesh.triangles.len() * triangle) as u64
+    }
+
     /// How many there are.
     pub(super) fn bodies(&self) -> usize {
         self.bodies.len()

@@ -93,6 +93,12 @@ impl Motion {
         worlds
     }
 
+    /// Where the node of a body is. `body` is an index into [`Motion::bodies`]; the identity beyond them.
+    pub fn world_from_body(&self, pose: &Pose, body: usize) -> DAffine3 {
+        let node = self.bodies.get(body).and_then(|body| pose.world_from_node.get(body.node));
+        node.copied().unwrap_or(DAffine3::IDENTITY)
+    }
+
     /// What brings a body's vertices into the world: a matrix for each joint of its skin, or its node's alone. `body` is an
     /// index into [`Motion::bodies`]; none beyond them.
     pub fn joints(&self, pose: &Pose, body: usize) -> Vec<DAffine3> {
