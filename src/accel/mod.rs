@@ -4,6 +4,7 @@
 //!
 //! Triangles are stored in tree order, so a leaf's triangle index is the triangle's row in every table.
 
+mod build;
 mod clearance;
 mod flatten;
 mod instances;
@@ -15,21 +16,20 @@ use std::ops::Range;
 
 use glam::{DVec3, Vec3, Vec4};
 use obvhs::aabb::Aabb;
-use obvhs::cwbvh::CwBvh;
 
-use self::flatten::{Flat, Present};
+use self::build::checked_origin;
+use self::flatten::Present;
+use self::instances::Division;
 pub use self::instances::Instance;
-use self::instances::{Division, Shared};
-use self::moving::{By, Placement};
+use self::moving::Placement;
 pub use self::moving::{Placed, Poses};
 pub use self::skins::{COLUMNS, Skins};
 pub(crate) use self::skins::{CONSTANTS as SKIN_CONSTANTS, structs as skin_structs};
-use self::tree::{BUILD_BYTES, Room, Tree, depth, tree_over};
+use self::tree::{BUILD_BYTES, Room};
+use crate::scene::Scene;
 use crate::scene::budget::{Budget, Exceeded};
 use crate::scene::motion::Motion;
-use crate::scene::motion::bake::deformed;
 use crate::scene::motion::pose::Pose;
-use crate::scene::{Bounds, Scene};
 use crate::wgsl::shared_structs;
 
 /// Deepest tree that the shaders' stack holds.
@@ -262,102 +262,6 @@ impl Accel {
         }
     }
 
-    /// Adds triangles, in tree order, and the tree over them; returns that order as well.
-    fn push_tree(&mut self, flat: &Flat, splits: bool, room: &Room) -> Result<(Tree, Vec<u32>), AccelError> {
-        self.dropped += flat.dropped;
-        let (root, first_row) = (self.nodes.len() as u32, self.triangles.len() as u32);
-        if flat.triangles.is_empty() {
-            // One node without children: every ray misses it.
-            self.nodes.push(Node::default());
-            self.trees.push(first_row..first_row);
-            return Ok((Tree { root, first_row, rows: 0, levels: 1 }, Vec::new()));
-        }
-        let bvh = tree_over(&flat.triangles, splits, room)?;
-        let levels = self.push_nodes(&bvh, first_row)?;
-        let order = &bvh.primitive_indices;
-        let mut firsts = vec![None; flat.triangles.len()];
-        self.triangles.extend((first_row..).zip(order).map(|(row, &i)| {
-            let triangle = flat.triangles[i as usize];
-            let first = *firsts[i as usize].get_or_insert(row);
-            Triangle { first_copy: triangle.first_copy | first, ..triangle }
-        }));
-        self.shadings.extend(order.iter().map(|&i| flat.shadings[i as usize]));
-        self.colors.extend(corners(order, &flat.colors));
-        self.second_uvs.extend(corners(order, &flat.second_uvs));
-        self.tangents.extend(corners(order, &flat.tangents));
-        let rows = order.len() as u32;
-        self.trees.push(first_row..first_row + rows);
-        Ok((Tree { root, first_row, rows, levels }, bvh.primitive_indices))
-    }
-
-    /// Adds bodies that deform, as they are at time 0, with a tree each; returns the levels of the deepest.
-    fn push_bodies(
-        &mut self,
-        scene: &Scene,
-        bodies: &[usize],
-        present: &Present,
-        room: &Room,
-    ) -> Result<usize, AccelError> {
-        let (motion, pose) = (&scene.motion, scene.motion.pose(0.0));
-        (self.skins.first_row, self.skins.first_node) = (self.triangles.len() as u32, self.nodes.len() as u32);
-        let mut deepest = 0;
-        for &number in bodies {
-            let mesh = &scene.meshes[scene.instances[motion.bodies[number].instance].mesh];
-            let joints = motion.joints(&pose, number);
-            let shape = deformed(mesh, &pose.weights[number], Some(&joints));
-            let flat = flatten::deforming(scene, &shape, self.origin, present);
-            let (tree, order) = self.push_tree(&flat, false, room)?;
-            if tree.rows == 0 {
-                continue;
-            }
-            deepest = deepest.max(tree.levels);
-            let corners: Vec<_> = order.iter().map(|&i| shape.triangles[i as usize]).collect();
-            self.skins.push(number, mesh, joints.len(), &corners, &self.triangles[tree.first_row as usize..]);
-            let by = By::Skin(self.skins.bodies() - 1);
-            self.placements.push(Placement { tree, first_prim: tree.first_row, by });
-        }
-        self.skins.nodes = self.nodes[self.skins.first_node as usize..].to_vec();
-        self.skins.finish();
-        Ok(deepest)
-    }
-
-    /// Adds shared meshes with a tree each, and where their instances are; returns the levels of the deepest.
-    fn push_shared(
-        &mut self,
-        scene: &Scene,
-        shared: &[Shared],
-        present: &Present,
-        room: &Room,
-    ) -> Result<usize, AccelError> {
-        let mut bodies = vec![None; scene.instances.len()];
-        for (number, body) in scene.motion.bodies.iter().enumerate() {
-            bodies[body.instance] = Some(number);
-        }
-        let mut first_prim = self.triangles.len();
-        let mut deepest = 0;
-        for &Shared { mesh, mirrored, ref users } in shared {
-            let (tree, _) = self.push_tree(&flatten::local(scene, mesh, mirrored, present), true, room)?;
-            deepest = deepest.max(tree.levels);
-            let mesh = &scene.meshes[mesh];
-            let (low, high) = ends(&mesh.positions);
-            for &user in users.iter().filter(|_| tree.rows > 0) {
-                let by = bodies[user].map_or_else(
-                    || {
-                        let place = flatten::near_from_local(&scene.instances[user], self.origin);
-                        By::Place(place, instances::bounds(mesh, &place))
-                    },
-                    |number| By::Body { number, low, high },
-                );
-                self.placements.push(Placement { tree, first_prim: first_prim as u32, by });
-                first_prim += tree.rows as usize;
-            }
-        }
-        if first_prim >= MAX_PRIMS {
-            return Err(AccelError::TooManyInstances(first_prim));
-        }
-        Ok(deepest)
-    }
-
     /// Where instances are, with the tree over them; without poses, nothing moves.
     pub fn placed_at(&self, poses: Option<&Poses>) -> Placed {
         Placed::new(&self.placements, &self.skins, poses, self.origin, self.instance_tree)
@@ -389,69 +293,13 @@ impl Accel {
     pub fn moved<'a>(&'a self, poses: &'a Poses) -> impl Iterator<Item = (Aabb, f32)> + 'a {
         self.placements.iter().filter_map(|placement| placement.moved(&self.skins, poses, self.origin))
     }
-
-    /// Adds a tree's nodes, whose leaves count from `first`; returns its levels.
-    fn push_nodes(&mut self, bvh: &CwBvh, first: u32) -> Result<usize, AccelError> {
-        let depth = depth(bvh);
-        if depth > MAX_DEPTH {
-            return Err(AccelError::TooDeep { depth });
-        }
-        let root = self.nodes.len() as u32;
-        self.nodes.extend(nodes_from(bvh, root, first));
-        Ok(depth)
-    }
-}
-
-/// A tree's nodes, of which the first is to be `root`, and whose leaves count from `first`.
-fn nodes_from(bvh: &CwBvh, root: u32, first: u32) -> impl Iterator<Item = Node> {
-    bvh.nodes.iter().map(move |node| {
-        let mut node = *node;
-        node.child_base_idx = node.child_base_idx.wrapping_add(root);
-        node.primitive_base_idx = node.primitive_base_idx.wrapping_add(first);
-        bytemuck::cast::<_, Node>(node)
-    })
-}
-
-/// Least and largest coordinates.
-fn ends(positions: &[Vec3]) -> (Vec3, Vec3) {
-    positions.iter().fold((Vec3::INFINITY, Vec3::NEG_INFINITY), |(low, high), p| (low.min(*p), high.max(*p)))
-}
-
-/// Where positions are counted from.
-fn checked_origin(scene: &Scene) -> Result<DVec3, AccelError> {
-    let bounds = scene.bounds();
-    let origin = origin_for(bounds);
-    if scene.triangle_count() > 0 {
-        let farthest = |corner: Vec3| (corner.as_dvec3() - origin).abs().max_element();
-        let reach = farthest(bounds.min).max(farthest(bounds.max));
-        if reach > MAX_REACH {
-            return Err(AccelError::TooLarge(reach));
-        }
-    }
-    Ok(origin)
-}
-
-/// The corners of each triangle in tree order; none where there are none.
-fn corners<T: Copy>(order: &[u32], of_triangle: &[[T; 3]]) -> Vec<T> {
-    if of_triangle.is_empty() { Vec::new() } else { order.iter().flat_map(|&i| of_triangle[i as usize]).collect() }
-}
-
-/// The point nearest to the scene's centre on a lattice coarser than the scene: subtracting it is exact for positions
-/// that f32 can tell apart there, and it is (0, 0, 0) for all scenes around that.
-fn origin_for(bounds: Bounds) -> DVec3 {
-    let (min, max) = (bounds.min.as_dvec3(), bounds.max.as_dvec3());
-    let size = (max - min).max_element();
-    if !(size.is_finite() && size > 0.0) {
-        return DVec3::ZERO;
-    }
-    let cell = 4.0 * size.log2().ceil().exp2();
-    ((min + max) / 2.0 / cell).round() * cell
 }
 
 #[cfg(test)]
 mod tests {
+    use super::build::origin_for;
     use super::*;
-    use crate::scene::builtin;
+    use crate::scene::{Bounds, builtin};
 
     #[test]
     fn building_keeps_every_triangle_with_area() {

@@ -5,9 +5,10 @@ use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::cwbvh::builder::build_cwbvh;
 
+use super::build::nodes_from;
 use super::instances::{box_in, is_undone_well};
 use super::tree::{Tree, depth};
-use super::{Instance, Node, Skins, nodes_from};
+use super::{Instance, Node, Skins};
 use crate::scene::motion::Motion;
 use crate::scene::motion::pose::{Pose, narrow};
 
