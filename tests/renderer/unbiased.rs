@@ -185,6 +185,7 @@ fn scenes_that_move_are_unbiased_at_every_time() {
         (moving::rigid(), 1.4),
         (moving::lights(), 0.7),
         (moving::emissive(), 0.9),
+        (moving::switched(), 0.5),
         (moving::switched(), 1.3),
     ];
     hold_at(scenes.map(|(scene, time_s)| (subject((scene, moving::camera())), time_s)), &MOVING);

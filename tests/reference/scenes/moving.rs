@@ -22,14 +22,19 @@ pub struct Draft {
 }
 
 impl Draft {
+    pub fn new(name: &str) -> Self {
+        Self { scene: empty(name), channels: Vec::new() }
+    }
+
     /// A grey floor before a wall, with some light from all around.
     pub fn room(name: &str) -> Self {
-        let mut scene = empty(name);
+        let mut draft = Self::new(name);
+        let scene = &mut draft.scene;
         scene.environment = Environment::Constant(vec3(0.35, 0.4, 0.45));
-        let grey = add_matte(&mut scene, Vec3::splat(0.6));
-        place(&mut scene, quad(vec3(-4.0, 0.0, 4.0), Vec3::X * 8.0, Vec3::NEG_Z * 6.0, grey));
-        place(&mut scene, quad(vec3(-4.0, 0.0, -2.0), Vec3::X * 8.0, Vec3::Y * 4.0, grey));
-        Self { scene, channels: Vec::new() }
+        let grey = add_matte(scene, Vec3::splat(0.6));
+        place(scene, quad(vec3(-4.0, 0.0, 4.0), Vec3::X * 8.0, Vec3::NEG_Z * 6.0, grey));
+        place(scene, quad(vec3(-4.0, 0.0, -2.0), Vec3::X * 8.0, Vec3::Y * 4.0, grey));
+        draft
     }
 
     pub fn node(&mut self, parent: Option<usize>, translation: DVec3, scale: DVec3) -> usize {

@@ -44,22 +44,25 @@ fn bodies() -> Scene {
     draft.done()
 }
 
-/// Any affine transform that keeps or mirrors handedness as `sign` says.
-fn transform(random: &mut Random, sign: f64) -> DAffine3 {
-    let turn = DQuat::from_axis_angle(random.tilted(DVec3::Z, 3.0), random.within(-3.0..3.0));
-    let scale = DVec3::from_array(std::array::from_fn(|_| random.within(0.3..2.0)));
+/// A transform that turns, stretches and shears by as much as `by` says, 0 to 1, and mirrors if `sign` is negative.
+fn transform(random: &mut Random, by: f64, sign: f64) -> DAffine3 {
+    let turn = DQuat::from_axis_angle(random.tilted(DVec3::Z, 3.0), by * random.within(-3.0..3.0));
+    let scale = DVec3::from_array(std::array::from_fn(|_| (by * random.within(-1.2..0.7)).exp()));
     let mut shear = DMat3::IDENTITY;
-    (shear.y_axis.x, shear.z_axis.y) = (random.within(-0.4..0.4), random.within(-0.4..0.4));
+    (shear.y_axis.x, shear.z_axis.y) = (by * random.within(-0.4..0.4), by * random.within(-0.4..0.4));
     let linear = DMat3::from_quat(turn) * shear * DMat3::from_diagonal(scale * DVec3::new(sign, 1.0, 1.0));
-    let translation = DVec3::from_array(std::array::from_fn(|_| random.within(-3.0..3.0)));
+    let translation = by * DVec3::from_array(std::array::from_fn(|_| random.within(-3.0..3.0)));
     DAffine3 { matrix3: linear, translation }
 }
 
-/// A pose in which every node is anywhere, but as mirrored as it is at rest.
+/// A pose in which the bodies are anywhere, as mirrored as they are at rest. Joints differ by so little that no mean of
+/// them turns a body inside out.
 fn pose(scene: &Scene, random: &mut Random) -> Pose {
     let mut pose = scene.motion.pose(0.0);
+    let whole = transform(random, 1.0, 1.0);
     for world in &mut pose.world_from_node {
-        *world = transform(random, world.matrix3.determinant().signum());
+        let sign = world.matrix3.determinant().signum();
+        *world = whole * transform(random, 0.2, 1.0) * DAffine3::from_scale(DVec3::new(sign, 1.0, 1.0));
     }
     let weight = |random: &mut Random| if random.chance(0.2) { 0.0 } else { random.within(-1.0..2.0) as f32 };
     pose.weights.iter_mut().flatten().for_each(|w| *w = weight(random));
