@@ -19,6 +19,9 @@ fn last_triangle(place: Placed) -> array<vec3<f32>, 3> {
         );
     }
     let tri = stored_triangle(place.row);
+    if !HAS_INSTANCES {
+        return array<vec3<f32>, 3>(tri.v0, tri.v1, tri.v2);
+    }
     let m = affine_at(place.instance + LAST_WORLD_FROM_LOCAL);
     return array<vec3<f32>, 3>(transform_point(m, tri.v0), transform_point(m, tri.v1), transform_point(m, tri.v2));
 }

@@ -84,10 +84,14 @@ fn seen_row(camera: &Camera, eye: &View, last: &View, at: DVec2, inverse_depth: 
 
 #[cfg(test)]
 mod tests {
+    use glam::{Affine3A, DQuat};
+
     use super::*;
     use crate::accel::Accel;
-    use crate::scene::builtin;
+    use crate::scene::motion::keys::{Interpolation, Keys};
+    use crate::scene::motion::{Animation, Body, Channel, Influence, Node, Placement, Skin, Target};
     use crate::scene::rig::{Eye, Rig, RigKey};
+    use crate::scene::{Instance, Scene, builtin};
 
     fn eyes(rig: &Rig, time_s: f64) -> [View; 2] {
         Eye::ALL.map(|eye| View::new(&rig.view(time_s, eye), 16.0 / 9.0))
@@ -129,6 +133,96 @@ mod tests {
             assert!(most <= bound, "{to} {turned}: {most} rows, bound {bound}");
             assert!(bound <= 2.0 * most + 3.0, "{to} {turned}: a bound of {bound} for {most} rows is of no use");
         }
+    }
+
+    /// Blocks, of which one has a joint for each of its sides, anywhere within a metre at either time.
+    fn moving_blocks(random: &mut impl FnMut() -> f64) -> Scene {
+        let mut scene = (builtin::find("cornell").unwrap().build)();
+        let mesh = scene.instances.last().unwrap().mesh;
+        let mut skinned = scene.meshes[mesh].clone();
+        let joint = |p: &Vec3| u16::from(p.x > scene.bounds().min.x + 1.0);
+        let influence = |p| Influence { joints: [joint(p); 8], weights: [1.0, 0., 0., 0., 0., 0., 0., 0.] };
+        skinned.influences = skinned.positions.iter().map(influence).collect();
+        scene.meshes.push(skinned);
+        let mut channels = Vec::new();
+        for node in 0..3 {
+            let rest = Placement::Parts { translation: DVec3::ZERO, rotation: DQuat::IDENTITY, scale: DVec3::ONE };
+            scene.motion.nodes.push(Node { name: String::new(), parent: None, rest });
+            let mut keys = |width: usize, by: f64| {
+                let values = (0..2 * width).map(|_| (by * (random() - 0.5)) as f32).collect();
+                Keys::new(vec![0.0, 1.0], values, width, Interpolation::Linear).unwrap()
+            };
+            channels.push(Channel { target: Target::Translation(node), keys: keys(3, 0.6) });
+            let target = Target::Rotation(node);
+            let mut turns = keys(4, 0.3).at(0.0);
+            turns.extend(keys(4, 0.3).at(0.0));
+            (turns[3], turns[7]) = (1.0, 1.0);
+            let turns = turns.iter().map(|v| *v as f32).collect();
+            channels
+                .push(Channel { target, keys: Keys::new(vec![0.0, 1.0], turns, 4, Interpolation::Linear).unwrap() });
+        }
+        scene.motion.animations.push(Animation { name: String::new(), channels, duration_s: 1.0 });
+        let inverse_bind = vec![Affine3A::IDENTITY; 2];
+        scene.motion.skins.push(Skin { joints: vec![1, 2], inverse_bind });
+        for (skin, mesh) in [(None, mesh), (Some(0), scene.meshes.len() - 1)] {
+            let instance = scene.instances.len();
+            scene.instances.push(Instance { mesh, world_from_local: Affine3A::IDENTITY });
+            scene.motion.bodies.push(Body { instance, node: 0, skin, weights: Vec::new() });
+        }
+        scene
+    }
+
+    #[test]
+    fn no_body_moves_by_more_rows_than_the_bound_says() {
+        let mut seed = 1u32;
+        let mut random = || {
+            seed = seed.wrapping_mul(0x915f_77f5).wrapping_add(0x6d2b_79f5);
+            f64::from(seed >> 8) / f64::from(1u32 << 24)
+        };
+        let (mut tight, mut bounded) = (0, 0);
+        for round in 0..40 {
+            let scene = moving_blocks(&mut random);
+            let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
+            let [now_s, last_s] = [random(), random()];
+            let last_s = now_s + (last_s - now_s) * if round % 2 == 0 { 0.1 } else { 0.4 };
+            let rig = rig(DVec3::new(random(), random(), random()) * 0.02, DVec3::ZERO);
+            let (now, before) = (eyes(&rig, 1.0), eyes(&rig, 0.0));
+            let camera = Camera { views: now, width: 320, height: 180, centre: glam::Vec2::splat(0.5) };
+            let bound = history_rows(&camera, &before, &tables, &tables.moved(now_s, last_s)).unwrap();
+            let still = history_rows(&camera, &before, &tables, &[]).unwrap();
+            let [is, was] = [now_s, last_s].map(|time_s| scene.at(time_s));
+            let mut most: f64 = 0.0;
+            for body in &scene.motion.bodies {
+                let corners = |scene: &Scene| -> Vec<DVec3> {
+                    let Instance { mesh, world_from_local } = scene.instances[body.instance];
+                    scene.meshes[mesh]
+                        .positions
+                        .iter()
+                        .map(|p| world_from_local.transform_point3(*p).as_dvec3())
+                        .collect()
+                };
+                for (p, q) in corners(&is).into_iter().zip(corners(&was)) {
+                    for (eye, last) in [(0, 0), (1, 1), (1, 0)] {
+                        let row = |view: &View, p: DVec3| {
+                            let v = p - view.origin.as_dvec3();
+                            let up = v.dot(view.up.as_dvec3()) / f64::from(view.tan_half_y);
+                            let right = v.dot(view.right.as_dvec3()) / f64::from(view.tan_half_x);
+                            let z = v.dot(view.forward.as_dvec3());
+                            (z > 0.0 && right.abs() < z && up.abs() < z).then_some((0.5 - 0.5 * up / z) * 180.0)
+                        };
+                        // Where it was need not be within the image.
+                        let Some(seen) = row(&camera.views[eye], p) else { continue };
+                        let wide = View { tan_half_x: 1e6, ..before[last] };
+                        most = row(&wide, q).map_or(most, |there| most.max((there - seen).abs()));
+                    }
+                }
+            }
+            let is_capped = bound == 180 / LARGEST_SHARE;
+            assert!(is_capped || most <= f64::from(bound), "{round}: {most} rows, bound {bound}");
+            bounded += usize::from(!is_capped);
+            tight += usize::from(!is_capped && most > f64::from(still));
+        }
+        assert!(bounded > 10 && tight > 3, "{bounded} of 40 have a bound, {tight} of them need that of the bodies");
     }
 
     #[test]

@@ -280,13 +280,15 @@ impl DeviceStages {
             if rows.is_empty() && !task.rows.is_empty() {
                 continue;
             }
+            // Kernels that change the scene do nothing without their arguments.
+            let is_idle = rows.is_empty() && kernel.scene == SceneUse::Write;
             let constants = PassConstants {
                 view: declared.view as u32,
                 row_begin: rows.start,
                 row_end: rows.end,
                 valid_begin: task.valid.start,
                 valid_end: task.valid.end,
-                args: run.args,
+                args: if is_idle { [0; 3] } else { run.args },
                 width: extent.width,
                 height: extent.height,
                 device: gpu.info.index as u32,

@@ -1,5 +1,6 @@
 //! The program as a user runs it: its commands, files, messages and exit statuses.
 
+mod animation;
 mod bad_input;
 mod bench;
 #[path = "../common/mod.rs"]

@@ -12,6 +12,7 @@ mod instances;
 mod kernels;
 mod lights;
 mod loss;
+mod moving;
 mod passes;
 #[path = "../reference/mod.rs"]
 mod reference;

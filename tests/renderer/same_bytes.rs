@@ -13,12 +13,12 @@ use diptych::scene::shot::Gaze;
 use diptych::schedule::{CostModel, Effort, Even, Heft, Measured, Policy, Static};
 use diptych::stages::{Foveation, Sampler};
 
-const WIDTH: u32 = 64;
-const HEIGHT: u32 = 72;
+pub const WIDTH: u32 = 64;
+pub const HEIGHT: u32 = 72;
 
 /// Every bit of both images.
 #[track_caller]
-fn assert_same(what: &str, expected: &Stereo<RgbImage>, found: &Stereo<RgbImage>) {
+pub fn assert_same(what: &str, expected: &Stereo<RgbImage>, found: &Stereo<RgbImage>) {
     for (eye, a, b) in [("left", &expected.left, &found.left), ("right", &expected.right, &found.right)] {
         assert_eq!(a.extent, b.extent);
         let differs = |i: &usize| a.pixels[*i].map(f32::to_bits) != b.pixels[*i].map(f32::to_bits);
@@ -41,7 +41,7 @@ fn assert_same(what: &str, expected: &Stereo<RgbImage>, found: &Stereo<RgbImage>
     assert!(lit(&expected.left) && lit(&expected.right), "{what}: there is nothing to see");
 }
 
-fn ratios(devices: usize, rules: &[&str]) -> Box<dyn Policy> {
+pub fn ratios(devices: usize, rules: &[&str]) -> Box<dyn Policy> {
     let rules: Vec<_> = rules.iter().map(|r| r.parse().unwrap()).collect();
     Box::new(Static::new(HEIGHT, devices, &rules).unwrap())
 }
@@ -65,8 +65,14 @@ fn two_three_and_four_devices_give_the_bytes_of_one() {
 }
 
 /// One policy per frame, in turn.
-struct Script {
+pub struct Script {
     frames: std::vec::IntoIter<Box<dyn Policy>>,
+}
+
+impl Script {
+    pub fn new(frames: Vec<Box<dyn Policy>>) -> Self {
+        Self { frames: frames.into_iter() }
+    }
 }
 
 impl Policy for Script {
@@ -90,7 +96,7 @@ fn uneven_and_empty_stripes_give_the_bytes_of_one_device() {
     let one = Stage::even(&subject, &settings, 1).frame(0).linear;
     let all = ["5,1,2", "1,0,1", "0,0,1", "1,70,1"];
     let script: Vec<_> = all.iter().map(|rules| ratios(3, &[rules])).collect();
-    let mut three = Stage::with(&subject, &settings, 3, Box::new(Script { frames: script.into_iter() }));
+    let mut three = Stage::with(&subject, &settings, 3, Box::new(Script::new(script)));
     for rules in all {
         assert_same(&format!("ratios {rules}"), &one, &three.frame(0).linear);
     }
@@ -173,7 +179,7 @@ fn hold_history_against_one_device(subject: &Subject) {
         settings.adapts_halo = false;
         settings.stages.frames_in_flight = in_flight;
         let script: Vec<_> = rules.iter().map(|rule| ratios(3, &[rule])).collect();
-        let script = Box::new(Script { frames: script.into_iter() });
+        let script = Box::new(Script::new(script));
         let three = Stage::with(subject, &settings, 3, script).frames_in_flight(&times_s);
         for (a, b) in one.iter().zip(&three) {
             assert_same(&format!("{}, {plan:?}, frame {}", subject.name, a.report.index), &a.linear, &b.linear);

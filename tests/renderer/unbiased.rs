@@ -1,7 +1,7 @@
 //! The renderer's mean is that of an independent path tracer, and more samples only make it quieter.
 
 use crate::common::{Stage, Subject, is_thorough, still_rig};
-use crate::reference::scenes::{lit, materials, matte};
+use crate::reference::scenes::{lit, materials, matte, moving};
 use crate::reference::ztest::{Estimate, assert_agrees, compare, mean_and_variance, verdict};
 use crate::reference::{Pinhole, Reference};
 use diptych::exec::RenderSettings;
@@ -72,6 +72,9 @@ const CARD: Effort =
 
 const THOROUGH_ROW: Effort = Effort { resolution: 0.01, ..THOROUGH };
 
+/// Frames of scenes that move, at a time when they do.
+const MOVING: Effort = Effort { reference_spp: 384, renders: [(Sampler::Sobol, 48), (Sampler::Pcg, 64)], ..ROW };
+
 /// What the left eye of the subject's rig sees, as the reference has it.
 fn pinhole(subject: &Subject) -> Pinhole {
     let view = subject.rig.view(0.0, Eye::Left);
@@ -85,24 +88,25 @@ fn pinhole(subject: &Subject) -> Pinhole {
 }
 
 /// The rigs' eyes coincide, so that both are renders of the same view, with random numbers of their own.
-fn renders(subject: &Subject, settings: &RenderSettings, frames: u32) -> Vec<RgbImage> {
+fn renders(subject: &Subject, time_s: f64, settings: &RenderSettings, frames: u32) -> Vec<RgbImage> {
     assert_eq!(subject.rig.baseline_m, 0.0);
     let mut stage = Stage::alone(subject, settings);
-    (0..frames).map(|i| stage.frame(i).linear).flat_map(|eyes| [eyes.left, eyes.right]).collect()
+    (0..frames).map(|i| stage.frame_at(time_s, i).linear).flat_map(|eyes| [eyes.left, eyes.right]).collect()
 }
 
 /// Light over up to max(`bounces`, 1) reflections. The reference counts one less.
-fn expected(subject: &Subject, bounces: u32, effort: &Effort) -> Estimate {
-    let reference = Reference::new(&subject.scene);
+fn expected(subject: &Subject, time_s: f64, bounces: u32, effort: &Effort) -> Estimate {
+    let scene = subject.scene.at(time_s);
+    let reference = Reference::new(&scene);
     reference.render(&pinhole(subject), effort.extent, effort.reference_spp, bounces.max(1) - 1, 1)
 }
 
 /// What speaks against the renderer's means being the reference's in the table's `row`.
-fn against(row: usize, subject: &Subject, effort: &Effort) -> Vec<String> {
+fn against(row: usize, (subject, time_s): (&Subject, f64), effort: &Effort) -> Vec<String> {
     let mut against = Vec::new();
     let turn = effort.takes_turns.then_some(row % effort.renders.len());
     for &bounces in effort.bounces {
-        let expected = expected(subject, bounces, effort);
+        let expected = expected(subject, time_s, bounces, effort);
         for (i, (sampler, spp)) in effort.renders.into_iter().enumerate() {
             if turn.is_some_and(|turn| turn != i) {
                 continue;
@@ -110,13 +114,13 @@ fn against(row: usize, subject: &Subject, effort: &Effort) -> Vec<String> {
             let mut settings = subject.settings(effort.extent.width, effort.extent.height);
             if !is_thorough() {
                 // The same shaders for all rows: drivers take longer to compile than rows to render.
-                settings.stages.needs = SceneNeeds { instances: false, ..SceneNeeds::ALL };
+                settings.stages.needs = SceneNeeds { instances: false, ..SceneNeeds::ALL }; // Tables add instances.
             }
             settings.bounces = bounces;
             settings.seed = 3 + bounces;
             settings.stages.sampler = sampler;
             settings.stages.spp = spp;
-            let found = mean_and_variance(&renders(subject, &settings, 4));
+            let found = mean_and_variance(&renders(subject, time_s, &settings, 4));
             let what = format!("{}, {bounces} reflections, {sampler:?}", subject.name);
             let report = compare(&expected, &found);
             println!("{what}\n{report}");
@@ -128,8 +132,14 @@ fn against(row: usize, subject: &Subject, effort: &Effort) -> Vec<String> {
 
 /// Looks at all of them before it fails.
 fn hold_against_the_reference(subjects: impl IntoIterator<Item = Subject>, effort: &Effort) {
+    hold_at(subjects.into_iter().map(|subject| (subject, 0.0)), effort);
+}
+
+/// As they are at these times.
+fn hold_at(subjects: impl IntoIterator<Item = (Subject, f64)>, effort: &Effort) {
     let rows = subjects.into_iter().enumerate();
-    let against: Vec<String> = rows.flat_map(|(row, subject)| against(row, &subject, effort)).collect();
+    let against: Vec<String> =
+        rows.flat_map(|(row, (subject, time_s))| against(row, (&subject, time_s), effort)).collect();
     assert!(against.is_empty(), "the images differ\n{}", against.join("\n"));
 }
 
@@ -164,6 +174,21 @@ fn emitters_with_alpha_or_a_coat_are_unbiased() {
 #[test]
 fn every_material_is_unbiased() {
     hold_against_the_reference(materials::ALL.map(|(_, scene)| subject(scene())), &ROW);
+}
+
+/// Tables that were brought to a time hold the scene of that time. Rows take turns in samplers and are of two times.
+#[test]
+fn scenes_that_move_are_unbiased_at_every_time() {
+    let scenes = [
+        (moving::skinned(), 0.8),
+        (moving::morphed(), 0.6),
+        (moving::rigid(), 1.4),
+        (moving::lights(), 0.7),
+        (moving::emissive(), 0.9),
+        (moving::switched(), 0.5),
+        (moving::switched(), 1.3),
+    ];
+    hold_at(scenes.map(|(scene, time_s)| (subject((scene, moving::camera())), time_s)), &MOVING);
 }
 
 #[test]
@@ -207,7 +232,7 @@ fn samples_of_a_frame_and_of_several_frames_have_one_mean() {
         settings.bounces = 2;
         settings.stages.sampler = Sampler::Pcg;
         settings.stages.spp = spp;
-        mean_and_variance(&renders(&subject, &settings, frames))
+        mean_and_variance(&renders(&subject, 0.0, &settings, frames))
     };
     // 100 samples make four batches, the last of them short.
     assert_agrees("100 x 8 and 2 x 200", &estimate(100, 4), &estimate(2, 200), QUICK.resolution);

@@ -1,6 +1,7 @@
 //! Finds what of a file moves, and bakes what is skinned or morphed but stands still.
 
 use std::collections::HashMap;
+use std::collections::hash_map::Entry;
 
 use ::gltf::json::Root;
 use ::gltf::json::scene::Node as JsonNode;
@@ -149,8 +150,8 @@ impl<'a, 'b> Plan<'a, 'b> {
                 skin = None;
             }
             if let Some(number) = skin {
-                if !known.contains_key(&number) {
-                    known.insert(number, skins::read(self.buffers, number, &self.places).within(within)?);
+                if let Entry::Vacant(new) = known.entry(number) {
+                    new.insert(skins::read(self.buffers, number, &self.places).within(within)?);
                 }
                 let named = mesh.influences.iter().flat_map(|i| i.joints).max().map_or(0, usize::from);
                 let most = *most_joint.entry(index).or_insert(named);

@@ -3,6 +3,7 @@
 pub mod lit;
 pub mod materials;
 pub mod matte;
+pub mod moving;
 mod pictures;
 pub mod studio;
 

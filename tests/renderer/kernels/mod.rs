@@ -18,6 +18,7 @@ mod edges;
 mod foveation;
 mod harness;
 mod inputs;
+mod moving;
 mod over_frames;
 mod pack;
 mod packed_on_device;

@@ -10,7 +10,7 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 
 use diptych::device::GpuDevice;
 use diptych::device::SceneAccess;
-use diptych::stages::layout::PassConstants;
+use diptych::stages::layout::{Frame, PassConstants};
 use diptych::stages::shader_text_of;
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
@@ -67,14 +67,9 @@ impl Kernel {
     /// Dispatches `columns` invocations for every row of the stripe that `pass` names. The pass's grid is the frame.
     pub fn run(&self, constants: &Constants, pass: PassConstants, columns: u32, buffers: &[(&str, Buffer)]) -> Outputs {
         let pass = PassConstants { width: constants.width, height: constants.height, ..pass };
-        let mut bench = bench().lock().unwrap_or_else(PoisonError::into_inner);
-        let key = (self.source.clone(), self.overrides.clone());
-        if !bench.compiled.contains_key(&key) {
-            let new = self.compile(&bench.gpu);
-            bench.compiled.insert(key.clone(), new);
-        }
-        let outputs = self.dispatch(&bench.gpu, &bench.compiled[&key], constants, pass, columns, buffers);
-        drop(bench);
+        let rows = pass.row_end - pass.row_begin;
+        let groups = [columns.div_ceil(TILE), rows.div_ceil(TILE)];
+        let outputs = self.run_groups(&constants.bytes(), pass, groups, buffers);
         for (name, buffer) in buffers {
             if let (Buffer::Image(before), Some(after)) = (buffer, outputs.0.get(*name)) {
                 let row = before.len() / constants.height as usize;
@@ -86,6 +81,27 @@ impl Kernel {
         outputs
     }
 
+    /// Dispatches so many workgroups of a pass that has no rows.
+    pub fn run_once(&self, frame: &Frame, args: [u32; 3], groups: [u32; 2], buffers: &[(&str, Buffer)]) -> Outputs {
+        self.run_groups(bytemuck::bytes_of(frame), PassConstants { args, ..Default::default() }, groups, buffers)
+    }
+
+    fn run_groups(
+        &self,
+        constants: &[u8],
+        pass: PassConstants,
+        groups: [u32; 2],
+        buffers: &[(&str, Buffer)],
+    ) -> Outputs {
+        let mut bench = bench().lock().unwrap_or_else(PoisonError::into_inner);
+        let key = (self.source.clone(), self.overrides.clone());
+        if !bench.compiled.contains_key(&key) {
+            let new = self.compile(&bench.gpu);
+            bench.compiled.insert(key.clone(), new);
+        }
+        self.dispatch(&bench.gpu, &bench.compiled[&key], constants, pass, groups, buffers)
+    }
+
     fn compile(&self, gpu: &GpuDevice) -> Compiled {
         let module = naga::front::wgsl::parse_str(&self.source)
             .unwrap_or_else(|e| panic!("{}: {}", self.name, e.emit_to_string(&self.source)));
@@ -93,7 +109,7 @@ impl Kernel {
         let given: Vec<_> = self.overrides.iter().map(|&(name, _)| name).collect();
         assert_same_names(&format!("{}: override constants", self.name), &declared, &given);
         let mut bindings: Vec<_> = module.global_variables.iter().filter_map(|(_, v)| binding(v)).collect();
-        bindings.sort_by_key(|b| b.number);
+        bindings.sort_by_key(|b| (b.group, b.number));
         let (device, label) = (&gpu.device, Some(self.name));
         let module = device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label,
@@ -101,8 +117,9 @@ impl Kernel {
         });
         let group =
             |entries: &[_]| device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries });
-        let constants = group(&[layout_entry(0, Kind::Uniform)]);
-        let buffers = group(&bindings.iter().map(|b| layout_entry(b.number, b.kind)).collect::<Vec<_>>());
+        let entries = |group| bindings.iter().filter(move |b| b.group == group).map(|b| layout_entry(b.number, b.kind));
+        let constants = group(&std::iter::once(layout_entry(0, Kind::Uniform)).chain(entries(0)).collect::<Vec<_>>());
+        let buffers = group(&entries(1).collect::<Vec<_>>());
         let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label,
             bind_group_layouts: &[Some(&constants), Some(&buffers)],
@@ -125,9 +142,9 @@ impl Kernel {
         &self,
         gpu: &GpuDevice,
         compiled: &Compiled,
-        constants: &Constants,
+        constants: &[u8],
         pass: PassConstants,
-        columns: u32,
+        [across, down]: [u32; 2],
         buffers: &[(&str, Buffer)],
     ) -> Outputs {
         let declared: Vec<_> = compiled.bindings.iter().map(|b| b.name.as_str()).collect();
@@ -137,7 +154,7 @@ impl Kernel {
         let made = |contents: &[u8], usage| {
             device.create_buffer_init(&BufferInitDescriptor { label: Some(self.name), contents, usage })
         };
-        let uniform = made(&constants.bytes(), wgpu::BufferUsages::UNIFORM);
+        let uniform = made(constants, wgpu::BufferUsages::UNIFORM);
         let bound: Vec<_> = (compiled.bindings.iter())
             .map(|binding| {
                 let bytes = buffers.iter().find(|(name, _)| *name == binding.name).map(|(_, b)| b.bytes());
@@ -152,8 +169,9 @@ impl Kernel {
             let layout = &compiled.pipeline.get_bind_group_layout(index);
             device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(self.name), layout, entries })
         };
-        let frame_group = group(0, &[entry(0, &uniform)]);
-        let buffer_group = group(1, &bound.iter().map(|(b, buffer)| entry(b.number, buffer)).collect::<Vec<_>>());
+        let of = |group| bound.iter().filter(move |(b, _)| b.group == group).map(|(b, buffer)| entry(b.number, buffer));
+        let frame_group = group(0, &std::iter::once(entry(0, &uniform)).chain(of(0)).collect::<Vec<_>>());
+        let buffer_group = group(1, &of(1).collect::<Vec<_>>());
         let mut encoder = device.create_command_encoder(&Default::default());
         {
             let mut compute = encoder.begin_compute_pass(&Default::default());
@@ -161,8 +179,7 @@ impl Kernel {
             compute.set_bind_group(0, &frame_group, &[]);
             compute.set_bind_group(1, &buffer_group, &[]);
             compute.set_immediates(0, bytemuck::bytes_of(&pass));
-            let rows = pass.row_end - pass.row_begin;
-            compute.dispatch_workgroups(columns.div_ceil(TILE), rows.div_ceil(TILE), 1);
+            compute.dispatch_workgroups(across, down, 1);
         }
         let read: Vec<_> = (bound.iter().filter(|(binding, _)| binding.kind == Kind::Write))
             .map(|(binding, buffer)| {

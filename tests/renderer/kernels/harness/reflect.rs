@@ -9,10 +9,11 @@ pub enum Kind {
     Write,
 }
 
-/// A binding of group 1, as the shader declares it.
+/// A binding of group 1, or the scene's tables where a shader changes them, as it declares them.
 #[derive(Clone)]
 pub struct Binding {
     pub name: String,
+    pub group: u32,
     pub number: u32,
     pub kind: Kind,
 }
@@ -27,9 +28,10 @@ pub fn assert_same_names(what: &str, declared: &[&str], given: &[&str]) {
     );
 }
 
-/// None unless it is of group 1.
+/// None unless it is of group 1 or the shader writes it.
 pub fn binding(variable: &naga::GlobalVariable) -> Option<Binding> {
-    let place = variable.binding.filter(|b| b.group == 1)?;
+    let stores = |space| matches!(space, AddressSpace::Storage { access } if access.contains(StorageAccess::STORE));
+    let place = variable.binding.filter(|b| b.group == 1 || stores(variable.space))?;
     let name = variable.name.clone()?;
     let kind = match variable.space {
         AddressSpace::Uniform => Kind::Uniform,
@@ -37,7 +39,7 @@ pub fn binding(variable: &naga::GlobalVariable) -> Option<Binding> {
         AddressSpace::Storage { .. } => Kind::Read,
         other => panic!("'{name}' is in {other:?}, which the harness does not bind"),
     };
-    Some(Binding { name, number: place.binding, kind })
+    Some(Binding { name, group: place.group, number: place.binding, kind })
 }
 
 pub fn layout_entry(binding: u32, kind: Kind) -> wgpu::BindGroupLayoutEntry {

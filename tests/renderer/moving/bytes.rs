@@ -1,0 +1,126 @@
+//! Every device moves the scene by itself, and all of them alike.
+
+use crate::common::{Frame, Stage, all_cores, devices};
+use crate::reference::scenes::moving;
+use crate::same_bytes::{HEIGHT, Script, WIDTH, assert_same, ratios};
+use diptych::device::Tables;
+use diptych::exec::{InjectedFaults, RenderSettings};
+use diptych::graph::{HaloPlan, Seam};
+use diptych::quality::Denoiser;
+use diptych::scene::motion::{Attached, Motion};
+use diptych::schedule::{Even, Measured, Policy};
+
+use super::watched;
+
+const FRAMES: usize = 6;
+
+/// From 0.1 on, so that the lamp of the scene has switched after the first frames.
+fn times_s() -> Vec<f64> {
+    (0..FRAMES).map(|i| 0.1 + i as f64 * 0.015).collect()
+}
+
+#[track_caller]
+fn assert_all_same(what: &str, expected: &[Frame], found: &[Frame]) {
+    assert_eq!(expected.len(), found.len());
+    for (a, b) in expected.iter().zip(found) {
+        assert_same(&format!("{what}, frame {}", a.report.index), &a.linear, &b.linear);
+    }
+}
+
+#[test]
+fn moving_scenes_have_the_bytes_of_one_device_on_ragged_stripes_that_move() {
+    let subject = watched(moving::everything());
+    let mut settings = subject.accumulated(WIDTH, HEIGHT);
+    let times_s = times_s();
+    let one = Stage::with(&subject, &settings, 1, Box::new(Measured::new(HEIGHT, 1))).frames_in_flight(&times_s);
+    assert!(one.windows(2).all(|w| w[0].linear.left != w[1].linear.left), "nothing moves");
+    let history: Vec<_> = one.iter().map(|f| f.report.spec.history_rows).collect();
+    assert!(history[0].is_none() && history[1..].iter().all(Option::is_some), "{history:?}");
+    let fresh = Stage::even(&subject, &settings, 1).frame_at(times_s[5], 5).linear;
+    assert!(one[5].linear.left != fresh.left && one[5].linear.right != fresh.right, "history changes nothing");
+
+    let rules = ["1,1,1", "5,1,2", "1,0,1", "1,2,9", "1,2,9", "atrous.left=1,9,1"];
+    let script: Vec<_> = rules.iter().map(|rule| ratios(3, &[rule])).collect();
+    let measured = |devices| -> Box<dyn Policy> { Box::new(Measured::new(HEIGHT, devices)) };
+    let script: Box<dyn Policy> = Box::new(Script::new(script));
+    for (devices, in_flight, policy, plan) in [
+        (3, 3, script, HaloPlan::EXCHANGE),
+        (2, 2, measured(2), HaloPlan::RECOMPUTE),
+        (4, 1, measured(4), HaloPlan::RECOMPUTE),
+    ] {
+        (settings.seam, settings.adapts_halo) = (Seam::Halo(plan), false);
+        settings.stages.frames_in_flight = in_flight;
+        let found = Stage::with(&subject, &settings, devices, policy).frames_in_flight(&times_s);
+        assert_all_same(&format!("{devices} devices, {in_flight} in flight"), &one, &found);
+    }
+}
+
+/// The scene is where it is at the frame's time, however often the frame is begun.
+#[test]
+fn moving_scenes_keep_their_bytes_when_a_device_is_lost() {
+    let subject = watched(moving::everything());
+    let mut settings = subject.denoised(WIDTH, HEIGHT);
+    let times_s = times_s();
+    let expected = Stage::alone(&subject, &settings).frames_in_flight(&times_s);
+    for in_flight in [1, 3] {
+        settings.stages.frames_in_flight = in_flight;
+        let mut three = Stage::with(&subject, &settings, 3, Box::new(Measured::new(HEIGHT, 3)));
+        let injections = vec!["loss:dev1@frame3".parse().unwrap()];
+        three.renderer().set_injected_faults(InjectedFaults { injections, slowdown: Vec::new() });
+        let found = three.frames_in_flight(&times_s);
+        assert_eq!(three.renderer().faults().len(), 1);
+        assert_all_same(&format!("{in_flight} in flight"), &expected, &found);
+    }
+}
+
+/// As GPUs read and write them, and as lavapipe does.
+#[test]
+fn tables_that_change_in_a_buffer_or_in_a_texture_give_the_same_bytes() {
+    let subject = watched(moving::everything());
+    let settings = subject.accumulated(WIDTH, HEIGHT);
+    let render = |tables| {
+        let mut gpus = devices(1, all_cores());
+        gpus[0].quirks.tables = tables;
+        gpus[0].pipelines.clear();
+        let mut stage = Stage::on(gpus, &subject, &settings, Box::new(Even::new(HEIGHT, 1)));
+        let frames = times_s()[..3].iter().zip(0..).map(|(t, i)| stage.frame_at(*t, i)).collect::<Vec<_>>();
+        stage.into_devices();
+        frames
+    };
+    assert_all_same("a texture", &render(Tables::Buffer), &render(Tables::Texture));
+}
+
+fn frames(scene: diptych::scene::Scene, change: impl Fn(&mut RenderSettings)) -> Vec<Frame> {
+    let subject = watched(scene);
+    let mut settings = subject.accumulated(WIDTH, HEIGHT);
+    change(&mut settings);
+    let mut stage = Stage::alone(&subject, &settings);
+    (0..3).map(|i| stage.frame_at(0.1 * f64::from(i), i)).collect()
+}
+
+fn stages(frame: &Frame) -> Vec<&'static str> {
+    let names = frame.report.program.passes().iter().map(|linked| linked.pass.stage.0);
+    names.filter(|name| ["skin", "refit", "motion"].contains(name)).collect()
+}
+
+/// Also where passes look whether anything has moved, and nothing has.
+#[test]
+fn what_stands_still_has_no_pass_for_what_moves_and_the_bytes_of_what_could_move() {
+    let scene = moving::lights();
+    let still = frames(scene.at(0.0), |_| {});
+    assert!(still.iter().all(|frame| stages(frame).is_empty()), "{:?}", stages(&still[0]));
+    // All nodes are at rest; no light is anywhere else.
+    let mut could = scene.at(0.0);
+    let nodes = scene.motion.nodes.clone();
+    could.motion = Motion { nodes, lights: vec![Attached { index: 0, node: 0 }], ..Motion::default() };
+    let translation = glam::dvec3(-1.0, 1.5, 0.8);
+    could.motion.nodes[0].rest =
+        diptych::scene::motion::Placement::Matrix(glam::DAffine3::from_translation(translation));
+    let moving = frames(could.clone(), |_| {});
+    assert!(moving.iter().all(|frame| stages(frame) == ["motion"; 2]), "{:?}", stages(&moving[0]));
+    assert_all_same("lights that could move", &still, &moving);
+    let unfiltered = frames(could, |settings| settings.stages.filter = Some(Denoiser::Atrous));
+    assert!(unfiltered.iter().all(|frame| stages(frame).is_empty()), "nothing reads where surfaces were");
+    let deforming = frames(moving::skinned(), |_| {});
+    assert!(deforming.iter().all(|frame| stages(frame)[..2] == ["skin", "refit"]), "{:?}", stages(&deforming[0]));
+}

@@ -1,0 +1,115 @@
+//! What moves keeps its history.
+
+use crate::common::{Stage, Subject, is_thorough};
+use crate::reference::scenes::moving::{self, Draft};
+use crate::reference::scenes::{add_material, add_matte, add_mesh, instance, matte, place, quad};
+use diptych::exec::{RenderSettings, Stereo};
+use diptych::image::RgbImage;
+use diptych::passes::Aov;
+use diptych::scene::{Material, Scene};
+use glam::{Affine3A, DVec3, Vec3};
+
+use super::watched;
+
+const WIDTH: u32 = 96;
+const HEIGHT: u32 = 64;
+const FPS: f64 = 72.0;
+const FRAMES: u32 = 16;
+
+/// A board that moves by a pixel and a half a frame beside one that stands, before a wall far behind. A lamp that is as long
+/// as any way lights both alike wherever they are, and has much noise.
+fn boards() -> Scene {
+    let mut draft = Draft::new("boards");
+    let grey = add_matte(&mut draft.scene, Vec3::splat(0.6));
+    let lamp = add_material(&mut draft.scene, Material { emissive: Vec3::splat(3.0), ..matte() });
+    place(&mut draft.scene, quad(Vec3::new(-9.0, 0.0, -6.0), Vec3::X * 18.0, Vec3::Y * 6.0, grey));
+    place(&mut draft.scene, quad(Vec3::new(-30.0, 3.2, 0.5), Vec3::X * 60.0, Vec3::Z * 2.0, lamp));
+    let mesh = add_mesh(&mut draft.scene, quad(Vec3::new(-0.5, -0.5, 0.0), Vec3::X, Vec3::Y, grey));
+    instance(&mut draft.scene, mesh, Affine3A::from_translation(Vec3::new(0.9, 0.9, Z)));
+    let node = draft.node(None, DVec3::ZERO, DVec3::ONE);
+    draft.shift(node, Vec3::new(-1.4, 0.9, Z), Vec3::new(3.0, 0.9, Z));
+    draft.body(mesh, node, None, Vec::new());
+    draft.done()
+}
+
+/// Where the boards are.
+const Z: f32 = 0.3;
+
+/// Square error over square radiance of the left eye, over these pixels.
+fn error(right: &Stereo<RgbImage>, found: &Stereo<RgbImage>, pixels: &[usize]) -> f64 {
+    let mut sums = [0.0f64; 2];
+    for &p in pixels {
+        for (x, y) in right.left.pixels[p].iter().zip(&found.left.pixels[p]) {
+            sums[0] += f64::from(x - y).powi(2);
+            sums[1] += f64::from(*x).powi(2);
+        }
+    }
+    sums[0] / sums[1]
+}
+
+fn reference(subject: &Subject, time_s: f64, spp: u32) -> Stereo<RgbImage> {
+    let mut settings = subject.settings(WIDTH, HEIGHT);
+    (settings.seed, settings.stages.spp) = (99, spp);
+    settings.bounces = 2;
+    Stage::alone(subject, &settings).frame_at(time_s, 0).linear
+}
+
+/// The last of some frames, and the pixels of it that are on the board that moves and on the other, not at their borders.
+fn arrived(subject: &Subject, begins_anew: bool) -> (Stereo<RgbImage>, [Vec<usize>; 2]) {
+    let mut settings = RenderSettings { bounces: 2, ..subject.accumulated(WIDTH, HEIGHT) };
+    settings.stages.aovs = vec![Aov::Motion, Aov::Position];
+    let mut stage = Stage::alone(subject, &settings);
+    let mut last = None;
+    for i in 0..FRAMES {
+        if begins_anew {
+            stage.renderer().begin_anew();
+        }
+        last = Some(stage.frame_at(f64::from(i) / FPS, i).linear);
+    }
+    let (motion, position) = (stage.aov(0).left, stage.aov(1).left);
+    let is_on =
+        |p: usize, moves: bool| (position[2][p] - Z).abs() < 1e-3 && (motion[0][p].hypot(motion[1][p]) > 0.2) == moves;
+    let (width, height) = (WIDTH as usize, HEIGHT as usize);
+    let is_inside = |p: usize, moves: bool| {
+        let (x, y) = (p % width, p / width);
+        let near = || (y - 2..y + 3).flat_map(|y| (x - 2..x + 3).map(move |x| x + y * width));
+        (2..width - 2).contains(&x) && (2..height - 2).contains(&y) && near().all(|p| is_on(p, moves))
+    };
+    (last.unwrap(), [true, false].map(|moves| (0..width * height).filter(|p| is_inside(*p, moves)).collect()))
+}
+
+#[test]
+fn surfaces_that_move_keep_their_history() {
+    let subject = watched(boards());
+    let right = reference(&subject, f64::from(FRAMES - 1) / FPS, if is_thorough() { 2048 } else { 512 });
+    let (kept, pixels) = arrived(&subject, false);
+    let (anew, _) = arrived(&subject, true);
+    let [moving, still] = [0, 1].map(|i| error(&right, &kept, &pixels[i]));
+    let [moving_anew, still_anew] = [0, 1].map(|i| error(&right, &anew, &pixels[i]));
+    let counts = pixels.each_ref().map(Vec::len);
+    println!("{counts:?} pixels: {moving:.6} moving, {still:.6} still; {moving_anew:.6}, {still_anew:.6} anew");
+    assert!(counts.iter().all(|count| *count > 150), "{counts:?} pixels");
+    assert!(moving < 1.5 * still, "{moving} where the board moves, {still} where it stands");
+    assert!(moving < 0.5 * moving_anew, "{moving} is not much less than {moving_anew} without history");
+}
+
+/// How bright the frames after a switch are beside what is right.
+#[test]
+fn a_light_that_switches_is_seen_within_four_frames() {
+    let subject = watched(moving::switched());
+    let settings = RenderSettings { bounces: 2, ..subject.accumulated(WIDTH, HEIGHT) };
+    let mut stage = Stage::alone(&subject, &settings);
+    let mean = |image: &Stereo<RgbImage>| {
+        image.left.pixels.iter().flatten().map(|v| f64::from(*v)).sum::<f64>() / image.left.pixels.len() as f64
+    };
+    const BEFORE: u32 = 16;
+    let time_s = |i: u32| moving::SWITCH_S + (f64::from(i) - f64::from(BEFORE)) / FPS;
+    let frames: Vec<f64> = (0..BEFORE + 8).map(|i| mean(&stage.frame_at(time_s(i) + 1e-4, i).linear)).collect();
+    drop(stage);
+    let [dark, lit] = [0.5, 1.5].map(|time_s| mean(&reference(&subject, time_s, 64)));
+    let of_lit: Vec<f64> = frames[BEFORE as usize..].iter().map(|mean| mean / lit).collect();
+    println!("dark {:.4} of lit; after the switch {of_lit:.3?}", dark / lit);
+    assert!(dark < 0.5 * lit);
+    assert!((frames[BEFORE as usize - 1] / dark - 1.0).abs() < 0.05, "before: {} of what is right", frames[15] / dark);
+    assert!((of_lit[3] - 1.0).abs() < 0.1, "after four frames {:.3} of what is right", of_lit[3]);
+}

@@ -1,0 +1,66 @@
+//! A moving scene at a time is the still scene of that time.
+
+use crate::common::{Stage, Subject};
+use crate::reference::scenes::moving;
+use crate::reference::scenes::{add_matte, add_mesh};
+use diptych::metrics;
+use diptych::scene::Scene;
+use glam::{DVec3, Vec3};
+
+use super::watched;
+
+const WIDTH: u32 = 96;
+const HEIGHT: u32 = 64;
+
+/// Least of both eyes, dB, beside the still scene of that instant made anew; random numbers are the same.
+fn psnr(stage: &mut Stage, subject: &Subject, time_s: f64, spp: u32) -> f64 {
+    let found = stage.frame_at(time_s, 5).linear;
+    let twin = watched(subject.scene.at(time_s));
+    let mut settings = twin.settings(WIDTH, HEIGHT);
+    settings.stages.spp = spp;
+    let expected = Stage::alone(&twin, &settings).frame(5).linear;
+    let eyes = [(expected.left, found.left), (expected.right, found.right)];
+    eyes.map(|(a, b)| metrics::compare(&a, &b).unwrap().psnr).into_iter().fold(f64::INFINITY, f64::min)
+}
+
+#[track_caller]
+fn hold_against_twins(scene: Scene, times_s: &[f64], spp: u32, least_db: f64) {
+    let subject = watched(scene);
+    let mut settings = subject.settings(WIDTH, HEIGHT);
+    settings.stages.spp = spp;
+    let mut stage = Stage::alone(&subject, &settings);
+    let found: Vec<f64> = times_s.iter().map(|&time_s| psnr(&mut stage, &subject, time_s, spp)).collect();
+    println!("{}: {found:.1?} dB", subject.name);
+    assert!(found.iter().all(|db| *db >= least_db), "{}: {found:.1?} dB at {times_s:?} s", subject.name);
+}
+
+#[test]
+fn what_deforms_is_the_still_scene_of_its_instant() {
+    hold_against_twins(moving::skinned(), &[0.0, 0.9], 16, 60.0);
+    hold_against_twins(moving::morphed(), &[0.7], 16, 60.0);
+}
+
+/// Also one that is scaled to nothing for a while, and comes back in another size.
+#[test]
+fn what_moves_rigidly_is_the_still_scene_of_its_instant() {
+    hold_against_twins(moving::rigid(), &[0.3, 1.0, 1.5], 16, 60.0);
+}
+
+#[test]
+fn lights_that_move_or_switch_are_those_of_their_instant() {
+    hold_against_twins(moving::lights(), &[0.0, 0.8], 16, 60.0);
+    // While a lamp is dark, its twin has one light less, and draws others.
+    hold_against_twins(moving::switched(), &[1.2], 16, 60.0);
+}
+
+/// More of them than invocations in a row.
+#[test]
+fn tens_of_thousands_of_triangles_that_deform_are_all_moved() {
+    let mut draft = moving::Draft::room("many triangles");
+    let red = add_matte(&mut draft.scene, Vec3::new(0.8, 0.4, 0.3));
+    let mesh = add_mesh(&mut draft.scene, moving::patch(185, red));
+    moving::add_patch(&mut draft, mesh, DVec3::Y);
+    let scene = draft.done();
+    assert!(scene.meshes[mesh].triangles.len() > diptych::accel::COLUMNS as usize);
+    hold_against_twins(scene, &[0.8], 4, 60.0);
+}
