@@ -2,11 +2,11 @@
 
 use std::sync::Arc;
 
-use super::super::{AlphaMode, Instance, Material, Mesh, Scene, TexelImage, Texture, TextureRef, Wrap};
+use super::super::{AlphaMode, Instance, Light, Material, Mesh, Scene, TexelImage, Texture, TextureRef, Wrap};
 use super::geometry::Surface;
 use glam::{Affine3A, Vec3};
 
-/// A scene under construction. Lights and environment are left to its shot.
+/// A scene under construction. The environment and lights that stand still are left to its shot.
 pub struct Assembly {
     scene: Scene,
 }
@@ -40,7 +40,19 @@ impl Assembly {
     }
 
     pub fn place(&mut self, mesh: usize, world_from_local: Affine3A) {
+        self.instance(mesh, world_from_local);
+    }
+
+    /// Places a mesh; the instance's index.
+    pub fn instance(&mut self, mesh: usize, world_from_local: Affine3A) -> usize {
         self.scene.instances.push(Instance { mesh, world_from_local });
+        self.scene.instances.len() - 1
+    }
+
+    /// A light that moves; its index.
+    pub fn light(&mut self, light: Light) -> usize {
+        self.scene.lights.push(light);
+        self.scene.lights.len() - 1
     }
 
     pub fn place_all<'a>(&mut self, mesh: usize, places: impl IntoIterator<Item = &'a Affine3A>) {

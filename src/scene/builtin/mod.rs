@@ -1,7 +1,7 @@
 //! Scenes made by this crate, so that there is always something to look at, measure and test with.
 //!
-//! A built-in scene holds geometry and materials only; its default shot, in the repository's `scenes/`, adds
-//! camera, lights and environment. Building one gives the same bits every time and everywhere.
+//! A built-in scene holds geometry, materials and what moves; its default shot, in the repository's `scenes/`, adds
+//! camera, environment and lights that stand still. Building one gives the same bits every time and everywhere.
 
 mod assembly;
 mod atrium;
@@ -12,6 +12,7 @@ mod furnace;
 mod geometry;
 mod maths;
 mod shapes;
+mod studio;
 mod texels;
 mod towers;
 
@@ -62,6 +63,12 @@ pub const BUILTINS: &[Builtin] = &[
         about: "spheres of known albedo in an environment of radiance 1",
         shot: include_str!("../../../scenes/furnace.toml"),
         build: furnace::build,
+    },
+    Builtin {
+        name: "studio",
+        about: "a room in which a figure walks, lamps swing, a fan turns, a banner waves and a sign goes out",
+        shot: include_str!("../../../scenes/studio.toml"),
+        build: studio::build,
     },
     Builtin {
         name: "towers",

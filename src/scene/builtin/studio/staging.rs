@@ -1,0 +1,91 @@
+//! Puts together what moves: nodes, what hangs on them, and the channels of one looping animation.
+
+use glam::{Affine3A, DQuat, DVec3};
+
+use super::super::super::Scene;
+use super::super::super::motion::keys::{Interpolation, Keys};
+use super::super::super::motion::{Animation, Body, Channel, Motion, Node, Placement, Skin, Target};
+use super::super::assembly::Assembly;
+use super::super::maths::sin_cos;
+
+/// After this the animation begins anew, seconds.
+pub const PERIOD_S: f64 = 4.0;
+
+/// A scene under construction of which something moves.
+pub struct Staging {
+    pub still: Assembly,
+    pub motion: Motion,
+    channels: Vec<Channel>,
+}
+
+impl Staging {
+    pub fn new(name: &str) -> Self {
+        let motion = Motion { loops: true, ..Motion::default() };
+        Self { still: Assembly::new(name), motion, channels: Vec::new() }
+    }
+
+    /// A node at that place in its parent.
+    pub fn node(&mut self, name: &str, parent: Option<usize>, translation: DVec3, rotation: DQuat) -> usize {
+        let rest = Placement::Parts { translation, rotation, scale: DVec3::ONE };
+        self.motion.nodes.push(Node { name: name.to_owned(), parent, rest });
+        self.motion.nodes.len() - 1
+    }
+
+    /// Lets a mesh follow a node.
+    pub fn hang(&mut self, mesh: usize, node: usize) {
+        self.body(mesh, node, None, Vec::new());
+    }
+
+    /// Lets joints move a mesh, given with their positions in it.
+    pub fn dress(&mut self, mesh: usize, joints: Vec<usize>, positions: &[DVec3]) {
+        let inverse_bind = positions.iter().map(|p| Affine3A::from_translation(-p.as_vec3())).collect();
+        let node = joints.first().copied().unwrap_or(0);
+        self.motion.skins.push(Skin { joints, inverse_bind });
+        self.body(mesh, node, Some(self.motion.skins.len() - 1), Vec::new());
+    }
+
+    pub fn body(&mut self, mesh: usize, node: usize, skin: Option<usize>, weights: Vec<f32>) {
+        let instance = self.still.instance(mesh, Affine3A::IDENTITY);
+        self.motion.bodies.push(Body { instance, node, skin, weights });
+    }
+
+    /// A channel with keys at equal steps, linear between them; `of` is given seconds below the period.
+    pub fn sampled<const N: usize>(&mut self, target: Target, steps: u32, of: impl Fn(f64) -> [f64; N]) {
+        let time_s = |step: u32| PERIOD_S * f64::from(step) / f64::from(steps);
+        let times = (0..=steps).map(time_s).collect();
+        let values = (0..=steps).flat_map(|step| of(time_s(step % steps))).collect();
+        self.channel(target, N, times, values, Interpolation::Linear);
+    }
+
+    /// A channel of one number that jumps to each key's value.
+    pub fn switched(&mut self, target: Target, times_s: &[f64], values: &[f64]) {
+        self.channel(target, 1, times_s.to_vec(), values.to_vec(), Interpolation::Step);
+    }
+
+    fn channel(&mut self, target: Target, width: usize, times: Vec<f64>, values: Vec<f64>, kind: Interpolation) {
+        let [times, values] = [times, values].map(|list| list.into_iter().map(|v| v as f32).collect());
+        self.channels.extend(Keys::new(times, values, width, kind).ok().map(|keys| Channel { target, keys }));
+    }
+
+    /// The scene as it is at the start, with its motion.
+    pub fn finish(self) -> Scene {
+        let Self { still, mut motion, channels } = self;
+        let mut scene = still.finish();
+        motion.animations.push(Animation { name: scene.name.clone(), channels, duration_s: PERIOD_S });
+        motion.place(&motion.pose(0.0), &mut scene);
+        scene.motion = motion;
+        scene
+    }
+}
+
+/// Sine and cosine of so many full turns.
+pub fn wave(turns: f64) -> (f64, f64) {
+    let (sin, cos) = sin_cos((turns.fract() * std::f64::consts::TAU) as f32);
+    (sin.into(), cos.into())
+}
+
+/// A turn about an axis of unit length.
+pub fn turned(axis: DVec3, angle_rad: f64) -> DQuat {
+    let (sin, cos) = wave(angle_rad / (2.0 * std::f64::consts::TAU));
+    DQuat::from_xyzw(axis.x * sin, axis.y * sin, axis.z * sin, cos).normalize()
+}

@@ -1,0 +1,135 @@
+//! A walk around a circle. Feet stay where they are put down; the angles of hips and knees follow from the places of hips
+//! and ankles by the law of cosines, and those of the upper body swing against the legs.
+
+use glam::{DMat3, DQuat, DVec3};
+
+use super::figure::{ANKLE, ARMS, CHEST, HEAD, JOINTS, LEGS, PELVIS, SPINE};
+use super::staging::{PERIOD_S, turned, wave};
+use std::f64::consts::TAU;
+
+/// Middle and radius of the circle, metres.
+pub const MIDDLE: DVec3 = DVec3::new(-0.1, 0.0, 0.25);
+pub const RADIUS: f64 = 0.75;
+
+/// Pairs of steps in a round.
+const CYCLES: f64 = 5.0;
+
+/// Share of a cycle in which a foot is on the floor.
+const STANCE: f64 = 0.6;
+
+/// How much lower hips are than those of somebody who stands, metres.
+const STOOP: f64 = 0.05;
+
+/// Where a foot touches the floor when its heel is up, and when its toes are, from the ankle along the foot; metres.
+const TOES: f64 = 0.17;
+const HEEL: f64 = -0.05;
+
+/// From the line of the walk to a foot's middle, metres.
+const ASIDE: f64 = 0.08;
+
+/// Pitches of a foot, toes down, at shares of its cycle; radians.
+const PITCHES: [[f64; 2]; 7] =
+    [[0.0, -0.2], [0.1, 0.0], [0.4, 0.0], [0.6, 0.55], [0.75, 0.45], [0.92, -0.2], [1.0, -0.2]];
+
+/// The figure at one time.
+pub struct Stride {
+    /// Between the feet, on the floor.
+    pub place: DVec3,
+    pub heading: DQuat,
+    /// Of the pelvis from that place, by that heading.
+    pub pelvis: DVec3,
+    /// Of each joint from its parent.
+    pub turns: [DQuat; JOINTS.len()],
+}
+
+impl Stride {
+    pub fn at(time_s: f64) -> Self {
+        let round = time_s / PERIOD_S;
+        let cycle = round * CYCLES;
+        let (place, heading) = on_circle(round);
+        // The left foot is put down at the start of a cycle.
+        let (_, reach) = wave(cycle);
+        let (_, lean) = wave(cycle - 0.5 * STANCE + 1.0);
+        let (_, bob) = wave(2.0 * cycle - 0.1 + 1.0);
+        let pelvis = JOINTS[PELVIS].at + DVec3::new(0.018 * lean, -STOOP - 0.016 * bob, 0.0);
+        let [x, y, z] = [DVec3::X, DVec3::Y, DVec3::Z];
+        let mut turns = [DQuat::IDENTITY; JOINTS.len()];
+        turns[PELVIS] = turned(y, -0.1 * reach) * turned(z, 0.04 * lean);
+        turns[SPINE] = turned(y, 0.08 * reach) * turned(x, 0.05);
+        turns[CHEST] = turned(y, 0.14 * reach) * turned(z, -0.04 * lean);
+        turns[HEAD] = turned(y, -0.12 * reach) * turned(x, -0.03);
+        for (arm, side) in ARMS.into_iter().zip([1.0, -1.0]) {
+            turns[arm] = turned(z, side * 0.1) * turned(x, 0.5 * side * reach + 0.05);
+            turns[arm + 1] = turned(x, -0.5 + 0.25 * side * reach);
+        }
+        let hips = heading * turns[PELVIS];
+        for (leg, side) in LEGS.into_iter().zip([1.0, -1.0]) {
+            let foot = Foot::at(cycle + if side > 0.0 { 0.0 } else { 0.5 }, side);
+            let hip = place + heading * (pelvis + turns[PELVIS] * (JOINTS[leg].at - JOINTS[PELVIS].at));
+            let [thigh, shin] = bent(hip, foot.ankle, heading);
+            turns[leg] = hips.inverse() * thigh;
+            turns[leg + 1] = thigh.inverse() * shin;
+            turns[leg + 2] = shin.inverse() * foot.turn;
+        }
+        Self { place, heading, pelvis, turns }
+    }
+}
+
+/// Where one is and how one looks after a share of the round, with the middle to the left.
+fn on_circle(round: f64) -> (DVec3, DQuat) {
+    let (sin, cos) = wave(round);
+    (MIDDLE + RADIUS * DVec3::new(-cos, 0.0, sin), turned(DVec3::Y, TAU * round.fract()))
+}
+
+struct Foot {
+    ankle: DVec3,
+    turn: DQuat,
+}
+
+impl Foot {
+    /// `cycle` counts from where this foot is put down; `side` is 1 on the left and −1 on the right.
+    fn at(cycle: f64, side: f64) -> Self {
+        let phase = cycle.fract();
+        // The body is above the foot in the middle of its stance.
+        let swing = smooth(((phase - STANCE) / (1.0 - STANCE)).clamp(0.0, 1.0));
+        let behind = if side > 0.0 { 0.0 } else { 0.5 };
+        let (place, heading) = on_circle((cycle - phase + 0.5 * STANCE + swing - behind + CYCLES) / CYCLES);
+        let lift = 0.05 * 4.0 * swing * (1.0 - swing);
+        let pitch = pitch(phase);
+        let turn = heading * turned(DVec3::X, pitch);
+        // The tip of the toes stays where it is while the heel goes up.
+        let sole = |along: f64| turn * DVec3::new(0.0, -ANKLE, along);
+        let lowest = sole(TOES).y.min(sole(HEEL).y);
+        let toes = place + heading * DVec3::new(side * ASIDE, 0.0, TOES);
+        let mut ankle = toes - sole(TOES);
+        ankle.y = lift - lowest;
+        Self { ankle, turn }
+    }
+}
+
+fn smooth(share: f64) -> f64 {
+    share * share * (3.0 - 2.0 * share)
+}
+
+fn pitch(phase: f64) -> f64 {
+    let next = PITCHES.iter().position(|[at, _]| *at > phase).unwrap_or(PITCHES.len() - 1);
+    let ([from, a], [to, b]) = (PITCHES[next.saturating_sub(1)], PITCHES[next]);
+    a + (b - a) * smooth(((phase - from) / (to - from)).clamp(0.0, 1.0))
+}
+
+/// How thigh and shin are turned in the world so that the ankle is where it should be, with the knee in front.
+fn bent(hip: DVec3, ankle: DVec3, heading: DQuat) -> [DQuat; 2] {
+    let [thigh, shin] = [JOINTS[LEGS[0]].at.y - JOINTS[LEGS[0] + 1].at.y, JOINTS[LEGS[0] + 1].at.y - ANKLE];
+    let towards = ankle - hip;
+    let distance = towards.length().clamp(0.3, 0.999 * (thigh + shin));
+    let towards = towards.normalize_or(DVec3::NEG_Y);
+    let forward = (heading * DVec3::Z).reject_from_normalized(towards).normalize();
+    let along = (thigh * thigh - shin * shin + distance * distance) / (2.0 * distance);
+    let knee = hip + towards * along + forward * (thigh * thigh - along * along).max(0.0).sqrt();
+    let bone = |from: DVec3, to: DVec3| {
+        let up = (from - to).normalize();
+        let front = (heading * DVec3::X).cross(up).normalize();
+        DQuat::from_mat3(&DMat3::from_cols(up.cross(front), up, front))
+    };
+    [bone(hip, knee), bone(knee, hip + towards * distance)]
+}
