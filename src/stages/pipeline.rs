@@ -158,7 +158,7 @@ impl DeviceStages {
     }
 
     /// Runs every pipeline of these programs once on no rows, so that drivers compile now what they would at the first
-    /// frame. Those that change the scene's tables, which is not done by rows, are left out.
+    /// frame.
     pub fn warm_up(&mut self, gpu: &GpuDevice, stamps: &mut Stamps, programs: Vec<Program>) {
         let mut encoder = gpu.device.create_command_encoder(&Default::default());
         let mut warm: Vec<(&str, u32)> = Vec::new();
@@ -168,9 +168,6 @@ impl DeviceStages {
             self.of_passes.clear();
             for (number, linked) in program.passes().iter().enumerate() {
                 let kernel = linked.pass.kernel;
-                if kernel.scene == SceneUse::Write {
-                    continue;
-                }
                 let kinds = self.built.iter().filter(|b| b.kernel.name == kernel.name);
                 let spps: Vec<u32> =
                     kinds.map(|b| if b.jitter == Some(false) { 1 } else { self.settings.spp }).collect();
