@@ -1,4 +1,5 @@
-# make demo    eight frames of the built-in scene on two virtual devices: the last one's stereo picture and a trace-file
+# make demo    eight frames of the built-in scene on two virtual devices: the last one's stereo picture and a trace-file;
+#              and eight frames of a scene that moves, with all of them in one picture
 # make test    format, lints, documentation, tests
 # make test-long    all tests with whole sweeps and many samples, and those that need scenes of others or Chromium
 # make test-view    the same for the window of `diptych view`, which needs Xvfb and xdotool to be tested
@@ -31,8 +32,11 @@ demo: deps
 	"$(DIPTYCH)" render builtin:atrium --virtual 2 --frames 8 --out $(DEMO)/frames --trace $(DEMO)/trace.json
 	cp $(DEMO)/frames/stereo.0007.png $(DEMO)/stereo.png
 	"$(DIPTYCH)" trace $(DEMO)/trace.json
+	"$(DIPTYCH)" render builtin:studio --size 320x180 --frames 8 --fps 2 --sheet --out $(DEMO)/motion
+	cp $(DEMO)/motion/sheet.png $(DEMO)/motion.png
 	@echo
 	@echo "the eighth frame, both eyes side by side: $(DEMO)/stereo.png"
+	@echo "a scene that moves, every half a second: $(DEMO)/motion.png"
 	@echo "trace: $(DEMO)/trace.json (open it in https://ui.perfetto.dev)"
 
 test: deps

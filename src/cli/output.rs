@@ -12,7 +12,7 @@ use diptych::image::display::{DisplayImage, write_png};
 use diptych::image::exr::{self, Tags};
 use diptych::image::file::atomic_write;
 use diptych::image::key::{Entry, with_key};
-use diptych::image::{Extent, Image, RgbImage, stereo};
+use diptych::image::{Extent, Image, RgbImage, sheet, stereo};
 use diptych::metrics::heatmap::number_colour;
 use diptych::passes::Aov;
 use diptych::passes::aov_image;
@@ -45,6 +45,33 @@ pub fn write_text(dir: &Path, name: &str, text: &str) -> Result<(), Failure> {
 pub fn same_bits(a: &Stereo<RgbImage>, b: &Stereo<RgbImage>) -> bool {
     let bits = |image: &RgbImage| image.pixels.as_flattened().iter().map(|c| c.to_bits()).collect::<Vec<_>>();
     bits(&a.left) == bits(&b.left) && bits(&a.right) == bits(&b.right)
+}
+
+/// Frames of a sequence in one picture.
+pub const SHEET: &str = "sheet.png";
+
+/// A contact sheet in the making, of the left eye.
+#[derive(Default)]
+pub struct Sheet {
+    pictures: Vec<DisplayImage>,
+}
+
+impl Sheet {
+    /// Pictures in a row, and columns of a picture's pixels at most.
+    const COLUMNS: usize = 4;
+    const WIDTH: u32 = 480;
+
+    pub fn add(&mut self, images: &FrameImages) {
+        self.pictures.push(sheet::reduced(&images.display.left, Self::WIDTH));
+    }
+
+    /// Nothing, where there are no frames.
+    pub fn write(&self, dir: &Path) -> Result<(), Failure> {
+        if self.pictures.is_empty() {
+            return Ok(());
+        }
+        Ok(write_png(&dir.join(SHEET), &sheet::contact_sheet(&self.pictures, Self::COLUMNS)?)?)
+    }
 }
 
 /// A frame's images, off the devices.

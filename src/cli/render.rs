@@ -16,7 +16,7 @@ use super::faults::FaultLog;
 use super::foveation::Preset;
 use super::interrupt;
 use super::options::{self, RenderOptions};
-use super::output::{self, FrameImages};
+use super::output::{self, FrameImages, Sheet};
 use super::progress::Progress;
 use super::reference::{self, PassOptions, Plan};
 use super::settings;
@@ -42,6 +42,9 @@ pub struct Args {
     /// Also write both eyes as a red-cyan anaglyph
     #[arg(long, help_heading = options::OUTPUT)]
     anaglyph: bool,
+    /// Also write the left eye's frames in rows of four as one picture, sheet.png, each reduced to at most 480 columns
+    #[arg(long, conflicts_with = "reference", help_heading = options::OUTPUT)]
+    sheet: bool,
     /// A configuration of Peres: samples, foveation and denoiser together
     #[arg(long = "peres", conflicts_with_all = ["spp", "scale", "foveation", "iterations", "denoiser", "reference"], help_heading = options::QUALITY)]
     preset: Option<Preset>,
@@ -169,7 +172,7 @@ struct Run<'a> {
 impl Run<'_> {
     fn frames(&mut self) -> Result<(), Failure> {
         let options = &self.args.options;
-        let mut faults = FaultLog::default();
+        let (mut faults, mut sheet) = (FaultLog::default(), Sheet::default());
         self.begin_frames()?;
         while let Some(frame) = self.renderer.finish()? {
             let mut images = FrameImages::read(&mut self.renderer, &options.aovs())?;
@@ -193,12 +196,19 @@ impl Run<'_> {
             let number = (options.frames > 1).then_some(frame.index);
             images.write(&options.out, number, self.args.anaglyph, &tags)?;
             self.stale.wrote(number, &options.aovs(), self.args.anaglyph);
+            if self.args.sheet {
+                sheet.add(&images);
+            }
             let row = self.args.row(&frame, &options.quality(), &self.loaded.shot.rig, time_s);
             let event = serde_json::json!({ "event": "frame", "index": row.index, "makespan_ms": row.makespan_ms });
             self.progress.step(format!("{:.1} ms", row.makespan_ms), &event);
             self.rows.frames.push(row);
             faults.say_new(&self.renderer, self.tracing, &self.progress);
             self.begin_frames()?;
+        }
+        if self.args.sheet {
+            sheet.write(&options.out)?;
+            self.stale.wrote_sheet();
         }
         Ok(())
     }

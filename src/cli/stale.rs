@@ -9,6 +9,7 @@ use clap::ValueEnum;
 use diptych::passes::Aov;
 
 use super::failure::Failure;
+use super::output::SHEET;
 
 /// What a picture shows, as its name says it, and which frame of a sequence it is of.
 type Picture = (String, Option<u32>);
@@ -40,6 +41,11 @@ impl Stale {
             shown.extend([format!("left.{aov}.exr"), format!("right.{aov}.exr"), format!("{aov}.png")]);
         }
         self.written.extend(shown.into_iter().map(|what| (what, number)));
+    }
+
+    /// The contact sheet is written.
+    pub fn wrote_sheet(&mut self) {
+        self.written.insert((SHEET.to_owned(), None));
     }
 
     /// Removes the others, and says how many there were.
@@ -83,7 +89,9 @@ fn picture(name: &str) -> Option<Picture> {
     let is_ours = match (what.split_once('.'), extension) {
         (None, "exr") => matches!(what, "left" | "right"),
         (Some((eye, aov)), "exr") => matches!(eye, "left" | "right") && is_aov(aov).is_some(),
-        (None, "png") => matches!(what, "stereo" | "anaglyph") || is_aov(what).is_some_and(|aov| aov.counts()),
+        (None, "png") => {
+            matches!(what, "stereo" | "anaglyph" | "sheet") || is_aov(what).is_some_and(|aov| aov.counts())
+        }
         _ => false,
     };
     is_ours.then(|| (format!("{what}.{extension}"), number))
@@ -100,6 +108,7 @@ mod tests {
         is("right.0007.exr", "right.exr", Some(7));
         is("left.normal.12345.exr", "left.normal.exr", Some(12345));
         is("right.base_color.exr", "right.base_color.exr", None);
+        is("sheet.png", "sheet.png", None);
         is("stereo.0000.png", "stereo.png", Some(0));
         is("holes.png", "holes.png", None);
         for other in [

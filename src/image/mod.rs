@@ -5,6 +5,7 @@ mod error;
 pub mod exr;
 pub mod file;
 pub mod key;
+pub mod sheet;
 pub mod stereo;
 
 pub use error::{ImageError, check_same_size};

@@ -6,12 +6,13 @@
 use glam::{DVec3, Vec3};
 
 use super::budget::Budget;
+use super::motion::Motion;
 use super::motion::play::Choice;
 use super::rig::{DEFAULT_BASELINE_M, DEFAULT_YFOV_DEG, Rig, RigKey, degenerate_time};
 use super::shot::allowed::fits_f32;
 use super::shot::{Draft, PartialRig, Shot, ShotEnvironment, Sky};
 use super::viewpoint::{self, Viewpoint};
-use super::{Environment, Scene, SceneError};
+use super::{Camera, Environment, Scene, SceneError};
 
 /// What goes before what a shot says.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -34,14 +35,21 @@ pub struct Overrides {
     pub time_s: f64,
 }
 
-/// The scene is told of what was decided for it, by its warnings.
+/// The scene is as it is at the overrides' time; `motion` is that of its cameras. The scene is told of what was decided
+/// for it, by its warnings.
 ///
 /// # Errors
 /// [`SceneError::Invalid`], if the overrides give no view.
-pub fn complete(draft: Draft, overrides: &Overrides, scene: &mut Scene, budget: &Budget) -> Result<Shot, SceneError> {
+pub fn complete(
+    draft: Draft,
+    overrides: &Overrides,
+    scene: &mut Scene,
+    motion: &Motion,
+    budget: &Budget,
+) -> Result<Shot, SceneError> {
     let is_unlit = draft.is_bare() && !has_light(scene);
     let white = ShotEnvironment { sky: Sky::Constant(Vec3::ONE), scale: 1.0, rotation_deg: 0.0 };
-    let rig = rig(&draft.rig, overrides, scene, budget)?;
+    let rig = rig(&draft.rig, overrides, scene, motion, budget)?;
     Ok(Shot {
         play: draft.play(),
         name: draft.name,
@@ -59,14 +67,20 @@ fn has_light(scene: &Scene) -> bool {
     !scene.lights.is_empty() || scene.environment != Environment::Black
 }
 
-fn rig(draft: &PartialRig, overrides: &Overrides, scene: &mut Scene, budget: &Budget) -> Result<Rig, SceneError> {
+fn rig(
+    draft: &PartialRig,
+    overrides: &Overrides,
+    scene: &mut Scene,
+    motion: &Motion,
+    budget: &Budget,
+) -> Result<Rig, SceneError> {
     let metres_per_unit = draft.metres_per_unit.unwrap_or(1.0);
     let yfov_rad = overrides.yfov_rad.or(draft.yfov_rad);
     let of_keys =
         |keys| Rig { yfov_rad: DEFAULT_YFOV_DEG.to_radians(), baseline_m: DEFAULT_BASELINE_M, metres_per_unit, keys };
     let camera = overrides.camera.or((draft.keys.is_empty() && !scene.cameras.is_empty()).then_some(0));
     let mut rig = match (camera, overrides.position.zip(overrides.target)) {
-        (Some(number), _) => camera_rig(scene, number, overrides)?,
+        (Some(number), _) => camera_rig(scene, motion, number, overrides)?,
         (None, _) if !draft.keys.is_empty() => of_keys(draft.keys.clone()),
         (None, Some((position, target))) => of_keys(vec![RigKey { time_s: 0.0, position, target, up: DVec3::Y }]),
         (None, None) => found_rig(scene, metres_per_unit, yfov_rad, budget),
@@ -85,8 +99,8 @@ fn invalid(option: &str, what: String) -> SceneError {
     SceneError::Invalid { path: option.to_owned(), what }
 }
 
-/// Of the scene file's camera of that number.
-fn camera_rig(scene: &mut Scene, number: usize, overrides: &Overrides) -> Result<Rig, SceneError> {
+/// Of the scene file's camera of that number. One that moves is a path, beginning at the overrides' time.
+fn camera_rig(scene: &mut Scene, motion: &Motion, number: usize, overrides: &Overrides) -> Result<Rig, SceneError> {
     let count = scene.cameras.len();
     let Some(&camera) = scene.cameras.get(number) else {
         let what = match count {
@@ -99,8 +113,33 @@ fn camera_rig(scene: &mut Scene, number: usize, overrides: &Overrides) -> Result
         let last = count - 1;
         scene.warnings.push(format!("{count} cameras in the file: taking the first; --camera 0 to {last} chooses"));
     }
-    Ok(Rig::from_camera(camera))
+    let is_moving = motion.cameras.iter().any(|c| c.index == number) && motion.duration_s() > 0.0;
+    let keys = if is_moving { camera_path(camera, motion, number, overrides.time_s) } else { Vec::new() };
+    let rig = Rig::from_camera(camera);
+    Ok(if keys.is_empty() { rig } else { Rig { keys, ..rig } })
 }
+
+/// Keys of a camera's path in a second, and how long the path is at least where animations begin anew.
+const PATH_HZ: f64 = 60.0;
+const LOOPS_S: f64 = 60.0;
+
+/// Where a camera is from `time_s` on, to the end of the animations, or for [`LOOPS_S`] where they begin anew.
+fn camera_path(camera: Camera, motion: &Motion, number: usize, time_s: f64) -> Vec<RigKey> {
+    let end_s = if motion.loops { time_s + motion.duration_s().max(LOOPS_S) } else { motion.duration_s() };
+    let cameras = motion.cameras.iter().copied().filter(|c| c.index == number);
+    let moved = Motion { bodies: Vec::new(), cameras: cameras.collect(), ..motion.clone() };
+    let mut place = Scene { cameras: vec![camera; number + 1], ..Scene::empty("") };
+    let steps = ((end_s - time_s) * PATH_HZ).ceil().clamp(0.0, MOST_KEYS) as u32;
+    let keys = (0..=steps).flat_map(|step| {
+        let at_s = time_s + f64::from(step) / PATH_HZ;
+        moved.place(&moved.pose(at_s), &mut place);
+        Rig::from_camera(place.cameras[number]).keys.into_iter().map(move |key| RigKey { time_s: at_s, ..key })
+    });
+    keys.collect()
+}
+
+/// An hour of a path.
+const MOST_KEYS: f64 = 3600.0 * PATH_HZ;
 
 /// Where there is something to see.
 fn found_rig(scene: &mut Scene, metres_per_unit: f64, yfov_rad: Option<f64>, budget: &Budget) -> Rig {
@@ -137,10 +176,13 @@ fn move_to(keys: &mut [RigKey], overrides: &Overrides) -> Result<(), SceneError>
 
 #[cfg(test)]
 mod tests {
-    use glam::Affine3A;
+    use glam::{Affine3A, DQuat};
 
+    use super::super::motion::keys::{Interpolation, Keys};
+    use super::super::motion::{Animation, Attached, Channel, Node, Placement, Target};
+    use super::super::rig::Eye;
     use super::super::shot::SceneSource;
-    use super::super::{Camera, Instance, Light, LightKind, Material, Mesh};
+    use super::super::{Instance, Light, LightKind, Material, Mesh};
     use super::*;
 
     fn triangle() -> Scene {
@@ -164,7 +206,7 @@ mod tests {
     }
 
     fn completed(draft: Draft, overrides: &Overrides, scene: &mut Scene) -> Result<Shot, SceneError> {
-        complete(draft, overrides, scene, &Budget::unlimited())
+        complete(draft, overrides, scene, &Motion::default(), &Budget::unlimited())
     }
 
     fn plain(draft: Draft, scene: &mut Scene) -> Shot {
@@ -283,6 +325,39 @@ mod tests {
         assert!(scene.warnings.is_empty());
         assert_eq!(plain(bare(), &mut scene).rig, Rig::from_camera(camera(0.0)));
         assert!(scene.warnings[0].contains("--camera"), "{:?}", scene.warnings);
+    }
+
+    #[test]
+    fn eyes_follow_a_camera_that_moves() {
+        let keys = Keys::new(vec![0.0, 2.0], vec![0.0, 0.0, 3.0, 4.0, 0.0, 3.0], 3, Interpolation::Linear).unwrap();
+        let channels = vec![Channel { target: Target::Translation(0), keys }];
+        let rest = Placement::Parts { translation: DVec3::ZERO, rotation: DQuat::IDENTITY, scale: DVec3::ONE };
+        let mut motion = Motion {
+            nodes: vec![Node { name: String::new(), parent: None, rest }],
+            animations: vec![Animation { name: String::new(), channels, duration_s: 2.0 }],
+            cameras: vec![Attached { index: 0, node: 0 }],
+            loops: true,
+            ..Motion::default()
+        };
+        let mut scene = triangle();
+        scene.cameras.push(camera(0.0));
+        let mut rig_of = |motion: &Motion, overrides: &Overrides| {
+            complete(bare(), overrides, &mut scene, motion, &Budget::unlimited()).unwrap().rig
+        };
+        let at_1s = Overrides { time_s: 1.0, ..Overrides::default() };
+        let x = |rig: &Rig, time_s| {
+            let [left, right] = Eye::ALL.map(|eye| rig.view(time_s, eye).origin.x);
+            (left + right) / 2.0
+        };
+        let rig = rig_of(&motion, &at_1s);
+        for (time_s, expected) in [(1.0, 2.0), (1.5, 3.0), (3.0, 2.0), (21.25, 2.5)] {
+            assert!((x(&rig, time_s) - expected).abs() < 1e-4, "{time_s} s: {}", x(&rig, time_s));
+        }
+        motion.loops = false;
+        let rig = rig_of(&motion, &at_1s);
+        assert!((x(&rig, 9.0) - 4.0).abs() < 1e-4 && rig.keys.len() == 61);
+        let stays = Overrides { position: Some(DVec3::Z), target: Some(DVec3::ZERO), ..at_1s };
+        assert!(rig_of(&motion, &stays).keys.iter().all(|key| key.position == DVec3::Z));
     }
 
     #[test]

@@ -75,6 +75,7 @@ mod tests {
     use crate::scene::builtin::BUILTINS;
     use crate::scene::complete::{Overrides, complete};
     use crate::scene::load::load_shot;
+    use crate::scene::motion::Motion;
     use crate::scene::shot::Draft;
     use crate::scene::{AlphaMode, Clearcoat, Instance, Material, Mesh, NormalMap, Texture, TextureRef, Volume, Wrap};
 
@@ -249,7 +250,7 @@ mod tests {
             [gaze]\npath = [[0, 0.25, 0.75], [1, 0.5, 0.5]]\n[exposure]\nev = -1.5";
         let mut seen = scene.clone();
         let draft = Draft::parse(text, "everything.toml").unwrap();
-        (complete(draft, &Overrides::default(), &mut seen, &Budget::unlimited()).unwrap(), scene)
+        (complete(draft, &Overrides::default(), &mut seen, &Motion::default(), &Budget::unlimited()).unwrap(), scene)
     }
 
     #[test]

@@ -10,6 +10,7 @@ use super::budget::{Budget, Exceeded};
 use super::complete::{Overrides, complete};
 use super::environment::read_latlong;
 use super::folder::{self, Access, Folder};
+use super::motion::Motion;
 use super::motion::play::{Choice, Move, Moved, Play};
 use super::shot::{Draft, SceneSource, Shot, ShotEnvironment, Sky};
 use super::{Environment, Scene, SceneError, builtin, gltf};
@@ -32,12 +33,12 @@ pub fn load_shot_within(arg: &str, overrides: &Overrides, access: Access) -> Res
     let folder = Folder::of(Path::new(arg), access);
     let (draft, mut scene) = open(arg, overrides, &folder)?;
     let shot = if scene.motion.is_empty() {
-        complete(draft, overrides, &mut scene, access.budget)?
+        complete(draft, overrides, &mut scene, &Motion::default(), access.budget)?
     } else {
         let exceeded = |error: Exceeded| SceneError::Refused { path: arg.to_owned(), what: error.to_string() };
         let _copy = access.budget.reserve(scene.bytes_at()).map_err(exceeded)?;
         let mut still = scene.at(overrides.time_s);
-        let shot = complete(draft, overrides, &mut still, access.budget)?;
+        let shot = complete(draft, overrides, &mut still, &scene.motion, access.budget)?;
         scene.warnings = still.warnings;
         shot
     };
@@ -77,11 +78,12 @@ fn open(arg: &str, overrides: &Overrides, folder: &Folder) -> Result<(Draft, Sce
     let draft = asked(draft);
     match draft.scene.clone() {
         SceneSource::Builtin(name) => {
-            reject_motion(&draft.play(), arg)?;
             let builtin = builtin::find(&name)?;
             let is_seen = !draft.rig.keys.is_empty();
             let draft = if is_seen { draft } else { draft.or(Draft::parse(builtin.shot, &name)?) };
-            Ok((draft, (builtin.build)()))
+            let mut scene = (builtin.build)();
+            play_builtin(&mut scene, &draft.play(), arg)?;
+            Ok((draft, scene))
         }
         SceneSource::File(name) => {
             let path = folder.find(&name).map_err(|error| error.in_file(arg))?;
@@ -91,16 +93,26 @@ fn open(arg: &str, overrides: &Overrides, folder: &Folder) -> Result<(Draft, Sce
     }
 }
 
-/// Built-in scenes have neither animations nor nodes with names.
-fn reject_motion(play: &Play, arg: &str) -> Result<(), SceneError> {
-    let what = match (&play.animation, play.moves.iter().find(|m| matches!(m.of, Moved::Node(_)))) {
-        (Choice::Named(name), _) => format!("a built-in scene has no animation '{name}': it stands still"),
-        (_, Some(Move { of: Moved::Node(name), .. })) => {
-            format!("a built-in scene has no node '{name}': only the shot's own lights move in it")
+/// Has a built-in scene move as it is asked to. Of its nodes, a shot can move none.
+fn play_builtin(scene: &mut Scene, play: &Play, arg: &str) -> Result<(), SceneError> {
+    let invalid = |what| Err(SceneError::Invalid { path: arg.to_owned(), what });
+    if let Some(Move { of: Moved::Node(name), .. }) = play.moves.iter().find(|m| matches!(m.of, Moved::Node(_))) {
+        return invalid(format!("the node '{name}' is to move: in a built-in scene, a shot moves its own lights only"));
+    }
+    match &play.animation {
+        Choice::All => scene.motion.loops = play.loops,
+        Choice::None => *scene = scene.at(0.0),
+        Choice::Named(name) if scene.motion.animations.iter().all(|a| a.name != *name) => {
+            let names: Vec<_> = scene.motion.animations.iter().map(|a| a.name.as_str()).collect();
+            let hint = if names.is_empty() { "none: it stands still".to_owned() } else { names.join(", ") };
+            return invalid(format!("it has no animation named '{name}': it has {hint}"));
         }
-        _ => return Ok(()),
-    };
-    Err(SceneError::Invalid { path: arg.to_owned(), what })
+        Choice::Named(name) => {
+            scene.motion.loops = play.loops;
+            scene.motion.animations.retain(|a| a.name == *name);
+        }
+    }
+    Ok(())
 }
 
 fn read_text(path: &Path, access: Access) -> Result<String, SceneError> {

@@ -3,6 +3,7 @@
 use diptych::scene::Scene;
 use diptych::scene::budget::Budget;
 use diptych::scene::complete::{Overrides, complete};
+use diptych::scene::motion::Motion;
 use diptych::scene::rig::Eye;
 use diptych::scene::shot::Draft;
 use proptest::prelude::*;
@@ -180,7 +181,7 @@ fn check(text: &str) {
         return;
     };
     let mut scene = Scene::empty("fuzz");
-    let shot = complete(draft, &Overrides::default(), &mut scene, &Budget::unlimited()).unwrap();
+    let shot = complete(draft, &Overrides::default(), &mut scene, &Motion::default(), &Budget::unlimited()).unwrap();
     for time_s in [-1.0, 0.0, 0.7, 1e9] {
         for eye in Eye::ALL {
             let view = shot.rig.view(time_s, eye);

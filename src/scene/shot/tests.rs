@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use crate::scene::Scene;
 use crate::scene::budget::Budget;
 use crate::scene::complete::{Overrides, complete};
+use crate::scene::motion::Motion;
 
 /// Every key there is.
 const FULL: &str = r#"
@@ -87,7 +88,7 @@ const MINIMAL: &str = "scene = 'builtin:box'\n[rig]\n[[rig.key]]\nposition = [0,
 
 /// A shot of an empty scene.
 fn parse(text: &str, origin: &str) -> Result<Shot, SceneError> {
-    complete(Draft::parse(text, origin)?, &Overrides::default(), &mut Scene::empty("empty"), &Budget::unlimited())
+    complete(Draft::parse(text, origin)?, &Overrides::default(), &mut Scene::empty("empty"), &Motion::default(), &Budget::unlimited())
 }
 
 fn line_of(text: &str, needle: &str) -> usize {

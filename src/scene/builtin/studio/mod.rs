@@ -113,14 +113,11 @@ fn lamps(s: &mut Staging) {
             let down = turned(DVec3::X, -FRAC_PI_2);
             let node = s.node("spot", Some(hook), DVec3::new(0.0, -f64::from(DROP) - 0.02, 0.0), down);
             let (cos_inner, cos_outer) = (0.9, 0.77);
-            let kind = LightKind::Spot {
-                position: Vec3::ZERO,
-                radius: 0.0,
-                direction: Vec3::NEG_Y,
-                cos_inner,
-                cos_outer,
-            };
-            s.motion.lights.push(Attached { index: s.still.light(Light { kind, strength: Vec3::new(9.0, 8.2, 7.0) }), node });
+            let kind =
+                LightKind::Spot { position: Vec3::ZERO, radius: 0.0, direction: Vec3::NEG_Y, cos_inner, cos_outer };
+            s.motion
+                .lights
+                .push(Attached { index: s.still.light(Light { kind, strength: Vec3::new(9.0, 8.2, 7.0) }), node });
         }
     }
 }
