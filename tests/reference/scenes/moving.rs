@@ -230,7 +230,7 @@ pub fn lights() -> Scene {
     instance(&mut draft.scene, mesh, scaled_at(0.6, vec3(0.1, 0.3, 0.2)));
     let sphere = draft.node(None, DVec3::ZERO, DVec3::ONE);
     draft.shift(sphere, vec3(-1.0, 1.5, 0.8), vec3(0.0, 1.7, 1.2));
-    draft.light(sphere, LightKind::Point { position: Vec3::ZERO, radius: 0.15 }, Vec3::splat(2.0));
+    draft.light(sphere, LightKind::Point { position: Vec3::ZERO, radius: 0.3 }, Vec3::splat(2.0));
     let point = draft.node(None, DVec3::ZERO, DVec3::ONE);
     draft.shift(point, vec3(1.2, 0.8, 1.0), vec3(0.6, 1.8, 1.0));
     draft.light(point, LightKind::Point { position: Vec3::ZERO, radius: 0.0 }, vec3(1.0, 0.6, 0.3));
@@ -266,7 +266,7 @@ pub fn switched() -> Scene {
     let mut draft = Draft::room("switched");
     draft.scene.environment = Environment::Black;
     let mut lamp = |at: Vec3, strength: Vec3| {
-        draft.scene.lights.push(Light { kind: LightKind::Point { position: at, radius: 0.1 }, strength });
+        draft.scene.lights.push(Light { kind: LightKind::Point { position: at, radius: 0.0 }, strength });
     };
     lamp(vec3(-1.2, 2.0, 0.5), Vec3::splat(1.0));
     lamp(vec3(1.2, 2.0, 0.8), Vec3::ZERO);
