@@ -78,8 +78,9 @@ shared_structs! {
         /// In `lights`: those that the light tree picks from; directional ones stand behind them.
         pub local_count: u32,
         pub directional_count: u32,
+        /// Share of all light that has become more or less since the frame before.
+        pub change: f32,
         pub pad0: u32,
-        pub pad1: u32,
     }
 
     /// Light from infinitely far.

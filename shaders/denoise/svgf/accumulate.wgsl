@@ -212,6 +212,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if !HAS_GLOSS && (hit & FLAG_VIEW_DEPENDENT) != 0u && eye_moved {
         longest = LONGEST_VIEW_DEPENDENT;
     }
+    longest = min(longest, longest_in_light());
     let keep = min(longest / max(frames, 1.0), 1.0);
     samples *= keep;
     frames *= keep;

@@ -111,7 +111,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let longest_moved = LONGEST_MOVED * inverseSqrt(f32(frame.sampling.spp)) / (1.0 + luminance(deviation) * frame.display.exposure);
     let longest = select(mix(longest_moved, LONGEST_STILL, stillness), LONGEST_STILL, is_still);
     let is_known = has_history && is_finite(old.rgb) && is_finite(old.aaa);
-    let frames = select(0.0, clamp(round(old.a), 0.0, longest), is_known);
+    let frames = select(0.0, clamp(round(old.a), 0.0, min(longest, longest_in_light())), is_known);
 
     let half = ALLOWED_DEVIATIONS * deviation;
     let clamped = mix(clamp(old.rgb, max(mean - half, vec3<f32>(0.0)), mean + half), max(old.rgb, vec3<f32>(0.0)), stillness);

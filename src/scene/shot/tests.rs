@@ -88,7 +88,13 @@ const MINIMAL: &str = "scene = 'builtin:box'\n[rig]\n[[rig.key]]\nposition = [0,
 
 /// A shot of an empty scene.
 fn parse(text: &str, origin: &str) -> Result<Shot, SceneError> {
-    complete(Draft::parse(text, origin)?, &Overrides::default(), &mut Scene::empty("empty"), &Motion::default(), &Budget::unlimited())
+    complete(
+        Draft::parse(text, origin)?,
+        &Overrides::default(),
+        &mut Scene::empty("empty"),
+        &Motion::default(),
+        &Budget::unlimited(),
+    )
 }
 
 fn line_of(text: &str, needle: &str) -> usize {

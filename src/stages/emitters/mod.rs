@@ -6,7 +6,7 @@ mod light_tree;
 mod sphere_tree;
 
 use std::collections::HashMap;
-use std::f64::consts::FRAC_PI_2;
+use std::f64::consts::{FRAC_PI_2, PI};
 
 use glam::{DVec3, Vec3};
 
@@ -97,6 +97,8 @@ fn mean_color(image: &scene::TexelImage) -> Vec3 {
 pub struct Sources {
     /// Of each material.
     materials: Vec<Source>,
+    /// Of each material, the area of triangles that may emit, at rest.
+    areas: Vec<f64>,
     /// Triangles that may emit, by their numbers.
     pub triangles: Vec<u32>,
     /// Whether lights are listed that emit nothing now, as they may at other times.
@@ -121,10 +123,37 @@ impl Sources {
         let emits = |t: &Triangle| materials.get(t.material as usize).is_some_and(|source| source.share > 0.0);
         // A scene without surfaces still has a triangle, without area and perhaps without material.
         let rows = accel.triangles.iter().enumerate().filter(|(row, t)| t.is_first(*row) && emits(t));
-        let triangles = rows.map(|(row, _)| row as u32).collect();
+        let mut areas = vec![0.0; materials.len()];
+        let mut triangles = Vec::new();
+        for (row, triangle) in rows {
+            areas[triangle.material as usize] += f64::from(triangle.area());
+            triangles.push(row as u32);
+        }
         let motion = &scene.motion;
         let keeps_dark = !(motion.emitters.is_empty() && motion.lamps.is_empty() && accel.skins.is_empty());
-        Self { materials, triangles, keeps_dark }
+        Self { materials, areas, triangles, keeps_dark }
+    }
+
+    /// Power of each material's triangles and of each light, as far as it is known: that of a directional light is as if it
+    /// fell on a square unit.
+    fn powers(&self, scene: &Scene) -> Vec<f64> {
+        let materials = scene.materials.iter().zip(&self.materials).zip(&self.areas);
+        let glowing = materials.map(|((m, s), area)| PI * luminance(m.emissive * s.tint) * s.share * area);
+        let solid_angle = |light: &scene::Light| match light.kind {
+            LightKind::Directional { .. } => 1.0,
+            LightKind::Point { .. } => 4.0 * PI,
+            LightKind::Spot { cos_outer, .. } => 2.0 * PI * f64::from(1.0 - cos_outer),
+        };
+        glowing.chain(scene.lights.iter().map(|l| solid_angle(l) * luminance(l.strength))).collect()
+    }
+
+    /// Share of all power that has become more or less from one frame to the next.
+    pub fn change(&self, last: &Scene, now: &Scene) -> f64 {
+        let (last, now) = (self.powers(last), self.powers(now));
+        let pairs = || last.iter().zip(&now);
+        let most: f64 = pairs().map(|(a, b)| a.max(*b)).sum();
+        let change: f64 = pairs().map(|(a, b)| (a - b).abs()).sum();
+        if most > 0.0 { change / most } else { 0.0 }
     }
 }
 

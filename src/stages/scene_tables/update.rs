@@ -67,6 +67,9 @@ impl SceneTables {
         }
         let mut scene = rest.clone();
         motion.place(&now, &mut scene);
+        let mut before = rest.clone();
+        motion.place(&last, &mut before);
+        frame.lights.change = self.sources.change(&before, &scene) as f32;
         for i in (0..scene.materials.len()).filter(|i| moves.changes_material(*i)) {
             update.rows.push(self.material_row(i, &scene.materials[i]));
         }
