@@ -73,7 +73,7 @@ const CARD: Effort =
 const THOROUGH_ROW: Effort = Effort { resolution: 0.01, ..THOROUGH };
 
 /// Frames of scenes that move, at a time when they do.
-const MOVING: Effort = Effort { reference_spp: 384, renders: [(Sampler::Sobol, 48), (Sampler::Pcg, 64)], ..ROW };
+const MOVING: Effort = Effort { reference_spp: 256, renders: [(Sampler::Sobol, 32), (Sampler::Pcg, 48)], ..ROW };
 
 /// What the left eye of the subject's rig sees, as the reference has it.
 fn pinhole(subject: &Subject) -> Pinhole {
