@@ -37,7 +37,7 @@ fn accumulate(gloss: bool, seed: u64) {
     let (mut accumulated, mut moments) = (vec![[0; 4]; area], vec![[0u32; 4]; area]);
     for frame in &frames {
         let radiance: Vec<_> = frame.iter().map(|light| format.pack_sampled(light)).collect();
-        let outputs = Kernel::new("accumulate", &[("HAS_GLOSS", gloss)]).run(
+        let outputs = Kernel::new("accumulate", &[("HAS_GLOSS", gloss), ("HAS_MOTION", false)]).run(
             &constants,
             stripe.pass(0, [0; 3]),
             WIDTH,
@@ -99,7 +99,7 @@ fn resolved_frames_are_averaged() {
     for (number, frame) in frames.iter().enumerate() {
         let constants = Constants { history_rows: (number > 0).then_some(0), ..constants.clone() };
         let composed: Vec<_> = frame.iter().map(|light| floats(light.matte, 3.0)).collect();
-        let outputs = Kernel::new("resolve", &[]).run(
+        let outputs = Kernel::new("resolve", &[("HAS_MOTION", false)]).run(
             &constants,
             stripe.pass(1, [0; 3]),
             WIDTH,
@@ -111,6 +111,7 @@ fn resolved_frames_are_averaged() {
                 ("display", Buffer::image(&vec![0u32; area])),
                 ("previous", Buffer::whole(&constants.eyes.map(|eye| eye.view()))),
                 ("tally", Buffer::image(&vec![0u32; area])),
+                ("last_surface", Buffer::whole(&[[0u32; 4]])),
             ],
         );
         resolved = outputs.get("resolved");

@@ -8,7 +8,7 @@ use super::staging::{PERIOD_S, turned, wave};
 use std::f64::consts::TAU;
 
 /// Middle and radius of the circle, metres.
-pub const MIDDLE: DVec3 = DVec3::new(-0.1, 0.0, 0.25);
+pub const MIDDLE: DVec3 = DVec3::new(-0.1, 0.003, 0.25);
 pub const RADIUS: f64 = 0.75;
 
 /// Pairs of steps in a round.

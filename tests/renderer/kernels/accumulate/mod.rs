@@ -184,7 +184,7 @@ fn compare(case: Case, cases: &mut Cases) {
         let words = [0, 1].map(|_| random.rubbish::<4>(constants.area()));
         let valid = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.valid, WIDTH, pixels));
         let own = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.rows, WIDTH, pixels));
-        let outputs = Kernel::new("accumulate", &[("HAS_GLOSS", case.gloss)]).run(
+        let outputs = Kernel::new("accumulate", &[("HAS_GLOSS", case.gloss), ("HAS_MOTION", false)]).run(
             &constants,
             stripe.pass(case.view, [0; 3]),
             WIDTH,

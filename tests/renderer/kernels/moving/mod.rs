@@ -92,16 +92,25 @@ impl Device {
         let rows = self.accel.pose_rows(&scene.motion, poses);
         let count = skins.triangles.len() as u32;
         let boxes = vec![[f32::NAN; 4]; 2 * (skins.nodes.len() + skins.triangles.len())];
-        let buffers = [
-            ("tables", Buffer::whole(tables)),
-            ("triangles", Buffer::whole(&skins.triangles)),
-            ("vertices", Buffer::whole(&skins.vertices)),
-            ("morphs", Buffer::whole(&skins.morphs)),
-            ("pose", Buffer::whole(&rows)),
-            ("boxes", Buffer::whole(&boxes)),
-        ];
-        let args = [count, 2 * skins.nodes.len() as u32, 0];
-        assert!(count < COLUMNS);
-        Kernel::new("skin", &[]).run_once(&self.frame, args, [count.div_ceil(64), 1], &buffers)
+        let words = vec![[f32::NAN; 16]; skins.vertices.len()];
+        let buffers = |skinned: &[[f32; 16]]| {
+            [
+                ("tables", Buffer::whole(tables)),
+                ("triangles", Buffer::whole(&skins.triangles)),
+                ("vertices", Buffer::whole(&skins.vertices)),
+                ("morphs", Buffer::whole(&skins.morphs)),
+                ("pose", Buffer::whole(&rows)),
+                ("skinned", Buffer::whole(skinned)),
+                ("boxes", Buffer::whole(&boxes)),
+            ]
+        };
+        let run = |count: u32, args, skinned: &[[f32; 16]]| {
+            assert!(count < COLUMNS);
+            Kernel::new("skin", &[]).run_once(&self.frame, args, [count.div_ceil(64), 1], &buffers(skinned))
+        };
+        // Vertices, then triangles.
+        let vertices = skins.vertices.len() as u32;
+        let skinned = run(vertices, [vertices, 0, 1], &words).get::<[f32; 16]>("skinned");
+        run(count, [count, 2 * skins.nodes.len() as u32, 0], &skinned)
     }
 }
