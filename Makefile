@@ -43,7 +43,8 @@ test: deps
 	$(CARGO) fmt --check
 	$(CARGO) clippy --release --locked --all-targets -- -D warnings
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --release --locked
-	$(CARGO) test --release --locked
+	$(CARGO) test --release --locked --lib --bins --tests
+	$(CARGO) test --release --locked --doc
 
 test-long: deps
 	DIPTYCH_TEST_LONG=1 $(CARGO) test --release --locked -- --include-ignored

@@ -93,9 +93,8 @@ fn surfaces_that_move_keep_their_history() {
     assert!(moving < 0.5 * moving_anew, "{moving} is not much less than {moving_anew} without history");
 }
 
-/// How fast is another question: where eyes stand still, frames before the switch count as much as those after it.
 #[test]
-fn a_light_that_switches_shows_from_the_next_frame_on() {
+fn a_light_that_switches_is_right_four_frames_later() {
     let subject = watched(moving::switched());
     let settings = RenderSettings { bounces: 2, ..subject.accumulated(WIDTH, HEIGHT) };
     let mut stage = Stage::alone(&subject, &settings);
@@ -111,6 +110,5 @@ fn a_light_that_switches_shows_from_the_next_frame_on() {
     println!("dark {:.4} of lit; after the switch {of_lit:.3?}", dark / lit);
     assert!(dark < 0.5 * lit);
     assert!((frames[BEFORE as usize - 1] / dark - 1.0).abs() < 0.05, "before: {} of what is right", frames[15] / dark);
-    let rises = of_lit.windows(2).all(|pair| pair[0] < pair[1]);
-    assert!(rises && of_lit[7] > 1.2 * dark / lit, "{of_lit:.3?} of what is right, {:.3} before", dark / lit);
+    assert!(of_lit[3..].iter().all(|of| (of - 1.0).abs() < 0.1), "{of_lit:.3?} of what is right");
 }

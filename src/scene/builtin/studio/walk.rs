@@ -8,7 +8,7 @@ use super::staging::{PERIOD_S, turned, wave};
 use std::f64::consts::TAU;
 
 /// Middle and radius of the circle, metres.
-pub const MIDDLE: DVec3 = DVec3::new(-0.1, 0.003, 0.25);
+pub const MIDDLE: DVec3 = DVec3::new(-0.1, 0.0, 0.25);
 pub const RADIUS: f64 = 0.75;
 
 /// Pairs of steps in a round.
@@ -21,8 +21,8 @@ const STANCE: f64 = 0.6;
 const STOOP: f64 = 0.05;
 
 /// Where a foot touches the floor when its heel is up, and when its toes are, from the ankle along the foot; metres.
-const TOES: f64 = 0.17;
-const HEEL: f64 = -0.05;
+const TOES: f64 = 0.19;
+const HEEL: f64 = -0.06;
 
 /// From the line of the walk to a foot's middle, metres.
 const ASIDE: f64 = 0.08;
