@@ -12,7 +12,7 @@
 //!   split where needed.
 //! - A material of the file starts from glTF's defaults. A mesh without one has [`Material::default`], white and
 //!   Lambertian, where glTF would have a white metal.
-//! - What is animated is the scene's [`Motion`](super::motion::Motion). Skins and morph targets that nothing animates are
+//! - What is animated is the scene's [`Motion`]. Skins and morph targets that nothing animates are
 //!   baked; the transform of a skinned mesh's own node does not count.
 //! - Animations of nodes, morph weights, and by `KHR_animation_pointer` of base colour, emission, light intensity and light
 //!   colour are read. Occlusion textures are left out.
