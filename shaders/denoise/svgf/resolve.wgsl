@@ -15,6 +15,7 @@
 @group(1) @binding(5) var<uniform> previous: Previous;
 @group(1) @binding(6) var<storage, read_write> tally: array<u32>;
 @group(1) @binding(7) var<storage, read> last_surface: array<vec4<u32>>;
+@group(1) @binding(8) var<storage, read> last_guide: array<vec4<u32>>;
 
 // Longest history in frames, of a pixel that moved and of one that did not. Frames of several samples are antialiased
 // themselves: the less is gained by those that moved, which interpolation blurs. Glare, what is far brighter than white, would
@@ -32,6 +33,23 @@ fn cubic(t: f32) -> vec4<f32> {
     let t2 = t * t;
     let t3 = t2 * t;
     return vec4<f32>(-0.5 * t + t2 - 0.5 * t3, 1.0 - 2.5 * t2 + 1.5 * t3, 0.5 * t + 2.0 * t2 - 1.5 * t3, 0.5 * (t3 - t2));
+}
+
+// Whether the frame before saw the surface `last`, as it was then, in one of the pixels around the point `seen`; `low` and
+// `high` are the first and last pixel that may be looked at.
+fn was_seen(last: vec4<u32>, seen: vec3<f32>, low: vec2<i32>, high: vec2<i32>) -> bool {
+    let base = vec2<i32>(floor(clamp(seen.xy - 0.5, vec2<f32>(low) - 2.0, vec2<f32>(high) + 2.0)));
+    let normal = unpack_normal(last.w);
+    var was = false;
+    for (var i = 0; i < 4; i += 1) {
+        let there = base + vec2<i32>(i & 1, i >> 1u);
+        let is_inside = all(there >= low) && all(there <= high);
+        let tap = last_guide[select(0u, u32(there.y) * pass_.width + u32(there.x), is_inside)];
+        let off = abs(dot(normal, bitcast<vec3<f32>>(tap.xyz) - bitcast<vec3<f32>>(last.xyz)));
+        let is_surface = tap.w != NO_NORMAL && off < 0.01 * seen.z && dot(normal, unpack_normal(tap.w)) > 0.5;
+        was = was || (is_inside && select(is_surface, tap.w == NO_NORMAL, last.w == NO_NORMAL));
+    }
+    return was;
 }
 
 @compute @workgroup_size(8, 8)
@@ -72,8 +90,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let direction = ray_of(pass_.view, at_front);
     let surface = frame.camera.views[pass_.view].origin + direction * depth;
     var was_at = select(eye.origin + direction, surface, depth > 0.0);
+    var last = vec4<u32>(0u);
     if HAS_MOTION {
-        let last = last_surface[pixel_index(vec2<u32>(front))];
+        last = last_surface[pixel_index(vec2<u32>(front))];
         was_at = select(was_at, bitcast<vec3<f32>>(last.xyz), last.w != NO_NORMAL);
     }
     let seen = pixel_of(was_at, eye);
@@ -88,7 +107,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let rows_low = max(low.y, i32(pixel.y) - reach);
     let rows_high = min(high.y, i32(pixel.y) + reach);
     let inside = seen.z > 0.0 && all(moved > vec2<f32>(-0.5)) && all(moved < size - 0.5);
-    let has_history = inside && frame.history.rows != NO_HISTORY
+    let is_new = HAS_MOTION && !was_seen(last, seen, vec2<i32>(low.x, rows_low), vec2<i32>(high.x, rows_high));
+    let has_history = inside && !is_new && frame.history.rows != NO_HISTORY
         && i32(base.y) >= rows_low - 1 && i32(base.y) <= rows_high
         && !are_lost(i32(base.y) - 1, i32(base.y) + 3);
     let wx = cubic(fraction.x);

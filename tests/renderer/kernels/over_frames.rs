@@ -112,6 +112,7 @@ fn resolved_frames_are_averaged() {
                 ("previous", Buffer::whole(&constants.eyes.map(|eye| eye.view()))),
                 ("tally", Buffer::image(&vec![0u32; area])),
                 ("last_surface", Buffer::whole(&[[0u32; 4]])),
+                ("last_guide", Buffer::whole(&[[0u32; 4]])),
             ],
         );
         resolved = outputs.get("resolved");

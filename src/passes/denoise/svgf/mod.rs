@@ -85,6 +85,11 @@ impl Denoise for Svgf {
     /// Remodulates light, also in the rows around a device's own, and antialiases over frames.
     fn finish(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         let (filtered, composed) = light.advance();
+        // What surfaces were seen before, where they may have moved.
+        let last_guide = match spec.moving.is_some() {
+            true => Use::read(GUIDE).before(spec.history_halo()),
+            false => Use::read(last_surface(spec)).if_written(),
+        };
         let compose = Pass::new(Stage("compose"), view, tonemap::CUT, Kernel::new("compose"))
             .uses([Use::read(filtered), Use::read(ALBEDO), Use::read(EMISSION), Use::write(composed)])
             .chain(Chain::Margin);
@@ -98,6 +103,7 @@ impl Denoise for Svgf {
                 Use::read(PREVIOUS_VIEWS),
                 Use::add(TALLY),
                 Use::read(last_surface(spec)).halo(spec.halo(RESOLVE_REACH_ROWS)).if_written(),
+                last_guide,
             ])
             .chain(Chain::Margin);
         vec![compose, resolve]

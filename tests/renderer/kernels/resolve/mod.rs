@@ -72,6 +72,7 @@ fn compare_within(tolerance: f64, turn: Option<Turn>, has_history: bool, seed: u
                 ("previous", Buffer::whole(&eyes.map(|eye| eye.view()))),
                 ("tally", Buffer::image(&tally)),
                 ("last_surface", Buffer::whole(&[[0u32; 4]])),
+                ("last_guide", Buffer::whole(&[[0u32; 4]])),
             ],
         );
         let (kept, linear) = (outputs.get::<[f32; 4]>("resolved"), outputs.get::<[f32; 4]>("linear"));
