@@ -15,8 +15,6 @@
 // Of nodes, then of triangles: least and largest coordinates.
 @group(1) @binding(5) var<storage, read_write> boxes: array<vec4<f32>>;
 
-const ROWS_PER_JOINT: u32 = 6u;
-
 struct Affine {
     x: vec4<f32>,
     y: vec4<f32>,

@@ -59,10 +59,12 @@ shared_constants! {
     pub const JOINTS_PER_VERTEX: u32 = 8;
     /// Invocations in a row of those that work on triangles or nodes.
     pub const COLUMNS: u32 = 1 << 16;
+    /// Rows of the pose that a joint has: of its matrix now and in the frame before.
+    const ROWS_PER_JOINT: u32 = 6;
 }
 
-/// Rows of the pose that a joint has: of its matrix now and in the frame before.
-const ROWS_PER_JOINT: usize = 6;
+/// As a size.
+const JOINT_ROWS: usize = ROWS_PER_JOINT as usize;
 
 /// All bodies that deform.
 #[derive(Debug, Default)]
@@ -172,7 +174,7 @@ impl Skins {
     /// Puts the levels of the trees in order; all bodies have been added, and rows of weights stand behind those of joints.
     pub(super) fn finish(&mut self) {
         for vertex in &mut self.vertices {
-            vertex.first_weight += (self.joints * ROWS_PER_JOINT) as u32;
+            vertex.first_weight += (self.joints * JOINT_ROWS) as u32;
         }
         let mut level_of = vec![0u32; self.nodes.len()];
         // Parents stand before their children.
@@ -199,11 +201,11 @@ impl Skins {
         for body in &self.bodies {
             for (which, (joints, weights)) in of(body.number).into_iter().enumerate() {
                 for (j, joint) in joints.iter().take(body.boxes.len()).enumerate() {
-                    let at = (body.first_joint + j) * ROWS_PER_JOINT + 3 * which;
+                    let at = (body.first_joint + j) * JOINT_ROWS + 3 * which;
                     rows[at..at + 3].copy_from_slice(&matrix_rows(joint, origin));
                 }
                 for (i, weight) in weights.iter().take(body.targets).enumerate() {
-                    rows[self.joints * ROWS_PER_JOINT + body.first_weight + i][which] = *weight;
+                    rows[self.joints * JOINT_ROWS + body.first_weight + i][which] = *weight;
                 }
             }
         }
@@ -212,18 +214,18 @@ impl Skins {
 
     /// Rows of a pose, at least one.
     pub fn pose_len(&self) -> usize {
-        (self.joints * ROWS_PER_JOINT + self.weights).max(1)
+        (self.joints * JOINT_ROWS + self.weights).max(1)
     }
 
     /// Bounds of the `index`th body in a pose, now or, with `which` 1, before: a convex combination of points in its
     /// joints' boxes lies in the box around these.
     pub(super) fn bounds(&self, index: usize, pose: &[Vec4], which: usize) -> Aabb {
         let body = &self.bodies[index];
-        let weight = |i: usize| pose[self.joints * ROWS_PER_JOINT + body.first_weight + i][which].abs();
+        let weight = |i: usize| pose[self.joints * JOINT_ROWS + body.first_weight + i][which].abs();
         let grown: Vec3 = body.reach.iter().enumerate().map(|(i, reach)| *reach * weight(i)).sum();
         let mut out = Aabb::empty();
         for (j, joint) in body.boxes.iter().enumerate().filter(|(_, b)| b.valid()) {
-            let at = (body.first_joint + j) * ROWS_PER_JOINT + 3 * which;
+            let at = (body.first_joint + j) * JOINT_ROWS + 3 * which;
             let m = Mat4::from_cols(pose[at], pose[at + 1], pose[at + 2], Vec4::W).transpose();
             let (low, high) = (Vec3::from(joint.min) - grown, Vec3::from(joint.max) + grown);
             out = out.union(&super::instances::box_in(&m, low, high));
@@ -234,13 +236,13 @@ impl Skins {
     /// By how much a point of the `index`th body has moved at most since the frame before.
     pub(super) fn moved(&self, index: usize, pose: &[Vec4]) -> f32 {
         let body = &self.bodies[index];
-        let weights = |i: usize| pose[self.joints * ROWS_PER_JOINT + body.first_weight + i];
+        let weights = |i: usize| pose[self.joints * JOINT_ROWS + body.first_weight + i];
         let reaches = |of: &dyn Fn(usize) -> f32| body.reach.iter().enumerate().map(|(i, r)| *r * of(i).abs()).sum();
         let grown: Vec3 = reaches(&|i| weights(i).x.abs().max(weights(i).y.abs()));
         let morphed: Vec3 = reaches(&|i| weights(i).x - weights(i).y);
         let mut most: f32 = 0.0;
         for (j, joint) in body.boxes.iter().enumerate().filter(|(_, b)| b.valid()) {
-            let rows = &pose[(body.first_joint + j) * ROWS_PER_JOINT..][..ROWS_PER_JOINT];
+            let rows = &pose[(body.first_joint + j) * JOINT_ROWS..][..JOINT_ROWS];
             let [now, last] =
                 [0, 3].map(|at| Mat4::from_cols(rows[at], rows[at + 1], rows[at + 2], Vec4::W).transpose());
             let (low, high) = (Vec3::from(joint.min) - grown, Vec3::from(joint.max) + grown);
@@ -263,7 +265,7 @@ impl Skins {
         let p = moved.fold(v.position, |sum, by| sum + by).extend(1.0);
         let used = v.joints.iter().zip(&v.weights).take_while(|(_, w)| **w != 0.0);
         used.fold(Vec3::ZERO, |sum, (&joint, &weight)| {
-            let row = joint as usize * ROWS_PER_JOINT;
+            let row = joint as usize * JOINT_ROWS;
             sum + weight * Vec3::new(pose[row].dot(p), pose[row + 1].dot(p), pose[row + 2].dot(p))
         })
     }

@@ -4,6 +4,8 @@ use std::collections::{BTreeMap, HashMap, VecDeque};
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
+use obvhs::aabb::Aabb;
+
 use super::messages::{Answer, FrameJob, Order, Pixels, Stop};
 use super::output::Output;
 use super::planner::Plan;
@@ -28,9 +30,11 @@ pub struct Inputs {
     pub previous: [layout::View; 2],
     /// What it changes in the scene.
     pub update: SceneUpdate,
-    /// Its time and that of the frame before, seconds.
+    /// Bounds of each body that moves, relative to the tables' origin, and by how much it has moved at most since the
+    /// frame before, scene units.
+    pub moved: Vec<(Aabb, f32)>,
+    /// Seconds.
     pub time_s: f64,
-    pub last_s: f64,
     pub place: Place,
     /// The images that come back with its answer.
     pub reads: Arc<[Output]>,

@@ -188,7 +188,9 @@ mod tests {
             let rig = rig(DVec3::new(random(), random(), random()) * 0.02, DVec3::ZERO);
             let (now, before) = (eyes(&rig, 1.0), eyes(&rig, 0.0));
             let camera = Camera { views: now, width: 320, height: 180, centre: glam::Vec2::splat(0.5) };
-            let bound = history_rows(&camera, &before, &tables, &tables.moved(now_s, last_s)).unwrap();
+            let bound =
+                history_rows(&camera, &before, &tables, &tables.update(&mut Default::default(), now_s, last_s).1)
+                    .unwrap();
             let still = history_rows(&camera, &before, &tables, &[]).unwrap();
             let [is, was] = [now_s, last_s].map(|time_s| scene.at(time_s));
             let mut most: f64 = 0.0;

@@ -208,13 +208,13 @@ impl Renderer {
         }
         let previous = self.last.as_ref().map_or(constants.camera.views, |l| l.constants.camera.views);
         let last_s = self.last.as_ref().map_or(time_s, |l| l.time_s);
-        let update = self.tables.update(&mut constants, time_s, last_s);
+        let (update, moved) = self.tables.update(&mut constants, time_s, last_s);
         let place = Place::of(self.begun, self.settings.stages.frames_in_flight);
         self.begun += 1;
         let reads: Arc<[Output]> = reads.iter().map(|image| Output::from(*image)).collect();
         let (quality, effort) = (self.quality, self.effort.clone());
         let outputs = self.outputs.as_ref().map(|outputs| outputs.iter().chain(&*reads).cloned().collect());
-        let inputs = Inputs { constants, quality, effort, previous, update, time_s, last_s, place, reads, outputs };
+        let inputs = Inputs { constants, quality, effort, previous, update, moved, time_s, place, reads, outputs };
         self.last = Some(inputs.clone());
         self.hand_out(inputs, None);
         Ok(())
@@ -350,8 +350,7 @@ impl Renderer {
     /// How many rows up and down a frame looks for the history of its surfaces; none if there is none.
     fn history_rows(&self, inputs: &Inputs) -> Option<u32> {
         let keeps = self.settings.stages.keeps_history();
-        let Inputs { constants, previous, time_s, last_s, .. } = inputs;
-        let moved = || self.tables.moved(*time_s, *last_s);
-        keeps.then(|| history_rows(&constants.camera, previous, &self.tables, &moved())).flatten()
+        let Inputs { constants, previous, moved, .. } = inputs;
+        keeps.then(|| history_rows(&constants.camera, previous, &self.tables, moved)).flatten()
     }
 }

@@ -3,7 +3,7 @@
 
 use super::gbuffer::{CUT, GUIDE, HIT};
 use super::{Declared, FrameSpec};
-use crate::accel::{COLUMNS, Skins};
+use crate::accel::{COLUMNS, Node, SkinMorph, SkinTriangle, SkinVertex, Skins};
 use crate::graph::{Grid, Kernel, Launch, Life, Pass, Resource, Size, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
@@ -44,19 +44,19 @@ impl Moving {
     }
 
     fn skin_triangles(&self) -> Resource {
-        input("skin_triangles", 48, self.triangles)
+        input("skin_triangles", size_of::<SkinTriangle>(), self.triangles)
     }
 
     fn skin_vertices(&self) -> Resource {
-        input("skin_vertices", 128, self.vertices)
+        input("skin_vertices", size_of::<SkinVertex>(), self.vertices)
     }
 
     fn skin_morphs(&self) -> Resource {
-        input("skin_morphs", 48, self.morphs)
+        input("skin_morphs", size_of::<SkinMorph>(), self.morphs)
     }
 
     fn tree_nodes(&self) -> Resource {
-        input("tree_nodes", 80, self.nodes)
+        input("tree_nodes", size_of::<Node>(), self.nodes)
     }
 
     fn tree_order(&self) -> Resource {
@@ -79,8 +79,8 @@ impl Moving {
     }
 }
 
-fn input(name: &'static str, bytes: u32, count: u32) -> Resource {
-    Resource { life: Life::Input, ..Resource::table(name, bytes, Extent::new(count.max(1), 1)) }
+fn input(name: &'static str, bytes: usize, count: u32) -> Resource {
+    Resource { life: Life::Input, ..Resource::table(name, bytes as u32, Extent::new(count.max(1), 1)) }
 }
 
 /// Position and packed shading normal of surfaces as they were in the frame before. There is none where nothing moves.

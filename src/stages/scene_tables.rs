@@ -208,7 +208,8 @@ impl SceneTables {
             bytemuck::cast_slice(&skins.nodes),
             bytemuck::cast_slice(&skins.order),
         ];
-        std::array::from_fn(|i| (Moving::of(skins).inputs()[i], bytes[i]))
+        let inputs = Moving::of(skins).inputs();
+        std::array::from_fn(|i| (inputs[i], bytes[i]))
     }
 
     /// Whether there is anything that could reflect light.

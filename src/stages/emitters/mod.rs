@@ -138,7 +138,7 @@ impl Sources {
     /// fell on a square unit.
     fn powers(&self, scene: &Scene) -> Vec<f64> {
         let materials = scene.materials.iter().zip(&self.materials).zip(&self.areas);
-        let glowing = materials.map(|((m, s), area)| PI * luminance(m.emissive * s.tint) * s.share * area);
+        let glowing = materials.map(|((m, s), area)| PI * s.radiance(m) * area);
         let solid_angle = |light: &scene::Light| match light.kind {
             LightKind::Directional { .. } => 1.0,
             LightKind::Point { .. } => 4.0 * PI,
@@ -168,6 +168,11 @@ impl Source {
         let passes = 1.0 - COAT_REFLECTANCE * f64::from(material.clearcoat.factor);
         let share = passes * mean_coverage(scene, material).max(LEAST_COVERAGE);
         Self { tint, share, two_sided }
+    }
+
+    /// Mean radiance that the material emits now, as luminance.
+    fn radiance(&self, material: &Material) -> f64 {
+        luminance(material.emissive * self.tint) * self.share
     }
 }
 
@@ -216,8 +221,7 @@ impl Emitters {
         spheres.extend(local);
         for (prim, t) in triangles {
             let (source, material) = (&sources.materials[t.material as usize], &scene.materials[t.material as usize]);
-            let emitted = luminance(material.emissive * source.tint) * source.share;
-            let (light, bounds) = triangle_light(prim, &t, emitted, source.two_sided);
+            let (light, bounds) = triangle_light(prim, &t, source.radiance(material), source.two_sided);
             if sources.keeps_dark || bounds.power > 0.0 {
                 spheres.push((light, bounds));
             }

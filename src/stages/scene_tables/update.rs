@@ -1,5 +1,7 @@
 //! What a frame changes in the tables of a scene that moves.
 
+use std::collections::BTreeSet;
+
 use glam::Vec4;
 use obvhs::aabb::Aabb;
 use serde::{Deserialize, Serialize};
@@ -26,14 +28,25 @@ pub(super) struct Moves {
     motion: Motion,
     /// Lights and materials at rest; what else is asked of the scene is in other tables.
     rest: Scene,
+    /// Materials that are not always what they are at rest.
+    changing: Vec<usize>,
 }
 
 impl Moves {
     /// None where nothing moves.
     pub fn of(scene: &Scene) -> Option<Self> {
+        let motion = &scene.motion;
+        if motion.is_empty() {
+            return None;
+        }
         let (materials, lights) = (scene.materials.clone(), scene.lights.clone());
         let rest = Scene { materials, lights, ..Scene::empty(&scene.name) };
-        (!scene.motion.is_empty()).then(|| Self { motion: scene.motion.clone(), rest })
+        let colored = motion.animations.iter().flat_map(|a| &a.channels).filter_map(|channel| match channel.target {
+            Target::BaseColor(material) => Some(material),
+            _ => None,
+        });
+        let changing: BTreeSet<usize> = motion.emitters.iter().map(|e| e.index).chain(colored).collect();
+        Some(Self { motion: motion.clone(), rest, changing: changing.into_iter().collect() })
     }
 
     /// Whether any light may be anywhere else, or anything else, at another time.
@@ -41,23 +54,19 @@ impl Moves {
         let Motion { lights, lamps, emitters, .. } = &self.motion;
         !(lights.is_empty() && lamps.is_empty() && emitters.is_empty())
     }
-
-    fn changes_material(&self, material: usize) -> bool {
-        let mut channels = self.motion.animations.iter().flat_map(|a| &a.channels);
-        self.motion.emitters.iter().any(|e| e.index == material)
-            || channels.any(|c| c.target == Target::BaseColor(material))
-    }
 }
 
 impl SceneTables {
-    /// What a frame at `now_s` changes, `last_s` being the time of the one before, and says of it in its constants.
-    pub fn update(&self, frame: &mut layout::Frame, now_s: f64, last_s: f64) -> SceneUpdate {
+    /// What a frame at `now_s` changes, `last_s` being the time of the one before, and says of it in its constants. Beside
+    /// it, of each body, bounds now, relative to [`Self::origin`], and by how much it has moved at most between the two
+    /// times, scene units.
+    pub fn update(&self, frame: &mut layout::Frame, now_s: f64, last_s: f64) -> (SceneUpdate, Vec<(Aabb, f32)>) {
         let mut update = SceneUpdate::default();
-        let Some(moves @ Moves { motion, rest }) = &self.moving else { return update };
+        let Some(moves @ Moves { motion, rest, changing }) = &self.moving else { return (update, Vec::new()) };
         let [now, last] = [now_s, last_s].map(|time_s| motion.pose(time_s));
         let pose = self.accel.pose_rows(motion, [&now, &last]);
+        let poses = Poses { motion, now: &now, last: &last, rows: &pose };
         if self.accel.moves() {
-            let poses = Poses { motion, now: &now, last: &last, rows: &pose };
             let placed = self.accel.placed_at(Some(&poses));
             let tree = self.accel.instance_tree * (size_of_val(&self.accel.nodes[0]) / ROW_BYTES) as u32;
             update.rows.push((tree, bytes_of(&placed.nodes).into_owned()));
@@ -70,9 +79,7 @@ impl SceneTables {
         let mut before = rest.clone();
         motion.place(&last, &mut before);
         frame.lights.change = self.sources.change(&before, &scene) as f32;
-        for i in (0..scene.materials.len()).filter(|i| moves.changes_material(*i)) {
-            update.rows.push(self.material_row(i, &scene.materials[i]));
-        }
+        update.rows.extend(changing.iter().map(|&i| self.material_row(i, &scene.materials[i])));
         let glows = self.sources.triangles.last().is_some_and(|&last| last >= self.accel.skins.first_row);
         if moves.changes_lights() || (glows && !self.accel.skins.is_empty()) {
             let emitters = Emitters::placed(
@@ -86,7 +93,7 @@ impl SceneTables {
             update.rows.push((self.first_rows.lights, bytes_of(&emitters.lights).into_owned()));
         }
         update.pose = pose.iter().map(Vec4::to_array).collect();
-        update
+        (update, self.accel.moved(&poses).collect())
     }
 
     /// Where those are that may emit.
@@ -109,15 +116,5 @@ impl SceneTables {
         let entry = layout::Material { base_color, emissive, ..self.materials[number] };
         let row = self.first_rows.materials + (number * size_of::<layout::Material>() / ROW_BYTES) as u32;
         (row, bytemuck::bytes_of(&entry).to_vec())
-    }
-
-    /// Bounds of each moving body now, relative to [`Self::origin`], and by how much it has moved at most between the two
-    /// times, scene units.
-    pub fn moved(&self, now_s: f64, last_s: f64) -> Vec<(Aabb, f32)> {
-        let Some(Moves { motion, .. }) = &self.moving else { return Vec::new() };
-        let [now, last] = [now_s, last_s].map(|time_s| motion.pose(time_s));
-        let rows = self.accel.pose_rows(motion, [&now, &last]);
-        let poses = Poses { motion, now: &now, last: &last, rows: &rows };
-        self.accel.moved(&poses).collect()
     }
 }
