@@ -22,6 +22,8 @@ impl Accel {
             self.trees.push(first_row..first_row);
             return Ok((Tree { root, first_row, rows: 0, levels: 1 }, Vec::new()));
         }
+        let mut points = flat.triangles.iter().flat_map(|t| [t.v0, t.v1, t.v2]);
+        points.try_for_each(|v| check_reach(v.abs().as_dvec3()))?;
         let bvh = tree_over(&flat.triangles, splits, room)?;
         let levels = self.push_nodes(&bvh, first_row)?;
         let order = &bvh.primitive_indices;
@@ -140,13 +142,14 @@ pub fn checked_origin(scene: &Scene) -> Result<DVec3, AccelError> {
     let bounds = scene.bounds();
     let origin = origin_for(bounds);
     if scene.triangle_count() > 0 {
-        let farthest = |corner: Vec3| (corner.as_dvec3() - origin).abs().max_element();
-        let reach = farthest(bounds.min).max(farthest(bounds.max));
-        if reach > MAX_REACH {
-            return Err(AccelError::TooLarge(reach));
-        }
+        check_reach((bounds.min.as_dvec3() - origin).abs().max((bounds.max.as_dvec3() - origin).abs()))?;
     }
     Ok(origin)
+}
+
+fn check_reach(reach: DVec3) -> Result<(), AccelError> {
+    let is_within = reach.cmple(DVec3::splat(MAX_REACH)).all();
+    if is_within { Ok(()) } else { Err(AccelError::TooLarge(reach.max_element())) }
 }
 
 /// The corners of each triangle in tree order; none where there are none.

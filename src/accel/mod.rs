@@ -321,6 +321,29 @@ mod tests {
     }
 
     #[test]
+    fn bodies_out_of_reach_are_refused_or_left_out() {
+        let studio = (builtin::find("studio").unwrap().build)();
+        let accel = Accel::build(&studio).unwrap();
+        let with_joints = |scale: f32| {
+            let mut scene = studio.clone();
+            let binds = scene.motion.skins.iter_mut().flat_map(|skin| &mut skin.inverse_bind);
+            binds.for_each(|bind| bind.matrix3 *= scale);
+            scene
+        };
+        for far in [1e20, 1e38] {
+            let scene = with_joints(far);
+            assert!(matches!(Accel::build(&scene), Err(AccelError::TooLarge(_))));
+            let pose = scene.motion.pose(0.0);
+            let rows = accel.pose_rows(&scene.motion, [&pose, &pose]);
+            let poses = Poses { motion: &scene.motion, now: &pose, last: &pose, rows: &rows };
+            assert_eq!(
+                accel.placed_at(Some(&poses)).instances.len() + studio.motion.skins.len(),
+                accel.instances.len()
+            );
+        }
+    }
+
+    #[test]
     fn scenes_far_off_are_brought_near() {
         let bounds = |at: f32| Bounds { min: Vec3::splat(at - 1.0), max: Vec3::splat(at + 2.0) };
         assert_eq!(origin_for(bounds(0.0)), DVec3::ZERO);

@@ -1,6 +1,6 @@
 //! What is put into the world by instances, in a frame and in the one before.
 
-use glam::{Affine3A, DAffine3, DVec3, Mat4, Vec3, Vec4};
+use glam::{Affine3A, DAffine3, DVec3, Mat4, Vec3, Vec3A, Vec4};
 use obvhs::BvhBuildParams;
 use obvhs::aabb::Aabb;
 use obvhs::cwbvh::builder::build_cwbvh;
@@ -8,7 +8,7 @@ use obvhs::cwbvh::builder::build_cwbvh;
 use super::build::nodes_from;
 use super::instances::{box_in, is_undone_well};
 use super::tree::{Tree, depth};
-use super::{Instance, Node, Skins};
+use super::{Instance, MAX_REACH, Node, Skins};
 use crate::scene::motion::Motion;
 use crate::scene::motion::pose::{Pose, narrow};
 
@@ -53,8 +53,8 @@ pub struct Placed {
 }
 
 impl Placed {
-    /// The tree's first node is to be number `root`. Without `poses`, nothing moves. A body that is too small or too stretched for
-    /// rays to follow it is left out.
+    /// The tree's first node is to be number `root`. Without `poses`, nothing moves. A body that is too small, too stretched or too far
+    /// away for rays to follow it is left out.
     pub(super) fn new(
         placements: &[Placement],
         skins: &Skins,
@@ -100,13 +100,14 @@ impl Placement {
             (By::Body { number, low, high }, Some(poses)) => {
                 let place = |pose| near(&poses.motion.world_from_body(pose, *number), origin);
                 let (now, last) = (place(poses.now), place(poses.last));
-                let is_there = is_undone_well(&now);
-                let bounds = || box_in(&Mat4::from(now), *low, *high);
-                is_there.then(|| (bounds(), Instance::new(&now, &last, self.first_prim, &self.tree)))
+                let bounds = box_in(&Mat4::from(now), *low, *high);
+                let is_there = is_undone_well(&now) && is_within_reach(&bounds);
+                is_there.then(|| (bounds, Instance::new(&now, &last, self.first_prim, &self.tree)))
             }
             (By::Skin(index), Some(poses)) => {
-                let instance = Instance::still(self.tree.first_row, self.tree.root);
-                Some((skins.bounds(*index, poses.rows, 0), instance))
+                let bounds = skins.bounds(*index, poses.rows, 0);
+                let instance = || Instance::still(self.tree.first_row, self.tree.root);
+                is_within_reach(&bounds).then(|| (bounds, instance()))
             }
             (By::Body { .. } | By::Skin(_), None) => None,
         }
@@ -126,6 +127,12 @@ impl Placement {
             By::Skin(index) => Some((skins.bounds(index, poses.rows, 0), skins.moved(index, poses.rows))),
         }
     }
+}
+
+/// Whether areas can be reckoned with there.
+fn is_within_reach(bounds: &Aabb) -> bool {
+    let reach = Vec3A::splat(MAX_REACH as f32);
+    (bounds.min.cmpge(-reach) & bounds.max.cmple(reach)).all()
 }
 
 /// How far from (0, 0, 0) a point of the box may be.

@@ -228,7 +228,12 @@ impl Skins {
             let at = (body.first_joint + j) * JOINT_ROWS + 3 * which;
             let m = Mat4::from_cols(pose[at], pose[at + 1], pose[at + 2], Vec4::W).transpose();
             let (low, high) = (Vec3::from(joint.min) - grown, Vec3::from(joint.max) + grown);
-            out = out.union(&super::instances::box_in(&m, low, high));
+            let joint = super::instances::box_in(&m, low, high);
+            if !(joint.min.is_finite() && joint.max.is_finite()) {
+                // Unions would pass over what is no number.
+                return joint;
+            }
+            out = out.union(&joint);
         }
         out
     }

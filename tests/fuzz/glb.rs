@@ -47,7 +47,11 @@ pub fn load_as_is(path: &Path, budget: &Budget) -> Option<Scene> {
     let view = shot.rig.view(0.0, Eye::Left);
     assert!([view.origin, view.right, view.up, view.forward].iter().all(|v| v.is_finite()), "{view:?}");
     let accel = Accel::build_within(&scene, Layout::Auto, budget).ok()?;
-    SceneTables::within(&scene, accel, budget).ok()?;
+    let tables = SceneTables::within(&scene, accel, budget).ok()?;
+    for (now_s, last_s) in [(0.3, 0.0), (1e9, -1e9)] {
+        let mut frame = bytemuck::Zeroable::zeroed();
+        tables.update(&mut frame, now_s, last_s);
+    }
     Some(scene)
 }
 
