@@ -60,10 +60,10 @@ fn vector(m: Affine, v: vec3<f32>) -> vec3<f32> {
     return vec3<f32>(dot(m.x.xyz, v), dot(m.y.xyz, v), dot(m.z.xyz, v));
 }
 
-// By the cofactors: the inverse transpose up to a factor, which a matrix without inverse has as well.
+// By the cofactors, as cross products are: the inverse transpose up to a factor, which a matrix without inverse has as well.
 fn normal_vector(m: Affine, n: vec3<f32>) -> vec3<f32> {
     let rows = mat3x3<f32>(cross(m.y.xyz, m.z.xyz), cross(m.z.xyz, m.x.xyz), cross(m.x.xyz, m.y.xyz));
-    return n * rows * sign(dot(m.x.xyz, rows[0]));
+    return n * rows;
 }
 
 fn unit_or(v: vec3<f32>, otherwise: vec3<f32>) -> vec3<f32> {
@@ -87,12 +87,11 @@ fn bring(at: u32) -> Corner {
     let m = blended(at);
     let now = m.now;
     let along = unit_or(vector(now, tangent.xyz), vec3<f32>(0.0));
-    let handedness = select(1.0, -1.0, dot(now.x.xyz, cross(now.y.xyz, now.z.xyz)) < 0.0);
     return Corner(
         point(now, position),
         point(m.last, last_position),
         normal_vector(now, normal),
-        vec4<f32>(along, tangent.w * handedness),
+        vec4<f32>(along, tangent.w),
     );
 }
 

@@ -64,7 +64,7 @@ impl Accel {
             }
             deepest = deepest.max(tree.levels);
             let corners: Vec<_> = order.iter().map(|&i| shape.triangles[i as usize]).collect();
-            self.skins.push(number, mesh, joints.len(), &corners, &self.triangles[tree.first_row as usize..]);
+            self.skins.push(number, mesh, &joints, &corners, &self.triangles[tree.first_row as usize..]);
             let by = By::Skin(self.skins.bodies() - 1);
             self.placements.push(Placement { tree, first_prim: tree.first_row, by });
         }

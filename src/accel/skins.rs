@@ -8,6 +8,7 @@ use super::moving::farthest;
 use super::{Node, Triangle};
 use crate::scene::Mesh;
 use crate::scene::motion::Influence;
+use crate::scene::motion::bake::is_mirrored;
 use crate::wgsl::{shared_constants, shared_structs};
 
 shared_structs! {
@@ -118,8 +119,17 @@ impl Skins {
         self.bodies.len()
     }
 
-    /// Adds a body: its mesh at rest, with `joints` matrices, and its triangles in the order of its tree.
-    pub(super) fn push(&mut self, number: usize, mesh: &Mesh, joints: usize, corners: &[[u32; 3]], rows: &[Triangle]) {
+    /// Adds a body: its mesh at rest, its joints at time 0, and its triangles in the order of its tree. If they are
+    /// mirrored then, they are so at all times: their normals and bitangents are turned round.
+    pub(super) fn push(
+        &mut self,
+        number: usize,
+        mesh: &Mesh,
+        joints: &[DAffine3],
+        corners: &[[u32; 3]],
+        rows: &[Triangle],
+    ) {
+        let handedness = if is_mirrored(joints) { -1.0 } else { 1.0 };
         let first_vertex = self.vertices.len() as u32;
         let first_joint = self.joints;
         for i in 0..mesh.positions.len() {
@@ -129,21 +139,22 @@ impl Skins {
                 .copied()
                 .unwrap_or(Influence { weights: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0], ..Default::default() });
             let (joints, weights) = sorted(&influence, first_joint);
+            let tangent = mesh.tangents.get(i).copied().unwrap_or_default();
             self.vertices.push(SkinVertex {
                 position: mesh.positions[i],
                 first_morph: self.morphs.len() as u32,
-                normal: mesh.normals.get(i).copied().unwrap_or_default(),
+                normal: handedness * mesh.normals.get(i).copied().unwrap_or_default(),
                 morph_count: mesh.morphs.len() as u32,
-                tangent: mesh.tangents.get(i).copied().unwrap_or_default(),
+                tangent: tangent.truncate().extend(handedness * tangent.w),
                 joints,
                 weights,
                 first_weight: self.weights as u32,
                 ..Default::default()
             });
-            let has_tangent = mesh.tangents.get(i).is_some_and(|t| t.truncate() != Vec3::ZERO);
+            let has_tangent = tangent.truncate() != Vec3::ZERO;
             self.morphs.extend(mesh.morphs.iter().map(|morph| SkinMorph {
                 position: morph.positions.get(i).copied().unwrap_or_default(),
-                normal: morph.normals.get(i).copied().unwrap_or_default(),
+                normal: handedness * morph.normals.get(i).copied().unwrap_or_default(),
                 tangent: morph.tangents.get(i).copied().filter(|_| has_tangent).unwrap_or_default(),
                 ..Default::default()
             }));
@@ -164,10 +175,10 @@ impl Skins {
             first_joint,
             first_weight: self.weights,
             targets: mesh.morphs.len(),
-            boxes: boxes_of_joints(mesh, joints),
+            boxes: boxes_of_joints(mesh, joints.len()),
             reach: reach.collect(),
         });
-        self.joints += joints;
+        self.joints += joints.len();
         self.weights += mesh.morphs.len();
     }
 

@@ -55,14 +55,13 @@ fn transform(random: &mut Random, by: f64, sign: f64) -> DAffine3 {
     DAffine3 { matrix3: linear, translation }
 }
 
-/// A pose in which the bodies are anywhere, as mirrored as they are at rest. Joints differ by so little that no mean of
-/// them turns a body inside out.
+/// A pose in which the bodies are anywhere, as mirrored as they are at rest. Means of joints turn some parts inside out.
 fn pose(scene: &Scene, random: &mut Random) -> Pose {
     let mut pose = scene.motion.pose(0.0);
     let whole = transform(random, 1.0, 1.0);
     for world in &mut pose.world_from_node {
         let sign = world.matrix3.determinant().signum();
-        *world = whole * transform(random, 0.2, 1.0) * DAffine3::from_scale(DVec3::new(sign, 1.0, 1.0));
+        *world = whole * transform(random, 1.0, 1.0) * DAffine3::from_scale(DVec3::new(sign, 1.0, 1.0));
     }
     let weight = |random: &mut Random| if random.chance(0.2) { 0.0 } else { random.within(-1.0..2.0) as f32 };
     pose.weights.iter_mut().flatten().for_each(|w| *w = weight(random));
