@@ -7,7 +7,7 @@
 
 const REACH_TILES: i32 = i32(REACH);
 // Share of light that may change without any history being dropped: the light tree picks other lights when any moves.
-const UNNOTICED: f32 = 0.05;
+const UNNOTICED: f32 = 0.01;
 // How many times a change beyond that counts.
 const STRENGTH: f32 = 4.0;
 

@@ -50,22 +50,23 @@ impl Denoise for Svgf {
     fn before(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         let last = |resource| Use::read(resource).before(spec.history_halo());
         let (traced, accumulated) = light.advance();
-        let pass = Pass::new(Stage("accumulate"), view, CUT, Kernel::new("accumulate").with(gradient::CONSTANTS)).uses([
-            Use::read(HIT),
-            Use::read(if spec.moving.is_some() { last_surface(spec) } else { GUIDE }),
-            Use::read(traced),
-            last(GUIDE),
-            last(MOMENTS),
-            last(HISTORY),
-            last(GUIDE).of(Eye::Left),
-            last(MOMENTS).of(Eye::Left),
-            last(HISTORY).of(Eye::Left),
-            Use::write(accumulated),
-            Use::write(MOMENTS),
-            Use::read(PREVIOUS_VIEWS),
-            Use::add(TALLY),
-            Use::read(gradient::change(spec)).of(Eye::Left).if_written(),
-        ]);
+        let pass =
+            Pass::new(Stage("accumulate"), view, CUT, Kernel::new("accumulate").with(gradient::CONSTANTS)).uses([
+                Use::read(HIT),
+                Use::read(if spec.moving.is_some() { last_surface(spec) } else { GUIDE }),
+                Use::read(traced),
+                last(GUIDE),
+                last(MOMENTS),
+                last(HISTORY),
+                last(GUIDE).of(Eye::Left),
+                last(MOMENTS).of(Eye::Left),
+                last(HISTORY).of(Eye::Left),
+                Use::write(accumulated),
+                Use::write(MOMENTS),
+                Use::read(PREVIOUS_VIEWS),
+                Use::add(TALLY),
+                Use::read(gradient::change(spec)).of(Eye::Left).if_written(),
+            ]);
         gradient::passes(spec, view).into_iter().chain([pass]).collect()
     }
 
