@@ -59,7 +59,8 @@ fn what_a_frame_does_not_need_is_left_out_and_said_why() {
 fn what_moves_is_brought_first_and_followed_where_history_is_kept() {
     let all = |frame: &FrameSpec| -> Vec<&str> { declare(frame).passes.iter().map(|pass| pass.stage.name()).collect() };
     let passes = |frame: &FrameSpec| -> Vec<&str> {
-        all(frame).into_iter().filter(|stage| ["skin", "refit", "motion"].contains(stage)).collect()
+        let of_motion = ["skin", "refit", "motion", "gradient", "gradient_smooth"];
+        all(frame).into_iter().filter(|stage| of_motion.contains(stage)).collect()
     };
     let still = FrameSpec { filter: Some(Denoiser::Svgf), ..spec(2, Seam::Filter) };
     assert_eq!(passes(&still), [""; 0]);
@@ -68,10 +69,10 @@ fn what_moves_is_brought_first_and_followed_where_history_is_kept() {
         assert!(why.contains(&(Stage(stage), Eye::Left, "nothing in the scene moves")), "{why:?}");
     }
     let rigid = FrameSpec { moving: Some(Moving::default()), ..still.clone() };
-    assert_eq!(passes(&rigid), ["motion"; 2]);
+    assert_eq!(passes(&rigid), ["motion", "motion", "gradient", "gradient_smooth"]);
     let deforming = Moving { triangles: 1, nodes: 1, levels: vec![1], ..Moving::default() };
     let deforming = FrameSpec { moving: Some(deforming), ..still };
-    assert_eq!(passes(&deforming), ["skin", "refit", "motion", "motion"]);
+    assert_eq!(passes(&deforming), ["skin", "refit", "motion", "motion", "gradient", "gradient_smooth"]);
     assert_eq!(all(&deforming)[..3], ["skin", "refit", "gbuffer"]);
     let unfiltered = FrameSpec { filter: Some(Denoiser::Atrous), ..deforming };
     assert_eq!(passes(&unfiltered), ["skin", "refit"]);

@@ -6,9 +6,10 @@
 // - Variance counts the more, the less is known of it: few samples may have missed what is rare and bright.
 // - How long a history counts is bounded by what resampling has blurred and by how far a short mean is off the long one.
 // - Gloss, where a scene has it, is accumulated beside matte light and counts on fewer of the same frames.
+// - Where something moves, history is dropped by as much as light has changed (Schied et al. 2018, see `gradient.wgsl`).
 // - Where the right eye finds no history, the left eye's is looked up.
 
-//!include frame grid split motion pack variance
+//!include frame grid split motion pack variance light_change
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
 // Of the surfaces as they were in the frame before.
@@ -28,6 +29,7 @@
 @group(1) @binding(10) var<storage, read_write> moments: array<vec4<u32>>;
 @group(1) @binding(11) var<uniform> previous: Previous;
 @group(1) @binding(12) var<storage, read_write> tally: array<u32>;
+@group(1) @binding(13) var<storage, read> light_change: array<f32>;
 
 // Frames before variance over time means something, as in the paper.
 const FEW_FRAMES: f32 = 4.0;
@@ -213,7 +215,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         longest = LONGEST_VIEW_DEPENDENT;
     }
     longest = min(longest, longest_in_light());
-    let keep = min(longest / max(frames, 1.0), 1.0);
+    var keep = min(longest / max(frames, 1.0), 1.0);
+    if HAS_MOTION {
+        keep *= kept_in_light(tile_of(pixel, position), samples * keep, max(new_samples, 1.0));
+    }
     samples *= keep;
     frames *= keep;
     let total = samples + new_samples;

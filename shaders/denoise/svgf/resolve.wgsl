@@ -4,7 +4,7 @@
 // averages are of linear light, so that bright edges keep their energy; history is looked up by cubic interpolation of
 // whole pixels; how long it counts is counted in frames, and bounded by how far they moved.
 
-//!include frame grid motion pack display
+//!include frame grid motion pack display light_change
 
 @group(1) @binding(0) var<storage, read> composed: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read> last_resolved: array<vec4<f32>>;
@@ -16,6 +16,7 @@
 @group(1) @binding(6) var<storage, read_write> tally: array<u32>;
 @group(1) @binding(7) var<storage, read> last_surface: array<vec4<u32>>;
 @group(1) @binding(8) var<storage, read> last_guide: array<vec4<u32>>;
+@group(1) @binding(9) var<storage, read> light_change: array<f32>;
 
 // Longest history in frames, of a pixel that moved and of one that did not. Frames of several samples are antialiased
 // themselves: the less is gained by those that moved, which interpolation blurs. Glare, what is far brighter than white, would
@@ -131,7 +132,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let longest_moved = LONGEST_MOVED * inverseSqrt(f32(frame.sampling.spp)) / (1.0 + luminance(deviation) * frame.display.exposure);
     let longest = select(mix(longest_moved, LONGEST_STILL, stillness), LONGEST_STILL, is_still);
     let is_known = has_history && is_finite(old.rgb) && is_finite(old.aaa);
-    let frames = select(0.0, clamp(round(old.a), 0.0, min(longest, longest_in_light())), is_known);
+    var frames = select(0.0, clamp(round(old.a), 0.0, min(longest, longest_in_light())), is_known);
+    if HAS_MOTION {
+        frames *= kept_in_light(tile_of(pixel, was_at), frames, 1.0);
+    }
 
     let half = ALLOWED_DEVIATIONS * deviation;
     let clamped = mix(clamp(old.rgb, max(mean - half, vec3<f32>(0.0)), mean + half), max(old.rgb, vec3<f32>(0.0)), stillness);

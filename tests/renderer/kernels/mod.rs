@@ -16,6 +16,7 @@ mod camera;
 mod compose;
 mod edges;
 mod foveation;
+mod gradient_smooth;
 mod harness;
 mod inputs;
 mod moving;

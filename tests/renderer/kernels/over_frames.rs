@@ -55,6 +55,7 @@ fn accumulate(gloss: bool, seed: u64) {
                 ("moments", Buffer::image(&moments)),
                 ("previous", Buffer::whole(&constants.eyes.map(|eye| eye.view()))),
                 ("tally", Buffer::image(&vec![0u32; area])),
+                ("light_change", Buffer::whole(&[0.0f32])),
             ],
         );
         (accumulated, moments) = (outputs.get("accumulated"), outputs.get("moments"));
@@ -111,6 +112,7 @@ fn resolved_frames_are_averaged() {
                 ("display", Buffer::image(&vec![0u32; area])),
                 ("previous", Buffer::whole(&constants.eyes.map(|eye| eye.view()))),
                 ("tally", Buffer::image(&vec![0u32; area])),
+                ("light_change", Buffer::whole(&[0.0f32])),
                 ("last_surface", Buffer::whole(&[[0u32; 4]])),
                 ("last_guide", Buffer::whole(&[[0u32; 4]])),
             ],

@@ -6,7 +6,9 @@ use crate::reference::scenes::{add_material, add_matte, add_mesh, instance, matt
 use diptych::exec::{RenderSettings, Stereo};
 use diptych::image::RgbImage;
 use diptych::passes::Aov;
-use diptych::scene::{Material, Scene};
+use diptych::scene::motion::Target;
+use diptych::scene::motion::keys::Interpolation;
+use diptych::scene::{Environment, LightKind, Material, Scene};
 use glam::{Affine3A, DVec3, Vec3};
 
 use super::watched;
@@ -111,4 +113,28 @@ fn a_light_that_switches_is_right_four_frames_later() {
     assert!(dark < 0.5 * lit);
     assert!((frames[BEFORE as usize - 1] / dark - 1.0).abs() < 0.05, "before: {} of what is right", frames[15] / dark);
     assert!(of_lit[3..].iter().all(|of| (of - 1.0).abs() < 0.1), "{of_lit:.3?} of what is right");
+}
+
+/// As much light as before, elsewhere: only what pixels receive tells.
+#[test]
+fn a_lamp_that_jumps_is_right_where_it_was_and_where_it_is() {
+    let mut draft = Draft::room("jump");
+    draft.scene.environment = Environment::Black;
+    let lamp = draft.node(None, DVec3::ZERO, DVec3::ONE);
+    draft.light(lamp, LightKind::Point { position: Vec3::ZERO, radius: 0.0 }, Vec3::splat(4.0));
+    let places = [[-1.5, 1.0, 0.5], [1.5, 1.0, 0.5]].concat();
+    draft.animate(Target::Translation(lamp), Interpolation::Step, &[0.0, moving::SWITCH_S as f32], &places);
+    let subject = watched(draft.done());
+    let settings = RenderSettings { bounces: 2, ..subject.accumulated(WIDTH, HEIGHT) };
+    let mut stage = Stage::alone(&subject, &settings);
+    let time_s = |i: u32| moving::SWITCH_S + (f64::from(i) - f64::from(FRAMES)) / FPS + 1e-4;
+    let frames: Vec<_> = (0..FRAMES + 4).map(|i| stage.frame_at(time_s(i), i).linear).collect();
+    drop(stage);
+    let [before, after] = [0.5, 1.5].map(|time_s| reference(&subject, time_s, 64));
+    let all: Vec<usize> = (0..(WIDTH * HEIGHT) as usize).collect();
+    let settled = error(&before, &frames[FRAMES as usize - 1], &all);
+    let jumped: Vec<f64> = frames[FRAMES as usize..].iter().map(|frame| error(&after, frame, &all)).collect();
+    println!("{settled:.4} before, {jumped:.4?} after; {:.4} if nothing changed", error(&after, &before, &all));
+    assert!(error(&after, &before, &all) > 0.3);
+    assert!(settled < 0.02 && jumped[3] < 0.05, "{settled} before, {jumped:?} after");
 }

@@ -2,6 +2,8 @@
 //!
 //! The method is that of Schied et al. 2017, "Spatiotemporal Variance-Guided Filtering".
 
+mod gradient;
+
 use super::{CUT, Denoise, Light};
 use crate::graph::{Chain, Image, Kernel, Pass, Resource, Stage, Use};
 use crate::passes::gbuffer::{ALBEDO, EMISSION, GUIDE, HIT, TALLY};
@@ -48,22 +50,24 @@ impl Denoise for Svgf {
     fn before(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         let last = |resource| Use::read(resource).before(spec.history_halo());
         let (traced, accumulated) = light.advance();
-        let pass = Pass::new(Stage("accumulate"), view, CUT, Kernel::new("accumulate")).uses([
-            Use::read(HIT),
-            Use::read(if spec.moving.is_some() { last_surface(spec) } else { GUIDE }),
-            Use::read(traced),
-            last(GUIDE),
-            last(MOMENTS),
-            last(HISTORY),
-            last(GUIDE).of(Eye::Left),
-            last(MOMENTS).of(Eye::Left),
-            last(HISTORY).of(Eye::Left),
-            Use::write(accumulated),
-            Use::write(MOMENTS),
-            Use::read(PREVIOUS_VIEWS),
-            Use::add(TALLY),
-        ]);
-        vec![pass]
+        let pass =
+            Pass::new(Stage("accumulate"), view, CUT, Kernel::new("accumulate").with(gradient::CONSTANTS)).uses([
+                Use::read(HIT),
+                Use::read(if spec.moving.is_some() { last_surface(spec) } else { GUIDE }),
+                Use::read(traced),
+                last(GUIDE),
+                last(MOMENTS),
+                last(HISTORY),
+                last(GUIDE).of(Eye::Left),
+                last(MOMENTS).of(Eye::Left),
+                last(HISTORY).of(Eye::Left),
+                Use::write(accumulated),
+                Use::write(MOMENTS),
+                Use::read(PREVIOUS_VIEWS),
+                Use::add(TALLY),
+                Use::read(gradient::change(spec)).of(Eye::Left).if_written(),
+            ]);
+        gradient::passes(spec, view).into_iter().chain([pass]).collect()
     }
 
     fn filter(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
@@ -93,7 +97,7 @@ impl Denoise for Svgf {
         let compose = Pass::new(Stage("compose"), view, tonemap::CUT, Kernel::new("compose"))
             .uses([Use::read(filtered), Use::read(ALBEDO), Use::read(EMISSION), Use::write(composed)])
             .chain(Chain::Margin);
-        let resolve = Pass::new(Stage("resolve"), view, tonemap::CUT, Kernel::new("resolve"))
+        let resolve = Pass::new(Stage("resolve"), view, tonemap::CUT, Kernel::new("resolve").with(gradient::CONSTANTS))
             .uses([
                 Use::read(composed).halo(spec.halo(RESOLVE_REACH_ROWS)),
                 Use::read(RESOLVED).before(spec.history_halo()),
@@ -104,6 +108,7 @@ impl Denoise for Svgf {
                 Use::add(TALLY),
                 Use::read(last_surface(spec)).halo(spec.halo(RESOLVE_REACH_ROWS)).if_written(),
                 last_guide,
+                Use::read(gradient::change(spec)).of(Eye::Left).if_written(),
             ])
             .chain(Chain::Margin);
         vec![compose, resolve]

@@ -202,6 +202,7 @@ fn compare(case: Case, cases: &mut Cases) {
                 ("moments", Buffer::image(&words[1])),
                 ("previous", Buffer::whole(&views)),
                 ("tally", Buffer::image(&tally)),
+                ("light_change", Buffer::whole(&[0.0f32])),
             ],
         );
         let (light, moments) = (outputs.get::<[u32; 4]>("accumulated"), outputs.get::<[u32; 4]>("moments"));

@@ -73,6 +73,7 @@ fn compare_within(tolerance: f64, turn: Option<Turn>, has_history: bool, seed: u
                 ("tally", Buffer::image(&tally)),
                 ("last_surface", Buffer::whole(&[[0u32; 4]])),
                 ("last_guide", Buffer::whole(&[[0u32; 4]])),
+                ("light_change", Buffer::whole(&[0.0f32])),
             ],
         );
         let (kept, linear) = (outputs.get::<[f32; 4]>("resolved"), outputs.get::<[f32; 4]>("linear"));

@@ -1,0 +1,76 @@
+// Temporal gradients (Schied, Peters & Dachsbacher, "Gradient Estimation for Real-Time Adaptive Temporal Filtering", 2018):
+// a pixel's path of the frame before is traced again in the scene of now, with the same random numbers from the same point
+// of the surface, wherever that has moved; what differs is light that has changed. Departures: the surface of a pixel of
+// now is followed back instead of one of before forwards; paths are traced beside those of the frame, in whose stead the
+// paper has them; pixels of several samples have none.
+
+//!include frame grid rng scene light_tree environment lights trace traverse hits surface bsdf split path pack motion
+
+@group(1) @binding(0) var<storage, read> last_surface: array<vec4<u32>>;
+@group(1) @binding(1) var<storage, read> last_hit: array<vec4<u32>>;
+@group(1) @binding(2) var<storage, read> last_guide: array<vec4<u32>>;
+@group(1) @binding(3) var<storage, read> last_radiance: array<vec4<u32>>;
+// Of the luminance of light over albedo: now minus before, and the larger of both.
+@group(1) @binding(4) var<storage, read_write> gradient: array<vec2<f32>>;
+@group(1) @binding(5) var<uniform> previous: Previous;
+
+// Luminance is bounded, so that sums over tiles stay finite.
+fn all_luminance(light: SplitLight) -> f32 {
+    let both = luminances(light);
+    return both.x + both.y;
+}
+
+// Light that the surface behind a pixel of the frame before, of which the eye was at `origin`, sends now.
+fn light_again(hit: vec4<u32>, position: vec3<f32>, origin: vec3<f32>, pixel: vec2<u32>) -> SplitLight {
+    let direction = normalize(position - origin);
+    let first = surface_at(hit.x, bitcast<vec2<f32>>(hit.yz), origin, direction);
+    var rng = rng_in(frame.sampling.index - 1u, pixel, 0u, 0u);
+    let path = trace_path(first, direction, &rng);
+    var packed = pack_sampled(over(path.radiance, first.albedo), vec3<f32>(0.0));
+    if HAS_GLOSS {
+        packed = pack_sampled(over(path.radiance, first.matte), over(path.gloss, first.albedo - first.matte));
+    }
+    // Rounded as what it is compared with.
+    return unpack_sampled(packed);
+}
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let tile = vec2<u32>(id.x, pass_.row_begin + id.y);
+    if tile.x >= pass_.width || tile.y >= pass_.row_end {
+        return;
+    }
+    let at = pixel_index(tile);
+    gradient[at] = vec2<f32>(0.0);
+    let size = vec2<u32>(pass_.args[0], pass_.args[1]);
+    let pick = hash_combine(hash_combine(frame.sampling.index, tile.x), tile.y) % (TILE * TILE);
+    let pixel = min(tile * TILE + vec2<u32>(pick % TILE, pick / TILE), size - 1u);
+    let last = last_surface[pixel.y * size.x + pixel.x];
+    if last.w == NO_NORMAL || frame.history.rows == NO_HISTORY {
+        return;
+    }
+    let eye = previous.views[0];
+    let position = bitcast<vec3<f32>>(last.xyz);
+    // In shares of the image, as this pass has the grid of tiles.
+    let point = pixel_of(position, eye);
+    let seen = vec2<i32>(floor(point.xy / vec2<f32>(f32(pass_.width), f32(pass_.height)) * vec2<f32>(size)));
+    let low = max(i32(pass_.valid_begin * TILE), i32(pixel.y) - i32(frame.history.rows));
+    let high = min(min(i32(pass_.valid_end * TILE), i32(size.y)), i32(pixel.y) + i32(frame.history.rows) + 1);
+    if point.z <= 0.0 || seen.x < 0 || seen.x >= i32(size.x) || seen.y < low || seen.y >= high || are_lost(seen.y, seen.y + 1) {
+        return;
+    }
+    let there = u32(seen.y) * size.x + u32(seen.x);
+    let guide = last_guide[there];
+    let hit = last_hit[there];
+    let before = last_radiance[there];
+    let normal = unpack_normal(last.w);
+    let off = abs(dot(normal, bitcast<vec3<f32>>(guide.xyz) - position));
+    let is_same = guide.w != NO_NORMAL && off < 0.01 * point.z && dot(unpack_normal(guide.w), normal) > 0.9;
+    if !is_same || before.w == 0u || (before.w & TELLS_VARIANCE) != 0u || (hit.x & SPHERE) != 0u {
+        return;
+    }
+    let then = all_luminance(unpack_sampled(before));
+    let now = all_luminance(light_again(hit, bitcast<vec3<f32>>(guide.xyz), eye.origin, vec2<u32>(seen)));
+    let value = vec2<f32>(now - then, max(now, then));
+    gradient[at] = select(vec2<f32>(0.0), value, is_finite(value.xyy));
+}

@@ -1,0 +1,19 @@
+// By how much light in the left eye has changed since the frame before, in tiles; the image is bound by the shader.
+
+// The tile in which the left eye sees what this pixel sees, which is at `position`.
+fn tile_of(pixel: vec2<u32>, position: vec3<f32>) -> u32 {
+    var x = pixel.x;
+    if pass_.view == 1u {
+        let seen = pixel_of(position, frame.camera.views[0]).x;
+        x = u32(clamp(seen, 0.0, f32(pass_.width) - 1.0));
+    }
+    return pixel.y / TILE * ((pass_.width + TILE - 1u) / TILE) + x / TILE;
+}
+
+// Share that is left of a history that counts `old`, beside which a frame counts `new_`: where all light has changed
+// nothing is, and in between the weight of the frame is interpolated (Schied et al. 2018, section 4.3).
+fn kept_in_light(tile: u32, old: f32, new_: f32) -> f32 {
+    let change = light_change[tile];
+    let weight = new_ / (old + new_);
+    return (1.0 - change) * weight / mix(weight, 1.0, change);
+}

@@ -1,0 +1,58 @@
+//! How much of the light in the left eye is other than in the frame before, told by the same random numbers, where
+//! anything moves: temporal gradients (Schied, Peters & Dachsbacher, "Gradient Estimation for Real-Time Adaptive Temporal
+//! Filtering", 2018).
+
+use super::CUT;
+use crate::graph::{Grid, Kernel, Pass, Resource, Size, Stage, Use};
+use crate::image::Extent;
+use crate::passes::gbuffer::{GUIDE, HIT};
+use crate::passes::moving::last_surface;
+use crate::passes::path_trace::RADIANCE;
+use crate::passes::{FrameSpec, PREVIOUS_VIEWS};
+use crate::scene::rig::Eye;
+use crate::wgsl::{Constant, constants};
+
+/// Columns and rows of a tile, of which one pixel is traced again.
+const TILE: u32 = 3;
+const TILES: Grid = Grid { size: Size::FrameOver(TILE), ..Grid::FRAME };
+
+/// Tiles on each side that the smoothing of differences reads.
+const REACH: u32 = 2;
+
+/// For shaders that read [`change`].
+pub const CONSTANTS: &[Constant] = constants![TILE];
+
+const TRACE: Kernel = Kernel::with_scene("gradient").with(CONSTANTS);
+const SMOOTH: Kernel = Kernel::new("gradient_smooth").with(constants![REACH]);
+
+/// Luminance of the light of a tile's pixel now minus before, and the larger of both.
+const GRADIENT: Resource = Resource::image("gradient", 8).on(TILES);
+
+/// Share of each tile's history that is dropped. There is none where nothing moves.
+pub fn change(spec: &FrameSpec) -> Resource {
+    let nothing = Grid::table(Size::Fixed(Extent::new(1, 1)));
+    Resource::image("light_change", 4).on(if spec.moving.is_some() { TILES } else { nothing })
+}
+
+/// The passes that find it, before the left eye accumulates.
+pub fn passes(spec: &FrameSpec, view: Eye) -> Vec<Pass> {
+    if spec.moving.is_none() || view != Eye::Left {
+        return Vec::new();
+    }
+    let last = |resource| Use::read(resource).before(spec.history_halo());
+    let trace = Pass::new(Stage("gradient"), view, CUT, TRACE)
+        .on(TILES)
+        .uses([
+            Use::read(last_surface(spec)),
+            last(HIT),
+            last(GUIDE),
+            last(RADIANCE),
+            Use::write(GRADIENT),
+            Use::read(PREVIOUS_VIEWS),
+        ])
+        .args([spec.extent.width, spec.extent.height, 0]);
+    let smooth = Pass::new(Stage("gradient_smooth"), view, CUT, SMOOTH)
+        .on(TILES)
+        .uses([Use::read(GRADIENT).halo(spec.halo(REACH)), Use::write(change(spec))]);
+    vec![trace, smooth]
+}
