@@ -57,8 +57,7 @@ test-hardware-rays: deps
 	$(CARGO) build --release --locked
 	@"$(DIPTYCH)" devices --json | grep -q '"ray_queries": true' || { \
 		echo "no adapter here has ray queries, which these tests are of: Mesa's software driver has them in version 25" >&2; exit 1; }
-	@echo "scenes that move are left out: ray queries do not follow them yet"
-	DIPTYCH_TRAVERSAL=hardware $(CARGO) test --release --locked --test renderer -- --skip moving:: --skip scenes_that_move
+	DIPTYCH_TRAVERSAL=hardware $(CARGO) test --release --locked --test renderer
 
 golden: deps
 	$(CARGO) build --release --locked

@@ -23,7 +23,7 @@ use self::instances::Division;
 pub use self::instances::Instance;
 use self::moving::Placement;
 pub use self::moving::{Placed, Poses};
-pub use self::skins::{COLUMNS, SkinMorph, SkinTriangle, SkinVertex, Skins};
+pub use self::skins::{COLUMNS, SKINNED_BYTES, SkinMorph, SkinTriangle, SkinVertex, Skins};
 pub(crate) use self::skins::{CONSTANTS as SKIN_CONSTANTS, structs as skin_structs};
 use self::tree::{BUILD_BYTES, Room};
 use crate::scene::Scene;

@@ -64,6 +64,9 @@ shared_constants! {
     const ROWS_PER_JOINT: u32 = 6;
 }
 
+/// Bytes of a vertex that `skin` has brought into the world, its position first.
+pub const SKINNED_BYTES: usize = 64;
+
 /// As a size.
 const JOINT_ROWS: usize = ROWS_PER_JOINT as usize;
 

@@ -5,8 +5,9 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use diptych::accel::{Accel, Layout};
-use diptych::device::{self, GpuDevice, Selection, Traversal};
+use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
 use diptych::exec::{FrameReport, RenderSettings, Renderer};
+use diptych::passes::Moving;
 use diptych::quality::Quality;
 use diptych::scene::Scene;
 use diptych::scene::needs::SceneNeeds;
@@ -131,6 +132,8 @@ pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool
     let quality = options.quality();
     let needs =
         if options.no_skip { SceneNeeds { gloss: loaded.needs.gloss, ..SceneNeeds::ALL } } else { loaded.needs };
+    // Renderers go by what their devices are opened for; without any, by what is asked for.
+    let hardware = options.traversal == TraversalChoice::Hardware;
     let stages = StageSettings {
         sampler: options.sampler,
         spp: options.spp,
@@ -143,7 +146,7 @@ pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool
         aovs: options.aovs(),
         frames_in_flight: usize::from(options.frames_in_flight),
         checks: options.shader_checks,
-        moving: loaded.tables.moving(),
+        moving: loaded.tables.moving().map(|moving| Moving { hardware, ..moving }),
         ..StageSettings::new(options.size, needs)
     };
     RenderSettings {

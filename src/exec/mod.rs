@@ -57,10 +57,6 @@ pub enum ExecError {
         "some devices follow rays in shaders and others by ray queries, which do not give the same bytes: open them for one traversal"
     )]
     MixedTraversal,
-    #[error(
-        "ray queries do not follow what moves yet: render this scene with --traversal compute, or --animation none"
-    )]
-    MovingTraversal,
     #[error("the devices waited for one another until they gave up")]
     Stuck,
     #[error(transparent)]

@@ -57,15 +57,15 @@ impl Renderer {
     pub fn new(
         gpus: Vec<GpuDevice>,
         tables: Arc<SceneTables>,
-        settings: RenderSettings,
+        mut settings: RenderSettings,
         policy: Box<dyn Policy>,
         origin: Instant,
     ) -> Result<Self, ExecError> {
         if gpus.iter().any(|gpu| gpu.info.traversal != gpus[0].info.traversal) {
             return Err(ExecError::MixedTraversal);
         }
-        if tables.moving().is_some() && gpus.iter().any(|gpu| gpu.info.traversal == Traversal::Hardware) {
-            return Err(ExecError::MovingTraversal);
+        if let Some(moving) = &mut settings.stages.moving {
+            moving.hardware = gpus.iter().any(|gpu| gpu.info.traversal == Traversal::Hardware);
         }
         let stages = &settings.stages;
         let spec = settings.spec(gpus.len(), tables.has_surfaces());

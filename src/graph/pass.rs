@@ -271,6 +271,8 @@ pub struct Pass {
     pub work: Work,
     pub cut_group: CutGroup,
     pub chain: Chain,
+    /// The table of vertices from which each device builds its acceleration structures of what moves after the pass.
+    pub builds_from: Option<Resource>,
 }
 
 impl Pass {
@@ -289,6 +291,7 @@ impl Pass {
             work: Work::Rows,
             cut_group,
             chain: Chain::No,
+            builds_from: None,
         }
     }
 
@@ -329,6 +332,11 @@ impl Pass {
 
     pub fn chain(self, chain: Chain) -> Self {
         Self { chain, ..self }
+    }
+
+    /// Has each device build its acceleration structures of what moves after it, from these vertices that it writes.
+    pub fn builds_from(self, vertices: Resource) -> Self {
+        Self { builds_from: Some(vertices), ..self }
     }
 
     /// The eye whose image a binding takes.

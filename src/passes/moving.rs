@@ -3,7 +3,7 @@
 
 use super::gbuffer::{CUT, GUIDE, HIT};
 use super::{Declared, FrameSpec};
-use crate::accel::{COLUMNS, Node, SkinMorph, SkinTriangle, SkinVertex, Skins};
+use crate::accel::{COLUMNS, Node, SKINNED_BYTES, SkinMorph, SkinTriangle, SkinVertex, Skins};
 use crate::graph::{Grid, Kernel, Launch, Life, Pass, Resource, Size, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
@@ -23,6 +23,10 @@ pub struct Moving {
     pub first_node: u32,
     /// The number of nodes down to each level and below it, from the deepest.
     pub levels: Vec<u32>,
+    /// Whether any triangles move, if only as a whole.
+    pub bodies: bool,
+    /// Whether rays are followed through the devices' own acceleration structures, instead of these trees.
+    pub hardware: bool,
 }
 
 impl Moving {
@@ -35,6 +39,7 @@ impl Moving {
             nodes: skins.nodes.len() as u32,
             first_node: skins.first_node,
             levels: skins.levels.clone(),
+            ..Self::default()
         }
     }
 
@@ -70,12 +75,12 @@ impl Moving {
 
     /// Vertices, brought into the world.
     fn skinned(&self) -> Resource {
-        Resource::table("skinned", 64, Extent::new(self.vertices.max(1), 1))
+        Resource::table("skinned", SKINNED_BYTES as u32, Extent::new(self.vertices.max(1), 1))
     }
 
     /// Least and largest coordinates of nodes, then of triangles.
     fn boxes(&self) -> Resource {
-        Resource::table("boxes", 32, Extent::new(self.nodes + self.triangles, 1))
+        Resource::table("boxes", 32, Extent::new((self.nodes + self.triangles).max(1), 1))
     }
 }
 
@@ -103,7 +108,8 @@ fn groups(count: u32) -> [u32; 3] {
     [count.min(COLUMNS).div_ceil(GROUP), count.div_ceil(COLUMNS), 1]
 }
 
-/// Brings bodies that change their shape to where they are.
+/// Brings bodies that change their shape to where they are. With hardware traversal the devices' acceleration structures of
+/// all that moves are built after that, and the trees are read by nobody.
 pub fn bring(spec: &FrameSpec, frame: &mut Declared) {
     let still = Moving::default();
     let moving = spec.moving.as_ref().unwrap_or(&still);
@@ -120,14 +126,16 @@ pub fn bring(spec: &FrameSpec, frame: &mut Declared) {
             Use::write(moving.boxes()),
         ])
         .launches(launches.to_vec());
+    let skin = if moving.hardware { skin.builds_from(moving.skinned()) } else { skin };
     let begins = std::iter::once(0).chain(moving.levels.iter().copied());
     let levels = begins.zip(&moving.levels).map(|(begin, &end)| [begin, end, moving.first_node]);
     let widest = levels.clone().map(|[begin, end, _]| end - begin).max().unwrap_or(0);
     let refit = Pass::once(Stage("refit"), CUT, Kernel::changing_scene("refit"), groups(widest))
         .uses([Use::read(moving.tree_nodes()), Use::read(moving.tree_order()), Use::update(moving.boxes())])
         .launches(levels.map(Launch::Once).collect());
-    frame.add_if(moving.triangles > 0, why_not, skin);
-    frame.add_if(moving.triangles > 0, why_not, refit);
+    frame.add_if(moving.triangles > 0 || (moving.hardware && moving.bodies), why_not, skin);
+    let why_not = if moving.hardware { "devices have structures of their own" } else { why_not };
+    frame.add_if(moving.triangles > 0 && !moving.hardware, why_not, refit);
 }
 
 /// Follows the surfaces of a view.

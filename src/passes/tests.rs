@@ -1,5 +1,5 @@
 use super::*;
-use crate::graph::HaloPlan;
+use crate::graph::{HaloPlan, Scope};
 
 /// A frame of 64x180 with à-trous, reprojection and an auxiliary image.
 pub fn spec(devices: usize, seam: Seam) -> FrameSpec {
@@ -76,6 +76,24 @@ fn what_moves_is_brought_first_and_followed_where_history_is_kept() {
     assert_eq!(all(&deforming)[..3], ["skin", "refit", "gbuffer"]);
     let unfiltered = FrameSpec { filter: Some(Denoiser::Atrous), ..deforming };
     assert_eq!(passes(&unfiltered), ["skin", "refit"]);
+}
+
+/// Whatever moves, each device builds its structures anew, and nobody reads the trees.
+#[test]
+fn with_hardware_traversal_structures_are_built_instead_of_refitted_trees() {
+    let declared = |moving| {
+        let frame = declare(&FrameSpec { moving: Some(moving), ..spec(2, Seam::Filter) });
+        let once = frame.passes.into_iter().filter(|pass| pass.scope == Scope::Device);
+        once.map(|pass| (pass.stage.name(), pass.builds_from.map(|vertices| vertices.name))).collect::<Vec<_>>()
+    };
+    let lights = Moving { hardware: true, ..Moving::default() };
+    let rigid = Moving { bodies: true, ..lights.clone() };
+    let deforming = Moving { triangles: 1, vertices: 3, nodes: 1, levels: vec![1], ..rigid.clone() };
+    assert_eq!(declared(lights), []);
+    assert_eq!(declared(Moving { hardware: false, ..rigid.clone() }), []);
+    assert_eq!(declared(rigid), [("skin", Some("skinned"))]);
+    assert_eq!(declared(Moving { hardware: false, ..deforming.clone() }), [("skin", None), ("refit", None)]);
+    assert_eq!(declared(deforming), [("skin", Some("skinned"))]);
 }
 
 #[test]

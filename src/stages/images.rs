@@ -5,7 +5,7 @@
 use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 
-use crate::device::GpuDevice;
+use crate::device::{GpuDevice, Traversal};
 use crate::graph::{Bound, Format, Life, Program, Resource, Scope};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
@@ -116,6 +116,9 @@ fn new_buffer(gpu: &GpuDevice, resource: &Resource, size: u64) -> wgpu::Buffer {
         Format::List => Usage::STORAGE | Usage::INDIRECT,
         Format::Uniform(_) => Usage::UNIFORM,
     };
+    // Acceleration structures are built from what passes write.
+    let is_input = gpu.info.traversal == Traversal::Hardware && matches!(resource.format, Format::Texels(_));
+    let usage = if is_input { usage | Usage::BLAS_INPUT } else { usage };
     let buffer = gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: Some(resource.name),
         size,

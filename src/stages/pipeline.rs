@@ -148,9 +148,7 @@ impl DeviceStages {
         if let Some(pose) = pose {
             gpu.queue.write_buffer(input(&self.images, pose), 0, bytemuck::cast_slice(&update.pose));
         }
-        for (first_row, rows) in &update.rows {
-            self.scene.write(gpu, *first_row, rows);
-        }
+        self.scene.update(gpu, update);
     }
 
     pub fn extent(&self) -> Extent {
@@ -197,6 +195,7 @@ impl DeviceStages {
         let linked = &program.passes()[task.pass];
         find(&self.built, &linked.pass.kernel, self.settings.jitter(self.spp))?;
         let pair = if task.begins() { stamps.begin() } else { stamps.current() };
+        let builds_from = linked.pass.builds_from.filter(|_| task.ends() && !task.rows.is_empty());
         let added_to = if runs > 1 { self.keep_found(gpu, encoder, &program, task) } else { Vec::new() };
         for run in 0..runs {
             for (image, found) in added_to.iter().filter(|_| run > 0) {
@@ -204,12 +203,22 @@ impl DeviceStages {
             }
             let begin = pair.filter(|_| run == 0 && task.begins()).map(|p| 2 * p);
             let end = pair.filter(|_| run + 1 == runs && task.ends()).map(|p| 2 * p + 1);
-            let times = begin.or(end).map(|_| wgpu::ComputePassTimestampWrites {
-                query_set: &stamps.queries,
-                beginning_of_pass_write_index: begin,
-                end_of_pass_write_index: end,
-            });
-            self.record_once(gpu, encoder, times, &program, task)?;
+            let times = |begin: Option<u32>, end: Option<u32>| {
+                begin.or(end).map(|_| wgpu::ComputePassTimestampWrites {
+                    query_set: &stamps.queries,
+                    beginning_of_pass_write_index: begin,
+                    end_of_pass_write_index: end,
+                })
+            };
+            self.record_once(gpu, encoder, times(begin, end.filter(|_| builds_from.is_none())), &program, task)?;
+            if let Some(resource) = builds_from {
+                let bound = Bound { resource, buffer: 0, is_before: false };
+                let vertices = self.images.buffer(&bound, Eye::Left, self.place);
+                self.scene.build_structures(encoder, vertices);
+                // Builds are in no pass: one without work behind them says when they have ended.
+                let (label, timestamp_writes) = (Some(linked.pass.stage.name()), times(None, end));
+                drop(encoder.begin_compute_pass(&wgpu::ComputePassDescriptor { label, timestamp_writes }));
+            }
         }
         pair
     }

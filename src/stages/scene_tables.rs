@@ -195,7 +195,8 @@ impl SceneTables {
 
     /// What moves, as far as passes depend on it.
     pub fn moving(&self) -> Option<Moving> {
-        self.moving.as_ref().map(|_| Moving::of(&self.accel.skins))
+        let moving = Moving { bodies: self.accel.moves(), ..Moving::of(&self.accel.skins) };
+        self.moving.as_ref().map(|_| moving)
     }
 
     /// What the passes that bring moving bodies into place read, and what is in it.

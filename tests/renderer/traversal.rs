@@ -1,12 +1,14 @@
 //! Ray queries of the device find what shaders find. Where no adapter has them, a line says so.
 
-use crate::common::{Stage, Subject, all_cores};
+use crate::common::{Stage, Subject, all_cores, still_rig};
 use crate::instances;
+use crate::reference::scenes::moving;
 use diptych::accel::Layout;
 use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
 use diptych::exec::ExecError;
 use diptych::image::{Extent, RgbImage};
 use diptych::passes::Aov;
+use diptych::scene::AlphaMode;
 use diptych::schedule::Even;
 use glam::Vec3;
 
@@ -33,12 +35,14 @@ struct Seen {
     depth: Vec<f32>,
 }
 
-fn see(subject: &Subject, traversal: TraversalChoice) -> Option<Seen> {
+/// The last of the frames at these times.
+fn see(subject: &Subject, traversal: TraversalChoice, times_s: &[f64]) -> Option<Seen> {
     let gpu = open(traversal)?;
     let mut settings = subject.settings(EXTENT.width, EXTENT.height);
     settings.stages.aovs = vec![Aov::Depth];
     let mut stage = Stage::on(vec![gpu], subject, &settings, Box::new(Even::new(EXTENT.height, 1)));
-    let linear = stage.frame(0).linear.left;
+    let frames = (0..).zip(times_s).map(|(index, &time_s)| stage.frame_at(time_s, index));
+    let linear = frames.last()?.linear.left;
     let depth = stage.aov(0).left.swap_remove(0);
     // Not for tests that ask for devices of another traversal.
     drop(stage.into_devices());
@@ -59,19 +63,44 @@ fn hardware_finds_what_shaders_find() {
     };
     for subject in subjects() {
         let [compute, hardware] =
-            [TraversalChoice::Compute, TraversalChoice::Hardware].map(|traversal| see(&subject, traversal));
+            [TraversalChoice::Compute, TraversalChoice::Hardware].map(|traversal| see(&subject, traversal, &[0.0]));
         let (Some(compute), Some(hardware)) = (compute, hardware) else { return };
-        let is_elsewhere = |(a, b): &(&f32, &f32)| (*a - *b).abs() > 1e-4 * a.max(**b);
-        let elsewhere = compute.depth.iter().zip(&hardware.depth).filter(is_elsewhere).count();
-        let is_other = |(a, b): &(&[f32; 3], &[f32; 3])| (0..3).any(|c| (a[c] - b[c]).abs() > 1e-3 * a[c].max(b[c]));
-        let others = compute.linear.pixels.iter().zip(&hardware.linear.pixels).filter(is_other).count();
-        let (before, after) = (mean(&compute.linear), mean(&hardware.linear));
-        let pixels = compute.depth.len();
-        println!("{}: of {pixels} pixels {elsewhere} are elsewhere, {others} have other light", subject.name);
-        assert!(elsewhere * 1000 <= pixels, "{}: {elsewhere} of {pixels} pixels are elsewhere", subject.name);
-        assert!(others * 50 <= pixels, "{}: {others} of {pixels} pixels have other light", subject.name);
-        assert!((before / after - 1.0).abs() < 0.02, "{}: {before} and {after} in the mean", subject.name);
+        assert_same_is_found(&subject.name, &compute, &hardware);
     }
+}
+
+/// Bodies that deform, opaque and with alpha, and blocks that share a mesh, one mirrored and one away for a while.
+#[test]
+fn hardware_follows_what_moves() {
+    let mut masked = moving::skinned();
+    masked.materials.iter_mut().for_each(|m| m.alpha_mode = AlphaMode::Mask { cutoff: 0.5 });
+    for scene in [moving::skinned(), moving::morphed(), masked, moving::rigid()] {
+        let camera = moving::camera();
+        let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
+        let subject = Subject::new(&scene.name.clone(), scene, rig);
+        let see = |times_s: &[f64]| {
+            [TraversalChoice::Compute, TraversalChoice::Hardware].map(|traversal| see(&subject, traversal, times_s))
+        };
+        // The block is there, away, and back.
+        for times_s in [&[0.3, 1.0][..], &[0.3, 1.0, 1.2]] {
+            let [Some(compute), Some(hardware)] = see(times_s) else { return };
+            assert_same_is_found(&format!("{} after {times_s:?} s", subject.name), &compute, &hardware);
+        }
+    }
+}
+
+#[track_caller]
+fn assert_same_is_found(name: &str, compute: &Seen, hardware: &Seen) {
+    let is_elsewhere = |(a, b): &(&f32, &f32)| (*a - *b).abs() > 1e-4 * a.max(**b);
+    let elsewhere = compute.depth.iter().zip(&hardware.depth).filter(is_elsewhere).count();
+    let is_other = |(a, b): &(&[f32; 3], &[f32; 3])| (0..3).any(|c| (a[c] - b[c]).abs() > 1e-3 * a[c].max(b[c]));
+    let others = compute.linear.pixels.iter().zip(&hardware.linear.pixels).filter(is_other).count();
+    let (before, after) = (mean(&compute.linear), mean(&hardware.linear));
+    let pixels = compute.depth.len();
+    println!("{name}: of {pixels} pixels {elsewhere} are elsewhere, {others} have other light");
+    assert!(elsewhere * 1000 <= pixels, "{name}: {elsewhere} of {pixels} pixels are elsewhere");
+    assert!(others * 50 <= pixels, "{name}: {others} of {pixels} pixels have other light");
+    assert!((before / after - 1.0).abs() < 0.02, "{name}: {before} and {after} in the mean");
 }
 
 #[test]

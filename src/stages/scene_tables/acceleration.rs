@@ -5,12 +5,17 @@
 //! others ask for their alpha, there is a geometry for either, with all triangles; those of the other kind are points
 //! there, which no ray can meet, and so are copies of triangles. So no table is needed that leads from primitives to
 //! triangles.
+//!
+//! What moves is built anew in each frame, from nothing that a frame before has left: the structures of bodies that change
+//! their shape, from the vertices that the pass `skin` has written, and the one at the top. Bodies that are left out of a
+//! frame are not built in it.
 
 use std::ops::Range;
 
 use wgpu::util::DeviceExt;
 
-use crate::accel::{Accel, Instance, Triangle};
+use super::SceneUpdate;
+use crate::accel::{Accel, Instance, SKINNED_BYTES, SkinTriangle, Triangle};
 use crate::device::GpuDevice;
 use crate::stages::limits::{self, LimitExceeded};
 
@@ -18,6 +23,8 @@ use crate::stages::limits::{self, LimitExceeded};
 const CORNER_BYTES: u64 = size_of::<Triangle>() as u64 / 3;
 
 const FLAGS: wgpu::AccelerationStructureFlags = wgpu::AccelerationStructureFlags::PREFER_FAST_TRACE;
+/// Of what is built in each frame.
+const MOVING_FLAGS: wgpu::AccelerationStructureFlags = wgpu::AccelerationStructureFlags::PREFER_FAST_BUILD;
 const UPDATE: wgpu::AccelerationStructureUpdateMode = wgpu::AccelerationStructureUpdateMode::Build;
 
 /// One geometry of a bottom-level structure.
@@ -30,46 +37,100 @@ struct Geometry {
 /// A bottom-level structure and what it is built from.
 struct Bottom {
     rows: Range<u32>,
+    /// Whether its corners are vertices that change their places.
+    deforms: bool,
+    /// Of all corners or vertices, the first that is one of its own.
+    first_vertex: u32,
     blas: wgpu::Blas,
     geometries: Vec<Geometry>,
 }
 
-/// Builds the structures.
-///
-/// # Errors
-/// If the scene has more triangles or instances than the device takes.
-pub fn build(gpu: &GpuDevice, accel: &Accel) -> Result<wgpu::Tlas, LimitExceeded> {
-    let largest = accel.trees.iter().map(Range::len).max().unwrap_or(0);
-    limits::check(&gpu.device.limits(), gpu.info.index, limits::of_structures(largest, accel.instances.len()))?;
-    let is_bare = accel.trees.iter().all(Range::is_empty);
-    // The one triangle that is stored where there is none; no ray meets it.
-    let stored = is_bare.then_some(0..accel.triangles.len() as u32);
-    let rows = accel.trees.iter().cloned().chain(stored).filter(|rows| !rows.is_empty());
-    let bottoms: Vec<Bottom> = rows.map(|rows| bottom(gpu, accel, rows)).collect();
-    let corners = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
-        label: Some("triangles' corners"),
-        contents: bytemuck::cast_slice(&accel.triangles),
-        usage: wgpu::BufferUsages::BLAS_INPUT,
-    });
-    let entries: Vec<_> = bottoms.iter().map(|bottom| bottom.entry(&corners)).collect();
-    let mut tlas = gpu.device.create_tlas(&wgpu::CreateTlasDescriptor {
-        label: Some("instances"),
-        max_instances: accel.instances.len() as u32,
-        flags: FLAGS,
-        update_mode: UPDATE,
-    });
-    for (i, instance) in accel.instances.iter().enumerate() {
+/// The structures of a scene on one device.
+pub struct Structures {
+    /// In the order of their rows.
+    bottoms: Vec<Bottom>,
+    tlas: wgpu::Tlas,
+    /// First row of the instances in the tables.
+    instances: u32,
+    /// Whether the first instance, that of the flattened triangles, has any.
+    has_still: bool,
+    /// The bodies that change their shape and are in the frame that is set, by their places in `bottoms`.
+    deforming: Vec<usize>,
+}
+
+impl Structures {
+    /// Builds what stands still, and the top over it; the rest follows with each frame. `instances` is the first row of the
+    /// instances in the tables.
+    ///
+    /// # Errors
+    /// If the scene has more triangles or instances than the device takes.
+    pub fn new(gpu: &GpuDevice, accel: &Accel, instances: u32) -> Result<Self, LimitExceeded> {
+        let largest = accel.trees.iter().map(Range::len).max().unwrap_or(0);
+        let most = accel.instances.len().max(accel.most_instances());
+        limits::check(&gpu.device.limits(), gpu.info.index, limits::of_structures(largest, most))?;
+        let is_bare = accel.trees.iter().all(Range::is_empty);
+        // The one triangle that is stored where there is none; no ray meets it.
+        let stored = is_bare.then_some(0..accel.triangles.len() as u32);
+        let rows = accel.trees.iter().cloned().chain(stored).filter(|rows| !rows.is_empty());
+        let bottoms: Vec<Bottom> = rows.map(|rows| bottom(gpu, accel, rows)).collect();
+        let corners = gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+            label: Some("triangles' corners"),
+            contents: bytemuck::cast_slice(&accel.triangles),
+            usage: wgpu::BufferUsages::BLAS_INPUT,
+        });
+        let tlas = gpu.device.create_tlas(&wgpu::CreateTlasDescriptor {
+            label: Some("instances"),
+            max_instances: most as u32,
+            flags: if accel.moves() { MOVING_FLAGS } else { FLAGS },
+            update_mode: UPDATE,
+        });
         // The flattened triangles may be none, and then the first mesh begins where they do.
-        let is_there = i > 0 || is_bare || !accel.trees[0].is_empty();
-        let first_row = instance.first_prim.wrapping_add(instance.row_offset);
-        let found = bottoms.binary_search_by_key(&first_row, |bottom| bottom.rows.start);
-        let blas = found.ok().filter(|_| is_there).map(|at| &bottoms[at].blas);
-        tlas[i] = blas.map(|blas| wgpu::TlasInstance::new(blas, place(instance), i as u32, u8::MAX));
+        let has_still = is_bare || !accel.trees[0].is_empty();
+        let mut structures = Self { bottoms, tlas, instances, has_still, deforming: Vec::new() };
+        structures.put(&accel.instances, false);
+        let still = structures.bottoms.iter().filter(|bottom| !bottom.deforms);
+        let entries: Vec<_> = still.map(|bottom| bottom.entry(&corners)).collect();
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        encoder.build_acceleration_structures(&entries, [&structures.tlas]);
+        gpu.queue.submit([encoder.finish()]);
+        Ok(structures)
     }
-    let mut encoder = gpu.device.create_command_encoder(&Default::default());
-    encoder.build_acceleration_structures(&entries, [&tlas]);
-    gpu.queue.submit([encoder.finish()]);
-    Ok(tlas)
+
+    /// The one at the top, which shaders bind.
+    pub fn top(&self) -> &wgpu::Tlas {
+        &self.tlas
+    }
+
+    /// Puts instances where a frame has them, for what is built next.
+    pub fn place(&mut self, update: &SceneUpdate) {
+        if let Some((_, bytes)) = update.rows.iter().find(|(first_row, _)| *first_row == self.instances) {
+            self.put(&bytemuck::pod_collect_to_vec::<u8, Instance>(bytes), true);
+        }
+    }
+
+    /// `all`: those too whose shape changes.
+    fn put(&mut self, instances: &[Instance], all: bool) {
+        self.deforming.clear();
+        for i in 0..self.tlas.get().len() {
+            let instance = instances.get(i).filter(|_| i > 0 || self.has_still);
+            let found = instance.and_then(|instance| {
+                let first_row = instance.first_prim.wrapping_add(instance.row_offset);
+                let at = self.bottoms.binary_search_by_key(&first_row, |bottom| bottom.rows.start).ok()?;
+                (all || !self.bottoms[at].deforms).then_some((instance, at))
+            });
+            self.deforming.extend(found.map(|(_, at)| at).filter(|&at| self.bottoms[at].deforms));
+            let put = |(instance, at): (&Instance, usize)| {
+                wgpu::TlasInstance::new(&self.bottoms[at].blas, place(instance), i as u32, u8::MAX)
+            };
+            self.tlas[i] = found.map(put);
+        }
+    }
+
+    /// Records that all is built that moves; `vertices` are those that the pass `skin` has brought into the world.
+    pub fn build(&self, encoder: &mut wgpu::CommandEncoder, vertices: &wgpu::Buffer) {
+        let entries: Vec<_> = self.deforming.iter().map(|&at| self.bottoms[at].entry(vertices)).collect();
+        encoder.build_acceleration_structures(&entries, [&self.tlas]);
+    }
 }
 
 /// Rows of the matrix, one after another.
@@ -79,54 +140,63 @@ fn place(instance: &Instance) -> [f32; 12] {
 
 fn bottom(gpu: &GpuDevice, accel: &Accel, rows: Range<u32>) -> Bottom {
     let triangles = &accel.triangles[rows.start as usize..rows.end as usize];
+    let skins = rows.start.checked_sub(accel.skins.first_row).map(|first| first as usize);
+    let skins: Option<&[SkinTriangle]> = skins.and_then(|first| accel.skins.triangles.get(first..first + rows.len()));
+    let skins = skins.filter(|skins| !skins.is_empty());
     let asks_alpha = Triangle::asks_alpha;
     let kinds: Vec<bool> =
         [false, true].into_iter().filter(|&k| triangles.iter().any(|t| asks_alpha(t) == k)).collect();
     let is_first = |i: usize| triangles[i].is_first(rows.start as usize + i);
-    let has_points = kinds.len() > 1 || !(0..triangles.len()).all(is_first);
-    let corners = 3 * triangles.len() as u32;
+    let is_indexed = skins.is_some() || kinds.len() > 1 || !(0..triangles.len()).all(is_first);
+    let used = skins.unwrap_or_default().iter().flat_map(|skin| skin.corners.to_array());
+    let vertices = used.clone().min().zip(used.max()).map(|(first, last)| first..last + 1);
+    let vertices = vertices.unwrap_or(3 * rows.start..3 * rows.end);
+    let corners_of = |i: usize| match skins {
+        Some(skins) => skins[i].corners.to_array().map(|vertex| vertex - vertices.start),
+        None => [0, 1, 2].map(|corner| 3 * i as u32 + corner),
+    };
     let geometry = |alpha: bool| {
         let opaque = wgpu::AccelerationStructureGeometryFlags::OPAQUE;
         let size = wgpu::BlasTriangleGeometrySizeDescriptor {
             vertex_format: wgpu::VertexFormat::Float32x3,
-            vertex_count: corners,
-            index_format: has_points.then_some(wgpu::IndexFormat::Uint32),
-            index_count: has_points.then_some(corners),
+            vertex_count: vertices.len() as u32,
+            index_format: is_indexed.then_some(wgpu::IndexFormat::Uint32),
+            index_count: is_indexed.then_some(3 * triangles.len() as u32),
             flags: if alpha { wgpu::AccelerationStructureGeometryFlags::empty() } else { opaque },
         };
-        let indices = has_points.then(|| {
-            let kinds = (0..).zip(triangles).map(|(i, t)| asks_alpha(t) == alpha && is_first(i));
+        let indices = is_indexed.then(|| {
+            // One corner three times of those that are left out.
+            let corners = |(i, t): (usize, &Triangle)| match asks_alpha(t) == alpha && is_first(i) {
+                true => corners_of(i),
+                false => [corners_of(i)[0]; 3],
+            };
             gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
                 label: Some("corners of opaque triangles, or of others"),
-                contents: bytemuck::cast_slice(&indices(kinds)),
+                contents: bytemuck::cast_slice(&triangles.iter().enumerate().flat_map(corners).collect::<Vec<u32>>()),
                 usage: wgpu::BufferUsages::BLAS_INPUT,
             })
         });
         Geometry { size, indices }
     };
     let geometries: Vec<Geometry> = kinds.into_iter().map(geometry).collect();
+    let flags = if skins.is_some() { MOVING_FLAGS } else { FLAGS };
     let blas = gpu.device.create_blas(
-        &wgpu::CreateBlasDescriptor { label: Some("triangles"), flags: FLAGS, update_mode: UPDATE },
+        &wgpu::CreateBlasDescriptor { label: Some("triangles"), flags, update_mode: UPDATE },
         wgpu::BlasGeometrySizeDescriptors::Triangles {
             descriptors: geometries.iter().map(|g| g.size.clone()).collect(),
         },
     );
-    Bottom { rows, blas, geometries }
-}
-
-/// Corners of all triangles, and one corner three times of those that are left out.
-fn indices(is_there: impl Iterator<Item = bool>) -> Vec<u32> {
-    let corners = |(i, is_there): (u32, bool)| if is_there { [3 * i, 3 * i + 1, 3 * i + 2] } else { [3 * i; 3] };
-    (0..).zip(is_there).flat_map(corners).collect()
+    Bottom { deforms: skins.is_some(), first_vertex: vertices.start, rows, blas, geometries }
 }
 
 impl Bottom {
-    fn entry<'a>(&'a self, triangles: &'a wgpu::Buffer) -> wgpu::BlasBuildEntry<'a> {
+    /// `vertices`: the corners of all triangles, or of a body that deforms, the vertices of all such bodies.
+    fn entry<'a>(&'a self, vertices: &'a wgpu::Buffer) -> wgpu::BlasBuildEntry<'a> {
         let geometry = |g: &'a Geometry| wgpu::BlasTriangleGeometry {
             size: &g.size,
-            vertex_buffer: triangles,
-            first_vertex: 3 * self.rows.start,
-            vertex_stride: CORNER_BYTES,
+            vertex_buffer: vertices,
+            first_vertex: self.first_vertex,
+            vertex_stride: if self.deforms { SKINNED_BYTES as u64 } else { CORNER_BYTES },
             index_buffer: g.indices.as_ref(),
             first_index: g.indices.as_ref().map(|_| 0),
             transform_buffer: None,

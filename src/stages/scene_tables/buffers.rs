@@ -3,7 +3,8 @@
 use std::borrow::Cow;
 use std::sync::Arc;
 
-use super::{SceneTables, acceleration};
+use super::acceleration::Structures;
+use super::{SceneTables, SceneUpdate};
 use crate::device::{GpuDevice, SceneAccess, Tables, Traversal};
 use crate::image::{Extent, RgbImage};
 use crate::scene::{Environment, TexelImage};
@@ -15,7 +16,7 @@ pub struct SceneBuffers {
     tables: TableStore,
     textures: Vec<(u32, wgpu::TextureView)>,
     /// For hardware traversal.
-    tlas: Option<wgpu::Tlas>,
+    structures: Option<Structures>,
 }
 
 /// What the tables are in.
@@ -96,7 +97,7 @@ impl SceneBuffers {
         };
         limits::check(&gpu.device.limits(), gpu.info.index, limits::of_scene(&sizes))?;
         let is_hardware = traversal == Traversal::Hardware;
-        let tlas = is_hardware.then(|| acceleration::build(gpu, &tables.accel)).transpose()?;
+        let structures = is_hardware.then(|| Structures::new(gpu, &tables.accel, tables.instances)).transpose()?;
         let textures = vec![
             (TEXELS, upload_pages(gpu, &tables.images, &Pages::of(sizes.texels))),
             (ENVIRONMENT, upload_environment(gpu, &environment)),
@@ -109,13 +110,13 @@ impl SceneBuffers {
                 TableStore::Texture(texture, view)
             }
         };
-        Ok(Self { tables, textures, tlas })
+        Ok(Self { tables, textures, structures })
     }
 
     pub fn entries(&self) -> Vec<wgpu::BindGroupEntry<'_>> {
         let textures = self.textures.iter().map(|(binding, v)| (*binding, wgpu::BindingResource::TextureView(v)));
-        let tlas = self.tlas.iter().map(|tlas| (INSTANCES, wgpu::BindingResource::AccelerationStructure(tlas)));
-        let others = textures.chain(tlas).map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource });
+        let top = self.structures.iter().map(|s| (INSTANCES, s.top().as_binding()));
+        let others = textures.chain(top).map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource });
         self.tables_entry().into_iter().chain(others).collect()
     }
 
@@ -128,8 +129,27 @@ impl SceneBuffers {
         [wgpu::BindGroupEntry { binding: TABLES, resource }]
     }
 
+    /// Sets what a frame changes. The device carries that out at the head of its next submission; its acceleration
+    /// structures follow with [`Self::build_structures`].
+    pub fn update(&mut self, gpu: &GpuDevice, update: &SceneUpdate) {
+        for (first_row, rows) in &update.rows {
+            self.write(gpu, *first_row, rows);
+        }
+        if let Some(structures) = &mut self.structures {
+            structures.place(update);
+        }
+    }
+
+    /// Records that the acceleration structures of what moves are built, if the device has any; `vertices` are those that
+    /// the pass `skin` has brought into the world.
+    pub fn build_structures(&self, encoder: &mut wgpu::CommandEncoder, vertices: &wgpu::Buffer) {
+        if let Some(structures) = &self.structures {
+            structures.build(encoder, vertices);
+        }
+    }
+
     /// Sets rows of the tables from `first` on. The device carries that out at the head of its next submission.
-    pub fn write(&self, gpu: &GpuDevice, first: u32, bytes: &[u8]) {
+    fn write(&self, gpu: &GpuDevice, first: u32, bytes: &[u8]) {
         match &self.tables {
             TableStore::Buffer(buffer) => gpu.queue.write_buffer(buffer, u64::from(first) * ROW_BYTES as u64, bytes),
             TableStore::Texture(texture, _) => write_texels(gpu, texture, first, bytes),
