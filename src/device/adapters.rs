@@ -13,7 +13,7 @@ pub(super) const INSTALL_HINT: &str = "install a Vulkan driver (Debian or Ubuntu
 const MAX_DEVICES: usize = 64;
 
 /// Of the stage that binds most, SVGF's accumulation.
-const STORAGE_BUFFERS_PER_STAGE: u32 = 12;
+const STORAGE_BUFFERS_PER_STAGE: u32 = 13;
 const IMMEDIATE_BYTES: u32 = 64;
 
 /// The oldest release of Mesa whose software driver is known to be faster than 22.3's, by 1.3 to 2.5 times for a frame.
@@ -311,7 +311,7 @@ mod tests {
         assert_eq!(missing(features, &enough), [""; 0]);
         assert_eq!(missing(wgpu::Features::empty(), &enough), ["immediate (push) constants", "timestamp queries"]);
         let limits = wgpu::Limits { max_storage_buffers_per_shader_stage: 4, max_immediate_size: 32, ..enough };
-        let expected = ["bytes of immediate (push) constants (32 of 64)", "storage buffers per stage (4 of 12)"];
+        let expected = ["bytes of immediate (push) constants (32 of 64)", "storage buffers per stage (4 of 13)"];
         assert_eq!(missing(features, &limits), expected);
     }
 

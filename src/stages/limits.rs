@@ -232,7 +232,7 @@ mod tests {
 
     /// Of a GPU of the last years, with WebGPU's sizes.
     fn limits() -> wgpu::Limits {
-        let (max_storage_buffers_per_shader_stage, max_immediate_size) = (12, 64);
+        let (max_storage_buffers_per_shader_stage, max_immediate_size) = (13, 64);
         wgpu::Limits { max_storage_buffers_per_shader_stage, max_immediate_size, ..wgpu::Limits::defaults() }
     }
 
@@ -293,7 +293,7 @@ mod tests {
             // WebGPU's own.
             (
                 wgpu::Limits { max_storage_buffers_per_shader_stage: 8, ..limits() },
-                "the pass accumulate needs 12 storage buffers",
+                "the pass accumulate needs 13 storage buffers",
             ),
             (wgpu::Limits { max_immediate_size: 32, ..limits() }, "needs 44 bytes, and device 3 takes 32 bytes"),
             (wgpu::Limits { max_compute_invocations_per_workgroup: 32, ..limits() }, "64 invocations a workgroup"),

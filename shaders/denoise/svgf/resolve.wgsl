@@ -23,11 +23,14 @@
 // drag a trail along: where the surroundings deviate by more than white, history is shorter.
 const LONGEST_MOVED: f32 = 10.0;
 const LONGEST_STILL: f32 = 255.0;
+// Of a surface that moves by itself: it turns in the light, and neighbours go other ways.
+const LONGEST_CARRIED: f32 = 1.0;
 // What moves slowly has a history between these, over which it moves by this much, pixels: cubic interpolation moves the
 // finest detail by less than it should, and what it lags behind adds up.
 const LONGEST_WAY: f32 = 0.1;
 // Half the width of what the surroundings allow, in standard deviations.
 const ALLOWED_DEVIATIONS: f32 = 2.5;
+const ALLOWED_DEVIATIONS_CARRIED: f32 = 1.0;
 
 // Weights of the four pixels around a point a fraction `t` behind the second (Catmull & Rom 1974).
 fn cubic(t: f32) -> vec4<f32> {
@@ -90,13 +93,18 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let at_front = vec2<f32>(front) + frame.camera.centre;
     let direction = ray_of(pass_.view, at_front);
     let surface = frame.camera.views[pass_.view].origin + direction * depth;
-    var was_at = select(eye.origin + direction, surface, depth > 0.0);
+    let stood_at = select(eye.origin + direction, surface, depth > 0.0);
+    var seen = pixel_of(stood_at, eye);
     var last = vec4<u32>(0u);
+    // From 0, of a surface that stands, to 1, of one that moves by a pixel or more.
+    var carried = 0.0;
     if HAS_MOTION {
         last = last_surface[pixel_index(vec2<u32>(front))];
-        was_at = select(was_at, bitcast<vec3<f32>>(last.xyz), last.w != NO_NORMAL);
+        let is_surface = last.w != NO_NORMAL && depth > 0.0;
+        let followed = pixel_of(bitcast<vec3<f32>>(last.xyz), eye);
+        carried = select(0.0, min(distance(followed.xy, seen.xy), 1.0), is_surface);
+        seen = select(seen, followed, is_surface);
     }
-    let seen = pixel_of(was_at, eye);
     // Where something moves, what it hid and the light that it kept off change where nothing else does.
     let is_still = !HAS_MOTION && !has_moved(frame.camera.views[pass_.view], eye);
     let size = vec2<f32>(f32(pass_.width), f32(pass_.height));
@@ -129,15 +137,16 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let way = max(max(abs(motion.x), abs(motion.y)), LONGEST_WAY / LONGEST_STILL);
     let lasting = max(LONGEST_WAY / way - LONGEST_MOVED, 0.0) / (LONGEST_STILL - LONGEST_MOVED);
     let stillness = select(lasting, 0.0, HAS_MOTION);
-    let longest_moved = LONGEST_MOVED * inverseSqrt(f32(frame.sampling.spp)) / (1.0 + luminance(deviation) * frame.display.exposure);
+    let longest_in_motion = mix(LONGEST_MOVED, LONGEST_CARRIED, carried);
+    let longest_moved = longest_in_motion * inverseSqrt(f32(frame.sampling.spp)) / (1.0 + luminance(deviation) * frame.display.exposure);
     let longest = select(mix(longest_moved, LONGEST_STILL, stillness), LONGEST_STILL, is_still);
     let is_known = has_history && is_finite(old.rgb) && is_finite(old.aaa);
     var frames = select(0.0, clamp(round(old.a), 0.0, min(longest, longest_in_light())), is_known);
     if HAS_MOTION {
-        frames *= kept_in_light(tile_of(pixel, was_at), frames, 1.0);
+        frames *= kept_in_light(tile_of(pixel, stood_at), frames, 1.0);
     }
 
-    let half = ALLOWED_DEVIATIONS * deviation;
+    let half = mix(ALLOWED_DEVIATIONS, ALLOWED_DEVIATIONS_CARRIED, carried) * deviation;
     let clamped = mix(clamp(old.rgb, max(mean - half, vec3<f32>(0.0)), mean + half), max(old.rgb, vec3<f32>(0.0)), stillness);
     let past = select(vec3<f32>(0.0), select(clamped, old.rgb, is_still), is_known);
     let was_dropped = now.a == DROPPED;
