@@ -25,7 +25,8 @@ pub const TRACING: [Stage; 3] = [GBUFFER, PATH_TRACE, HOLE_FILL];
 /// All settings that the built-in ladder may have, including those with foveal layers if `foveated`.
 pub fn candidates(denoiser: Option<Denoiser>, foveated: bool) -> Vec<Quality> {
     let filters = denoiser.is_some();
-    let iterations = if filters { &ITERATIONS[..] } else { &[0] };
+    let iterations =
+        denoiser.map_or(&[0][..], |d| &ITERATIONS[..ITERATIONS.partition_point(|n| *n <= d.most_iterations())]);
     let foveae = if foveated { FOVEAE.map(Some).to_vec() } else { vec![None] };
     let mut all = Vec::new();
     for (&iterations, &fovea) in iterations.iter().flat_map(|i| foveae.iter().map(move |f| (i, f))) {
