@@ -22,7 +22,8 @@ const INVOCATIONS: u32 = 256u;
 const PIXELS: u32 = 4u;
 const ROWS_APART: u32 = INVOCATIONS / BLOCK;
 const FEATURES: u32 = 10u;
-const COLUMNS: u32 = FEATURES + 3u;
+// Of a row: features and channels.
+const ENTRIES: u32 = FEATURES + 3u;
 // Sums are added in groups of this many.
 const GROUP: u32 = 16u;
 
@@ -36,23 +37,23 @@ const DARK: f32 = 1e-30;
 // In the last word of light that there is.
 const IS_FITTED: u32 = 0x3f800000u;
 
-var<workgroup> parts: array<f32, COLUMNS * INVOCATIONS>;
-var<workgroup> group_sums: array<f32, COLUMNS * GROUP>;
+var<workgroup> parts: array<f32, ENTRIES * INVOCATIONS>;
+var<workgroup> group_sums: array<f32, ENTRIES * GROUP>;
 // Entries of the row that the next reflection keeps.
-var<workgroup> pivots: array<f32, COLUMNS>;
+var<workgroup> pivots: array<f32, ENTRIES>;
 // Totals of `parts`, and these entries.
-var<workgroup> totals: array<vec2<f32>, COLUMNS>;
-var<workgroup> square_lengths: array<f32, COLUMNS>;
+var<workgroup> totals: array<vec2<f32>, ENTRIES>;
+var<workgroup> square_lengths: array<f32, ENTRIES>;
 var<workgroup> is_lit: u32;
 // The triangular system: of each row, its feature, and its entries from that feature's column on.
 var<workgroup> row_feature: array<u32, FEATURES>;
-var<workgroup> rows: array<f32, FEATURES * COLUMNS>;
+var<workgroup> rows: array<f32, FEATURES * ENTRIES>;
 var<workgroup> weights: array<f32, FEATURES * 3u>;
 
 // Adds up what each invocation has put into `parts`.
 fn add_up(t: u32) {
     workgroupBarrier();
-    if t < COLUMNS * GROUP {
+    if t < ENTRIES * GROUP {
         let first = t / GROUP * INVOCATIONS + t % GROUP;
         var sum = 0.0;
         for (var i = 0u; i < INVOCATIONS; i += GROUP) {
@@ -61,7 +62,7 @@ fn add_up(t: u32) {
         group_sums[t] = sum;
     }
     workgroupBarrier();
-    if t < COLUMNS {
+    if t < ENTRIES {
         var sum = 0.0;
         for (var i = 0u; i < GROUP; i += 1u) {
             sum += group_sums[t * GROUP + i];
@@ -74,7 +75,7 @@ fn add_up(t: u32) {
 // The largest of them.
 fn find_largest(t: u32) {
     workgroupBarrier();
-    if t < COLUMNS * GROUP {
+    if t < ENTRIES * GROUP {
         let first = t / GROUP * INVOCATIONS + t % GROUP;
         var largest = parts[first];
         for (var i = GROUP; i < INVOCATIONS; i += GROUP) {
@@ -83,7 +84,7 @@ fn find_largest(t: u32) {
         group_sums[t] = largest;
     }
     workgroupBarrier();
-    if t < COLUMNS {
+    if t < ENTRIES {
         var largest = group_sums[t * GROUP];
         for (var i = 1u; i < GROUP; i += 1u) {
             largest = max(largest, group_sums[t * GROUP + i]);
@@ -155,7 +156,7 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
     if t == 0u {
         is_lit = u32(totals[7].x);
     }
-    if t < COLUMNS {
+    if t < ENTRIES {
         pivots[t] = 0.0;
     }
     low = -vec3<f32>(totals[0].x, totals[1].x, totals[2].x);
@@ -175,7 +176,7 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
     let per_light = select(0.0, 1.0 / max(brightest, DARK), brightest > DARK);
 
     // The columns of features, then of light: four rows of each in every invocation.
-    var columns: array<vec4<f32>, COLUMNS>;
+    var columns: array<vec4<f32>, ENTRIES>;
     let amplitude = bitcast<f32>(pass_.args[0]);
     for (var s = 0u; s < PIXELS; s += 1u) {
         let row = origin.y + i32(t / BLOCK + s * ROWS_APART);
@@ -195,11 +196,11 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
             }
         }
     }
-    for (var j = 0u; j < COLUMNS; j += 1u) {
+    for (var j = 0u; j < ENTRIES; j += 1u) {
         parts[j * INVOCATIONS + t] = dot(columns[j], columns[j]);
     }
     add_up(t);
-    if t < COLUMNS {
+    if t < ENTRIES {
         square_lengths[t] = totals[t].x;
     }
 
@@ -209,7 +210,7 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
     for (var m = 0u; m < FEATURES; m += 1u) {
         var v = columns[0];
         v.x = select(v.x, 0.0, t < rank);
-        for (var j = 0u; j < COLUMNS; j += 1u) {
+        for (var j = 0u; j < ENTRIES; j += 1u) {
             parts[j * INVOCATIONS + t] = dot(v, columns[j]);
             if t == rank {
                 pivots[j] = columns[j].x;
@@ -225,21 +226,21 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
         // Two over the square of the mirror's normal.
         let scale = select(0.0, 1.0 / max(square + abs(pivot) * length, DARK), is_kept);
         v.x = select(v.x, v.x - diagonal, t == rank);
-        for (var j = 0u; j < COLUMNS; j += 1u) {
+        for (var j = 0u; j < ENTRIES; j += 1u) {
             columns[j] -= v * (scale * (totals[j].x - diagonal * totals[j].y));
         }
-        if is_kept && t < COLUMNS - m {
+        if is_kept && t < ENTRIES - m {
             let off = scale * (totals[t].x - diagonal * totals[t].y);
-            rows[rank * COLUMNS + t] = select(totals[t].y - (pivot - diagonal) * off, diagonal, t == 0u);
+            rows[rank * ENTRIES + t] = select(totals[t].y - (pivot - diagonal) * off, diagonal, t == 0u);
         }
         if is_kept && t == 0u {
             row_feature[rank] = m;
         }
         rank += select(0u, 1u, is_kept);
-        for (var j = 0u; j + 1u < COLUMNS; j += 1u) {
+        for (var j = 0u; j + 1u < ENTRIES; j += 1u) {
             columns[j] = columns[j + 1u];
         }
-        columns[COLUMNS - 1u] = vec4<f32>(0.0);
+        columns[ENTRIES - 1u] = vec4<f32>(0.0);
     }
     workgroupBarrier();
 
@@ -251,11 +252,11 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
         for (var i = rank; i > 0u; i -= 1u) {
             let k = i - 1u;
             let feature = row_feature[k];
-            var rest = rows[k * COLUMNS + FEATURES + t - feature];
+            var rest = rows[k * ENTRIES + FEATURES + t - feature];
             for (var l = i; l < rank; l += 1u) {
-                rest -= rows[k * COLUMNS + row_feature[l] - feature] * weights[row_feature[l] * 3u + t];
+                rest -= rows[k * ENTRIES + row_feature[l] - feature] * weights[row_feature[l] * 3u + t];
             }
-            weights[feature * 3u + t] = rest / rows[k * COLUMNS];
+            weights[feature * 3u + t] = rest / rows[k * ENTRIES];
         }
     }
     workgroupBarrier();
