@@ -95,6 +95,7 @@ mod tests {
         for choice in Denoiser::CHOICES {
             let name = Denoiser::name_of(choice);
             assert_eq!(Denoiser::from_name(name).unwrap(), choice);
+            assert!(choice.is_none_or(|denoiser| (1..=Denoiser::MAX_ITERATIONS).contains(&denoiser.most_iterations())));
             assert!(choice.is_none_or(|denoiser| serde_json::to_value(denoiser).unwrap() == name));
         }
     }

@@ -220,23 +220,25 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
         let square = totals[0].x;
         let pivot = totals[0].y;
         let is_kept = square > max(INDEPENDENT * INDEPENDENT * square_lengths[m], DARK);
-        let length = sqrt(max(square, 0.0));
-        // Of the sign by which the difference from the pivot does not cancel.
-        let diagonal = select(length, -length, pivot > 0.0);
-        // Two over the square of the mirror's normal.
-        let scale = select(0.0, 1.0 / max(square + abs(pivot) * length, DARK), is_kept);
-        v.x = select(v.x, v.x - diagonal, t == rank);
-        for (var j = 0u; j < ENTRIES; j += 1u) {
-            columns[j] -= v * (scale * (totals[j].x - diagonal * totals[j].y));
+        if is_kept {
+            let length = sqrt(square);
+            // Of the sign by which the difference from the pivot does not cancel.
+            let diagonal = select(length, -length, pivot > 0.0);
+            // Two over the square of the mirror's normal.
+            let scale = 1.0 / (square + abs(pivot) * length);
+            v.x = select(v.x, v.x - diagonal, t == rank);
+            for (var j = 0u; j < ENTRIES; j += 1u) {
+                columns[j] -= v * (scale * (totals[j].x - diagonal * totals[j].y));
+            }
+            if t < ENTRIES - m {
+                let off = scale * (totals[t].x - diagonal * totals[t].y);
+                rows[rank * ENTRIES + t] = select(totals[t].y - (pivot - diagonal) * off, diagonal, t == 0u);
+            }
+            if t == 0u {
+                row_feature[rank] = m;
+            }
+            rank += 1u;
         }
-        if is_kept && t < ENTRIES - m {
-            let off = scale * (totals[t].x - diagonal * totals[t].y);
-            rows[rank * ENTRIES + t] = select(totals[t].y - (pivot - diagonal) * off, diagonal, t == 0u);
-        }
-        if is_kept && t == 0u {
-            row_feature[rank] = m;
-        }
-        rank += select(0u, 1u, is_kept);
         for (var j = 0u; j + 1u < ENTRIES; j += 1u) {
             columns[j] = columns[j + 1u];
         }

@@ -24,7 +24,7 @@ enum Shape {
     Level,
     /// One normal, and coordinates that depend on one another.
     Tilted,
-    /// A plane far from the world's origin, where coordinates are rounded.
+    /// A plane far from the world's origin, where one coordinate is nothing but rounding.
     Distant,
     /// Waves.
     Wavy,
@@ -55,7 +55,7 @@ fn surface(shape: Shape, random: &mut Random, (x, y): (u32, u32)) -> (DVec3, DVe
         Shape::Rough => (at.with_z(random.within(-0.5..0.5)), random.tilted(DVec3::Z, 1.2)),
         Shape::Level => (at.with_z(0.37), DVec3::Z),
         Shape::Tilted => (on_plane, tilt),
-        Shape::Distant => (on_plane + DVec3::new(70.0, -40.0, 25.0), tilt),
+        Shape::Distant => (at + DVec3::new(70.0, -40.0, 25.0 + random.within(-4e-6..4e-6)), tilt),
         Shape::Wavy => {
             let height = 0.3 * (2.0 * at.x).sin() + 0.2 * (3.0 * at.y).cos();
             (at.with_z(height), DVec3::new(-0.6 * (2.0 * at.x).cos(), 0.6 * (3.0 * at.y).sin(), 1.0).normalize())
