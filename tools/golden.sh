@@ -25,7 +25,7 @@ run() {
 for count in 1 2 3; do
     divided="--virtual $count --threads-per-device 1 --balance even"
     for scene in cornell atrium; do
-        for denoiser in none atrous svgf; do
+        for denoiser in none atrous svgf bmfr; do
             for frames in 1 4; do
                 # shellcheck disable=SC2086
                 run "$scene-$denoiser-x$frames-d$count" "builtin:$scene" $divided --denoiser "$denoiser" --frames "$frames" --warm-up 0

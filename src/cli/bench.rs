@@ -130,7 +130,9 @@ impl Args {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let iterations = args.iterations.first().map(|n| [*n; 3]);
     let foveated = FoveationOptions { iterations, ..FoveationOptions::default() };
-    foveated.check(args.denoisers().into_iter().flatten().next()).map_err(Failure::Input)?;
+    foveated
+        .check(args.denoisers().into_iter().max_by_key(|d| d.map(Denoiser::most_iterations)).flatten())
+        .map_err(Failure::Input)?;
     if args.seams.is_wanted() {
         return seams::run(args);
     }

@@ -84,6 +84,13 @@ impl FoveationOptions {
             denoiser.is_some() || self.iterations.is_none_or(|layers| layers == [0; 3]),
             "--iterations are of a denoiser, and there is none: leave them out, or choose another --denoiser than none"
         );
+        if let (Some(denoiser), Some(layers)) = (denoiser, self.iterations) {
+            let (most, name) = (denoiser.most_iterations(), Denoiser::name_of(Some(denoiser)));
+            anyhow::ensure!(
+                layers.iter().all(|n| *n <= most),
+                "--iterations: --denoiser {name} has {most} of them at most: leave them out, or choose another"
+            );
+        }
         anyhow::ensure!(is_on || self.gaze.is_none(), "--gaze is for --foveation layers");
         anyhow::ensure!(
             is_on || self.iterations.is_none_or(|[inner, middle, outer]| inner == middle && middle == outer),

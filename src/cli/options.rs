@@ -246,7 +246,7 @@ impl RenderOptions {
     /// What every frame is rendered with: without iterations there is no denoiser.
     pub fn quality(&self) -> Quality {
         let Self { spp, bounces, denoiser, ref foveated, scale, .. } = *self;
-        let iterations = denoiser.map_or([0; 3], |_| foveated.layer_iterations());
+        let iterations = denoiser.map_or([0; 3], |d| foveated.layer_iterations().map(|n| n.min(d.most_iterations())));
         let denoiser = denoiser.filter(|_| iterations != [0; 3]);
         Quality { spp, bounces, denoiser, iterations, fovea: foveated.foveation.radii(), scale }
     }

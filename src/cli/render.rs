@@ -48,7 +48,7 @@ pub struct Args {
     /// A configuration of Peres: samples, foveation and denoiser together
     #[arg(long = "peres", conflicts_with_all = ["spp", "scale", "foveation", "iterations", "denoiser", "reference"], help_heading = options::QUALITY)]
     preset: Option<Preset>,
-    /// Frames before the first one kept, at its instant, for their history [default: of a single frame with svgf, as many
+    /// Frames before the first one kept, at its instant, for their history [default: of a single frame with svgf or bmfr, as many
     /// as give each pixel 16 samples; else 0]
     #[arg(long, value_name = "N", conflicts_with = "reference", value_parser = clap::value_parser!(u32).range(0..=1000), help_heading = options::SCENE)]
     warm_up: Option<u32>,
@@ -64,7 +64,7 @@ impl Args {
     /// Frames before the first one kept.
     fn warm_up_frames(&self) -> u32 {
         let options = &self.options;
-        let is_still = options.frames == 1 && options.quality().denoiser == Some(Denoiser::Svgf);
+        let is_still = options.frames == 1 && options.quality().denoiser.is_some_and(Denoiser::keeps_history);
         let default = if is_still && !self.reference { STILL_SPP.div_ceil(options.spp) - 1 } else { 0 };
         self.warm_up.unwrap_or(default)
     }

@@ -25,7 +25,8 @@ pub const TRACING: [Stage; 3] = [GBUFFER, PATH_TRACE, HOLE_FILL];
 /// All settings that the built-in ladder may have, including those with foveal layers if `foveated`.
 pub fn candidates(denoiser: Option<Denoiser>, foveated: bool) -> Vec<Quality> {
     let filters = denoiser.is_some();
-    let iterations = if filters { &ITERATIONS[..] } else { &[0] };
+    let iterations =
+        denoiser.map_or(&[0][..], |d| &ITERATIONS[..ITERATIONS.partition_point(|n| *n <= d.most_iterations())]);
     let foveae = if foveated { FOVEAE.map(Some).to_vec() } else { vec![None] };
     let mut all = Vec::new();
     for (&iterations, &fovea) in iterations.iter().flat_map(|i| foveae.iter().map(move |f| (i, f))) {
@@ -55,7 +56,8 @@ fn sampled_share(quality: &Quality) -> f64 {
 
 /// The FLIP that a setting is expected to have at this many rows. `missing_light` is the share of the light that
 /// further bounces would bring. The error combines noise, which samples average down, blur, and missing light.
-/// For SVGF after some frames it follows measurements of three scenes at 64 and 180 rows, shown at [`ESTIMATES_EV`].
+/// For SVGF after some frames it follows measurements of three scenes at 64 and 180 rows, shown at [`ESTIMATES_EV`]; for
+/// BMFR it is as much more as the mean of six scenes at 180 rows and one sample.
 /// Without history, samples and iterations are assumed to matter more.
 pub fn guessed_error(quality: &Quality, missing_light: f64, rows: u32) -> f64 {
     let samples = f64::from(quality.spp) * sampled_share(quality);
@@ -65,6 +67,7 @@ pub fn guessed_error(quality: &Quality, missing_light: f64, rows: u32) -> f64 {
     let blur = 1.0 + 0.35 * (2f64.powi(iterations as i32) - 1.0) / f64::from(rows.max(1));
     let noise = match (quality.denoiser, iterations) {
         (Some(Denoiser::Svgf), _) => blur * (0.97 + 0.06 * unfiltered) * (0.055 + 0.022 * samples.powf(-0.65)),
+        (Some(Denoiser::Bmfr | Denoiser::BmfrNoise), _) => 1.13 * (0.055 + 0.022 * samples.powf(-0.65)),
         (_, 0) => 0.3 * samples.powf(-0.35),
         _ => (0.55 + 0.45 * unfiltered) * 0.18 * samples.powf(-0.35),
     };
@@ -130,6 +133,8 @@ mod tests {
                 assert!(all.iter().filter(more).all(|b| error(b) < error(a)), "{a:?}");
             }
         }
+        let fitted = candidates(Some(Denoiser::Bmfr), true);
+        assert!(fitted.len() == 225 && fitted.iter().all(|q| q.iterations == [1; 3] && q.check().is_ok()));
         assert!(candidates(None, false).iter().all(|q| q.iterations == [0; 3] && q.scale == 1.0));
     }
 

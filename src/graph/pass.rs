@@ -220,6 +220,9 @@ pub enum Dispatch {
     Invocations([u32; 2]),
     /// One workgroup for each tile of this many columns and rows.
     Workgroups([u32; 2]),
+    /// One workgroup for each tile of this many columns and rows that there can be where tiles begin anywhere: the
+    /// shader says where.
+    Displaced([u32; 2]),
     /// As many workgroups as a list asks for.
     List(Resource),
     /// This many workgroups, once for each device.

@@ -156,7 +156,7 @@ impl Declarations {
 
 /// The passes of frames that together have every stage.
 fn all_passes() -> impl Iterator<Item = Pass> {
-    [None, Some(Denoiser::Atrous), Some(Denoiser::Svgf)].into_iter().flat_map(|filter| {
+    Denoiser::CHOICES.into_iter().flat_map(|filter| {
         let (seam, aovs) = (Seam::Filter, vec![Aov::Albedo]);
         let moving = Some(Moving { triangles: 1, nodes: 1, levels: vec![1], ..Moving::default() });
         let small = FrameSpec::new(Extent::new(1, 1), 2);

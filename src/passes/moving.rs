@@ -6,6 +6,7 @@ use super::{Declared, FrameSpec};
 use crate::accel::{COLUMNS, Node, SKINNED_BYTES, SkinMorph, SkinTriangle, SkinVertex, Skins};
 use crate::graph::{Grid, Kernel, Launch, Life, Pass, Resource, Size, Stage, Use};
 use crate::image::Extent;
+use crate::quality::Denoiser;
 use crate::scene::rig::Eye;
 use crate::wgsl::constants;
 
@@ -145,7 +146,7 @@ pub fn follow(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
         Use::read(GUIDE),
         Use::write(last_surface(spec)),
     ]);
-    let is_read = spec.denoiser() == Some(crate::quality::Denoiser::Svgf);
+    let is_read = spec.denoiser().is_some_and(Denoiser::keeps_history);
     match spec.moving.is_some() {
         true => frame.add_if(is_read, "no pass builds on the frame before", pass),
         false => frame.add_if(false, "nothing in the scene moves", pass),

@@ -102,6 +102,22 @@ fn groups_are_those_that_can_be_named() {
     assert_eq!(names, ["gbuffer", "path_trace", "reproject", "tonemap", "atrous"]);
 }
 
+/// A fit reads whole blocks, which reach 31 rows beyond a stripe, and antialiasing has it fit one row more.
+#[test]
+fn blocks_are_fitted_on_all_devices_that_have_rows_of_them() {
+    let halo = Seam::Halo(HaloPlan::RECOMPUTE);
+    let frame = FrameSpec { filter: Some(Denoiser::Bmfr), history_rows: Some(3), aovs: Vec::new(), ..spec(2, halo) };
+    let program = Declarations::default().program(&frame);
+    let of = |stage| program.passes().iter().find(|linked| linked.pass.stage == Stage(stage)).unwrap();
+    assert_eq!((of("fit").pass.halo_rows(), of("fit").margin_rows), (31, 1));
+    assert_eq!((of("accumulate_fitted").margin_rows, of("resolve").margin_rows), (1, 0));
+    let filter = ["accumulate", "fit", "accumulate_fitted", "compose", "resolve", "tally"];
+    assert!(stages(&frame).ends_with(&filter), "{:?}", stages(&frame));
+    let apart = FrameSpec { seam: Seam::None, ..frame };
+    let program = Declarations::default().program(&apart);
+    assert!(program.passes().iter().all(|linked| linked.pass.halo_rows() == 0));
+}
+
 /// Tracing ends on all devices before a filter reads its neighbours' rows, so the two are cut separately.
 #[test]
 fn tracing_and_filter_are_cut_apart() {
@@ -111,7 +127,7 @@ fn tracing_and_filter_are_cut_apart() {
     };
     let halo = Seam::Halo(HaloPlan::RECOMPUTE);
     let cut = [vec!["gbuffer", "path_trace", "reproject"], vec!["atrous", "tonemap"]];
-    for filter in [Denoiser::Atrous, Denoiser::Svgf] {
+    for filter in [Denoiser::Atrous, Denoiser::Svgf, Denoiser::Bmfr] {
         assert_eq!(sets(&FrameSpec { filter: Some(filter), ..spec(2, halo) }), cut);
     }
     let one = [vec!["gbuffer", "path_trace", "reproject", "tonemap"]];

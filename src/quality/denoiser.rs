@@ -12,15 +12,33 @@ pub enum Denoiser {
     Atrous,
     /// An à-trous filter on what is accumulated over frames, guided by its variance.
     Svgf,
+    /// What is accumulated over frames, fitted in blocks to features of surfaces.
+    Bmfr,
+    /// The same with noise on the features where `Bmfr` leaves out dependent ones, to compare it with.
+    BmfrNoise,
 }
 
 impl Denoiser {
     /// No denoiser, and each denoiser.
-    pub const CHOICES: [Option<Self>; 3] = [None, Some(Self::Atrous), Some(Self::Svgf)];
+    pub const CHOICES: [Option<Self>; 5] =
+        [None, Some(Self::Atrous), Some(Self::Svgf), Some(Self::Bmfr), Some(Self::BmfrNoise)];
     /// The number of iterations unless another one is asked for.
     pub const DEFAULT_ITERATIONS: u32 = 5;
     /// The most iterations that can be asked for.
     pub const MAX_ITERATIONS: u32 = 10;
+
+    /// Whether frames build on those before them.
+    pub const fn keeps_history(self) -> bool {
+        matches!(self, Self::Svgf | Self::Bmfr | Self::BmfrNoise)
+    }
+
+    /// The most iterations that a frame of this denoiser can have. A fit is one.
+    pub const fn most_iterations(self) -> u32 {
+        match self {
+            Self::Atrous | Self::Svgf => Self::MAX_ITERATIONS,
+            Self::Bmfr | Self::BmfrNoise => 1,
+        }
+    }
 
     /// The name of a choice in files and on the command line.
     pub const fn name_of(choice: Option<Self>) -> &'static str {
@@ -28,6 +46,8 @@ impl Denoiser {
             None => "none",
             Some(Self::Atrous) => "atrous",
             Some(Self::Svgf) => "svgf",
+            Some(Self::Bmfr) => "bmfr",
+            Some(Self::BmfrNoise) => "bmfr_noise",
         }
     }
 
@@ -50,6 +70,8 @@ impl Denoiser {
                 None => value,
                 Some(Self::Atrous) => value.help("On each frame alone"),
                 Some(Self::Svgf) => value.help("Over frames, guided by variance"),
+                Some(Self::Bmfr) => value.help("Over frames, fitted to features of surfaces in blocks"),
+                Some(Self::BmfrNoise) => value.hide(true),
             }
         };
         PossibleValuesParser::new(Self::CHOICES.map(value)).try_map(|name| Self::from_name(&name))
@@ -73,6 +95,7 @@ mod tests {
         for choice in Denoiser::CHOICES {
             let name = Denoiser::name_of(choice);
             assert_eq!(Denoiser::from_name(name).unwrap(), choice);
+            assert!(choice.is_none_or(|denoiser| (1..=Denoiser::MAX_ITERATIONS).contains(&denoiser.most_iterations())));
             assert!(choice.is_none_or(|denoiser| serde_json::to_value(denoiser).unwrap() == name));
         }
     }

@@ -49,7 +49,11 @@ impl Quality {
     pub fn check(&self) -> Result<(), String> {
         within("spp", self.spp, 1..=1 << 20)?;
         within("bounces", self.bounces, 0..=1024)?;
-        within("iterations", self.most_iterations(), 0..=Denoiser::MAX_ITERATIONS)?;
+        within(
+            "iterations",
+            self.most_iterations(),
+            0..=self.denoiser.map_or(Denoiser::MAX_ITERATIONS, Denoiser::most_iterations),
+        )?;
         within("scale", self.scale, Self::SCALES)?;
         if let Some([inner, outer]) = self.fovea {
             within("fovea's inner radius", inner, f64::MIN_POSITIVE..=1.0)?;

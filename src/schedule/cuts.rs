@@ -101,7 +101,7 @@ pub fn cuts(
 fn step(pass: &Pass) -> Option<u32> {
     let rows = match pass.dispatch {
         Dispatch::Invocations([_, height]) => height.max(1) * pass.kernel.workgroup[1],
-        Dispatch::Workgroups([_, height]) => height,
+        Dispatch::Workgroups([_, height]) | Dispatch::Displaced([_, height]) => height,
         Dispatch::List(_) => pass.kernel.workgroup[1],
         Dispatch::Once(_) => return None,
     };

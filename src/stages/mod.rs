@@ -131,15 +131,20 @@ impl StageSettings {
 
     /// Whether frames leave anything for the next.
     pub fn keeps_history(&self) -> bool {
+        self.filter.is_some_and(Denoiser::keeps_history) && self.iterations > 0
+    }
+
+    /// Whether the filter knows variances, and gloss apart from matte light.
+    fn is_guided_by_variance(&self) -> bool {
         self.filter == Some(Denoiser::Svgf) && self.iterations > 0
     }
 
     fn constants(&self, jitter: bool) -> Vec<(&'static str, bool)> {
         let mut constants = Vec::from(self.needs.constants());
         constants.push(("SOBOL", self.sampler == Sampler::Sobol));
-        constants.push(("HAS_GLOSS", self.needs.gloss && self.keeps_history()));
+        constants.push(("HAS_GLOSS", self.needs.gloss && self.is_guided_by_variance()));
         constants.push(("JITTER", jitter));
-        constants.push(("MEASURES_VARIANCE", jitter && self.keeps_history()));
+        constants.push(("MEASURES_VARIANCE", jitter && self.is_guided_by_variance()));
         constants.push(("HAS_MOTION", self.moving.is_some()));
         constants.push(("FOVEATED", self.foveation.is_some()));
         constants.push(("SPARSE", self.leaves_pixels()));

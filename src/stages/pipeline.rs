@@ -336,6 +336,11 @@ pub fn workgroups(dispatch: Dispatch, workgroup: [u32; 3], width: u32, rows: &Ra
             let [x, y] = tiles(tile);
             Groups::Direct([x, y, 1])
         }
+        Dispatch::Displaced(tile) => {
+            // As many as a run of that length can meet.
+            let most = |length: u32, tile: u32| (length + 2 * (tile.max(1) - 1)) / tile.max(1);
+            Groups::Direct([most(width, tile[0]).max(1), most(rows.end - rows.start, tile[1]).max(1), 1])
+        }
         Dispatch::Once(groups) => Groups::Direct(groups),
         // A list is empty as long as nothing was listed.
         Dispatch::List(_) if rows.is_empty() => Groups::Direct([1, 1, 1]),

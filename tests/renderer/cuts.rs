@@ -2,6 +2,7 @@
 
 use crate::common::{Frame, Stage, Subject, devices};
 use diptych::exec::{InjectedFaults, RenderSettings, TimedTask};
+use diptych::quality::Denoiser;
 use diptych::scene::shot::Gaze;
 use diptych::schedule::{Even, Measured};
 use diptych::stages::Foveation;
@@ -50,6 +51,8 @@ fn frames_in_small_portions_have_the_bytes_of_whole_ones() {
     hold_cut_frames_against_whole_ones("over frames", &subject, &settings);
     settings.stages.frames_in_flight = 2;
     hold_cut_frames_against_whole_ones("in flight", &subject, &settings);
+    (settings.stages.filter, settings.stages.iterations) = (Some(Denoiser::Bmfr), 1);
+    hold_cut_frames_against_whole_ones("fitted", &subject, &settings);
 }
 
 /// Three dispatches of path tracing, over lists of pixels.

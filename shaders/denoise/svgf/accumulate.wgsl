@@ -9,7 +9,7 @@
 // - Where something moves, history is dropped by as much as light has changed (Schied et al. 2018, see `gradient.wgsl`).
 // - Where the right eye finds no history, the left eye's is looked up.
 
-//!include frame grid split motion pack variance light_change
+//!include frame grid split motion pack variance history light_change
 
 @group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
 // Of the surfaces as they were in the frame before.
@@ -104,26 +104,13 @@ fn gloss_longest(hit: u32) -> f32 {
 // History of the surface that was at `position` around image point `seen` of the frame before.
 fn past_at(seen: vec3<f32>, row: u32, of_left: bool, position: vec3<f32>, normal: vec3<f32>, material: u32) -> Past {
     var past = Past();
-    let size = vec2<f32>(f32(pass_.width), f32(pass_.height));
-    let corner = clamp(seen.xy - frame.camera.centre, vec2<f32>(-2.0), size + 1.0);
-    let base = floor(corner);
-    let fraction = corner - base;
-    let reach = 0.005 * seen.z;
+    let around = pixels_around(seen, row);
     for (var i = 0; i < 4; i += 1) {
-        let offset = vec2<i32>(i & 1, i >> 1u);
-        let there = vec2<i32>(base) + offset;
-        let low = max(i32(pass_.valid_begin), i32(row) - i32(frame.history.rows));
-        let high = min(i32(pass_.valid_end), i32(row) + i32(frame.history.rows) + 1);
-        let inside = seen.z > 0.0 && there.x >= 0 && there.x < i32(pass_.width)
-            && there.y >= low && there.y < high && !are_lost(there.y, there.y + 1);
-        let at = select(0u, u32(there.y) * pass_.width + u32(there.x), inside);
-        let tap = tap_at(at, of_left);
-        let off = abs(dot(normal, bitcast<vec3<f32>>(tap.guide.xyz) - position));
-        let is_same = inside && tap.guide.w != NO_NORMAL && (tap.moments.w & MATERIAL_MASK) == material
-            && off < reach && dot(normal, unpack_normal(tap.guide.w)) > 0.9;
+        let corner = corner_of(around, i);
+        let tap = tap_at(corner.at, of_left);
+        let is_same = (tap.moments.w & MATERIAL_MASK) == material && shows(tap.guide, position, normal, around.reach);
         let half = unpack2x16float(tap.moments.z);
-        let near = select(fraction, 1.0 - fraction, offset == vec2<i32>(0));
-        let w = select(0.0, near.x * near.y, is_same && (tap.moments.z & 0xffffu) != 0u);
+        let w = select(0.0, corner.weight, is_same && (tap.moments.z & 0xffffu) != 0u);
         if w > 0.0 {
             let known = unpack_moments(tap.moments.xy);
             past.light += tap.light.matte * w;
@@ -191,7 +178,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var fraction = vec2<f32>(0.0);
     // The own eye, then the left one. Loops are what a pixel can leave early.
     let eyes = select(pass_.view + 1u, 0u, frame.history.rows == NO_HISTORY);
-    for (var i = 0u; i < eyes && past.found < 0.01; i += 1u) {
+    for (var i = 0u; i < eyes && past.found < LEAST_FOUND; i += 1u) {
         let eye = pass_.view - i;
         let seen = pixel_of(position, previous.views[eye]);
         past = past_at(seen, pixel.y, i == 1u, position, normal, material);
@@ -201,7 +188,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         }
         fraction = fract(seen.xy - frame.camera.centre);
     }
-    let found = past.found >= 0.01;
+    let found = past.found >= LEAST_FOUND;
     let scale = select(0.0, 1.0 / past.found, found);
     var samples = past.samples * scale;
     var frames = past.frames * scale;

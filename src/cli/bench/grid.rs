@@ -35,6 +35,9 @@ use crate::cli::setup::{self, Loaded, Tracing};
 const FPS: f64 = 72.0;
 const HISTORY_FRAMES: u32 = 15;
 
+/// Denoisers that are measured unless others are asked for: all but those for comparison.
+const MEASURED: [DenoiserChoice; 4] = [None, Some(Denoiser::Atrous), Some(Denoiser::Svgf), Some(Denoiser::Bmfr)];
+
 /// More than the frames of a setting can be.
 pub const FRAMES_MAX: u32 = 10_000;
 
@@ -52,7 +55,7 @@ impl Args {
     }
 
     pub fn denoisers(&self) -> Vec<DenoiserChoice> {
-        chosen(&self.denoiser, &Denoiser::CHOICES)
+        chosen(&self.denoiser, &MEASURED)
     }
 
     fn foveations(&self) -> Vec<FoveationMode> {
@@ -82,7 +85,11 @@ impl Args {
 
     /// Frames of the camera's way before those that are measured: enough for a history to grow old, where there is one.
     fn warm_up_of(&self, quality: &Quality) -> u32 {
-        if quality.denoiser == Some(Denoiser::Svgf) { self.warm_up.max(HISTORY_FRAMES) } else { self.warm_up }
+        if quality.denoiser.is_some_and(Denoiser::keeps_history) {
+            self.warm_up.max(HISTORY_FRAMES)
+        } else {
+            self.warm_up
+        }
     }
 
     /// All frames of a setting.
@@ -95,7 +102,8 @@ impl Args {
         let mut settings = Vec::new();
         for denoiser in self.denoisers() {
             let filters = denoiser.is_some();
-            let iterations = if filters { self.iterations() } else { vec![0] };
+            let iterations =
+                denoiser.map_or(vec![0], |d| once(self.iterations().into_iter().map(|n| n.min(d.most_iterations()))));
             let foveations = if filters { self.foveations() } else { vec![FoveationMode::None] };
             let scales = if filters { self.scales() } else { vec![1.0] };
             for (&iterations, foveation) in iterations.iter().flat_map(|i| foveations.iter().map(move |f| (i, f))) {

@@ -85,7 +85,8 @@ fn settings(args: &Args) -> Result<RenderOptions, Failure> {
     let denoiser = args.denoiser.first().copied().unwrap_or(Some(Denoiser::Atrous));
     let first = |asked: &[u32], default| asked.first().copied().unwrap_or(default);
     let (spp, bounces) = (first(&args.spp, 1), first(&args.bounces, 6));
-    let iterations = [denoiser.map_or(0, |_| first(&args.iterations, Denoiser::DEFAULT_ITERATIONS)); 3];
+    let iterations =
+        [denoiser.map_or(0, |d| first(&args.iterations, Denoiser::DEFAULT_ITERATIONS).min(d.most_iterations())); 3];
     let quality = Quality { spp, bounces, denoiser, iterations, fovea: None, scale: 1.0 };
     let options = RenderOptions::single(run, &quality);
     options.check().map_err(Failure::Input)?;

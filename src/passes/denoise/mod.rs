@@ -1,6 +1,9 @@
 //! Denoisers, which come between traced light and the image.
 
+mod antialias;
 mod atrous;
+mod bmfr;
+mod gradient;
 pub mod seam_filter;
 mod svgf;
 
@@ -76,6 +79,8 @@ pub fn of(denoiser: Option<Denoiser>) -> Box<dyn Denoise> {
         None => Box::new(Undenoised),
         Some(Denoiser::Atrous) => Box::new(atrous::Atrous),
         Some(Denoiser::Svgf) => Box::new(svgf::Svgf),
+        Some(Denoiser::Bmfr) => Box::new(bmfr::Bmfr::DROPPING),
+        Some(Denoiser::BmfrNoise) => Box::new(bmfr::Bmfr::NOISY),
     }
 }
 

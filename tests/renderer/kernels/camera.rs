@@ -68,6 +68,8 @@ pub struct Constants {
     pub eyes: [Eye; 2],
     pub width: u32,
     pub height: u32,
+    /// Number of the frame.
+    pub index: u32,
     pub spp: u32,
     pub exposure: f32,
     /// How far up and down history may have moved; none where there is no history.
@@ -99,6 +101,7 @@ impl Constants {
             eyes: [left, right],
             width,
             height,
+            index: 0,
             spp: 1,
             exposure: 1.0,
             history_rows: None,
@@ -148,7 +151,7 @@ impl Constants {
                 width: self.width,
                 height: self.height,
             },
-            sampling: Sampling { spp: self.spp, mask_turn, sampled_share, ..Default::default() },
+            sampling: Sampling { index: self.index, spp: self.spp, mask_turn, sampled_share, ..Default::default() },
             foveation: layout::Foveation {
                 gaze: Vec4::new(gaze[0].x, gaze[0].y, gaze[1].x, gaze[1].y),
                 layer_iterations: layer_iterations.into(),

@@ -120,6 +120,10 @@ impl Cases {
         *self.0.entry(case).or_default() += 1;
     }
 
+    pub fn count(&self, case: &'static str) -> usize {
+        self.0.get(case).copied().unwrap_or(0)
+    }
+
     #[track_caller]
     pub fn assert_met(&self, cases: &[&'static str]) {
         let missing: Vec<_> = cases.iter().filter(|case| !self.0.contains_key(**case)).collect();

@@ -12,9 +12,11 @@
 
 mod accumulate;
 mod atrous;
+mod bmfr_accumulate;
 mod camera;
 mod compose;
 mod edges;
+mod fit;
 mod foveation;
 mod gradient_smooth;
 mod harness;

@@ -29,8 +29,16 @@ fn assert_all_same(what: &str, expected: &[Frame], found: &[Frame]) {
 
 #[test]
 fn moving_scenes_have_the_bytes_of_one_device_on_ragged_stripes_that_move() {
+    for denoiser in [Denoiser::Svgf, Denoiser::Bmfr] {
+        hold_motion_against_one_device(denoiser);
+    }
+}
+
+fn hold_motion_against_one_device(denoiser: Denoiser) {
     let subject = watched(moving::everything());
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
+    settings.stages.filter = Some(denoiser);
+    settings.stages.iterations = settings.stages.iterations.min(denoiser.most_iterations());
     let times_s = times_s();
     let one = Stage::with(&subject, &settings, 1, Box::new(Measured::new(HEIGHT, 1))).frames_in_flight(&times_s);
     assert!(one.windows(2).all(|w| w[0].linear.left != w[1].linear.left), "nothing moves");

@@ -51,10 +51,13 @@ fn frames_that_change_quality_have_the_bytes_of_runs_that_do_not() {
 #[test]
 fn history_across_changes_of_quality_gives_the_bytes_of_one_device() {
     let subject = Subject::load("builtin:atrium");
-    let settings = subject.accumulated(WIDTH, HEIGHT);
-    let (one, three) = (play(&subject, &settings, 1), play(&subject, &settings, 3));
-    for (i, (one, three)) in one.iter().zip(&three).enumerate() {
-        assert_same(&format!("frame {i}"), one, three);
+    let mut settings = subject.accumulated(WIDTH, HEIGHT);
+    for denoiser in [Denoiser::Svgf, Denoiser::Bmfr] {
+        settings.stages.filter = Some(denoiser);
+        let (one, three) = (play(&subject, &settings, 1), play(&subject, &settings, 3));
+        for (i, (one, three)) in one.iter().zip(&three).enumerate() {
+            assert_same(&format!("{denoiser:?}, frame {i}"), one, three);
+        }
     }
 }
 

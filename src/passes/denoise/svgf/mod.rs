@@ -2,13 +2,10 @@
 //!
 //! The method is that of Schied et al. 2017, "Spatiotemporal Variance-Guided Filtering".
 
-mod gradient;
-
-use super::{CUT, Denoise, Light};
+use super::{CUT, Denoise, Light, antialias, gradient};
 use crate::graph::{Chain, Image, Kernel, Pass, Resource, Stage, Use};
-use crate::passes::gbuffer::{ALBEDO, EMISSION, GUIDE, HIT, TALLY};
+use crate::passes::gbuffer::{GUIDE, HIT, TALLY};
 use crate::passes::moving::last_surface;
-use crate::passes::tonemap::{self, DISPLAY, LINEAR};
 use crate::passes::{FrameSpec, PREVIOUS_VIEWS};
 use crate::scene::rig::Eye;
 use crate::wgsl::constants;
@@ -20,16 +17,11 @@ const VARIANCE: Stage = Stage("variance");
 const MOMENTS: Resource = Resource::image("moments", 16);
 /// Accumulated light after the filter's first iteration.
 const HISTORY: Resource = Resource::image("history", 16);
-/// The image antialiased over frames, scene-referred RGB.
-const RESOLVED: Resource = Resource::image("resolved", 16);
 
 /// Rows and columns that the estimate of variance reads beyond its own.
 const VARIANCE_REACH: u32 = 3;
 
 const VARIANCE_KERNEL: Kernel = Kernel::new("variance").with(constants![VARIANCE_REACH]);
-
-/// Rows that antialiasing reads beyond its own.
-const RESOLVE_REACH_ROWS: u32 = 1;
 
 /// Standard deviations by which the luminance of two pixels may differ: in the first iteration, which is kept for the next
 /// frame, so that its blur adds up over frames, and in the others.
@@ -86,31 +78,7 @@ impl Denoise for Svgf {
         passes
     }
 
-    /// Remodulates light, also in the rows around a device's own, and antialiases over frames.
     fn finish(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
-        let (filtered, composed) = light.advance();
-        // What surfaces were seen before, where they may have moved.
-        let last_guide = match spec.moving.is_some() {
-            true => Use::read(GUIDE).before(spec.history_halo()),
-            false => Use::read(last_surface(spec)).if_written(),
-        };
-        let compose = Pass::new(Stage("compose"), view, tonemap::CUT, Kernel::new("compose"))
-            .uses([Use::read(filtered), Use::read(ALBEDO), Use::read(EMISSION), Use::write(composed)])
-            .chain(Chain::Margin);
-        let resolve = Pass::new(Stage("resolve"), view, tonemap::CUT, Kernel::new("resolve").with(gradient::CONSTANTS))
-            .uses([
-                Use::read(composed).halo(spec.halo(RESOLVE_REACH_ROWS)),
-                Use::read(RESOLVED).before(spec.history_halo()),
-                Use::write(RESOLVED),
-                Use::write(LINEAR),
-                Use::write(DISPLAY),
-                Use::read(PREVIOUS_VIEWS),
-                Use::add(TALLY),
-                Use::read(last_surface(spec)).halo(spec.halo(RESOLVE_REACH_ROWS)).if_written(),
-                last_guide,
-                Use::read(gradient::change(spec)).of(Eye::Left).if_written(),
-            ])
-            .chain(Chain::Margin);
-        vec![compose, resolve]
+        antialias::passes(spec, view, light)
     }
 }

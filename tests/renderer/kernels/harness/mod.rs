@@ -19,7 +19,7 @@ use self::reflect::{Binding, Kind, assert_same_names, binding, layout_entry};
 use super::camera::Constants;
 use crate::common;
 
-/// Edge of the workgroups of all kernels.
+/// Edge of the workgroups of most kernels.
 const TILE: u32 = 8;
 
 #[derive(Clone)]
@@ -66,10 +66,20 @@ impl Kernel {
 
     /// Dispatches `columns` invocations for every row of the stripe that `pass` names. The pass's grid is the frame.
     pub fn run(&self, constants: &Constants, pass: PassConstants, columns: u32, buffers: &[(&str, Buffer)]) -> Outputs {
-        let pass = PassConstants { width: constants.width, height: constants.height, ..pass };
         let rows = pass.row_end - pass.row_begin;
-        let groups = [columns.div_ceil(TILE), rows.div_ceil(TILE)];
-        let outputs = self.run_groups(&constants.bytes(), pass, groups, buffers);
+        self.run_groups(constants, pass, [columns.div_ceil(TILE), rows.div_ceil(TILE)], buffers)
+    }
+
+    /// Dispatches so many workgroups for the stripe that `pass` names.
+    pub fn run_groups(
+        &self,
+        constants: &Constants,
+        pass: PassConstants,
+        groups: [u32; 2],
+        buffers: &[(&str, Buffer)],
+    ) -> Outputs {
+        let pass = PassConstants { width: constants.width, height: constants.height, ..pass };
+        let outputs = self.run_bytes(&constants.bytes(), pass, groups, buffers);
         for (name, buffer) in buffers {
             if let (Buffer::Image(before), Some(after)) = (buffer, outputs.0.get(*name)) {
                 let row = before.len() / constants.height as usize;
@@ -83,10 +93,10 @@ impl Kernel {
 
     /// Dispatches so many workgroups of a pass that has no rows.
     pub fn run_once(&self, frame: &Frame, args: [u32; 3], groups: [u32; 2], buffers: &[(&str, Buffer)]) -> Outputs {
-        self.run_groups(bytemuck::bytes_of(frame), PassConstants { args, ..Default::default() }, groups, buffers)
+        self.run_bytes(bytemuck::bytes_of(frame), PassConstants { args, ..Default::default() }, groups, buffers)
     }
 
-    fn run_groups(
+    fn run_bytes(
         &self,
         constants: &[u8],
         pass: PassConstants,

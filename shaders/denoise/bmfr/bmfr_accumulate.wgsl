@@ -1,0 +1,104 @@
+// Accumulation over frames before and after the fit of BMFR (Koskela et al., "Blockwise Multi-Order Feature Regression for
+// Real-Time Path-Tracing Reconstruction", ACM TOG 38(5), 2019, sections 3.1 and 3.4): the mean of all frames that have seen a
+// surface, and once these are many, an exponential one. Surfaces are found again as SVGF's accumulation does it here. Departures:
+// the right eye falls back on the left one's history, pixels that were not sampled keep theirs, and each of the two
+// accumulations counts its own frames.
+
+//!include frame grid motion pack history light_change
+
+@group(1) @binding(0) var<storage, read> hit_image: array<vec4<u32>>;
+// Of the surfaces as they were in the frame before.
+@group(1) @binding(1) var<storage, read> guide_image: array<vec4<u32>>;
+// Light over albedo as floats; last word 0: there is none.
+@group(1) @binding(2) var<storage, read> source: array<vec4<u32>>;
+@group(1) @binding(3) var<storage, read> last_guide: array<vec4<u32>>;
+@group(1) @binding(4) var<storage, read> last_accumulated: array<vec4<u32>>;
+@group(1) @binding(5) var<storage, read> left_guide: array<vec4<u32>>;
+@group(1) @binding(6) var<storage, read> left_accumulated: array<vec4<u32>>;
+// Light over albedo as floats; material and, in the upper 8 bits, frames.
+@group(1) @binding(7) var<storage, read_write> accumulated: array<vec4<u32>>;
+@group(1) @binding(8) var<uniform> previous: Previous;
+@group(1) @binding(9) var<storage, read_write> tally: array<u32>;
+@group(1) @binding(10) var<storage, read> light_change: array<f32>;
+
+const MOST_FRAMES: f32 = 255.0;
+
+struct Past {
+    light: vec3<f32>,
+    frames: f32,
+    // Sum of the pixels' weights.
+    found: f32,
+}
+
+fn past_at(seen: vec3<f32>, row: u32, of_left: bool, position: vec3<f32>, normal: vec3<f32>, material: u32) -> Past {
+    var past = Past();
+    let around = pixels_around(seen, row);
+    for (var i = 0; i < 4; i += 1) {
+        let corner = corner_of(around, i);
+        var guide = last_guide[corner.at];
+        var light = last_accumulated[corner.at];
+        if of_left {
+            guide = left_guide[corner.at];
+            light = left_accumulated[corner.at];
+        }
+        let is_same = (light.w & MATERIAL_MASK) == material && shows(guide, position, normal, around.reach);
+        let w = select(0.0, corner.weight, is_same && (light.w >> 24u) != 0u);
+        if w > 0.0 {
+            past.light += bitcast<vec3<f32>>(light.xyz) * w;
+            past.frames += f32(light.w >> 24u) * w;
+            past.found += w;
+        }
+    }
+    return past;
+}
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
+    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
+        return;
+    }
+    let at = pixel_index(pixel);
+    let bits = guide_image[at];
+    let material = hit_image[at].w & MATERIAL_MASK;
+    if bits.w == NO_NORMAL {
+        accumulated[at] = vec4<u32>(0u, 0u, 0u, material);
+        return;
+    }
+    let position = bitcast<vec3<f32>>(bits.xyz);
+    let normal = unpack_normal(bits.w);
+    let now = bitcast<vec3<f32>>(source[at].xyz);
+    let is_told = source[at].w != 0u;
+    let is_new = is_told && is_finite(now);
+    var dropped = is_told && !is_new;
+    var past = Past();
+    // The own eye, then the left one. Loops are what a pixel can leave early.
+    let eyes = select(pass_.view + 1u, 0u, frame.history.rows == NO_HISTORY);
+    for (var i = 0u; i < eyes && past.found < LEAST_FOUND; i += 1u) {
+        let seen = pixel_of(position, previous.views[pass_.view - i]);
+        past = past_at(seen, pixel.y, i == 1u, position, normal, material);
+        if !is_finite(past.light) {
+            past = Past();
+            dropped = true;
+        }
+    }
+    let found = past.found >= LEAST_FOUND;
+    let scale = select(0.0, 1.0 / max(past.found, LEAST_FOUND), found);
+    var frames = min(past.frames * scale, longest_in_light());
+    if HAS_MOTION {
+        frames *= kept_in_light(tile_of(pixel, position), frames, 1.0);
+    }
+    // Least share of this frame.
+    let least = bitcast<f32>(pass_.args[0]);
+    let share = select(0.0, select(1.0, max(1.0 / (frames + 1.0), least), found), is_new);
+    let light = past.light * scale * (1.0 - share) + select(vec3<f32>(0.0), now * share, is_new);
+    let is_sound = is_finite(light);
+    let count = select(0.0, clamp(round(frames + select(0.0, 1.0, is_new)), 1.0, MOST_FRAMES), (found || is_new) && is_sound);
+    accumulated[at] = vec4<u32>(
+        bitcast<vec3<u32>>(select(vec3<f32>(0.0), light, is_sound)),
+        material | (u32(count) << 24u),
+    );
+    if dropped || !is_sound {
+        tally[at] = add_tally(tally[at], 0u, 1u);
+    }
+}

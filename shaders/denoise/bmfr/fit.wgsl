@@ -1,0 +1,286 @@
+// Blockwise regression (Koskela et al. 2019, section 3.2): in each block of 32x32 pixels, light over albedo is the sum of
+// features that is nearest to it in the least squares, the same for all three channels but for their weights. Features are
+// 1, the normal, the position within the block, and its squares. The system is solved by Householder reflections (Golub & Van
+// Loan, "Matrix Computations", 5.2), one workgroup for each block, and sums are always added in the same order. Departures:
+// - Features that depend on those before them are left out, which is seen from what a reflection leaves of them (Xu, Tong &
+//   Xu, "Real-Time Path Tracing Reconstruction in DXR"), here held against their length before. With an amplitude as
+//   argument noise is added to features instead, as in the paper, for comparison.
+// - Pixels without a surface or without light count for nothing, and so do those beyond the image's border. What has a
+//   surface gets the fit's light.
+// - Light is no brighter than the brightest that the block has.
+
+//!include frame grid pack rng
+
+@group(1) @binding(0) var<storage, read> guide_image: array<vec4<u32>>;
+// Light over albedo as floats; frames in the upper 8 bits of the last word.
+@group(1) @binding(1) var<storage, read> source: array<vec4<u32>>;
+// Last word 0: there is none.
+@group(1) @binding(2) var<storage, read_write> fitted: array<vec4<u32>>;
+
+const INVOCATIONS: u32 = 256u;
+// Pixels of an invocation: those of rows 8 apart.
+const PIXELS: u32 = 4u;
+const ROWS_APART: u32 = INVOCATIONS / BLOCK;
+const FEATURES: u32 = 10u;
+// Of a row: features and channels.
+const ENTRIES: u32 = FEATURES + 3u;
+// Sums are added in groups of this many.
+const GROUP: u32 = 16u;
+
+// Least length of what a column adds to those before it, over its own: below, it depends on them. Packed normals of a plane are
+// the same up to 3e-5, positions up to 1e-5.
+const INDEPENDENT: f32 = 1e-3;
+// Extent of a block that is more than rounding, over its coordinates.
+const LEAST_EXTENT: f32 = 2e-6;
+// Light that is none.
+const DARK: f32 = 1e-30;
+// In the last word of light that there is.
+const IS_FITTED: u32 = 0x3f800000u;
+
+var<workgroup> parts: array<f32, ENTRIES * INVOCATIONS>;
+var<workgroup> group_sums: array<f32, ENTRIES * GROUP>;
+// Entries of the row that the next reflection keeps.
+var<workgroup> pivots: array<f32, ENTRIES>;
+// Totals of `parts`, and these entries.
+var<workgroup> totals: array<vec2<f32>, ENTRIES>;
+var<workgroup> square_lengths: array<f32, ENTRIES>;
+var<workgroup> is_lit: u32;
+// The triangular system: of each row, its feature, and its entries from that feature's column on.
+var<workgroup> row_feature: array<u32, FEATURES>;
+var<workgroup> rows: array<f32, FEATURES * ENTRIES>;
+var<workgroup> weights: array<f32, FEATURES * 3u>;
+
+// Adds up what each invocation has put into `parts`.
+fn add_up(t: u32) {
+    workgroupBarrier();
+    if t < ENTRIES * GROUP {
+        let first = t / GROUP * INVOCATIONS + t % GROUP;
+        var sum = 0.0;
+        for (var i = 0u; i < INVOCATIONS; i += GROUP) {
+            sum += parts[first + i];
+        }
+        group_sums[t] = sum;
+    }
+    workgroupBarrier();
+    if t < ENTRIES {
+        var sum = 0.0;
+        for (var i = 0u; i < GROUP; i += 1u) {
+            sum += group_sums[t * GROUP + i];
+        }
+        totals[t] = vec2<f32>(sum, pivots[t]);
+    }
+    workgroupBarrier();
+}
+
+// The largest of them.
+fn find_largest(t: u32) {
+    workgroupBarrier();
+    if t < ENTRIES * GROUP {
+        let first = t / GROUP * INVOCATIONS + t % GROUP;
+        var largest = parts[first];
+        for (var i = GROUP; i < INVOCATIONS; i += GROUP) {
+            largest = max(largest, parts[first + i]);
+        }
+        group_sums[t] = largest;
+    }
+    workgroupBarrier();
+    if t < ENTRIES {
+        var largest = group_sums[t * GROUP];
+        for (var i = 1u; i < GROUP; i += 1u) {
+            largest = max(largest, group_sums[t * GROUP + i]);
+        }
+        totals[t] = vec2<f32>(largest, 0.0);
+    }
+    workgroupBarrier();
+}
+
+// By how far blocks begin above and left of the image: in each of 16 frames another point of a lattice of 8 pixels, in the
+// order of a Bayer matrix (Bayer 1973), which takes points far from one another in turns.
+fn displacement() -> vec2<u32> {
+    let far = frame.sampling.index & 3u;
+    let near = (frame.sampling.index >> 2u) & 3u;
+    let far_step = vec2<u32>((far ^ (far >> 1u)) & 1u, far & 1u);
+    let near_step = vec2<u32>((near ^ (near >> 1u)) & 1u, near & 1u);
+    return BLOCK / 2u * far_step + BLOCK / 4u * near_step;
+}
+
+// Coordinates of a block's surfaces.
+struct Extent {
+    low: vec3<f32>,
+    // 1 / how far they go; 0: not at all.
+    scale: vec3<f32>,
+}
+
+fn features(bits: vec4<u32>, extent: Extent) -> array<f32, FEATURES> {
+    let n = unpack_normal(bits.w);
+    let x = (bitcast<vec3<f32>>(bits.xyz) - extent.low) * extent.scale;
+    return array<f32, FEATURES>(1.0, n.x, n.y, n.z, x.x, x.y, x.z, x.x * x.x, x.y * x.y, x.z * x.z);
+}
+
+@compute @workgroup_size(256)
+fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: vec3<u32>) {
+    let displaced = displacement();
+    let block = vec2<u32>(group.x, (pass_.row_begin + displaced.y) / BLOCK + group.y);
+    let origin = vec2<i32>(block * BLOCK) - vec2<i32>(displaced);
+    if origin.x >= i32(pass_.width) || origin.y >= i32(pass_.row_end) {
+        return;
+    }
+    let column = origin.x + i32(t % BLOCK);
+    let is_column = column >= 0 && column < i32(pass_.width);
+
+    // What the block has: where it is, and its brightest light.
+    var low = vec3<f32>(MOST_FLOAT);
+    var high = vec3<f32>(-MOST_FLOAT);
+    var brightest = 0.0;
+    var counts = vec4<bool>(false);
+    for (var s = 0u; s < PIXELS; s += 1u) {
+        let row = origin.y + i32(t / BLOCK + s * ROWS_APART);
+        let inside = is_column && row >= i32(pass_.valid_begin) && row < i32(pass_.valid_end);
+        let at = select(0u, u32(row) * pass_.width + u32(column), inside);
+        let bits = guide_image[at];
+        counts[s] = inside && bits.w != NO_NORMAL && (source[at].w >> 24u) != 0u;
+        if counts[s] {
+            low = min(low, bitcast<vec3<f32>>(bits.xyz));
+            high = max(high, bitcast<vec3<f32>>(bits.xyz));
+            let light = bitcast<vec3<f32>>(source[at].xyz);
+            brightest = max(brightest, max(light.r, max(light.g, light.b)));
+        }
+    }
+    for (var i = 0u; i < 3u; i += 1u) {
+        parts[i * INVOCATIONS + t] = -low[i];
+        parts[(3u + i) * INVOCATIONS + t] = high[i];
+    }
+    parts[6u * INVOCATIONS + t] = brightest;
+    parts[7u * INVOCATIONS + t] = select(0.0, 1.0, any(counts));
+    find_largest(t);
+    if t == 0u {
+        is_lit = u32(totals[7].x);
+    }
+    if t < ENTRIES {
+        pivots[t] = 0.0;
+    }
+    low = -vec3<f32>(totals[0].x, totals[1].x, totals[2].x);
+    high = vec3<f32>(totals[3].x, totals[4].x, totals[5].x);
+    brightest = totals[6].x;
+    if workgroupUniformLoad(&is_lit) == 0u {
+        for (var s = 0u; s < PIXELS; s += 1u) {
+            let row = origin.y + i32(t / BLOCK + s * ROWS_APART);
+            if is_column && row >= i32(pass_.row_begin) && row < i32(pass_.row_end) {
+                fitted[u32(row) * pass_.width + u32(column)] = vec4<u32>(0u);
+            }
+        }
+        return;
+    }
+    let is_wide = high - low > LEAST_EXTENT * max(abs(low), abs(high));
+    let extent = Extent(low, select(vec3<f32>(0.0), 1.0 / max(high - low, vec3<f32>(DARK)), is_wide));
+    let per_light = select(0.0, 1.0 / max(brightest, DARK), brightest > DARK);
+
+    // The columns of features, then of light: four rows of each in every invocation.
+    var columns: array<vec4<f32>, ENTRIES>;
+    let amplitude = bitcast<f32>(pass_.args[0]);
+    for (var s = 0u; s < PIXELS; s += 1u) {
+        let row = origin.y + i32(t / BLOCK + s * ROWS_APART);
+        let at = select(0u, u32(row) * pass_.width + u32(column), counts[s]);
+        let f = features(guide_image[at], extent);
+        let light = bitcast<vec3<f32>>(source[at].xyz) * per_light;
+        for (var j = 0u; j < FEATURES; j += 1u) {
+            columns[j][s] = select(0.0, f[j], counts[s]);
+        }
+        for (var j = 0u; j < 3u; j += 1u) {
+            columns[FEATURES + j][s] = select(0.0, light[j], counts[s]);
+        }
+        if amplitude > 0.0 && counts[s] {
+            let key = hash_combine(hash_combine(frame.sampling.index, at), pass_.view);
+            for (var j = 1u; j < FEATURES; j += 1u) {
+                columns[j][s] += amplitude * (2.0 * unit_float(hash_combine(key, j)) - 1.0);
+            }
+        }
+    }
+    for (var j = 0u; j < ENTRIES; j += 1u) {
+        parts[j * INVOCATIONS + t] = dot(columns[j], columns[j]);
+    }
+    add_up(t);
+    if t < ENTRIES {
+        square_lengths[t] = totals[t].x;
+    }
+
+    // Reflections. The column whose turn it is stands first: the others move up, so that each is always at a known place.
+    // The rows of the triangular system are the first ones, which are in the first invocations.
+    var rank = 0u;
+    for (var m = 0u; m < FEATURES; m += 1u) {
+        var v = columns[0];
+        v.x = select(v.x, 0.0, t < rank);
+        for (var j = 0u; j < ENTRIES; j += 1u) {
+            parts[j * INVOCATIONS + t] = dot(v, columns[j]);
+            if t == rank {
+                pivots[j] = columns[j].x;
+            }
+        }
+        add_up(t);
+        let square = totals[0].x;
+        let pivot = totals[0].y;
+        let is_kept = square > max(INDEPENDENT * INDEPENDENT * square_lengths[m], DARK);
+        if is_kept {
+            let length = sqrt(square);
+            // Of the sign by which the difference from the pivot does not cancel.
+            let diagonal = select(length, -length, pivot > 0.0);
+            // Two over the square of the mirror's normal.
+            let scale = 1.0 / (square + abs(pivot) * length);
+            v.x = select(v.x, v.x - diagonal, t == rank);
+            for (var j = 0u; j < ENTRIES; j += 1u) {
+                columns[j] -= v * (scale * (totals[j].x - diagonal * totals[j].y));
+            }
+            if t < ENTRIES - m {
+                let off = scale * (totals[t].x - diagonal * totals[t].y);
+                rows[rank * ENTRIES + t] = select(totals[t].y - (pivot - diagonal) * off, diagonal, t == 0u);
+            }
+            if t == 0u {
+                row_feature[rank] = m;
+            }
+            rank += 1u;
+        }
+        for (var j = 0u; j + 1u < ENTRIES; j += 1u) {
+            columns[j] = columns[j + 1u];
+        }
+        columns[ENTRIES - 1u] = vec4<f32>(0.0);
+    }
+    workgroupBarrier();
+
+    // Back-substitution, a channel in each of three invocations. Features that were left out weigh nothing.
+    if t < 3u {
+        for (var m = 0u; m < FEATURES; m += 1u) {
+            weights[m * 3u + t] = 0.0;
+        }
+        for (var i = rank; i > 0u; i -= 1u) {
+            let k = i - 1u;
+            let feature = row_feature[k];
+            var rest = rows[k * ENTRIES + FEATURES + t - feature];
+            for (var l = i; l < rank; l += 1u) {
+                rest -= rows[k * ENTRIES + row_feature[l] - feature] * weights[row_feature[l] * 3u + t];
+            }
+            weights[feature * 3u + t] = rest / rows[k * ENTRIES];
+        }
+    }
+    workgroupBarrier();
+
+    for (var s = 0u; s < PIXELS; s += 1u) {
+        let row = origin.y + i32(t / BLOCK + s * ROWS_APART);
+        if !is_column || row < i32(pass_.row_begin) || row >= i32(pass_.row_end) {
+            continue;
+        }
+        let at = u32(row) * pass_.width + u32(column);
+        let bits = guide_image[at];
+        if bits.w == NO_NORMAL {
+            fitted[at] = vec4<u32>(0u);
+            continue;
+        }
+        let f = features(bits, extent);
+        var sum = vec3<f32>(0.0);
+        for (var m = 0u; m < FEATURES; m += 1u) {
+            sum += f[m] * vec3<f32>(weights[m * 3u], weights[m * 3u + 1u], weights[m * 3u + 2u]);
+        }
+        // What is not finite is left to who counts it.
+        let light = select(sum, clamp(sum, vec3<f32>(0.0), vec3<f32>(1.0)) * brightest, is_finite(sum));
+        fitted[at] = vec4<u32>(bitcast<vec3<u32>>(light), IS_FITTED);
+    }
+}

@@ -1,0 +1,48 @@
+// Pixels of the frame before that show a pixel's surface: the four around the image point where the surface was, each
+// held against position and normal.
+
+// Least sum of weights that counts as history.
+const LEAST_FOUND: f32 = 0.01;
+
+// Four pixels around an image point.
+struct Around {
+    base: vec2<i32>,
+    fraction: vec2<f32>,
+    // Rows that may be looked at: the first, and the one after the last.
+    low: i32,
+    high: i32,
+    // Largest distance off the surface's plane; below 0 where the point is behind the eye.
+    reach: f32,
+}
+
+// Those around `seen`, for a pixel of this row.
+fn pixels_around(seen: vec3<f32>, row: u32) -> Around {
+    let size = vec2<f32>(f32(pass_.width), f32(pass_.height));
+    let corner = clamp(seen.xy - frame.camera.centre, vec2<f32>(-2.0), size + 1.0);
+    let base = floor(corner);
+    let low = max(i32(pass_.valid_begin), i32(row) - i32(frame.history.rows));
+    let high = min(i32(pass_.valid_end), i32(row) + i32(frame.history.rows) + 1);
+    return Around(vec2<i32>(base), corner - base, low, high, select(-1.0, 0.005 * seen.z, seen.z > 0.0));
+}
+
+// One of the four: where it is in an image, and its bilinear weight, 0 where it may not be looked at.
+struct Corner {
+    at: u32,
+    weight: f32,
+}
+
+fn corner_of(around: Around, i: i32) -> Corner {
+    let offset = vec2<i32>(i & 1, i >> 1u);
+    let there = around.base + offset;
+    let inside = around.reach >= 0.0 && there.x >= 0 && there.x < i32(pass_.width)
+        && there.y >= around.low && there.y < around.high && !are_lost(there.y, there.y + 1);
+    let near = select(around.fraction, 1.0 - around.fraction, offset == vec2<i32>(0));
+    let at = select(0u, u32(there.y) * pass_.width + u32(there.x), inside);
+    return Corner(at, select(0.0, near.x * near.y, inside));
+}
+
+// Whether a pixel's guide is of the surface that was at `position`.
+fn shows(guide: vec4<u32>, position: vec3<f32>, normal: vec3<f32>, reach: f32) -> bool {
+    let off = abs(dot(normal, bitcast<vec3<f32>>(guide.xyz) - position));
+    return guide.w != NO_NORMAL && off < reach && dot(normal, unpack_normal(guide.w)) > 0.9;
+}

@@ -1,0 +1,43 @@
+//! From filtered light to an image that is antialiased over frames.
+
+use super::{Light, gradient};
+use crate::graph::{Chain, Kernel, Pass, Resource, Stage, Use};
+use crate::passes::gbuffer::{ALBEDO, EMISSION, GUIDE, TALLY};
+use crate::passes::moving::last_surface;
+use crate::passes::tonemap::{CUT, DISPLAY, LINEAR};
+use crate::passes::{FrameSpec, PREVIOUS_VIEWS};
+use crate::scene::rig::Eye;
+
+/// The image antialiased over frames, scene-referred RGB.
+const RESOLVED: Resource = Resource::image("resolved", 16);
+
+/// Rows that antialiasing reads beyond its own.
+const RESOLVE_REACH_ROWS: u32 = 1;
+
+/// Remodulates light, also in the rows around a device's own, and antialiases over frames.
+pub fn passes(spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
+    let (filtered, composed) = light.advance();
+    // What surfaces were seen before, where they may have moved.
+    let last_guide = match spec.moving.is_some() {
+        true => Use::read(GUIDE).before(spec.history_halo()),
+        false => Use::read(last_surface(spec)).if_written(),
+    };
+    let compose = Pass::new(Stage("compose"), view, CUT, Kernel::new("compose"))
+        .uses([Use::read(filtered), Use::read(ALBEDO), Use::read(EMISSION), Use::write(composed)])
+        .chain(Chain::Margin);
+    let resolve = Pass::new(Stage("resolve"), view, CUT, Kernel::new("resolve").with(gradient::CONSTANTS))
+        .uses([
+            Use::read(composed).halo(spec.halo(RESOLVE_REACH_ROWS)),
+            Use::read(RESOLVED).before(spec.history_halo()),
+            Use::write(RESOLVED),
+            Use::write(LINEAR),
+            Use::write(DISPLAY),
+            Use::read(PREVIOUS_VIEWS),
+            Use::add(TALLY),
+            Use::read(last_surface(spec)).halo(spec.halo(RESOLVE_REACH_ROWS)).if_written(),
+            last_guide,
+            Use::read(gradient::change(spec)).of(Eye::Left).if_written(),
+        ])
+        .chain(Chain::Margin);
+    vec![compose, resolve]
+}

@@ -1,0 +1,86 @@
+//! `bmfr`: light accumulated over frames, fitted to features of surfaces in blocks of pixels, accumulated once more, and
+//! antialiased over frames.
+//!
+//! The method is that of Koskela et al. 2019, "Blockwise Multi-Order Feature Regression for Real-Time Path-Tracing
+//! Reconstruction", with dependent features left out as in Xu, Tong & Xu, "Real-Time Path Tracing Reconstruction in DXR".
+
+use super::{CUT, Denoise, Light, antialias, gradient};
+use crate::graph::{Chain, Dispatch, Image, Kernel, Pass, Resource, Stage, Use};
+use crate::passes::gbuffer::{GUIDE, HIT, TALLY};
+use crate::passes::moving::last_surface;
+use crate::passes::{FrameSpec, PREVIOUS_VIEWS, tonemap};
+use crate::scene::rig::Eye;
+use crate::wgsl::constants;
+
+/// Light accumulated over frames before the fit, with the material and the number of frames.
+const ACCUMULATED: Resource = Resource::image("accumulated", 16);
+/// The same of fitted light.
+const FITTED: Resource = Resource::image("fitted", 16);
+
+/// Columns and rows of a block.
+const BLOCK: u32 = 32;
+
+const ACCUMULATE: Kernel = Kernel::new("bmfr_accumulate").with(gradient::CONSTANTS);
+const FIT: Kernel = Kernel { workgroup: [256, 1, 1], ..Kernel::new("fit").with(constants![BLOCK]) };
+
+/// Least share of a frame in accumulated light, before and after the fit.
+const LEAST_SHARE: f32 = 0.2;
+const LEAST_FITTED_SHARE: f32 = 0.1;
+
+pub struct Bmfr {
+    /// Amplitude of the noise that is added to features, 0 to 1; with 0, dependent features are left out.
+    pub noise: f32,
+}
+
+impl Bmfr {
+    /// Dependent features are left out.
+    pub const DROPPING: Self = Self { noise: 0.0 };
+    /// Features get the noise of the authors' code.
+    pub const NOISY: Self = Self { noise: 0.01 };
+}
+
+/// Joins the light of an image with what the frame before has left of `kept`. The right eye may take the left one's.
+fn accumulate(spec: &FrameSpec, pass: Pass, light: &mut Light, kept: Resource, least_share: f32) -> Pass {
+    let last = |resource: Resource| Use::read(resource).before(spec.history_halo());
+    let (source, target) = light.advance_to(Image::from(kept));
+    let uses = [
+        Use::read(HIT),
+        Use::read(if spec.moving.is_some() { last_surface(spec) } else { GUIDE }),
+        Use::read(source),
+        last(GUIDE),
+        last(kept),
+        last(GUIDE).of(Eye::Left),
+        last(kept).of(Eye::Left),
+        Use::write(target),
+        Use::read(PREVIOUS_VIEWS),
+        Use::add(TALLY),
+        Use::read(gradient::change(spec)).of(Eye::Left).if_written(),
+    ];
+    pass.uses(uses).args([least_share.to_bits(), 0, 0])
+}
+
+impl Denoise for Bmfr {
+    fn before(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
+        let pass = Pass::new(Stage("accumulate"), view, CUT, ACCUMULATE);
+        let pass = accumulate(spec, pass, light, ACCUMULATED, LEAST_SHARE);
+        gradient::passes(spec, view).into_iter().chain([pass]).collect()
+    }
+
+    /// The fit of whole blocks, wherever stripes cut them.
+    fn filter(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
+        let (source, target) = light.advance();
+        let halo = spec.halo(BLOCK - 1);
+        let pass = Pass::new(Stage("fit"), view, CUT, FIT)
+            .uses([Use::read(GUIDE).halo(halo), Use::read(source).halo(halo), Use::write(target)])
+            .dispatch(Dispatch::Displaced([BLOCK; 2]))
+            .args([self.noise.to_bits(), 0, 0])
+            .chain(Chain::Planned);
+        vec![pass]
+    }
+
+    fn finish(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
+        let pass = Pass::new(Stage("accumulate_fitted"), view, tonemap::CUT, ACCUMULATE);
+        let again = accumulate(spec, pass, light, FITTED, LEAST_FITTED_SHARE).chain(Chain::Margin);
+        std::iter::once(again).chain(antialias::passes(spec, view, light)).collect()
+    }
+}

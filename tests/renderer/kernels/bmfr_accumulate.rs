@@ -1,0 +1,208 @@
+//! Accumulation over frames around the fit.
+
+use glam::{DVec3, Vec2};
+
+use super::camera::{Constants, Eye};
+use super::edges::Surface;
+use super::harness::{Buffer, Kernel, Stripe, only_in};
+use super::inputs::{Cases, HEIGHT, Random, WIDTH, Wall, stripes};
+use super::pack::{Counts, MATERIAL_MASK, SAMPLED, VIEW_DEPENDENT, floats, is_finite, is_near, rgb};
+
+/// Least shares of a frame that are asked for.
+const SHARES: [f32; 2] = [0.2, 0.1];
+
+/// Guides and accumulated light of the frame before.
+struct Before {
+    eye: Eye,
+    guide: Vec<[u32; 4]>,
+    light: Vec<[u32; 4]>,
+}
+
+impl Before {
+    fn new(random: &mut Random, constants: &Constants, view: usize, eye: Eye) -> Self {
+        let mut seen_by = constants.clone();
+        seen_by.eyes[view] = eye;
+        // The right eye's own history is short of pixels, so that the left one's is looked up.
+        let lost = if view == 1 { 0.6 } else { 0.15 };
+        let light = |random: &mut Random| {
+            let [r, g, b, _] = match random.chance(0.02) {
+                true => [f32::INFINITY; 4],
+                false => floats(random.color(1.0), 0.0),
+            };
+            let frames = if random.chance(lost) { 0 } else { random.pick(&[1, 2, 3, 4, 9, 30, 255]) };
+            [r.to_bits(), g.to_bits(), b.to_bits(), random.pick(&[7, 7, 7, 8]) | frames << 24]
+        };
+        let guide = Wall::new(0.003, 0.3, 0.05).guides(random, &seen_by, view);
+        Self { eye, guide, light: (0..constants.area()).map(|_| light(random)).collect() }
+    }
+
+    /// Light, frames and sum of weights of the pixels around the point where a surface was.
+    fn past(&self, constants: &Constants, stripe: &Stripe, row: u32, surface: &Surface, material: u32) -> [DVec3; 2] {
+        let (mut light, mut frames, mut found) = (DVec3::ZERO, 0.0, 0.0);
+        if let Some((seen, z)) = self.eye.seen_at(surface.position, constants.size()) {
+            let corner = seen - constants.centre.as_dvec2();
+            let (base, fraction) = (corner.floor(), corner - corner.floor());
+            let reach = constants.history_rows.expect("there is history");
+            let rows = stripe.valid.start.max(row.saturating_sub(reach))..stripe.valid.end.min(row + reach + 1);
+            for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+                let offset = ((base.x as i32).saturating_add(dx), (base.y as i32).saturating_add(dy));
+                let Some(tap) = constants.tap((0, 0), offset, &rows) else { continue };
+                let Some(then) = Surface::unpack(self.guide[tap]) else { continue };
+                let word = self.light[tap][3];
+                let is_same = word & MATERIAL_MASK == material
+                    && word >> 24 != 0
+                    && surface.normal.dot(then.position - surface.position).abs() < 0.005 * z
+                    && surface.normal.dot(then.normal) > 0.9;
+                if is_same {
+                    let share = |d: i32, fraction: f64| if d == 0 { 1.0 - fraction } else { fraction };
+                    let w = share(dx, fraction.x) * share(dy, fraction.y);
+                    light += rgb(self.light[tap].map(f32::from_bits)) * w;
+                    frames += f64::from(word >> 24) * w;
+                    found += w;
+                }
+            }
+        }
+        [light, DVec3::new(frames, found, 0.0)]
+    }
+}
+
+/// What a pixel is to have: light, frames before rounding, and whether something was dropped.
+struct After {
+    light: DVec3,
+    frames: f64,
+    dropped: bool,
+}
+
+#[derive(Clone, Copy)]
+struct Case {
+    view: usize,
+    has_history: bool,
+    least_share: f32,
+    seed: u64,
+}
+
+fn twin(case: Case, pasts: &[[DVec3; 2]], now: Option<DVec3>, cases: &mut Cases) -> After {
+    let mut dropped = now.is_some_and(|light| !is_finite(light));
+    let now = now.filter(|light| is_finite(*light));
+    cases.meet(if dropped { "light that is not finite" } else { "light" });
+    let mut history = None;
+    for (i, [light, found]) in pasts.iter().enumerate() {
+        if !is_finite(*light) {
+            cases.meet("history that is not finite");
+            dropped = true;
+        } else if found.y >= 0.01 {
+            cases.meet(if i == 0 { "own history" } else { "the left eye's history" });
+            history = Some((*light / found.y, found.x / found.y));
+            break;
+        }
+    }
+    let (light, frames) = match (history, now) {
+        (None, None) => {
+            cases.meet("nothing");
+            (DVec3::ZERO, 0.0)
+        }
+        (None, Some(now)) => (now, 1.0),
+        (Some((light, frames)), None) => {
+            cases.meet("history alone");
+            (light, frames)
+        }
+        (Some((light, frames)), Some(now)) => {
+            let least = f64::from(case.least_share);
+            cases.meet(if 1.0 / (frames + 1.0) < least { "exponential mean" } else { "mean" });
+            (light.lerp(now, (1.0 / (frames + 1.0)).max(least)), frames + 1.0)
+        }
+    };
+    After { light, frames: frames.min(255.0), dropped }
+}
+
+fn compare(case: Case, cases: &mut Cases) {
+    let mut random = Random::new(case.seed);
+    let mut constants = Constants { centre: Vec2::new(0.3, 0.8), ..Constants::new(WIDTH, HEIGHT) };
+    constants.history_rows = case.has_history.then_some(1);
+    let eyes = constants.eyes.map(|eye| eye.moved(DVec3::new(0.07, -0.05, 0.02), -0.02, -0.06));
+    let views = eyes.map(|eye| eye.view());
+    for stripe in stripes() {
+        let guide = Wall::new(0.002, 0.2, 0.05).guides(&mut random, &constants, case.view);
+        let before = [0, case.view].map(|view| Before::new(&mut random, &constants, view, eyes[view]));
+        let hit: Vec<_> =
+            (0..constants.area()).map(|_| [1, 2, 3, random.pick(&[7, 7, 7, 8]) | VIEW_DEPENDENT]).collect();
+        let source: Vec<[u32; 4]> = (0..constants.area())
+            .map(|_| match random.bits() % 20 {
+                0 => [0x7f80_0000, 0, 0, SAMPLED],
+                1..6 => [0; 4],
+                _ => floats(random.color(1.5), 1.0).map(f32::to_bits),
+            })
+            .collect();
+        let tally: Vec<u32> = (0..constants.area()).map(|_| random.bits()).collect();
+        let words = random.rubbish::<4>(constants.area());
+        let valid = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.valid, WIDTH, pixels));
+        let own = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.rows, WIDTH, pixels));
+        let outputs = Kernel::new("bmfr_accumulate", &[("HAS_MOTION", false)]).run(
+            &constants,
+            stripe.pass(case.view, [case.least_share.to_bits(), 0, 0]),
+            WIDTH,
+            &[
+                ("hit_image", own(&hit)),
+                ("guide_image", own(&guide)),
+                ("source", own(&source)),
+                ("last_guide", valid(&before[1].guide)),
+                ("last_accumulated", valid(&before[1].light)),
+                ("left_guide", valid(&before[0].guide)),
+                ("left_accumulated", valid(&before[0].light)),
+                ("accumulated", Buffer::image(&words)),
+                ("previous", Buffer::whole(&views)),
+                ("tally", Buffer::image(&tally)),
+                ("light_change", Buffer::whole(&[0.0f32])),
+            ],
+        );
+        let (got, counted) = (outputs.get::<[u32; 4]>("accumulated"), outputs.get::<u32>("tally"));
+        for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
+            let at = constants.index(x, y);
+            let (material, place) = (hit[at][3] & MATERIAL_MASK, format!("({x}, {y}) of {stripe:?}"));
+            let Some(surface) = Surface::unpack(guide[at]) else {
+                cases.meet("no surface");
+                assert_eq!((got[at], counted[at]), ([0, 0, 0, material], tally[at]), "{place}");
+                continue;
+            };
+            let known: &[&Before] = match (case.has_history, case.view) {
+                (false, _) => &[],
+                (true, 0) => &[&before[1]],
+                (true, _) => &[&before[1], &before[0]],
+            };
+            let pasts: Vec<_> = known.iter().map(|b| b.past(&constants, &stripe, y, &surface, material)).collect();
+            let now = (source[at][3] != 0).then(|| rgb(source[at].map(f32::from_bits)));
+            let want = twin(case, &pasts, now, cases);
+            let light = rgb(got[at].map(f32::from_bits));
+            // Weights of pixels are off by some 1e-6, and are divided by their sum, which is 0.01 at least.
+            assert!((0..3).all(|c| is_near(light[c], want.light[c], 5e-4, 1e-4)), "{place}: {light}, {}", want.light);
+            let frames = f64::from(got[at][3] >> 24);
+            assert!((frames - want.frames).abs() <= 0.5 + 5e-4 * want.frames, "{place}: {frames}, {}", want.frames);
+            assert_eq!(got[at][3] & MATERIAL_MASK, material, "{place}");
+            let counts = Counts::unpack(tally[at]).with_dropped(u32::from(want.dropped));
+            assert_eq!(Counts::unpack(counted[at]), counts, "{place}");
+        }
+    }
+}
+
+#[test]
+fn a_first_frame_is_all_of_its_history() {
+    let mut cases = Cases::default();
+    compare(Case { view: 1, has_history: false, least_share: 0.2, seed: 411 }, &mut cases);
+    cases.assert_met(&["no surface", "light", "light that is not finite", "nothing"]);
+}
+
+#[test]
+fn frames_count_alike_until_they_are_many() {
+    for (least_share, seed) in SHARES.into_iter().zip(412..) {
+        let mut cases = Cases::default();
+        compare(Case { view: 0, has_history: true, least_share, seed }, &mut cases);
+        cases.assert_met(&["mean", "exponential mean", "own history", "history alone", "history that is not finite"]);
+    }
+}
+
+#[test]
+fn the_right_eye_takes_the_left_ones_history_where_it_has_none() {
+    let mut cases = Cases::default();
+    compare(Case { view: 1, has_history: true, least_share: 0.2, seed: 414 }, &mut cases);
+    cases.assert_met(&["own history", "the left eye's history", "nothing"]);
+}

@@ -1,0 +1,238 @@
+//! Light fitted in blocks to features of surfaces.
+
+mod twin;
+
+use glam::DVec3;
+
+use self::twin::{BLOCK, DISPLACEMENTS, FEATURES, Fit, Pixel};
+use super::camera::Constants;
+use super::edges::Surface;
+use super::harness::{Buffer, Kernel, Stripe, only_in};
+use super::inputs::{Cases, Random};
+use super::pack::{NO_NORMAL, SAMPLED, floats, is_finite, pack_guide};
+
+/// With no displacement, the last blocks are one pixel wide or high.
+const WIDTH: u32 = 65;
+const HEIGHT: u32 = 33;
+
+/// What blocks are made of.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Shape {
+    /// Normals differ by what packing leaves of them, and by far.
+    Rough,
+    /// One normal along an axis, one coordinate: columns of zeros, and such as are multiples of others.
+    Level,
+    /// One normal, and coordinates that depend on one another.
+    Tilted,
+    /// A plane far from the world's origin, where one coordinate is nothing but rounding.
+    Distant,
+    /// Waves.
+    Wavy,
+    /// The same point everywhere.
+    Point,
+}
+
+/// What light there is.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Lit {
+    Noisy,
+    /// A sum of the coordinates.
+    Exact,
+    /// As bright as floats can be, among what is dark.
+    Huge,
+    Dark,
+    /// Hardly any pixel has light.
+    Sparse,
+    /// None has.
+    Nowhere,
+}
+
+fn surface(shape: Shape, random: &mut Random, (x, y): (u32, u32)) -> (DVec3, DVec3) {
+    let at = DVec3::new(f64::from(x) * 0.05 - 1.0, f64::from(y) * 0.04 - 0.7, 0.0);
+    let tilt = DVec3::new(0.3, -0.5, 0.8).normalize();
+    let on_plane = at.with_z(-(tilt.x * at.x + tilt.y * at.y) / tilt.z);
+    match shape {
+        Shape::Rough => (at.with_z(random.within(-0.5..0.5)), random.tilted(DVec3::Z, 1.2)),
+        Shape::Level => (at.with_z(0.37), DVec3::Z),
+        Shape::Tilted => (on_plane, tilt),
+        Shape::Distant => (at + DVec3::new(70.0, -40.0, 25.0 + random.within(-4e-6..4e-6)), tilt),
+        Shape::Wavy => {
+            let height = 0.3 * (2.0 * at.x).sin() + 0.2 * (3.0 * at.y).cos();
+            (at.with_z(height), DVec3::new(-0.6 * (2.0 * at.x).cos(), 0.6 * (3.0 * at.y).sin(), 1.0).normalize())
+        }
+        Shape::Point => (DVec3::new(1.0, 2.0, 3.0), DVec3::Y),
+    }
+}
+
+fn light(lit: Lit, random: &mut Random, at: DVec3) -> Option<DVec3> {
+    match lit {
+        Lit::Noisy => random.chance(0.8).then(|| random.color(1.0)),
+        Lit::Exact => Some(DVec3::new(5.0 + at.x, 4.0 - at.y, 6.0 + 0.5 * at.x + at.y)),
+        Lit::Huge => Some(DVec3::splat(if random.chance(0.1) { 3e38 } else { 0.0 })),
+        Lit::Dark => Some(DVec3::ZERO),
+        Lit::Sparse => random.chance(0.006).then(|| random.color(1.0)),
+        Lit::Nowhere => None,
+    }
+}
+
+/// Images of guides and light.
+fn images(random: &mut Random, constants: &Constants, shape: Shape, lit: Lit) -> (Vec<[u32; 4]>, Vec<[u32; 4]>) {
+    let pixels = (0..constants.height).flat_map(|y| (0..constants.width).map(move |x| (x, y)));
+    pixels
+        .map(|pixel| {
+            let (position, normal) = surface(shape, random, pixel);
+            let is_sky = lit != Lit::Exact && random.chance(0.1);
+            let guide = if is_sky { [0, 0, 0, NO_NORMAL] } else { pack_guide(position, normal) };
+            let [r, g, b] = light(lit, random, position).map_or([0.0; 3], |c| c.as_vec3().to_array()).map(f32::to_bits);
+            let count = random.pick(&[1, 2, 255]);
+            let is_lit = light_is_told(lit, random, [r, g, b]);
+            (guide, [r, g, b, random.bits() & 0x00ff_ffff | if is_lit { count << 24 } else { 0 }])
+        })
+        .unzip()
+}
+
+/// Light that is black where there might be none was not told of.
+fn light_is_told(lit: Lit, random: &mut Random, bits: [u32; 3]) -> bool {
+    match lit {
+        Lit::Noisy | Lit::Sparse => bits != [0; 3],
+        Lit::Exact | Lit::Huge => true,
+        Lit::Dark => random.chance(0.9),
+        Lit::Nowhere => false,
+    }
+}
+
+fn run(constants: &Constants, stripe: &Stripe, noise: f32, guide: &[[u32; 4]], source: &[[u32; 4]]) -> Vec<[u32; 4]> {
+    let readable = |pixels: &[[u32; 4]]| Buffer::image(&only_in(&stripe.valid, constants.width, pixels));
+    let before = vec![[0x7fc0_0001; 4]; constants.area()];
+    let rows = stripe.rows.end - stripe.rows.start;
+    let groups = [constants.width, rows].map(|length| (length + 2 * (BLOCK - 1)) / BLOCK);
+    let outputs = Kernel::new("fit", &[("SOBOL", false)]).run_groups(
+        constants,
+        stripe.pass(1, [noise.to_bits(), 0, 0]),
+        groups,
+        &[("guide_image", readable(guide)), ("source", readable(source)), ("fitted", Buffer::image(&before))],
+    );
+    outputs.get("fitted")
+}
+
+fn color(bits: [u32; 4]) -> DVec3 {
+    super::pack::rgb(bits.map(f32::from_bits))
+}
+
+fn compare(index: u32, shape: Shape, lit: Lit, seed: u64, cases: &mut Cases) {
+    let mut random = Random::new(seed);
+    let constants = Constants { index, ..Constants::new(WIDTH, HEIGHT) };
+    let (guide, source) = images(&mut random, &constants, shape, lit);
+    let (left, above) = DISPLACEMENTS[index as usize % 16];
+    // As the graph has it, whole blocks around a stripe may be read.
+    for rows in [0..HEIGHT, 3..12, 32..33, 15..17] {
+        let valid = rows.start.saturating_sub(BLOCK - 1)..(rows.end + BLOCK - 1).min(HEIGHT);
+        let stripe = Stripe { rows: rows.clone(), valid };
+        let fitted = run(&constants, &stripe, 0.0, &guide, &source);
+        for block in 0..(WIDTH + left).div_ceil(BLOCK) {
+            for band in 0..(HEIGHT + above).div_ceil(BLOCK) {
+                let columns = (block * BLOCK).saturating_sub(left)..((block + 1) * BLOCK - left).min(WIDTH);
+                let lines = (band * BLOCK).saturating_sub(above)..((band + 1) * BLOCK - above).min(HEIGHT);
+                if columns.len() == 1 || lines.len() == 1 {
+                    cases.meet("a block that is one pixel wide or high");
+                }
+                let places: Vec<_> = lines.flat_map(|y| columns.clone().map(move |x| (x, y))).collect();
+                let pixel = |&(x, y): &(u32, u32)| {
+                    let at = constants.index(x, y);
+                    let light = (source[at][3] >> 24 != 0).then(|| color(source[at]));
+                    Pixel { surface: Surface::unpack(guide[at]), light }
+                };
+                let pixels: Vec<Pixel> = places.iter().map(pixel).collect();
+                let fit = Fit::new(&pixels);
+                for (&(x, y), pixel) in places.iter().zip(&pixels).filter(|((_, y), _)| rows.contains(y)) {
+                    let got = fitted[constants.index(x, y)];
+                    let place = format!("({x}, {y}) of frame {index}, {shape:?}, {lit:?}, {stripe:?}");
+                    assert_pixel(got, fit.as_ref(), pixel, &place, cases);
+                }
+            }
+        }
+    }
+}
+
+#[track_caller]
+fn assert_pixel(got: [u32; 4], fit: Option<&Fit>, pixel: &Pixel, place: &str, cases: &mut Cases) {
+    let (Some(fit), Some(surface)) = (fit, &pixel.surface) else {
+        cases.meet(if pixel.surface.is_none() { "no surface" } else { "a block without light" });
+        assert_eq!(got, [0; 4], "{place}");
+        return;
+    };
+    cases.meet(["all features", "features are left out"][usize::from(fit.dropped > 0)]);
+    if fit.dropped + 1 == FEATURES {
+        cases.meet("one feature is left");
+    }
+    cases.meet(if pixel.light.is_some() { "lit" } else { "light from others alone" });
+    assert_eq!(got[3], SAMPLED, "{place}");
+    let (got, want) = (color(got), fit.light(surface));
+    let is_sound = is_finite(got) && got.min_element() >= 0.0 && got.max_element() <= fit.brightest();
+    assert!(is_sound, "{place}: {got}");
+    if !fit.is_clear {
+        cases.meet("unclear");
+        return;
+    }
+    // Features that add little to others make rounding count for more, also together, and more beside the lit pixels than on
+    // them.
+    let rounding = 1e-5 + 2e-7 / (fit.least_added * fit.least_added);
+    let allowed = fit.brightest() * rounding * if pixel.light.is_some() { 1.0 } else { 20.0 };
+    let off = (got - want).abs().max_element();
+    let told = (fit.dropped, fit.least_added);
+    assert!(off <= allowed, "{place}: {got} instead of {want}, off by {off}, at most {allowed}; {told:?}");
+}
+
+#[test]
+fn light_is_the_sum_of_features_that_is_nearest_to_it() {
+    let mut cases = Cases::default();
+    let shapes = [Shape::Rough, Shape::Level, Shape::Tilted, Shape::Distant, Shape::Wavy, Shape::Point];
+    let lights = [Lit::Noisy, Lit::Exact, Lit::Huge, Lit::Dark, Lit::Sparse, Lit::Nowhere];
+    for (i, shape) in (0..).zip(shapes) {
+        for (j, lit) in (0..).zip(lights) {
+            compare((7 * i + 4 * j) % 16, shape, lit, 310 + u64::from(6 * i + j), &mut cases);
+        }
+    }
+    assert!(cases.count("unclear") * 20 < cases.count("lit"), "too few blocks are compared");
+    cases.assert_met(&[
+        "no surface",
+        "a block without light",
+        "a block that is one pixel wide or high",
+        "all features",
+        "features are left out",
+        "one feature is left",
+        "lit",
+        "light from others alone",
+    ]);
+}
+
+#[test]
+fn blocks_are_somewhere_else_in_each_of_sixteen_frames() {
+    let mut cases = Cases::default();
+    for index in (0..16).chain([u32::MAX]) {
+        compare(index, Shape::Tilted, Lit::Noisy, 350, &mut cases);
+    }
+    let mut places = DISPLACEMENTS.to_vec();
+    places.sort_unstable();
+    places.dedup();
+    assert_eq!(places.len(), 16);
+}
+
+/// With noise, which makes all features independent, the fit follows the light less closely.
+#[test]
+fn noise_on_features_changes_the_fit_a_little() {
+    let mut random = Random::new(371);
+    let constants = Constants::new(WIDTH, HEIGHT);
+    let (guide, source) = images(&mut random, &constants, Shape::Level, Lit::Exact);
+    let stripe = Stripe { rows: 0..HEIGHT, valid: 0..HEIGHT };
+    let fits = [0.0, 0.01].map(|noise| run(&constants, &stripe, noise, &guide, &source));
+    let mut off = [0.0f64; 2];
+    for at in 0..constants.area() {
+        let want = color(floats(color(source[at]), 0.0).map(f32::to_bits));
+        for (off, fit) in off.iter_mut().zip(&fits) {
+            assert!(is_finite(color(fit[at])));
+            *off = off.max((color(fit[at]) - want).abs().max_element());
+        }
+    }
+    assert!(off[0] < 1e-3 && off[1] > 10.0 * off[0] && off[1] < 1.0, "{off:?}");
+}
