@@ -35,8 +35,8 @@ use crate::cli::setup::{self, Loaded, Tracing};
 const FPS: f64 = 72.0;
 const HISTORY_FRAMES: u32 = 15;
 
-/// Denoisers that are measured unless others are asked for: all but those for comparison.
-const MEASURED: [DenoiserChoice; 4] = [None, Some(Denoiser::Atrous), Some(Denoiser::Svgf), Some(Denoiser::Bmfr)];
+/// Denoisers that are measured unless others are asked for.
+const MEASURED: [DenoiserChoice; 3] = [None, Some(Denoiser::Atrous), Some(Denoiser::Svgf)];
 
 /// More than the frames of a setting can be.
 pub const FRAMES_MAX: u32 = 10_000;
