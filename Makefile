@@ -1,6 +1,6 @@
 # make demo    eight frames of the built-in scene on two virtual devices: the last one's stereo picture and a trace-file;
 #              and eight frames of a scene that moves, with all of them in one picture
-# make test    format, lints, documentation, tests
+# make test    format, lints, documentation, tests; these are built in a profile of their own, `tests` of Cargo.toml
 # make test-long    all tests with whole sweeps and many samples, and those that need scenes of others or Chromium
 # make test-view    the same for the window of `diptych view`, which needs Xvfb and xdotool to be tested
 # make test-hardware-rays    tests of the renderer with rays that the device follows by itself; fails where none can
@@ -10,8 +10,8 @@
 #              where the software driver is an old, slow one
 # make clean
 #
-# Everything is built in the release profile, so that the program, the tests and the benchmarks share one build of each
-# dependency, and lints and documentation share one check of each.
+# Everything else is built in the release profile, so that the program and the benchmarks share one build of each dependency,
+# and lints and documentation share one check of each.
 
 CARGO ?= cargo
 DIPTYCH := $(or $(CARGO_TARGET_DIR),target)/release/diptych
@@ -43,8 +43,8 @@ test: deps
 	$(CARGO) fmt --check
 	$(CARGO) clippy --release --locked --all-targets -- -D warnings
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --release --locked
-	$(CARGO) test --release --locked --lib --bins --tests
-	$(CARGO) test --release --locked --doc
+	$(CARGO) test --profile tests --locked --lib --bins --tests
+	$(CARGO) test --profile tests --locked --doc
 
 test-long: deps
 	DIPTYCH_TEST_LONG=1 $(CARGO) test --release --locked -- --include-ignored

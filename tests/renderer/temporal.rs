@@ -83,7 +83,7 @@ fn more_samples_make_moving_frames_better() {
 
 #[test]
 fn frames_on_their_way_are_better_than_frames_alone() {
-    for shot in ["builtin:atrium", "builtin:checker"].into_iter().take(if is_thorough() { 2 } else { 1 }) {
+    for shot in ["builtin:checker", "builtin:atrium"].into_iter().take(if is_thorough() { 2 } else { 1 }) {
         let subject = Subject::load(shot);
         let time_s = 0.5;
         let right = reference(&subject, time_s, if is_thorough() { 256 } else { 64 });
