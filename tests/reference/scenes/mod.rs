@@ -77,7 +77,7 @@ pub fn block(material: usize) -> Mesh {
     mesh
 }
 
-fn append(mesh: &mut Mesh, part: Mesh) {
+pub fn append(mesh: &mut Mesh, part: Mesh) {
     let first = mesh.positions.len() as u32;
     mesh.positions.extend(part.positions);
     mesh.triangles.extend(part.triangles.iter().map(|t| t.map(|i| i + first)));

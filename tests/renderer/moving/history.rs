@@ -2,7 +2,7 @@
 
 use crate::common::{Stage, Subject, is_thorough};
 use crate::reference::scenes::moving::{self, Draft};
-use crate::reference::scenes::{add_material, add_matte, add_mesh, instance, matte, place, quad};
+use crate::reference::scenes::{add_material, add_matte, add_mesh, append, instance, matte, place, quad};
 use diptych::exec::{RenderSettings, Stereo};
 use diptych::image::RgbImage;
 use diptych::passes::Aov;
@@ -28,17 +28,10 @@ fn boards() -> Scene {
 fn fences() -> Scene {
     things(|_, dark| {
         let bar = |i: u16| quad(Vec3::new(0.09 * f32::from(i) - 0.5, -0.5, 0.0), Vec3::X * 0.045, Vec3::Y, dark);
-        (0..12).map(bar).reduce(joined).expect("bars")
+        let mut fence = bar(0);
+        (1..12).for_each(|i| append(&mut fence, bar(i)));
+        fence
     })
-}
-
-fn joined(mut a: Mesh, b: Mesh) -> Mesh {
-    let first = a.positions.len() as u32;
-    a.positions.extend(&b.positions);
-    a.normals.extend(&b.normals);
-    a.uvs.iter_mut().zip(&b.uvs).for_each(|(a, b)| a.extend(b));
-    a.triangles.extend(b.triangles.iter().map(|t| t.map(|v| first + v)));
-    a
 }
 
 /// A mesh of a grey or a dark material that moves, and again where it stands.
