@@ -33,7 +33,7 @@ fn material_value(kind: u32, s: Surface, hit: vec4<u32>, to_viewer: vec3<f32>) -
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
+    if is_outside(pixel) {
         return;
     }
     let at = pixel_index(pixel);

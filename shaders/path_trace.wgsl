@@ -26,7 +26,7 @@ fn main(
     let listed_only = pass_.args[2] == LISTED_ONLY;
     var pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
     var i = 0u;
-    var end = select(0u, 1u, pixel.x < pass_.width && pixel.y < pass_.row_end);
+    var end = select(1u, 0u, is_outside(pixel));
     if listed_only {
         i = group.x * LANES + lane;
         end = holes[0];

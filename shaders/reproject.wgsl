@@ -1,6 +1,6 @@
 // Spatial reprojection, right eye from left (Adelson & Hodges 1993; Leria et al.): each right pixel gathers what the
-// left eye saw of its surface. The eyes are rectified, so both taps lie on the pixel's own row. What cannot be
-// gathered becomes a hole.
+// left eye saw of its surface. The eyes are rectified, so both taps lie on the pixel's own row; those of visual-polar
+// images, four, lie within POLAR_REACH rows of it. What cannot be gathered becomes a hole.
 // Where pixels are left to the filter, left ones that were not sampled give nothing, and only those that the right eye's
 // own mask asks for become holes. With foveation surfaces may differ more in the outer layers.
 
@@ -16,11 +16,7 @@
 @group(1) @binding(7) var<storage, read_write> holes: array<atomic<u32>>;
 
 // Why a pixel is a hole; 0: it is none.
-fn why_not(x: i32, row: u32, position: vec3<f32>, normal: vec3<f32>, material: u32, reach: f32, slack: f32) -> u32 {
-    if x < 0 || x >= i32(pass_.width) {
-        return OUTSIDE;
-    }
-    let at = row * pass_.width + u32(x);
+fn why_not(at: u32, position: vec3<f32>, normal: vec3<f32>, material: u32, reach: f32, slack: f32) -> u32 {
     let hit = left_hit[at];
     if (hit.w & FLAG_MIXED) != 0u {
         return MIXED;
@@ -44,6 +40,34 @@ fn why_not(x: i32, row: u32, position: vec3<f32>, normal: vec3<f32>, material: u
     return 0u;
 }
 
+// A pixel of the left image around a point, with its linear weight.
+struct Tap {
+    at: u32,
+    weight: f32,
+    is_there: bool,
+}
+
+// The `i`th around an image point, for a pixel of this row.
+fn tap_around(seen: vec2<f32>, row: u32, i: i32) -> Tap {
+    if VISUAL_POLAR {
+        let eye = frame.camera.views[0];
+        let y = clamp(seen.y - frame.camera.centre.y, -2.0, eye.rows + 1.0);
+        let there = i32(floor(y)) + (i >> 1u);
+        let low = max(i32(pass_.valid_begin), i32(row) - i32(POLAR_REACH));
+        let high = min(min(i32(pass_.valid_end), i32(eye.rows)), i32(row) + i32(POLAR_REACH) + 1);
+        let x = column_in(there, seen.x, eye.fovea_rows) - frame.camera.centre.x;
+        let column = around_ring(i32(floor(x)) + (i & 1), i32(row_length(eye.fovea_rows, there)));
+        let near = abs(vec2<f32>(f32(1 - (i & 1)), f32(1 - (i >> 1u))) - fract(vec2<f32>(x, y)));
+        let is_there = there >= low && there < high;
+        return Tap(select(0u, u32(there) * pass_.width + u32(column), is_there), near.x * near.y, is_there);
+    }
+    let x = clamp(seen.x - frame.camera.centre.x, -2.0, f32(pass_.width) + 1.0);
+    let there = i32(floor(x)) + i;
+    let is_there = there >= 0 && there < i32(pass_.width);
+    let at = row * pass_.width + u32(clamp(there, 0, i32(pass_.width) - 1));
+    return Tap(at, select(fract(x), 1.0 - fract(x), i == 0), is_there);
+}
+
 // `wanted`: by the right eye's mask; else the pixel is left to the filter.
 fn open_hole(at: u32, why: u32, wanted: bool) {
     if SPARSE && !wanted {
@@ -61,7 +85,7 @@ fn open_hole(at: u32, why: u32, wanted: bool) {
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
+    if is_outside(pixel) {
         return;
     }
     let at = pixel_index(pixel);
@@ -99,20 +123,39 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         open_hole(at, OUTSIDE, wanted);
         return;
     }
-    let x = clamp(seen.x - frame.camera.centre.x, -2.0, f32(pass_.width) + 1.0);
-    let base = floor(x);
-    let fraction = x - base;
-    let first = i32(base);
     let reach = length(position - frame.camera.views[0].origin);
     let material = hit.w & MATERIAL_MASK;
-    let why0 = why_not(first, pixel.y, position, normal, material, reach, slack);
-    let why1 = why_not(first + 1, pixel.y, position, normal, material, reach, slack);
-    let w0 = select(0.0, 1.0 - fraction, why0 == 0u);
-    let w1 = select(0.0, fraction, why1 == 0u);
-    let sum = w0 + w1;
+    var sum = 0.0;
+    var matte = vec3<f32>(0.0);
+    var gloss = vec3<f32>(0.0);
+    var variance = vec2<f32>(0.0);
+    var told = TELLS_VARIANCE;
+    var why = OUTSIDE;
+    var missed = -1.0;
+    var was_skipped = false;
+    for (var i = 0; i < select(2, 4, VISUAL_POLAR); i += 1) {
+        let tap = tap_around(seen.xy, pixel.y, i);
+        var why_tap = OUTSIDE;
+        if tap.is_there {
+            why_tap = why_not(tap.at, position, normal, material, reach, slack);
+        }
+        was_skipped = was_skipped || why_tap == SKIPPED;
+        if why_tap != 0u {
+            // The reason is that of the tap that would count most.
+            why = select(why, why_tap, tap.weight > missed);
+            missed = max(missed, tap.weight);
+        } else if tap.weight > 0.0 {
+            let bits = left_radiance[tap.at];
+            let light = unpack_sampled(bits);
+            matte += light.matte * tap.weight;
+            gloss += light.gloss * tap.weight;
+            variance += light.a * tap.weight;
+            sum += tap.weight;
+            told &= bits.w;
+        }
+    }
     if sum < 1e-4 {
-        var why = select(why0, why1, why0 == 0u || (fraction > 0.5 && why1 != 0u));
-        if SPARSE && (why0 == SKIPPED || why1 == SKIPPED) {
+        if SPARSE && was_skipped {
             // With its neighbours' gathers the filter has as many samples here as the mask asks for.
             wanted = is_full;
             why = OUTSIDE;
@@ -120,18 +163,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         open_hole(at, why, wanted);
         return;
     }
-    let row = pixel.y * pass_.width;
-    let last = i32(pass_.width) - 1;
-    let bits0 = left_radiance[row + u32(clamp(first, 0, last))];
-    let bits1 = left_radiance[row + u32(clamp(first + 1, 0, last))];
-    let tap0 = unpack_sampled(bits0);
-    let tap1 = unpack_sampled(bits1);
-    let matte = (tap0.matte * w0 + tap1.matte * w1) / sum;
-    let gloss = (tap0.gloss * w0 + tap1.gloss * w1) / sum;
-    let told = (bits0.w | select(0u, TELLS_VARIANCE, w0 == 0.0)) & (bits1.w | select(0u, TELLS_VARIANCE, w1 == 0.0));
-    if (told & TELLS_VARIANCE) != 0u {
-        right_radiance[at] = pack_sampled_with(matte, gloss, (tap0.a * w0 + tap1.a * w1) / sum);
+    if told != 0u {
+        right_radiance[at] = pack_sampled_with(matte / sum, gloss / sum, variance / sum);
         return;
     }
-    right_radiance[at] = pack_sampled(matte, gloss);
+    right_radiance[at] = pack_sampled(matte / sum, gloss / sum);
 }

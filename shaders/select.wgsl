@@ -24,7 +24,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(local_invocation_
     let at = pixel_index(pixel);
     var wanted = false;
     var slot = 0u;
-    if pixel.x < pass_.width && pixel.y < pass_.row_end {
+    if !is_outside(pixel) {
         // No filter brings light to a pixel without a surface at its centre: one at the rim of a surface is traced.
         let is_rim = guide_image[at].w == NO_NORMAL && (hit_image[at].w & FLAG_MIXED) != 0u;
         wanted = is_rim || is_sampled(pixel, pass_.view);

@@ -10,11 +10,12 @@
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let row = pass_.row_begin + id.y;
     let first = id.x * SEGMENT;
-    if first >= pass_.width || row >= pass_.row_end {
+    if is_outside(vec2<u32>(first, row)) {
         return;
     }
+    let length = u32(row_length(frame.camera.views[pass_.view].fovea_rows, i32(row)));
     var counts: array<u32, COUNTS>;
-    for (var x = first; x < min(first + SEGMENT, pass_.width); x += 1u) {
+    for (var x = first; x < min(first + SEGMENT, length); x += 1u) {
         let t = tally[row * pass_.width + x];
         counts[0] += t & 0xfffffu;
         counts[1] += (t >> 20u) & 0xffu;

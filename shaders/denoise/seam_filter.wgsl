@@ -16,7 +16,7 @@ fn is_near(row: u32, seam: u32) -> bool {
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
+    if is_outside(pixel) {
         return;
     }
     let at = pixel_index(pixel);
@@ -29,20 +29,17 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let guide = guide_for(bits, frame.camera.views[pass_.view].origin, 0.01);
     let colour = comparable(centre.matte + centre.gloss);
     let inverse_sigma2 = bitcast<f32>(pass_.args[1]);
-    let low = vec2<i32>(0, i32(pass_.valid_begin));
-    let high = vec2<i32>(i32(pass_.width) - 1, i32(pass_.valid_end) - 1);
     var sum = vec3<f32>(0.0);
     var gloss_sum = vec3<f32>(0.0);
     var weight = 0.0;
     for (var dy = -REACH; dy <= REACH; dy += 1) {
         for (var dx = -REACH; dx <= REACH; dx += 1) {
-            let there = vec2<i32>(pixel) + vec2<i32>(dx, dy);
-            let inside = clamp(there, low, high);
-            let tap = u32(inside.y) * pass_.width + u32(inside.x);
+            let there = beside(pixel, vec2<i32>(dx, dy));
+            let tap = pixel_index(vec2<u32>(there.pixel));
             let value = unpack_light(source[tap]);
             let near = exp(-f32(dx * dx + dy * dy) / 8.0);
             let w = near * edge_weight(guide, colour, guide_image[tap], value.matte + value.gloss, inverse_sigma2);
-            let k = select(0.0, w, all(inside == there));
+            let k = select(0.0, w, there.is_there);
             sum += value.matte * k;
             gloss_sum += value.gloss * k;
             weight += k;

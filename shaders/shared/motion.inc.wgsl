@@ -23,5 +23,5 @@ fn longest_in_light() -> f32 {
 // Whether an eye is anywhere else than it was, or looks another way.
 fn has_moved(now: View, before: View) -> bool {
     return any(now.origin != before.origin) || any(now.right != before.right) || any(now.up != before.up)
-        || any(now.forward != before.forward);
+        || any(now.forward != before.forward) || any(now.gaze != before.gaze);
 }

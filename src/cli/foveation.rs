@@ -6,7 +6,7 @@ use clap::{Args, ValueEnum};
 
 use diptych::quality::{Denoiser, Quality};
 use diptych::scene::shot::Gaze;
-use diptych::stages::Foveation;
+use diptych::stages::{Foveation, VisualPolar};
 
 use super::options::DenoiserChoice;
 
@@ -17,6 +17,8 @@ pub enum FoveationMode {
     None,
     /// Three layers around the gaze, fewer samples and more filtering outwards
     Layers,
+    /// Images whose pixels are as dense as acuity asks for around the gaze, mapped to the screen
+    VisualPolar,
 }
 
 impl FoveationMode {
@@ -49,8 +51,13 @@ impl FoveationOptions {
         Self { iterations: Some(limits.limit(quality).iterations), ..limits }
     }
 
+    /// Whether there are layers.
     pub fn is_on(&self) -> bool {
         self.foveation == FoveationMode::Layers
+    }
+
+    pub fn is_polar(&self) -> bool {
+        self.foveation == FoveationMode::VisualPolar
     }
 
     /// Iterations of the inner, middle and outer layer.
@@ -68,13 +75,22 @@ impl FoveationOptions {
         Quality { iterations: limits.map(|limit| limit.min(quality.most_iterations())), ..*quality }
     }
 
-    /// Foveation, if it is asked for.
-    pub fn of(&self, shot: &Gaze) -> Option<Foveation> {
-        let gaze = match self.gaze {
+    /// Where the eyes look.
+    fn gaze(&self, shot: &Gaze) -> [Gaze; 2] {
+        match self.gaze {
             None => [shot.clone(), shot.clone()],
             Some(GazeOption(eyes)) => eyes.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] }),
-        };
-        self.is_on().then(|| Foveation::new(gaze, self.layer_iterations()))
+        }
+    }
+
+    /// Layers, if they are asked for.
+    pub fn layers(&self, shot: &Gaze) -> Option<Foveation> {
+        self.is_on().then(|| Foveation::new(self.gaze(shot), self.layer_iterations()))
+    }
+
+    /// Visual-polar images, if they are asked for.
+    pub fn visual_polar(&self, shot: &Gaze) -> Option<VisualPolar> {
+        self.is_polar().then(|| VisualPolar { gaze: self.gaze(shot) })
     }
 
     /// What clap cannot see.
@@ -91,7 +107,14 @@ impl FoveationOptions {
                 "--iterations: --denoiser {name} has {most} of them at most: leave them out, or choose another"
             );
         }
-        anyhow::ensure!(is_on || self.gaze.is_none(), "--gaze is for --foveation layers");
+        anyhow::ensure!(
+            self.foveation != FoveationMode::None || self.gaze.is_none(),
+            "--gaze is for --foveation layers and visual-polar"
+        );
+        anyhow::ensure!(
+            !self.is_polar() || !matches!(denoiser, Some(Denoiser::Bmfr | Denoiser::BmfrNoise)),
+            "--foveation visual-polar has blocks of no use to --denoiser bmfr: choose another"
+        );
         anyhow::ensure!(
             is_on || self.iterations.is_none_or(|[inner, middle, outer]| inner == middle && middle == outer),
             "--iterations M,N,P is for --foveation layers: give one number"

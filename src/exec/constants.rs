@@ -27,18 +27,22 @@ pub fn constants(
     samples: &Samples,
 ) -> layout::Frame {
     let stages = &settings.stages;
-    let Extent { width, height } = stages.extent;
-    let aspect = f64::from(width) / f64::from(height);
+    let aspect = f64::from(stages.extent.width) / f64::from(stages.extent.height);
+    let Extent { width, height } = stages.grid();
     let rig = rig.relative_to(tables.origin());
     let (samples, curve_shift) = match samples {
-        Samples::First(spp) => (0..*spp, curve_shift(stages.extent, *spp)),
+        Samples::First(spp) => (0..*spp, curve_shift(stages.grid(), *spp)),
         Samples::Own(samples) => (samples.clone(), layout::NO_CURVE),
     };
     let spp = samples.end - samples.start;
     let layers = stages.foveation.as_ref().map(|f| f.describe(stages.extent, time_s, quality.fovea));
+    let view = |eye: Eye| {
+        let view = layout::View::new(&rig.view(time_s, eye), aspect);
+        stages.visual_polar.as_ref().map_or(view, |polar| polar.look(eye as usize, time_s, view, height))
+    };
     let mut frame = layout::Frame {
         camera: layout::Camera {
-            views: Eye::ALL.map(|eye| layout::View::new(&rig.view(time_s, eye), aspect)),
+            views: Eye::ALL.map(view),
             centre: stages.centre(index, spp),
             width,
             height,

@@ -1,9 +1,11 @@
 //! How far a frame must look for the history of its surfaces.
 
+use std::f64::consts::PI;
+
 use glam::{DVec2, DVec3, Vec3};
 use obvhs::aabb::Aabb;
 
-use crate::stages::SceneTables;
+use crate::stages::{FOVEA_DEG, SceneTables};
 use crate::stages::layout::{Camera, View};
 
 /// Rows are asked for in steps, so that graphs last while a camera moves.
@@ -18,6 +20,9 @@ const LARGEST_SHARE: u32 = 4;
 ///
 /// The images depend on it, and it on nothing but scene and cameras, so it is the same for any devices.
 pub fn history_rows(camera: &Camera, previous: &[View; 2], tables: &SceneTables, moved: &[(Aabb, f32)]) -> Option<u32> {
+    if camera.views[0].fovea_rows > 0.0 {
+        return Some(polar_rows(camera, previous, tables, moved));
+    }
     let far = most_rows(camera, previous, [0.0; 2])?;
     let largest = (camera.height / LARGEST_SHARE).max(STEP_ROWS);
     if far > f64::from(largest) {
@@ -28,6 +33,30 @@ pub fn history_rows(camera: &Camera, previous: &[View; 2], tables: &SceneTables,
     let own = moved.iter().map(|(bounds, by)| rows_of_body(camera, bounds, f64::from(*by))).fold(0.0, f64::max);
     let rows = (far.max(near) + own).min(f64::from(largest)) as u32;
     Some(rows.next_multiple_of(STEP_ROWS).min(largest))
+}
+
+/// The same in visual-polar images, where a gaze that leaps takes surfaces through many rows. What the left eye has seen of
+/// a surface close by may lie beyond them for the right one.
+fn polar_rows(camera: &Camera, previous: &[View; 2], tables: &SceneTables, moved: &[(Aabb, f32)]) -> u32 {
+    let sine_of = |sine: f64| if sine < 1.0 { sine.asin() } else { PI };
+    let rows = [0, 1].map(|eye| {
+        let (now, last) = (&camera.views[eye], &previous[eye]);
+        // Rings are closest to one another in the fovea.
+        let per_radian = f64::from(now.fovea_rows) / FOVEA_DEG.to_radians();
+        let step = f64::from(now.origin.distance(last.origin));
+        let stepped = sine_of(step / f64::from(tables.clearance(now.origin)));
+        let own = moved.iter().map(|(bounds, by)| {
+            let (low, high) = (Vec3::from(bounds.min), Vec3::from(bounds.max));
+            let distance = now.origin.distance(now.origin.clamp(low, high));
+            if *by > 0.0 { sine_of(f64::from(by / (distance - by).max(0.0))) } else { 0.0 }
+        });
+        let turned = f64::from(now.gaze.angle_between(last.gaze)) + stepped + own.fold(0.0, f64::max);
+        // Where the outermost ring is another, all rings are more or fewer.
+        let stretched = f64::from((now.fovea_rows / last.fovea_rows - 1.0).abs() * now.rows.max(last.rows));
+        turned * per_radian + stretched
+    });
+    let rows = (rows[0].max(rows[1]) + 0.02).ceil().min(f64::from(camera.height)) as u32;
+    rows.next_multiple_of(STEP_ROWS).min(camera.height)
 }
 
 /// The most rows that a body may seem to have moved by itself, seen from either eye.

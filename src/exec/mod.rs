@@ -115,7 +115,8 @@ impl RenderSettings {
             aovs: stages.aovs.clone(),
             has_surfaces,
             moving: stages.moving.clone(),
-            ..FrameSpec::new(stages.extent, devices)
+            screen: stages.visual_polar.as_ref().map(|_| stages.extent),
+            ..FrameSpec::new(stages.grid(), devices)
         }
     }
 }

@@ -135,8 +135,11 @@ impl Renderer {
     /// Where both eyes look from the next frame on, fractions of each one's image from the top left. Of no use without
     /// foveation.
     pub fn set_gaze(&mut self, [x, y]: [f64; 2]) {
-        if let Some(foveation) = &mut self.settings.stages.foveation {
-            foveation.gaze = [0, 1].map(|_| Gaze { path: vec![[0.0, x, y]] });
+        let stages = &mut self.settings.stages;
+        let of_layers = stages.foveation.as_mut().map(|layers| &mut layers.gaze);
+        let of_polar = stages.visual_polar.as_mut().map(|polar| &mut polar.gaze);
+        for gaze in of_layers.into_iter().chain(of_polar) {
+            *gaze = [0, 1].map(|_| Gaze { path: vec![[0.0, x, y]] });
         }
     }
 
@@ -326,6 +329,7 @@ impl Renderer {
             tasks: Vec::new(),
             clock_residuals_us: Vec::new(),
             tallies: Default::default(),
+            pixels: inputs.constants.camera.views.map(|view| self.settings.stages.pixels(&view)),
             row_tallies: Default::default(),
             devices: left,
             assignment: plan.assignment.clone(),

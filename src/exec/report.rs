@@ -8,7 +8,6 @@ use std::sync::Arc;
 
 use super::messages::TaskTime;
 use crate::graph::{Assignment, FrameGraph, Program, Stage, TaskKind};
-use crate::image::Extent;
 use crate::passes::path_trace::CUT;
 use crate::passes::{FrameSpec, HoleReason, RowTally, Views};
 use crate::scene::rig::Eye;
@@ -97,6 +96,8 @@ pub struct FrameReport {
     pub clock_residuals_us: Vec<(usize, f64)>,
     /// Per eye, summed over rows.
     pub tallies: [Tally; 2],
+    /// Of each eye's image that is traced.
+    pub pixels: [u64; 2],
     /// Per eye and row.
     pub row_tallies: [Vec<RowTally>; 2],
     /// Those that were left when it was begun.
@@ -143,7 +144,7 @@ impl FrameReport {
 
     /// How the right eye's pixels came about; `None` where it was traced as the left one was.
     pub fn right_eye(&self) -> Option<RightEye> {
-        (self.spec.views == Views::Reprojected).then(|| RightEye::of(&self.tallies[1], self.spec.extent))
+        (self.spec.views == Views::Reprojected).then(|| RightEye::of(&self.tallies[1], self.pixels[1]))
     }
 
     /// Bytes that crossed from device to device.
@@ -195,13 +196,13 @@ pub struct RightEye {
 }
 
 impl RightEye {
-    fn of(tally: &Tally, extent: Extent) -> Self {
-        let share = |pixels: u64| pixels as f64 / extent.area() as f64;
+    fn of(tally: &Tally, all: u64) -> Self {
+        let share = |pixels: u64| pixels as f64 / all as f64;
         let reasons = HoleReason::ALL.into_iter().filter(|reason| *reason != HoleReason::Mixed);
         let mixed = tally.holes[HoleReason::Mixed as usize];
         let traced: u64 = tally.holes.iter().sum();
         Self {
-            reprojected_fraction: share((extent.area() as u64).saturating_sub(traced + tally.unsampled)),
+            reprojected_fraction: share(all.saturating_sub(traced + tally.unsampled)),
             antialiasing_fraction: share(mixed),
             hole_fraction: share(traced - mixed),
             hole_fractions: reasons.map(|r| (r.name().to_owned(), share(tally.holes[r as usize]))).collect(),

@@ -7,6 +7,7 @@ pub mod denoise;
 pub mod gbuffer;
 mod moving;
 pub mod path_trace;
+mod polar;
 mod reproject;
 mod select;
 mod spec;
@@ -29,7 +30,7 @@ use crate::scene::rig::Eye;
 use denoise::Light;
 
 /// The eyes of the frame before, which the host sets.
-pub const PREVIOUS_VIEWS: Resource = Resource::constants("previous views", 128);
+pub const PREVIOUS_VIEWS: Resource = Resource::constants("previous views", 192);
 
 /// The passes of a frame, and what it does not need.
 #[derive(Clone, Debug, Default)]
@@ -69,7 +70,7 @@ pub fn declare(spec: &FrameSpec) -> Declared {
         surfaces(&mut frame, is_traced && spec.sparse, "no pixel is left to the filter", select::pass(view));
         surfaces(&mut frame, is_traced, "the right eye is reprojected", path_trace::pass(spec, view));
         if view == Eye::Right {
-            surfaces(&mut frame, !is_traced, "both eyes are path traced", reproject::pass());
+            surfaces(&mut frame, !is_traced, "both eyes are path traced", reproject::pass(spec));
             surfaces(&mut frame, !is_traced, "both eyes are path traced", path_trace::hole_fill());
         }
     }
@@ -102,6 +103,7 @@ fn finish(spec: &FrameSpec, denoiser: &dyn denoise::Denoise, view: Eye, light: &
         *light = smoothed;
     }
     frame.passes.extend(denoiser.finish(spec, view, light));
+    frame.passes.extend(polar::passes(spec, view));
     frame.add(tally::pass(view));
     frame.passes.extend(spec.aovs.iter().enumerate().map(|(index, aov)| aov::pass(view, index as u8, *aov)));
 }
@@ -156,11 +158,12 @@ impl Declarations {
 
 /// The passes of frames that together have every stage.
 fn all_passes() -> impl Iterator<Item = Pass> {
-    Denoiser::CHOICES.into_iter().flat_map(|filter| {
+    let kinds = Denoiser::CHOICES.into_iter().flat_map(|filter| [None, Some(Extent::new(1, 1))].map(|screen| (filter, screen)));
+    kinds.flat_map(|(filter, screen)| {
         let (seam, aovs) = (Seam::Filter, vec![Aov::Albedo]);
         let moving = Some(Moving { triangles: 1, nodes: 1, levels: vec![1], ..Moving::default() });
         let small = FrameSpec::new(Extent::new(1, 1), 2);
-        declare(&FrameSpec { sparse: true, filter, iterations: 1, seam, aovs, moving, ..small }).passes
+        declare(&FrameSpec { screen, sparse: true, filter, iterations: 1, seam, aovs, moving, ..small }).passes
     })
 }
 

@@ -1,6 +1,7 @@
 //! Spatial reprojection of the left eye into the right, and the list of holes.
 
 use super::gbuffer::{GUIDE, HIT, TALLY};
+use super::FrameSpec;
 use super::path_trace::RADIANCE;
 use super::tally::HoleReason;
 use crate::graph::{CutGroup, Kernel, Pass, Resource, Stage, Use};
@@ -15,7 +16,11 @@ const fn code(reason: HoleReason) -> u32 {
     reason as u32 + 1
 }
 
+/// Rows of visual-polar images between where the eyes see a surface, at most.
+const POLAR_REACH: u32 = 32;
+
 const KERNEL: Kernel = Kernel::new("reproject").with(&[
+    ("POLAR_REACH", POLAR_REACH),
     ("OUTSIDE", code(HoleReason::Outside)),
     ("NORMAL", code(HoleReason::Normal)),
     ("DISTANCE", code(HoleReason::Distance)),
@@ -24,11 +29,13 @@ const KERNEL: Kernel = Kernel::new("reproject").with(&[
     ("VIEW", code(HoleReason::View)),
 ]);
 
-pub fn pass() -> Pass {
+pub fn pass(spec: &FrameSpec) -> Pass {
+    let reach = if spec.screen.is_some() { POLAR_REACH } else { 0 };
+    let left = |image| Use::read(image).of(Eye::Left).halo(spec.halo(reach));
     Pass::new(Stage("reproject"), Eye::Right, CUT, KERNEL).uses([
-        Use::read(HIT).of(Eye::Left),
-        Use::read(GUIDE).of(Eye::Left),
-        Use::read(RADIANCE).of(Eye::Left),
+        left(HIT),
+        left(GUIDE),
+        left(RADIANCE),
         Use::read(HIT),
         Use::read(GUIDE),
         Use::write(RADIANCE),

@@ -17,7 +17,10 @@ pub enum Views {
 /// What a frame must do.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FrameSpec {
+    /// Of the images that are traced and filtered.
     pub extent: Extent,
+    /// Of the screen, where those images are visual-polar and mapped to it; else they are of the screen itself.
+    pub screen: Option<Extent>,
     pub devices: usize,
     pub views: Views,
     /// Whether only listed pixels are path traced.
@@ -42,6 +45,7 @@ impl FrameSpec {
     pub fn new(extent: Extent, devices: usize) -> Self {
         Self {
             extent,
+            screen: None,
             devices,
             views: Views::Reprojected,
             sparse: false,

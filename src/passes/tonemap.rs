@@ -1,6 +1,7 @@
 //! Multiplies light by albedo (remodulation) and encodes it for display.
 
 use super::gbuffer::{ALBEDO, EMISSION, TALLY};
+use super::{FrameSpec, polar};
 use crate::graph::{CutGroup, Image, Kernel, Pass, Resource, Stage, Use};
 use crate::scene::rig::Eye;
 
@@ -11,15 +12,22 @@ pub const LINEAR: Resource = Resource::image("linear", 16).output();
 /// Encoded RGBA8.
 pub const DISPLAY: Resource = Resource::image("display", 4).output();
 
+/// The images that what follows the filter writes: scene-referred and encoded. Visual-polar ones are mapped to those of the
+/// screen.
+pub fn finished(spec: &FrameSpec) -> [Resource; 2] {
+    if spec.screen.is_some() { [polar::LINEAR, polar::DISPLAY] } else { [LINEAR, DISPLAY] }
+}
+
 /// `light` is demodulated, that is, divided by albedo.
-pub fn pass(view: Eye, light: Image) -> Pass {
+pub fn pass(spec: &FrameSpec, view: Eye, light: Image) -> Pass {
+    let [linear, display] = finished(spec);
     Pass::new(Stage("tonemap"), view, CUT, Kernel::new("tonemap")).uses([
         // In a scene without surfaces there is only emitted light.
         Use::read(light).if_written(),
         Use::read(ALBEDO),
         Use::read(EMISSION),
-        Use::write(LINEAR),
-        Use::write(DISPLAY),
+        Use::write(linear),
+        Use::write(display),
         Use::add(TALLY),
     ])
 }

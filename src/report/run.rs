@@ -219,7 +219,7 @@ pub struct FrameRow {
 impl FrameRow {
     /// The row of a frame that `rig` sees at `time_s`.
     pub fn new(frame: &FrameReport, quality: &Quality, rig: &Rig, time_s: f64) -> Self {
-        let matrices = |eye| rig.matrices(time_s, eye, frame.spec.extent);
+        let matrices = |eye| rig.matrices(time_s, eye, frame.spec.screen.unwrap_or(frame.spec.extent));
         let rows_of = |group, view| {
             let stripes = frame.assignment.stripes(group, view);
             (0..stripes.devices()).map(|d| stripes.rows(d).len() as u32).collect::<Vec<u32>>()

@@ -15,7 +15,7 @@ use crate::scene::rig;
 use crate::wgsl::{Declaration, Table, constants, declare, shared_constants, shared_structs};
 
 shared_structs! {
-    /// An eye: a pinhole. Its axes are of unit length.
+    /// An eye: a pinhole, and where it looks if its image is visual-polar. Its axes are of unit length.
     pub struct View {
         /// Relative to the origin of the scene's tables, scene units.
         pub origin: Vec3,
@@ -25,8 +25,14 @@ shared_structs! {
         /// Tangent of half the vertical field of view.
         pub tan_half_y: f32,
         pub up: Vec3,
-        pub pad0: u32,
+        /// Of a visual-polar image: rows, and how many of them are of the fovea; 0: it has none.
+        pub rows: f32,
         pub forward: Vec3,
+        pub fovea_rows: f32,
+        /// Where it looks, and the direction from there in which columns begin.
+        pub gaze: Vec3,
+        pub pad0: u32,
+        pub gaze_right: Vec3,
         pub pad1: u32,
     }
 
@@ -36,7 +42,7 @@ shared_structs! {
         pub views: [View; 2],
         /// Where in a pixel rays go that stand for all of it.
         pub centre: Vec2,
-        /// Pixels.
+        /// Of the images that are traced, pixels.
         pub width: u32,
         pub height: u32,
     }

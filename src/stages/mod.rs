@@ -15,6 +15,7 @@ mod reflect;
 mod scene_tables;
 mod shader;
 mod task;
+mod visual_polar;
 
 pub use compile::StageError;
 pub use foveation::Foveation;
@@ -27,6 +28,7 @@ pub use scene_tables::{SceneBuffers, layout_entries as scene_layout_entries};
 pub use scene_tables::{SceneTables, SceneUpdate, TableError};
 pub use shader::{all_shader_text, override_names, shader_text, shader_text_of};
 pub use task::{StageTask, Stamps};
+pub use visual_polar::{FOVEA_DEG, VisualPolar};
 
 use glam::Vec2;
 
@@ -50,6 +52,7 @@ pub enum Sampler {
 /// What stays the same for all frames of a run and shapes pipelines.
 #[derive(Clone, Debug)]
 pub struct StageSettings {
+    /// Of each eye's image on the screen.
     pub extent: Extent,
     pub needs: SceneNeeds,
     pub sampler: Sampler,
@@ -67,6 +70,8 @@ pub struct StageSettings {
     pub sparse: bool,
     /// None: all pixels are sampled and filtered alike.
     pub foveation: Option<Foveation>,
+    /// None: images are those of the screen.
+    pub visual_polar: Option<VisualPolar>,
     pub aovs: Vec<Aov>,
     /// What of the scene moves, if anything does, as its tables say.
     pub moving: Option<Moving>,
@@ -91,12 +96,24 @@ impl StageSettings {
             reproject: true,
             sparse: false,
             foveation: None,
+            visual_polar: None,
             aovs: Vec::new(),
             moving: None,
             declarations: Declarations::default(),
             frames_in_flight: 1,
             checks: ShaderChecks::default(),
         }
+    }
+
+    /// The columns and rows of the images that are traced.
+    pub fn grid(&self) -> Extent {
+        if self.visual_polar.is_some() { VisualPolar::grid(self.extent) } else { self.extent }
+    }
+
+    /// How many pixels the image of an eye has.
+    pub(crate) fn pixels(&self, view: &layout::View) -> u64 {
+        let grid = self.grid();
+        if self.visual_polar.is_some() { visual_polar::pixels(view, grid.width) } else { grid.area() as u64 }
     }
 
     /// Whether the samples of a frame of `spp` are spread over the pixel: one alone goes through its centre.
@@ -148,6 +165,7 @@ impl StageSettings {
         constants.push(("HAS_MOTION", self.moving.is_some()));
         constants.push(("FOVEATED", self.foveation.is_some()));
         constants.push(("SPARSE", self.leaves_pixels()));
+        constants.push(("VISUAL_POLAR", self.visual_polar.is_some()));
         constants
     }
 }

@@ -71,7 +71,7 @@ impl DeviceStages {
             limits::of_frames(programs, scene_buffers(gpu.quirks.tables)),
         )?;
         let scene = SceneBuffers::new(gpu, tables)?;
-        let images = Images::new(gpu, programs, settings.extent, settings.frames_in_flight);
+        let images = Images::new(gpu, programs, settings.grid(), settings.frames_in_flight);
         let frame = uniform(gpu, "frame", size_of::<Frame>());
         let constants = buffer_entry(0, wgpu::BufferBindingType::Uniform);
         let all: Vec<_> = std::iter::once(constants).chain(layout_entries(gpu.scene_access())).collect();

@@ -22,7 +22,7 @@ const LAST_RESORT: f32 = 1e-6;
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
+    if is_outside(pixel) {
         return;
     }
     let at = pixel_index(pixel);
@@ -37,8 +37,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let guide = guide_for(bits, frame.camera.views[pass_.view].origin, 0.02);
     let colour = comparable(centre.rgb);
     var kernel = array<f32, 5>(0.0625, 0.25, 0.375, 0.25, 0.0625);
-    let low = vec2<i32>(0, i32(pass_.valid_begin));
-    let high = vec2<i32>(i32(pass_.width) - 1, i32(pass_.valid_end) - 1);
     // A centre that is sampled always counts, so the sum of weights cannot vanish.
     var sum = centre.rgb * (0.375 * 0.375);
     var weight = 0.375 * 0.375;
@@ -58,11 +56,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     for (var dy = -2; dy <= last_dy; dy += 1) {
         for (var dx = -2; dx <= 2; dx += 1) {
-            let there = vec2<i32>(pixel) + vec2<i32>(dx, dy) * step;
-            let inside = clamp(there, low, high);
-            let tap = u32(inside.y) * pass_.width + u32(inside.x);
+            let there = beside(pixel, vec2<i32>(dx, dy) * step);
+            let tap = pixel_index(vec2<u32>(there.pixel));
             let value = source[tap];
-            let counts = all(inside == there) && (dx != 0 || dy != 0);
+            let counts = there.is_there && (dx != 0 || dy != 0);
             let tap_bits = guide_image[tap];
             var w = edge_weight(guide, colour, tap_bits, value.rgb, inverse_sigma2);
             if SPARSE {

@@ -30,9 +30,9 @@ struct Past {
     found: f32,
 }
 
-fn past_at(seen: vec3<f32>, row: u32, of_left: bool, position: vec3<f32>, normal: vec3<f32>, material: u32) -> Past {
+fn past_at(seen: vec3<f32>, row: u32, eye: View, of_left: bool, position: vec3<f32>, normal: vec3<f32>, material: u32) -> Past {
     var past = Past();
-    let around = pixels_around(seen, row);
+    let around = pixels_around(seen, row, eye);
     for (var i = 0; i < 4; i += 1) {
         let corner = corner_of(around, i);
         var guide = last_guide[corner.at];
@@ -55,7 +55,7 @@ fn past_at(seen: vec3<f32>, row: u32, of_left: bool, position: vec3<f32>, normal
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
+    if is_outside(pixel) {
         return;
     }
     let at = pixel_index(pixel);
@@ -75,8 +75,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     // The own eye, then the left one. Loops are what a pixel can leave early.
     let eyes = select(pass_.view + 1u, 0u, frame.history.rows == NO_HISTORY);
     for (var i = 0u; i < eyes && past.found < LEAST_FOUND; i += 1u) {
-        let seen = pixel_of(position, previous.views[pass_.view - i]);
-        past = past_at(seen, pixel.y, i == 1u, position, normal, material);
+        let eye = previous.views[pass_.view - i];
+        past = past_at(pixel_of(position, eye), pixel.y, eye, i == 1u, position, normal, material);
         if !is_finite(past.light) {
             past = Past();
             dropped = true;
@@ -85,7 +85,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let found = past.found >= LEAST_FOUND;
     let scale = select(0.0, 1.0 / max(past.found, LEAST_FOUND), found);
     var frames = min(past.frames * scale, longest_in_light());
-    if HAS_MOTION {
+    if HAS_MOTION && !VISUAL_POLAR {
         frames *= kept_in_light(tile_of(pixel, position), frames, 1.0);
     }
     // Least share of this frame.

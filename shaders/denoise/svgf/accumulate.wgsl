@@ -102,9 +102,9 @@ fn gloss_longest(hit: u32) -> f32 {
 }
 
 // History of the surface that was at `position` around image point `seen` of the frame before.
-fn past_at(seen: vec3<f32>, row: u32, of_left: bool, position: vec3<f32>, normal: vec3<f32>, material: u32) -> Past {
+fn past_at(seen: vec3<f32>, row: u32, eye: View, of_left: bool, position: vec3<f32>, normal: vec3<f32>, material: u32) -> Past {
     var past = Past();
-    let around = pixels_around(seen, row);
+    let around = pixels_around(seen, row, eye);
     for (var i = 0; i < 4; i += 1) {
         let corner = corner_of(around, i);
         let tap = tap_at(corner.at, of_left);
@@ -151,7 +151,7 @@ fn leave_nothing(at: u32, material: u32, dropped: bool) {
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
+    if is_outside(pixel) {
         return;
     }
     let at = pixel_index(pixel);
@@ -181,12 +181,13 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     for (var i = 0u; i < eyes && past.found < LEAST_FOUND; i += 1u) {
         let eye = pass_.view - i;
         let seen = pixel_of(position, previous.views[eye]);
-        past = past_at(seen, pixel.y, i == 1u, position, normal, material);
+        past = past_at(seen, pixel.y, previous.views[eye], i == 1u, position, normal, material);
         if !is_finite_past(past) {
             past = Past();
             dropped = true;
         }
-        fraction = fract(seen.xy - frame.camera.centre);
+        let column = column_in(i32(seen.y), seen.x, previous.views[eye].fovea_rows);
+        fraction = fract(vec2<f32>(column, seen.y) - frame.camera.centre);
     }
     let found = past.found >= LEAST_FOUND;
     let scale = select(0.0, 1.0 / past.found, found);
@@ -203,7 +204,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     longest = min(longest, longest_in_light());
     var keep = min(longest / max(frames, 1.0), 1.0);
-    if HAS_MOTION {
+    if HAS_MOTION && !VISUAL_POLAR {
         keep *= kept_in_light(tile_of(pixel, position), samples * keep, max(new_samples, 1.0));
     }
     samples *= keep;

@@ -19,7 +19,7 @@
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
+    if is_outside(pixel) {
         return;
     }
     let at = pixel_index(pixel);
@@ -35,8 +35,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let own = luminances(centre);
     let sigma2 = bitcast<f32>(pass_.args[1]);
     var kernel = array<f32, 3>(0.25, 0.5, 0.25);
-    let low = vec2<i32>(0, i32(pass_.valid_begin));
-    let high = vec2<i32>(i32(pass_.width) - 1, i32(pass_.valid_end) - 1);
     var weight = select(0.25, 0.0, is_missing);
     var sum = centre.matte * weight;
     var gloss_sum = centre.gloss * weight;
@@ -48,11 +46,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     for (var dy = -1; dy <= last_dy; dy += 1) {
         for (var dx = -1; dx <= 1; dx += 1) {
-            let there = vec2<i32>(pixel) + vec2<i32>(dx, dy) * step;
-            let inside = clamp(there, low, high);
-            let tap = u32(inside.y) * pass_.width + u32(inside.x);
+            let there = beside(pixel, vec2<i32>(dx, dy) * step);
+            let tap = pixel_index(vec2<u32>(there.pixel));
             let value = unpack_light(source[tap]);
-            let counts = all(inside == there) && (dx != 0 || dy != 0) && value.a.x >= 0.0;
+            let counts = there.is_there && (dx != 0 || dy != 0) && value.a.x >= 0.0;
             let l = luminances(value);
             let off2 = (own - l) * (own - l) / (sigma2 * (max(centre.a, vec2<f32>(0.0)) + value.a) + 1e-6 * own * l + unseen_square());
             // A pixel without light takes whatever its surface has.

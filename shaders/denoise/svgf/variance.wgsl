@@ -18,7 +18,7 @@ const LAST_RESORT: f32 = 1e-6;
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
-    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
+    if is_outside(pixel) {
         return;
     }
     let at = pixel_index(pixel);
@@ -28,19 +28,16 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         filtered[at] = vec4<u32>(0u);
         return;
     }
-    let low = vec2<i32>(0, i32(pass_.valid_begin));
-    let high = vec2<i32>(i32(pass_.width) - 1, i32(pass_.valid_end) - 1);
     let is_known = centre.a.x >= 0.0;
     var smooth_sum = max(centre.a, vec2<f32>(0.0)) * 0.25;
     var smooth_weight = 0.25;
     let near = select(-1, 1, is_known);
     for (var dy = -near; dy <= near; dy += 1) {
         for (var dx = -1; dx <= 1; dx += 1) {
-            let there = vec2<i32>(pixel) + vec2<i32>(dx, dy);
-            let inside = clamp(there, low, high);
-            let variance = unpack_light(source[u32(inside.y) * pass_.width + u32(inside.x)]).a;
+            let there = beside(pixel, vec2<i32>(dx, dy));
+            let variance = unpack_light(source[pixel_index(vec2<u32>(there.pixel))]).a;
             let k = select(0.0625, 0.125, dx == 0 || dy == 0);
-            let w = select(0.0, k, all(inside == there) && variance.x >= 0.0 && (dx != 0 || dy != 0));
+            let w = select(0.0, k, there.is_there && variance.x >= 0.0 && (dx != 0 || dy != 0));
             smooth_sum += max(variance, vec2<f32>(0.0)) * w;
             smooth_weight += w;
         }
@@ -56,11 +53,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let far = select(REACH, -1, is_known);
     for (var dy = -far; dy <= far; dy += 1) {
         for (var dx = -REACH; dx <= REACH; dx += 1) {
-            let there = vec2<i32>(pixel) + vec2<i32>(dx, dy);
-            let inside = clamp(there, low, high);
-            let tap = u32(inside.y) * pass_.width + u32(inside.x);
+            let there = beside(pixel, vec2<i32>(dx, dy));
+            let tap = pixel_index(vec2<u32>(there.pixel));
             let value = unpack_light(source[tap]);
-            let counts = all(inside == there) && (dx != 0 || dy != 0) && value.a.x != MISSING;
+            let counts = there.is_there && (dx != 0 || dy != 0) && value.a.x != MISSING;
             let tap_bits = guide_image[tap];
             let least = select(0.0, LAST_RESORT, is_missing && tap_bits.w != NO_NORMAL);
             let w = select(0.0, max(surface_weight(guide, tap_bits, 0.0), least), counts);

@@ -4,7 +4,7 @@ use super::{Light, gradient};
 use crate::graph::{Chain, Kernel, Pass, Resource, Stage, Use};
 use crate::passes::gbuffer::{ALBEDO, EMISSION, GUIDE, TALLY};
 use crate::passes::moving::last_surface;
-use crate::passes::tonemap::{CUT, DISPLAY, LINEAR};
+use crate::passes::tonemap::{CUT, finished};
 use crate::passes::{FrameSpec, PREVIOUS_VIEWS};
 use crate::scene::rig::Eye;
 
@@ -22,6 +22,7 @@ pub fn passes(spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         true => Use::read(GUIDE).before(spec.history_halo()),
         false => Use::read(last_surface(spec)).if_written(),
     };
+    let [linear, display] = finished(spec);
     let compose = Pass::new(Stage("compose"), view, CUT, Kernel::new("compose"))
         .uses([Use::read(filtered), Use::read(ALBEDO), Use::read(EMISSION), Use::write(composed)])
         .chain(Chain::Margin);
@@ -30,8 +31,8 @@ pub fn passes(spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
             Use::read(composed).halo(spec.halo(RESOLVE_REACH_ROWS)),
             Use::read(RESOLVED).before(spec.history_halo()),
             Use::write(RESOLVED),
-            Use::write(LINEAR),
-            Use::write(DISPLAY),
+            Use::write(linear),
+            Use::write(display),
             Use::read(PREVIOUS_VIEWS),
             Use::add(TALLY),
             Use::read(last_surface(spec)).halo(spec.halo(RESOLVE_REACH_ROWS)).if_written(),

@@ -28,15 +28,20 @@ const SMOOTH: Kernel = Kernel::new("gradient_smooth").with(constants![REACH]);
 /// Luminance of the light of a tile's pixel now minus before, and the larger of both.
 const GRADIENT: Resource = Resource::image("gradient", 8).on(TILES);
 
-/// Share of each tile's history that is dropped. There is none where nothing moves.
+/// Not where nothing moves, nor in visual-polar images, whose tiles near the gaze are no squares.
+fn is_found(spec: &FrameSpec) -> bool {
+    spec.moving.is_some() && spec.screen.is_none()
+}
+
+/// Share of each tile's history that is dropped, if it is found.
 pub fn change(spec: &FrameSpec) -> Resource {
     let nothing = Grid::table(Size::Fixed(Extent::new(1, 1)));
-    Resource::image("light_change", 4).on(if spec.moving.is_some() { TILES } else { nothing })
+    Resource::image("light_change", 4).on(if is_found(spec) { TILES } else { nothing })
 }
 
 /// The passes that find it, before the left eye accumulates.
 pub fn passes(spec: &FrameSpec, view: Eye) -> Vec<Pass> {
-    if spec.moving.is_none() || view != Eye::Left {
+    if !is_found(spec) || view != Eye::Left {
         return Vec::new();
     }
     let last = |resource| Use::read(resource).before(spec.history_halo());

@@ -63,8 +63,8 @@ pub trait Denoise {
     }
 
     /// The passes from light to the images that leave the frame.
-    fn finish(&self, _spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
-        vec![tonemap::pass(view, light.image())]
+    fn finish(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
+        vec![tonemap::pass(spec, view, light.image())]
     }
 }
 

@@ -1,0 +1,47 @@
+//! From a visual-polar image to the screen.
+
+use super::FrameSpec;
+use super::tonemap;
+use crate::graph::{CutGroup, Grid, Kernel, Pass, Projection, Reach, Resource, Size, Stage, Use};
+use crate::image::Extent;
+use crate::scene::rig::Eye;
+
+const CUT: CutGroup = CutGroup("to_screen");
+
+/// The finished visual-polar image, scene-referred RGB, and encoded, which nothing reads.
+pub const LINEAR: Resource = Resource::image("polar", 16);
+pub const DISPLAY: Resource = Resource::image("polar_display", 4);
+/// Blurred around the gaze; then also away from it.
+const AROUND: Resource = Resource::image("polar_around", 16);
+const BLURRED: Resource = Resource::image("polar_blurred", 16);
+
+/// Rows and columns that are looked at on either side of a pixel, at most, in images of so many rows.
+fn blur_reach(rows: u32) -> u32 {
+    rows.div_ceil(24)
+}
+
+/// The grid of the screen.
+fn screen(extent: Extent) -> Grid {
+    Grid { size: Size::Fixed(extent), projection: Projection::Perspective }
+}
+
+/// The passes after those that finish a view's image, if it is visual-polar.
+pub fn passes(spec: &FrameSpec, view: Eye) -> Vec<Pass> {
+    let Some(extent) = spec.screen else { return Vec::new() };
+    let reach = blur_reach(spec.extent.height);
+    let blur = |axis, read: Use, target| {
+        let pass = Pass::new(Stage("polar_blur"), view, tonemap::CUT, Kernel::new("polar_blur"));
+        pass.index(axis).uses([read, Use::write(target)]).args([axis, reach, 0])
+    };
+    let grid = screen(extent);
+    let map = Pass::new(Stage("to_screen"), view, CUT, Kernel::new("to_screen")).on(grid).uses([
+        Use::read(BLURRED).reaching(Reach::All),
+        Use::write(tonemap::LINEAR.on(grid)),
+        Use::write(tonemap::DISPLAY.on(grid)),
+    ]);
+    vec![
+        blur(0, Use::read(LINEAR), AROUND),
+        blur(1, Use::read(AROUND).halo(spec.halo(reach)), BLURRED),
+        map,
+    ]
+}
