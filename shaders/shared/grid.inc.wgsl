@@ -7,7 +7,7 @@ const TAU: f32 = 6.2831855;
 // Where acuity begins to fall, degrees from the gaze; square degrees within; and what acuity adds up to is a multiple of this.
 const FOVEA_DEG: f32 = 5.79;
 const FOVEA_AREA: f32 = 105.31813;
-const ACUITY_SUM: f32 = 522.761;
+const ACUITY_SUM: f32 = 522.90064;
 
 fn pixel_index(pixel: vec2<u32>) -> u32 {
     return pixel.y * pass_.width + pixel.x;
@@ -44,19 +44,24 @@ fn beside(pixel: vec2<u32>, offset: vec2<i32>) -> Beside {
         let fovea_rows = frame.camera.views[pass_.view].fovea_rows;
         let end = min(i32(pass_.valid_end), i32(frame.camera.views[pass_.view].rows));
         let row = clamp(there.y, i32(pass_.valid_begin), end - 1);
-        // The same direction in a ring of another length.
-        let length = row_length(fovea_rows, row);
-        let column = floor((f32(there.x) + 0.5) * length / row_length(fovea_rows, i32(pixel.y)));
-        return Beside(vec2<i32>(around_ring(i32(column), i32(length)), row), row == there.y);
+        let width = i32(frame.camera.width);
+        var column = around_ring(there.x, width);
+        if f32(min(row, i32(pixel.y))) < fovea_rows {
+            // The same direction in a ring of another length.
+            let length = row_length(fovea_rows, row);
+            let scaled = (f32(there.x) + 0.5) * length / row_length(fovea_rows, i32(pixel.y));
+            column = around_ring(i32(floor(scaled - length * floor(scaled / length))), i32(length));
+        }
+        return Beside(vec2<i32>(column, row), row == there.y);
     }
     let held = clamp(there, vec2<i32>(0, i32(pass_.valid_begin)), vec2<i32>(i32(pass_.width), i32(pass_.valid_end)) - 1);
     return Beside(held, all(held == there));
 }
 
-// A column of a ring of this length, which has no ends.
+// A column of a ring of this length, which has no ends, from less than a turn beside it.
 fn around_ring(column: i32, length: i32) -> i32 {
-    let rest = column % length;
-    return select(rest, rest + length, rest < 0);
+    let turned = column + select(0, length, column < 0) - select(0, length, column >= length);
+    return clamp(turned, 0, length - 1);
 }
 
 // Image points, as `pixel_of` finds them, have columns of rows of full length. Where in a row of another length that is.

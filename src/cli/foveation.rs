@@ -26,6 +26,18 @@ impl FoveationMode {
     pub fn radii(self) -> Option<[f64; 2]> {
         (self == Self::Layers).then_some(Foveation::RADII)
     }
+
+    pub fn is_polar(self) -> bool {
+        self == Self::VisualPolar
+    }
+
+    fn of(quality: &Quality) -> Self {
+        match quality.fovea {
+            _ if quality.visual_polar => Self::VisualPolar,
+            Some(_) => Self::Layers,
+            None => Self::None,
+        }
+    }
 }
 
 #[derive(Args, Clone, Debug, Default)]
@@ -46,8 +58,7 @@ pub struct FoveationOptions {
 impl FoveationOptions {
     /// Those of one frame of this quality; its layers, if it has any, have no more iterations than Peres's.
     pub fn for_quality(quality: &Quality) -> Self {
-        let foveation = if quality.fovea.is_some() { FoveationMode::Layers } else { FoveationMode::None };
-        let limits = Self { foveation, ..Self::default() };
+        let limits = Self { foveation: FoveationMode::of(quality), ..Self::default() };
         Self { iterations: Some(limits.limit(quality).iterations), ..limits }
     }
 
@@ -57,7 +68,7 @@ impl FoveationOptions {
     }
 
     pub fn is_polar(&self) -> bool {
-        self.foveation == FoveationMode::VisualPolar
+        self.foveation.is_polar()
     }
 
     /// Iterations of the inner, middle and outer layer.

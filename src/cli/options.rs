@@ -248,7 +248,8 @@ impl RenderOptions {
         let Self { spp, bounces, denoiser, ref foveated, scale, .. } = *self;
         let iterations = denoiser.map_or([0; 3], |d| foveated.layer_iterations().map(|n| n.min(d.most_iterations())));
         let denoiser = denoiser.filter(|_| iterations != [0; 3]);
-        Quality { spp, bounces, denoiser, iterations, fovea: foveated.foveation.radii(), scale }
+        let (fovea, visual_polar) = (foveated.foveation.radii(), foveated.foveation.is_polar());
+        Quality { spp, bounces, denoiser, iterations, fovea, visual_polar, scale }
     }
 
     /// The auxiliary images asked for, each once.

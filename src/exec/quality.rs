@@ -11,7 +11,8 @@ pub(super) fn of(settings: &RenderSettings) -> Quality {
     let (spp, bounces, denoiser, scale) = (stages.spp, settings.bounces, denoiser(settings), settings.scale);
     let layers = stages.foveation.as_ref().map_or([stages.iterations; 3], |f| f.iterations);
     let iterations = layers.map(|n| n.min(stages.iterations));
-    Quality { spp, bounces, denoiser, iterations, fovea: stages.foveation.as_ref().map(|f| f.radii), scale }
+    let fovea = stages.foveation.as_ref().map(|f| f.radii);
+    Quality { spp, bounces, denoiser, iterations, fovea, visual_polar: stages.visual_polar.is_some(), scale }
 }
 
 fn denoiser(settings: &RenderSettings) -> Option<Denoiser> {
@@ -32,6 +33,9 @@ fn check(quality: &Quality, settings: &RenderSettings) -> Result<(), String> {
     }
     if quality.fovea.is_some() && stages.foveation.is_none() {
         return Err("foveal layers, without the pipelines for them".to_owned());
+    }
+    if quality.visual_polar != stages.visual_polar.is_some() {
+        return Err("visual-polar images, or none, where all frames have the other".to_owned());
     }
     if quality.denoiser != denoiser {
         let [asked, had] = [quality.denoiser, denoiser].map(Denoiser::name_of);

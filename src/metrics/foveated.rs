@@ -1,4 +1,4 @@
-//! Error as an eye weighs it that looks at one point: FLIP of each pixel by how much detail is seen there.
+//! Error as an eye weighs it that looks at one point: FLIP of each pixel by how much detail is seen there, by two measures.
 //!
 //! The finest detail that is seen at an eccentricity e falls as e2 / (e + e2) (Geisler & Perry 1998, "A real-time foveated
 //! multiresolution system for low-bandwidth video communication": contrast threshold CT0·exp(α·f·(e + e2)/e2), e2 = 2.3
@@ -10,12 +10,25 @@ use super::rings::Viewing;
 /// Eccentricity at which acuity has fallen to a half.
 const HALF_ACUITY_DEG: f64 = 2.3;
 
+/// Where acuity begins to fall, degrees, as Koskela et al. 2019 take it ("Foveated Real-Time Path Tracing in Visual-Polar
+/// Space"): to 449.4 / (0.3 e + 1)² from 60 cycles per degree.
+const FOVEA_DEG: f64 = 5.79;
+
 impl Pair {
-    /// Weighted mean of FLIP, 0 … 1.
+    /// Weighted mean of FLIP, 0 … 1, by Geisler and Perry's measure.
     pub fn foveated_flip(&self, viewing: &Viewing) -> f64 {
-        let weight = |angle: f64| (HALF_ACUITY_DEG / (HALF_ACUITY_DEG + angle.to_degrees())).powi(2);
+        self.weighted_flip(viewing, |degrees| (HALF_ACUITY_DEG / (HALF_ACUITY_DEG + degrees)).powi(2))
+    }
+
+    /// ... by the acuity that visual-polar images are made for.
+    pub fn acuity_flip(&self, viewing: &Viewing) -> f64 {
+        let acuity = |degrees: f64| 449.4 / (0.3 * degrees + 1.0).powi(2);
+        self.weighted_flip(viewing, |degrees| acuity(degrees.max(FOVEA_DEG)))
+    }
+
+    fn weighted_flip(&self, viewing: &Viewing, weight: impl Fn(f64) -> f64) -> f64 {
         let sums = self.eccentricities(viewing).zip(self.flip()).fold([0.0; 2], |[error, all], (angle, flip)| {
-            let w = weight(angle);
+            let w = weight(angle.to_degrees());
             [error + w * flip, all + w]
         });
         sums[0] / sums[1]
@@ -36,13 +49,17 @@ mod tests {
             *pixel = [2.0, 0.1 * (i % 3) as f32, 0.0];
         }
         let pair = Pair::new(&grey, &left_wrong, 0.0).unwrap();
-        let [at_left, at_right] = [0.25, 0.75].map(|x| pair.foveated_flip(&viewing(x)));
         let mean = pair.errors().flip;
-        assert!(at_left > 1.3 * mean && at_right < 0.7 * mean, "{at_left} {mean} {at_right}");
+        for measure in [Pair::foveated_flip, Pair::acuity_flip] {
+            let [at_left, at_right] = [0.25, 0.75].map(|x| measure(&pair, &viewing(x)));
+            assert!(at_left > 1.3 * mean && at_right < 0.7 * mean, "{at_left} {mean} {at_right}");
+        }
         let all_wrong = RgbImage::filled(grey.extent, [2.0, 0.1, 0.0]);
         let pair = Pair::new(&grey, &all_wrong, 0.0).unwrap();
         // FLIP's filters reach beyond the image's borders, where nothing is wrong or right.
-        let ratio = pair.foveated_flip(&viewing(0.5)) / pair.errors().flip;
-        assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
+        for measure in [Pair::foveated_flip, Pair::acuity_flip] {
+            let ratio = measure(&pair, &viewing(0.5)) / pair.errors().flip;
+            assert!((ratio - 1.0).abs() < 0.01, "{ratio}");
+        }
     }
 }

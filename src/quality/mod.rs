@@ -27,6 +27,9 @@ pub struct Quality {
     /// whole image belongs to the inner layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fovea: Option<[f64; 2]>,
+    /// Whether images are visual-polar.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub visual_polar: bool,
     /// Render scale of each side of the image, within [`Self::SCALES`]. Paths are traced for its square's share of the
     /// pixels, and the denoiser brings light to the others, guided by surfaces at full size.
     pub scale: f64,
@@ -68,7 +71,8 @@ impl Display for Quality {
         let Self { spp, bounces, denoiser, scale, .. } = *self;
         write!(f, "{} x{}, {bounces} bounces, {spp} spp", Denoiser::name_of(denoiser), self.most_iterations())?;
         let scale = if scale < 1.0 { format!(", scale {scale}") } else { String::new() };
-        write!(f, "{scale}{}", layers_name(self.fovea))
+        let polar = if self.visual_polar { ", visual-polar" } else { "" };
+        write!(f, "{scale}{}{polar}", layers_name(self.fovea))
     }
 }
 
@@ -80,8 +84,8 @@ fn deserialize_alike<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[u32;
     u32::deserialize(deserializer).map(|all| [all; 3])
 }
 
-/// The part of [`Quality`] that `run.json`, `frames.csv` and journals have for each frame. It leaves out the denoiser,
-/// which all frames of a run share, and has the iterations of the layer with most.
+/// The part of [`Quality`] that `run.json`, `frames.csv` and journals have for each frame. It leaves out the denoiser and
+/// what images are traced, which all frames of a run share, and has the iterations of the layer with most.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct FrameQuality {
@@ -133,7 +137,7 @@ mod tests {
     #[test]
     fn files_have_the_most_iterations_of_any_layer() {
         let (denoiser, iterations, fovea) = (Some(Denoiser::Svgf), [2, 3, 5], Some([0.15, 0.3]));
-        let quality = Quality { spp: 2, bounces: 6, denoiser, iterations, fovea, scale: 0.5 };
+        let quality = Quality { spp: 2, bounces: 6, denoiser, iterations, fovea, visual_polar: false, scale: 0.5 };
         let text = r#"{"spp":2,"bounces":6,"denoiser":"svgf","iterations":5,"fovea":[0.15,0.3],"scale":0.5}"#;
         assert_eq!(serde_json::to_string(&quality).unwrap(), text);
         let read: Quality = serde_json::from_str(text).unwrap();

@@ -25,7 +25,7 @@ use crate::metrics::temporal::{Change, TemporalError};
 use crate::quality::{Denoiser, FrameQuality, Quality};
 
 /// The metrics that tables show, in this order. Files have the others after them.
-const SHOWN: [&str; 9] = ["rmse", "relmse", "psnr", "ssim", "flip", FLICKER, ERROR, "flip_foveated", "mean_ratio"];
+const SHOWN: [&str; 10] = ["rmse", "relmse", "psnr", "ssim", "flip", FLICKER, ERROR, "flip_foveated", "flip_acuity", "mean_ratio"];
 
 /// Names of the flicker between frames, and of the measure of fronts and ladders, FLIP + flicker
 /// ([`crate::control::Measure::FlipFlicker`]).
@@ -90,11 +90,13 @@ pub struct SeenErrors {
     pub all: metrics::Errors,
     /// The result of [`metrics::Pair::foveated_flip`].
     pub flip_foveated: f64,
+    /// The result of [`metrics::Pair::acuity_flip`].
+    pub flip_acuity: f64,
 }
 
 impl SeenErrors {
     pub fn new(pair: &metrics::Pair, viewing: &Viewing) -> Self {
-        Self { all: pair.errors(), flip_foveated: pair.foveated_flip(viewing) }
+        Self { all: pair.errors(), flip_foveated: pair.foveated_flip(viewing), flip_acuity: pair.acuity_flip(viewing) }
     }
 }
 
@@ -240,7 +242,11 @@ const COLUMNS: [&str; 6] = ["denoiser", "iterations", "bounces", "foveation", "s
 /// The layers as the command line names them.
 fn cells_of(quality: &Quality) -> [String; 6] {
     let FrameQuality { spp, bounces, iterations, scale, fovea } = quality.into();
-    let foveation = if fovea.is_some() { "layers" } else { "none" };
+    let foveation = match (fovea, quality.visual_polar) {
+        (Some(_), _) => "layers",
+        (None, true) => "visual-polar",
+        (None, false) => "none",
+    };
     let [iterations, bounces, spp] = [iterations, bounces, spp].map(|n| n.to_string());
     [Denoiser::name_of(quality.denoiser).to_owned(), iterations, bounces, foveation.to_owned(), scale.to_string(), spp]
 }
@@ -311,7 +317,7 @@ mod tests {
     /// A setting whose repeats have these RMSE in the left eye, and twice that in the right.
     pub(super) fn row(denoiser: &str, spp: u32, time_ms: f64, rmse: &[f64]) -> Row {
         let denoiser = Denoiser::from_name(denoiser).unwrap();
-        let quality = Quality { spp, bounces: 6, denoiser, iterations: [0; 3], fovea: None, scale: 1.0 };
+        let quality = Quality { spp, bounces: 6, denoiser, iterations: [0; 3], fovea: None, visual_polar: false, scale: 1.0 };
         let black = RgbImage::filled(Extent::new(12, 12), [0.0; 3]);
         let viewing = Viewing { gaze: [0.5; 2], yfov_deg: 70.0 };
         let flat = |v: f64| {

@@ -18,8 +18,9 @@ use crate::scene::shot::Gaze;
 pub const FOVEA_DEG: f64 = 5.79;
 /// Square degrees that the fovea covers.
 const FOVEA_AREA: f64 = PI * FOVEA_DEG * FOVEA_DEG;
-/// What acuity sums up to over a disc is a multiple of this, square degrees.
-const ACUITY_SUM: f64 = 166.4 * PI;
+/// What acuity, 449.4 / 60 / (0.3 e + 1)² of that in the fovea at e degrees, sums up to over a disc is a multiple of this,
+/// square degrees.
+const ACUITY_SUM: f64 = 2.0 * PI * (449.4 / 60.0) / (0.3 * 0.3);
 
 /// Images that are traced and filtered around the gaze, which may move with every frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -85,4 +86,59 @@ pub(super) fn pixels(view: &View, columns: u32) -> u64 {
 fn row_length(view: &View, columns: u32, row: u32) -> u32 {
     let length = (columns as f32 * (row as f32 + 0.5) / view.fovea_rows).ceil();
     length.clamp(1.0, columns as f32) as u32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn view(yfov_deg: f32, aspect: f32) -> View {
+        let tan_half_y = (yfov_deg.to_radians() / 2.0).tan();
+        let (right, up, forward) = (Vec3::X, Vec3::Y, -Vec3::Z);
+        View { tan_half_x: tan_half_y * aspect, tan_half_y, right, up, forward, ..View::default() }
+    }
+
+    fn towards(gaze: [f64; 2]) -> VisualPolar {
+        let [x, y] = gaze;
+        VisualPolar { gaze: [0, 1].map(|_| Gaze { path: vec![[0.0, x, y]] }) }
+    }
+
+    /// The paper's constant for 80 degrees, and shares that follow from its formulas.
+    #[test]
+    fn acuity_sums_up_to_published_numbers() {
+        assert!((acuity_within(80.0) - 1091.3).abs() < 1.0, "{}", acuity_within(80.0));
+        for (degrees, share) in [(40.0, 0.241), (50.0, 0.216), (60.0, 0.199)] {
+            assert!((fovea_share(degrees) - share).abs() < 1e-3, "{} at {degrees}", fovea_share(degrees));
+        }
+    }
+
+    #[test]
+    fn rings_are_as_dense_on_both_sides_of_the_foveas_rim() {
+        for degrees in [30.0, 48.9, 75.0] {
+            let share = fovea_share(degrees);
+            let inside = share / FOVEA_DEG;
+            let outside = (1.0 - share) / (acuity_within(degrees) - FOVEA_AREA) * 2.0 * PI * FOVEA_DEG;
+            assert!((inside / outside - 1.0).abs() < 1e-9, "{degrees}: {inside}, {outside}");
+        }
+    }
+
+    /// The paper traces 39.1 % of the pixels, wherever the gaze is.
+    #[test]
+    fn as_many_pixels_are_traced_wherever_the_gaze_is() {
+        for (screen, yfov_deg) in [((640, 360), 58.7), ((1280, 1440), 100.0), ((320, 180), 75.0)] {
+            let screen = Extent::new(screen.0, screen.1);
+            let grid = VisualPolar::grid(screen);
+            let eye = view(yfov_deg, screen.width as f32 / screen.height as f32);
+            let share = |gaze| {
+                let seen = towards(gaze).look(0, 0.0, eye, grid.height);
+                assert!(seen.rows <= grid.height as f32 && seen.fovea_rows > 0.0 && seen.fovea_rows < seen.rows);
+                pixels(&seen, grid.width) as f64 / screen.area() as f64
+            };
+            let centred = share([0.5, 0.5]);
+            assert!((centred - 0.391).abs() < 0.03, "{screen}: {centred}");
+            for gaze in [[0.3, 0.6], [0.0, 0.0], [1.0, 0.5], [0.62, 0.97]] {
+                assert!((share(gaze) / centred - 1.0).abs() < 0.01, "{screen}, {gaze:?}: {}", share(gaze));
+            }
+        }
+    }
 }

@@ -68,7 +68,7 @@ impl PresetOptions {
 /// One frame of a configuration.
 fn options(run: &RunOptions, preset: Preset) -> RenderOptions {
     let (spp, denoiser, (foveation, iterations)) = (Preset::SPP, Some(Denoiser::Atrous), preset.layers());
-    let quality = Quality { spp, bounces: 6, denoiser, iterations, fovea: foveation.radii(), scale: 1.0 };
+    let quality = Quality { spp, bounces: 6, denoiser, iterations, fovea: foveation.radii(), visual_polar: false, scale: 1.0 };
     let mut options = RenderOptions::single(run.clone(), &quality);
     options.foveated.iterations = Some(iterations);
     options

@@ -35,7 +35,10 @@ impl Choice {
     pub fn new(args: &LoopOptions) -> Result<Self, Failure> {
         let Some(path) = &args.ladder else {
             let denoiser = args.denoiser.unwrap_or(Some(Denoiser::Svgf));
-            return Ok(Self { denoiser, ladder: None, qualities: candidates(denoiser, args.foveated.is_on()) });
+            let visual_polar = args.foveated.is_polar();
+            let all = candidates(denoiser, args.foveated.is_on()).into_iter();
+            let qualities = all.map(|quality| Quality { visual_polar, ..quality }).collect();
+            return Ok(Self { denoiser, ladder: None, qualities });
         };
         Self::from_file(args, path).map_err(Failure::Input)
     }
@@ -43,13 +46,18 @@ impl Choice {
     /// The filter is the same for all frames of a run.
     fn from_file(args: &LoopOptions, path: &Path) -> Result<Self, anyhow::Error> {
         let all = Ladder::read(path).context("cannot use --ladder")?;
+        let visual_polar = args.foveated.is_polar();
         let of = |denoiser: DenoiserChoice| -> Vec<Rung> {
-            let has = |q: &Quality| q.denoiser == denoiser && (q.iterations != [0; 3]) == denoiser.is_some();
+            let has = |q: &Quality| {
+                let is_filtered = q.iterations != [0; 3];
+                q.denoiser == denoiser && is_filtered == denoiser.is_some() && q.visual_polar == visual_polar
+            };
             all.rungs().iter().filter(|r| has(&r.quality)).cloned().collect()
         };
         let most = Denoiser::CHOICES.into_iter().max_by_key(|d| of(*d).len());
         let denoiser = args.denoiser.or(most).unwrap_or(Some(Denoiser::Svgf));
         let (path, name) = (path.display(), Denoiser::name_of(denoiser));
+        let space = if visual_polar { " and --foveation visual-polar" } else { "" };
         if args.denoiser.is_none() && all.denoisers().len() > 1 {
             let counts: Vec<String> =
                 all.denoisers().iter().map(|(d, rungs)| format!("{rungs} of {}", Denoiser::name_of(*d))).collect();
@@ -62,7 +70,7 @@ impl Choice {
         let (plain, foveated): (Vec<Rung>, _) = of(denoiser).into_iter().partition(|r| r.quality.fovea.is_none());
         ensure!(
             !(plain.is_empty() && foveated.is_empty()),
-            "--ladder {path}: none of its {} rungs is for --denoiser {name}: measure some with `diptych bench`",
+            "--ladder {path}: none of its {} rungs is for --denoiser {name}{space}: measure some with `diptych bench`",
             all.rungs().len(),
         );
         let rungs = if args.foveated.is_on() { of(denoiser) } else { plain };
@@ -91,7 +99,8 @@ impl Choice {
         let most = |number: fn(&Quality) -> u32| self.qualities.iter().map(number).fold(0, u32::max);
         let (spp, bounces, iterations) = (most(|q| q.spp), most(|q| q.bounces), [most(Quality::most_iterations); 3]);
         let scale = self.qualities.iter().map(|q| q.scale).fold(1.0, f64::min);
-        Quality { spp, bounces, denoiser: self.denoiser, iterations, fovea: None, scale }
+        let visual_polar = self.qualities.iter().any(|q| q.visual_polar);
+        Quality { spp, bounces, denoiser: self.denoiser, iterations, fovea: None, visual_polar, scale }
     }
 
     /// Whether both kinds of pipelines are needed.

@@ -33,3 +33,4 @@ mod svgf;
 mod tally;
 mod tonemap;
 mod variance;
+mod visual_polar;

@@ -54,14 +54,24 @@ pub struct Kernel {
 
 impl Kernel {
     pub fn new(shader: &'static str, overrides: &[Override]) -> Self {
-        Self { name: shader, source: shader_text_of(shader, SceneAccess::default()), overrides: overrides.to_vec() }
+        Self::of(shader, shader_text_of(shader, SceneAccess::default()), overrides)
     }
 
     /// The functions that `shader` includes, followed by a kernel of the test's own.
     pub fn beside(shader: &'static str, overrides: &[Override], kernel: &str) -> Self {
         let whole = shader_text_of(shader, SceneAccess::default());
         let end = whole.find("@group(1)").unwrap_or_else(|| panic!("shader '{shader}' binds nothing"));
-        Self { name: shader, source: format!("{}{kernel}", &whole[..end]), overrides: overrides.to_vec() }
+        Self::of(shader, format!("{}{kernel}", &whole[..end]), overrides)
+    }
+
+    /// Images are a pinhole's unless a test says otherwise.
+    fn of(name: &'static str, source: String, overrides: &[Override]) -> Self {
+        let mut overrides = overrides.to_vec();
+        let is_said = overrides.iter().any(|(name, _)| *name == "VISUAL_POLAR");
+        if !is_said && source.contains("override VISUAL_POLAR") {
+            overrides.push(("VISUAL_POLAR", false));
+        }
+        Self { name, source, overrides }
     }
 
     /// Dispatches `columns` invocations for every row of the stripe that `pass` names. The pass's grid is the frame.
@@ -93,7 +103,18 @@ impl Kernel {
 
     /// Dispatches so many workgroups of a pass that has no rows.
     pub fn run_once(&self, frame: &Frame, args: [u32; 3], groups: [u32; 2], buffers: &[(&str, Buffer)]) -> Outputs {
-        self.run_bytes(bytemuck::bytes_of(frame), PassConstants { args, ..Default::default() }, groups, buffers)
+        self.run_frame(frame, PassConstants { args, ..Default::default() }, groups, buffers)
+    }
+
+    /// Dispatches so many workgroups, with these constants of the frame.
+    pub fn run_frame(
+        &self,
+        frame: &Frame,
+        pass: PassConstants,
+        groups: [u32; 2],
+        buffers: &[(&str, Buffer)],
+    ) -> Outputs {
+        self.run_bytes(bytemuck::bytes_of(frame), pass, groups, buffers)
     }
 
     fn run_bytes(

@@ -1,0 +1,248 @@
+//! Visual-polar images: rays and image points against the formulas in f64, neighbours on rings, and the map to the screen.
+
+use std::f64::consts::{PI, TAU};
+
+use diptych::stages::layout::{Camera, Display, Frame, PassConstants, View};
+use glam::{DVec2, DVec3, Vec2, Vec3, Vec3Swizzles};
+
+use super::camera::Eye;
+use super::harness::{Buffer, Kernel};
+
+const POLAR: (&str, bool) = ("VISUAL_POLAR", true);
+
+const FOVEA_DEG: f64 = 5.79;
+const FOVEA_AREA: f64 = PI * FOVEA_DEG * FOVEA_DEG;
+
+/// Acuity, cycles per degree, over that of the fovea.
+fn acuity(degrees: f64) -> f64 {
+    if degrees < FOVEA_DEG { 1.0 } else { 449.4 / 60.0 / (0.3 * degrees + 1.0).powi(2) }
+}
+
+/// The integral of acuity over the disc within an eccentricity, by Simpson's rule.
+fn acuity_within(degrees: f64) -> f64 {
+    const STEPS: u32 = 2000;
+    let step = (degrees - FOVEA_DEG) / f64::from(STEPS);
+    let at = |i: u32| {
+        let e = FOVEA_DEG + step * f64::from(i);
+        TAU * e * acuity(e.max(FOVEA_DEG + 1e-9))
+    };
+    let inner: f64 = (1..STEPS).map(|i| at(i) * if i % 2 == 1 { 4.0 } else { 2.0 }).sum();
+    FOVEA_AREA + (at(0) + inner + at(STEPS)) * step / 3.0
+}
+
+/// An eye's image.
+struct Polar {
+    eye: Eye,
+    gaze: DVec3,
+    right: DVec3,
+    columns: u32,
+    rows: u32,
+    fovea_rows: f64,
+}
+
+impl Polar {
+    fn new(gaze: DVec2) -> Self {
+        let eye = Eye::at_origin(Vec2::new(1.0, 0.6)).moved(DVec3::new(0.2, -0.1, 0.4), 0.3, -0.2);
+        let (right, up, forward) = (eye.right.as_dvec3(), eye.up.as_dvec3(), eye.forward.as_dvec3());
+        let gaze = (forward + right * gaze.x + up * gaze.y).normalize();
+        let gaze_right = (right - gaze * gaze.dot(right)).normalize();
+        let (columns, rows) = (214, 120);
+        Self { eye, gaze, right: gaze_right, columns, rows, fovea_rows: f64::from(rows) * 0.21 }
+    }
+
+    fn view(&self) -> View {
+        View {
+            rows: self.rows as f32,
+            fovea_rows: self.fovea_rows as f32,
+            gaze: self.gaze.as_vec3(),
+            gaze_right: self.right.as_vec3(),
+            ..self.eye.view()
+        }
+    }
+
+    fn frame(&self) -> Frame {
+        Frame {
+            camera: Camera {
+                views: [self.view(); 2],
+                centre: Vec2::splat(0.5),
+                width: self.columns,
+                height: self.rows,
+            },
+            display: Display { exposure: 1.0, ..Default::default() },
+            ..Default::default()
+        }
+    }
+
+    fn length(&self, row: u32) -> u32 {
+        let length = (f64::from(self.columns) * (f64::from(row) + 0.5) / self.fovea_rows).ceil();
+        (length as u32).clamp(1, self.columns)
+    }
+
+    fn pixels(&self) -> impl Iterator<Item = (u32, u32)> {
+        (0..self.rows).flat_map(|row| (0..self.length(row)).map(move |column| (column, row)))
+    }
+
+    /// The eccentricity at a place in the rows: where acuity within sums up to it.
+    fn eccentricity(&self, row: f64) -> f64 {
+        if row < self.fovea_rows {
+            return FOVEA_DEG * row / self.fovea_rows;
+        }
+        let sum = FOVEA_AREA * (2.0 * row / self.fovea_rows - 1.0);
+        let (mut low, mut high) = (FOVEA_DEG, 120.0);
+        for _ in 0..50 {
+            let middle = 0.5 * (low + high);
+            if acuity_within(middle) < sum { low = middle } else { high = middle }
+        }
+        low
+    }
+
+    fn ray(&self, column: f64, row: f64, length: u32) -> DVec3 {
+        let (e, turn) = (self.eccentricity(row).to_radians(), TAU * column / f64::from(length));
+        let up = self.right.cross(self.gaze);
+        self.gaze * e.cos() + (self.right * turn.cos() + up * turn.sin()) * e.sin()
+    }
+}
+
+const GAZES: [DVec2; 3] = [DVec2::ZERO, DVec2::new(-0.5, 0.3), DVec2::new(0.9, -0.5)];
+
+#[test]
+fn rays_follow_acuity_and_image_points_lead_back() {
+    const OFFSET: DVec2 = DVec2::new(0.25, 0.75);
+    const ROUND_TRIP: &str = "
+@group(1) @binding(0) var<storage, read_write> rays: array<vec4<f32>>;
+@group(1) @binding(1) var<storage, read_write> points: array<vec4<f32>>;
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let pixel = id.xy;
+    let fovea_rows = frame.camera.views[1].fovea_rows;
+    if f32(pixel.x) >= row_length(fovea_rows, i32(pixel.y)) || f32(pixel.y) >= frame.camera.views[1].rows {
+        return;
+    }
+    let at = pixel.y * frame.camera.width + pixel.x;
+    let offset = vec2<f32>(0.25, 0.75);
+    let ray = ray_of(1u, vec2<f32>(pixel) + offset);
+    rays[at] = vec4<f32>(ray, 0.0);
+    let eye = frame.camera.views[1];
+    points[at] = vec4<f32>(pixel_of(eye.origin + 4.0 * ray, eye).xy, point_in(vec2<f32>(pixel), offset));
+}
+";
+    for gaze in GAZES {
+        let polar = Polar::new(gaze);
+        let pass = PassConstants { view: 1, width: polar.columns, height: polar.rows, ..Default::default() };
+        let nothing = vec![[0f32; 4]; (polar.columns * polar.rows) as usize];
+        let groups = [polar.columns.div_ceil(8), polar.rows.div_ceil(8)];
+        let outputs = Kernel::beside("polar_blur", &[POLAR], ROUND_TRIP).run_frame(
+            &polar.frame(),
+            pass,
+            groups,
+            &[("rays", Buffer::whole(&nothing)), ("points", Buffer::whole(&nothing))],
+        );
+        let (rays, points) = (outputs.get::<[f32; 4]>("rays"), outputs.get::<[f32; 4]>("points"));
+        let (mut off_ray, mut off_point): (f64, f64) = (0.0, 0.0);
+        for (column, row) in polar.pixels() {
+            let at = (row * polar.columns + column) as usize;
+            let length = polar.length(row);
+            let expected = polar.ray(f64::from(column) + OFFSET.x, f64::from(row) + OFFSET.y, length);
+            off_ray = off_ray.max((Vec3::from_slice(&rays[at]).as_dvec3() - expected).length());
+            let [x, y, wanted_x, wanted_y] = points[at].map(f64::from);
+            // In pixels of the row.
+            let columns = (x - wanted_x) * f64::from(length) / f64::from(polar.columns);
+            off_point = off_point.max(columns.abs()).max((y - wanted_y).abs());
+        }
+        assert!(off_ray < 3e-5, "{gaze}: rays are off by {off_ray}");
+        assert!(off_point < 1e-3, "{gaze}: image points are off by {off_point} pixels");
+    }
+}
+
+#[test]
+fn neighbours_lie_in_the_same_direction_on_other_rings() {
+    const OFFSETS: [(i32, i32); 6] = [(1, 0), (-1, 0), (0, 1), (3, -2), (-16, 16), (16, -1)];
+    const NEIGHBOURS: &str = "
+@group(1) @binding(0) var<storage, read_write> found: array<vec4<i32>>;
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    if is_outside(id.xy) {
+        return;
+    }
+    let at = id.y * frame.camera.width + id.x;
+    let there = beside(id.xy, vec2<i32>(i32(pass_.args[0]), i32(pass_.args[1])));
+    found[at] = vec4<i32>(there.pixel, select(0, 1, there.is_there), 1);
+}
+";
+    let polar = Polar::new(GAZES[1]);
+    let groups = [polar.columns.div_ceil(8), polar.rows.div_ceil(8)];
+    let kernel = Kernel::beside("polar_blur", &[POLAR], NEIGHBOURS);
+    for (dx, dy) in OFFSETS {
+        let (valid, height) = (20..polar.rows, polar.rows);
+        let pass = PassConstants {
+            row_begin: 24,
+            row_end: height,
+            valid_begin: valid.start,
+            valid_end: valid.end,
+            args: [dx as u32, dy as u32, 0],
+            width: polar.columns,
+            height,
+            ..Default::default()
+        };
+        let nothing = vec![[0i32; 4]; (polar.columns * height) as usize];
+        let found = kernel.run_frame(&polar.frame(), pass, groups, &[("found", Buffer::whole(&nothing))]);
+        let found = found.get::<[i32; 4]>("found");
+        for (column, row) in polar.pixels() {
+            let [x, y, is_there, is_set] = found[(row * polar.columns + column) as usize];
+            assert_eq!(is_set, 1, "{column}, {row} is no pixel");
+            let there = row.checked_add_signed(dy).filter(|y| valid.contains(y));
+            assert_eq!(is_there == 1, there.is_some(), "{column}, {row}");
+            let ring = row.saturating_add_signed(dy).clamp(valid.start, valid.end - 1);
+            assert_eq!(y as u32, ring, "{column}, {row}");
+            let (from, to) = (f64::from(polar.length(row)), f64::from(polar.length(ring)));
+            assert!((0..to as i32).contains(&x), "{column}, {row}: {x} of {to}");
+            // In whole turns, the short way.
+            let turns = (f64::from(column) + f64::from(dx) + 0.5) / from - (f64::from(x) + 0.5) / to;
+            let off = (turns - turns.round()).abs() * to;
+            assert!(off <= 0.5 + 1e-3, "{column}, {row}: {off} columns beside its direction");
+        }
+    }
+}
+
+/// Something smooth to see, which is not the same on any two sides of the gaze.
+fn light_from(direction: DVec3) -> DVec3 {
+    DVec3::splat(1.5) + direction + 0.3 * (direction.yzx() * 9.0).map(f64::sin)
+}
+
+#[test]
+fn what_is_seen_in_a_direction_is_on_the_screen_where_it_is() {
+    let (width, height) = (96, 58);
+    for gaze in GAZES {
+        let polar = Polar::new(gaze);
+        let mut image = vec![[f32::NAN; 4]; (polar.columns * polar.rows) as usize];
+        for (column, row) in polar.pixels() {
+            let ray = polar.ray(f64::from(column) + 0.5, f64::from(row) + 0.5, polar.length(row));
+            image[(row * polar.columns + column) as usize] = light_from(ray).as_vec3().extend(1.0).to_array();
+        }
+        let pass = PassConstants { row_end: height, width, height, ..Default::default() };
+        let outputs = Kernel::new("to_screen", &[POLAR]).run_frame(
+            &polar.frame(),
+            pass,
+            [width.div_ceil(8), height.div_ceil(8)],
+            &[
+                ("polar", Buffer::whole(&image)),
+                ("linear", Buffer::whole(&vec![[0f32; 4]; (width * height) as usize])),
+                ("display", Buffer::whole(&vec![0u32; (width * height) as usize])),
+            ],
+        );
+        let linear = outputs.get::<[f32; 4]>("linear");
+        for (i, found) in (0..).zip(linear) {
+            let at = DVec2::new(f64::from(i % width) + 0.5, f64::from(i / width) + 0.5);
+            let ray = polar.eye.ray(at, DVec2::new(width.into(), height.into()));
+            // Beyond the outermost ring there is none.
+            let e = ray.angle_between(polar.gaze).to_degrees();
+            if e > polar.eccentricity(f64::from(polar.rows) - 1.0) {
+                continue;
+            }
+            let off = (Vec3::from_slice(&found).as_dvec3() - light_from(ray)).abs().max_element();
+            assert!(off < 0.05, "{gaze}: {off} at {at}, {e} degrees from the gaze");
+        }
+    }
+}
