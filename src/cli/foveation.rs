@@ -39,18 +39,26 @@ pub struct FoveationOptions {
     /// Iterations of the denoiser; with layers of the inner, middle and outer one [default: 5; 2,3,5 with layers]
     #[arg(long, value_name = "M[,N,P]", value_parser = iterations)]
     pub iterations: Option<[u32; 3]>,
+    /// Radii of the layers, where they are not the usual ones.
+    #[arg(skip)]
+    pub layer_radii: Option<[f64; 2]>,
 }
 
 impl FoveationOptions {
     /// Those of one frame of this quality; its layers, if it has any, have no more iterations than Peres's.
     pub fn for_quality(quality: &Quality) -> Self {
         let foveation = if quality.fovea.is_some() { FoveationMode::Layers } else { FoveationMode::None };
-        let limits = Self { foveation, ..Self::default() };
+        let limits = Self { foveation, layer_radii: quality.fovea, ..Self::default() };
         Self { iterations: Some(limits.limit(quality).iterations), ..limits }
     }
 
     pub fn is_on(&self) -> bool {
         self.foveation == FoveationMode::Layers
+    }
+
+    /// Radii of the layers, if there are any.
+    pub fn radii(&self) -> Option<[f64; 2]> {
+        self.foveation.radii().map(|usual| self.layer_radii.unwrap_or(usual))
     }
 
     /// Iterations of the inner, middle and outer layer.
@@ -74,7 +82,7 @@ impl FoveationOptions {
             None => [shot.clone(), shot.clone()],
             Some(GazeOption(eyes)) => eyes.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] }),
         };
-        self.is_on().then(|| Foveation::new(gaze, self.layer_iterations()))
+        self.radii().map(|radii| Foveation { radii, ..Foveation::new(gaze, self.layer_iterations()) })
     }
 
     /// What clap cannot see.

@@ -248,7 +248,7 @@ impl RenderOptions {
         let Self { spp, bounces, denoiser, ref foveated, scale, .. } = *self;
         let iterations = denoiser.map_or([0; 3], |d| foveated.layer_iterations().map(|n| n.min(d.most_iterations())));
         let denoiser = denoiser.filter(|_| iterations != [0; 3]);
-        Quality { spp, bounces, denoiser, iterations, fovea: foveated.foveation.radii(), scale }
+        Quality { spp, bounces, denoiser, iterations, fovea: foveated.radii(), scale }
     }
 
     /// The auxiliary images asked for, each once.
