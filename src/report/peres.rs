@@ -205,11 +205,11 @@ pub const TIME_NOTE: &str = "Median makespan of warm frames at instants along th
     pixel on average in the inner, middle and outer layer, with 3, 5 and 5 or 2, 3 and 5 iterations.";
 
 /// The caption of [`quality_table`].
-pub const QUALITY_NOTE: &str = "Mean and standard deviation over instants along the path, of means of both eyes and frames, against an image of many samples without denoiser, both tonemapped at \
-    exposure_ev, the shot's. RMSE is \
-    in % of the range of display values, so that PSNR = -20 log10(RMSE / 100 %). Thesis: table 5, which does not say at \
-    which resolution, and of what its RMSE is: its PSNR is 1.0 (Pink Room, Base) to 6.1 dB (Forest, Base) below what \
-    that formula gives. Other scenes and renderers: hold configurations of a scene against each other, not columns.";
+pub const QUALITY_NOTE: &str = "Mean and standard deviation over instants along the path, each of both eyes and \
+    frames, against an image of many samples without denoiser, both tonemapped at exposure_ev, the shot's. RMSE is in % \
+    of the range of display values, so that at an instant PSNR = -20 log10(RMSE / 100 %). Thesis: table 5, which does not \
+    say at which resolution, and of what its RMSE is: its PSNR is 1.0 (Pink Room, Base) to 6.1 dB (Forest, Base) below \
+    what that formula gives. Other scenes and renderers: hold configurations of a scene against each other, not columns.";
 
 /// Table 4, with a line per resolution, shot and configuration.
 pub fn time_table(rows: &[Row]) -> Table {

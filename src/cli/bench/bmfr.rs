@@ -64,7 +64,7 @@ impl Found {
         let reference = own(args, &loaded, tracing, None)?;
         interrupt::check()?;
         self.notes.push(reference.note(&options.shot, options.size));
-        let mut turns = Turns::new(&loaded, progress, tracing);
+        let mut turns = Turns::new(&loaded, progress, tracing, self.rows.len());
         for denoiser in DENOISERS {
             let name = format!("{} of {}", Denoiser::name_of(Some(denoiser)), options.shot);
             let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;

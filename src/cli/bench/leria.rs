@@ -107,7 +107,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     let steps = 2 * u64::from(options.frames);
     let progress = Progress::new(steps, options.quiet, options.json);
-    let mut turns = Turns::new(&loaded, &progress, &tracing);
+    let mut turns = Turns::new(&loaded, &progress, &tracing, 0);
     let [base, shared] = ARRANGEMENTS.map(str::to_owned);
     turns.add(base, baseline(&options, devices), gpus)?;
     turns.add(shared, options.clone(), open()?)?;

@@ -19,7 +19,7 @@ use diptych::scene::rig::Rig;
 use super::Args;
 use super::findings::{Findings, section};
 use super::reference::own;
-use super::timed::{Setting, Timed, TimedFrame};
+use super::turns::Turns;
 use crate::cli::failure::Failure;
 use crate::cli::foveation::Preset;
 use crate::cli::interrupt;
@@ -65,7 +65,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         rows: Vec::new(),
         frames: Vec::new(),
         notes: Vec::new(),
-        settings: 0,
     };
     for resolution in 0..RESOLUTIONS.len() {
         for (scene, shot) in shots.iter().enumerate() {
@@ -86,8 +85,6 @@ struct Study<'a> {
     frames: Vec<([String; 3], FrameLine)>,
     /// About each reference.
     notes: Vec<String>,
-    /// Measured so far.
-    settings: u32,
 }
 
 /// What was measured of a configuration at some instants.
@@ -106,23 +103,32 @@ impl Study<'_> {
         let size = Extent::new(shrunk(width), shrunk(height));
         let run = RunOptions { shot: shot.to_owned(), size, ..self.args.options.clone() };
         let loaded = setup::load(&run)?;
+        let mut turns = Turns::new(&loaded, &self.progress, self.tracing, self.rows.len());
+        for (configuration, preset) in CONFIGURATIONS.iter().zip(Preset::value_variants()) {
+            let gpus = setup::open_devices(&run, usize::from(self.args.virtual_devices))?;
+            let name = format!("{configuration} of {shot} at {size}");
+            turns.add(name, options(&run, *preset, RESOLUTIONS[resolution].radii()), gpus)?;
+        }
         let mut measured: [Measured; CONFIGURATIONS.len()] = Default::default();
-        for time_s in instants(&loaded.shot.rig, run.time, self.args.preset.instants) {
+        let Args { warm_up, repeats, .. } = *self.args;
+        for (instant, time_s) in (0..).zip(instants(&loaded.shot.rig, run.time, self.args.preset.instants)) {
             let args = Args { options: RunOptions { time: time_s, ..run.clone() }, ..self.args.clone() };
             let reference = own(&args, &loaded, self.tracing, None)?;
             interrupt::check()?;
             self.notes.push(format!("{time_s} s: {}", reference.note(shot, size)));
-            let timed = Timed { args: &args, loaded: &loaded, progress: &self.progress, tracing: self.tracing };
-            for (i, preset) in Preset::value_variants().iter().enumerate() {
-                let options = options(&args.options, *preset, RESOLUTIONS[resolution].radii());
-                let name = format!("{} of {shot} at {size}, {time_s} s", CONFIGURATIONS[i]);
-                let virtual_devices = Some(args.virtual_devices);
-                let warm = timed.frames(&Setting { number: self.settings, name, options, virtual_devices })?;
-                self.settings += 1;
-                let of = [of_resolution, shot, CONFIGURATIONS[i]].map(str::to_owned);
-                self.frames.extend(warm.frames.iter().map(|frame| (of.clone(), FrameLine::from(&frame.row))));
-                measured[i].times_ms.extend(warm.frames.iter().map(|f| f.report.makespan_ms));
-                measured[i].errors.push(judge(&warm.frames, &reference.images, loaded.shot.exposure_ev)?);
+            let mut images: [Vec<_>; CONFIGURATIONS.len()] = Default::default();
+            for i in 0..warm_up + repeats {
+                let reports = turns.render(time_s, instant * (warm_up + repeats) + i)?;
+                for (which, report) in reports.iter().enumerate().filter(|_| i >= warm_up) {
+                    let row = turns.keep(which, time_s, report, instant * repeats + i - warm_up);
+                    let of = [of_resolution, shot, CONFIGURATIONS[which]].map(str::to_owned);
+                    self.frames.push((of, FrameLine::from(&row)));
+                    measured[which].times_ms.push(report.makespan_ms);
+                    images[which].push(turns.renderers[which].read_linear()?);
+                }
+            }
+            for (measured, images) in measured.iter_mut().zip(&images) {
+                measured.errors.push(judge(images, &reference.images, loaded.shot.exposure_ev)?);
             }
         }
         let times = measured.each_ref().map(|of| quartiles(of.times_ms.clone()));
@@ -171,10 +177,10 @@ fn instants(rig: &Rig, time_s: f64, count: u32) -> Vec<f64> {
 }
 
 /// Errors of frames, the mean of both eyes.
-fn judge(frames: &[TimedFrame], reference: &Stereo<RgbImage>, exposure_ev: f32) -> Result<ImageErrors, Failure> {
+fn judge(frames: &[Stereo<RgbImage>], reference: &Stereo<RgbImage>, exposure_ev: f32) -> Result<ImageErrors, Failure> {
     let (mut psnr, mut ssim) = (Vec::new(), Some(Vec::new()));
     for frame in frames {
-        for (reference, image) in [(&reference.left, &frame.linear.left), (&reference.right, &frame.linear.right)] {
+        for (reference, image) in [(&reference.left, &frame.left), (&reference.right, &frame.right)] {
             let errors = Pair::new(reference, image, exposure_ev)?.errors();
             psnr.push(errors.psnr);
             ssim = ssim.zip(errors.ssim).map(|(all, value)| [all, vec![value]].concat());

@@ -20,6 +20,8 @@ pub struct Turns<'a> {
     loaded: &'a Loaded,
     progress: &'a Progress,
     tracing: &'a Tracing,
+    /// How many settings of the run were measured before, on which numbers in the trace depend.
+    first: usize,
     /// In the order in which they were added.
     pub renderers: Vec<Renderer>,
     settings: Vec<(String, RenderOptions)>,
@@ -28,8 +30,8 @@ pub struct Turns<'a> {
 }
 
 impl<'a> Turns<'a> {
-    pub fn new(loaded: &'a Loaded, progress: &'a Progress, tracing: &'a Tracing) -> Self {
-        Self { loaded, progress, tracing, renderers: Vec::new(), settings: Vec::new(), warm_up_s: 0.0 }
+    pub fn new(loaded: &'a Loaded, progress: &'a Progress, tracing: &'a Tracing, first: usize) -> Self {
+        Self { loaded, progress, tracing, first, renderers: Vec::new(), settings: Vec::new(), warm_up_s: 0.0 }
     }
 
     /// Adds a renderer, under a name of its own, with devices that are its alone.
@@ -65,7 +67,7 @@ impl<'a> Turns<'a> {
     /// Keeps a frame of the `which`th renderer in the trace, under a number of its own; returns its row, the `number`th.
     pub fn keep(&self, which: usize, time_s: f64, frame: &FrameReport, number: u32) -> FrameRow {
         let quality = self.settings[which].1.quality();
-        let shown = FrameReport { index: which as u32 * FRAMES_MAX + frame.index, ..frame.clone() };
+        let shown = FrameReport { index: (self.first + which) as u32 * FRAMES_MAX + frame.index, ..frame.clone() };
         self.tracing.record(&quality, None, &shown);
         FrameRow { index: number, ..FrameRow::new(frame, &quality, &self.loaded.shot.rig, time_s) }
     }
