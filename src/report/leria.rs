@@ -3,7 +3,7 @@
 
 use std::array;
 
-use serde::Serialize;
+use serde::{Serialize, Serializer};
 
 use super::csv::{Column, Csv, number, optional};
 use super::study::{cell, quartiles, table};
@@ -158,8 +158,12 @@ pub struct Row {
     pub primary_busy_share: Option<f64>,
     pub others_busy_share: Option<f64>,
     /// By [`PARTS`].
-    #[serde(skip)]
+    #[serde(rename = "stages", serialize_with = "by_column")]
     part_ms: [Option<f64>; PARTS.len()],
+}
+
+fn by_column<S: Serializer>(part_ms: &[Option<f64>; PARTS.len()], serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_map(PARTS.iter().map(|part| part.column).zip(part_ms))
 }
 
 impl Run {
