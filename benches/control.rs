@@ -32,7 +32,15 @@ fn ladder(rungs: usize) -> Ladder {
         flicker: None,
         relmse: None,
         is_estimated: false,
-        quality: Quality { spp: 1, bounces: 6, denoiser: None, iterations: [0; 3], fovea: None, visual_polar: false, scale: 1.0 },
+        quality: Quality {
+            spp: 1,
+            bounces: 6,
+            denoiser: None,
+            iterations: [0; 3],
+            fovea: None,
+            visual_polar: false,
+            scale: 1.0,
+        },
         stage_ms: Default::default(),
     };
     let (shot, size, devices, version, measure) = Default::default();

@@ -2,8 +2,8 @@
 # # Plots of what diptych measured
 #
 # Reads the folder that `--out` named and plots every file of numbers in it: `frames.csv` and `run.json` of any command,
-# `scale.csv` and `simulate.csv` of `scale`, `bench.csv`, `seams.csv` and `peres.csv` of `bench`. What is not there is
-# left out. As a program:
+# `scale.csv` and `simulate.csv` of `scale`, `bench.csv`, `seams.csv`, `leria.csv`, `bmfr.csv` and `peres.csv` of `bench`.
+# What is not there is left out. As a program:
 #
 #     python examples/plot_runs.py out/play [FOLDER OF THE PLOTS]
 #
@@ -202,7 +202,29 @@ if not seams.empty:
     keep(figure, "seams")
 
 # %% [markdown]
-# ## A published study: `peres.csv`, `bench --preset peres`
+# ## Published experiments: `leria.csv`, `bmfr.csv` and `peres.csv`, `bench --preset`
+
+# %%
+leria = table("leria.csv")
+if not leria.empty:
+    figure, axes = plt.subplots(figsize=(9, 4))
+    leria["what"] = leria["scene"] + ", " + leria["source"] + leria["devices"].map(lambda n: "" if n != n else f" {n:.0f}")
+    proposed = leria[leria["arrangement"] == "proposed"]
+    proposed.plot.bar(x="what", y="speedup", ax=axes, rot=20, legend=False)
+    axes.axhline(1.0, color="grey", linewidth=0.8)
+    axes.set_xlabel("")
+    axes.set_ylabel("speed-up over the baseline")
+    keep(figure, "leria")
+
+# %%
+bmfr = table("bmfr.csv")
+if not bmfr.empty:
+    figure, axes = plt.subplots(figsize=(6, 4))
+    measured = bmfr[bmfr["source"] == "measured"]
+    measured.pivot_table(index="scene", columns="denoiser", values="time_ms").plot.bar(ax=axes, rot=0)
+    axes.set_xlabel("")
+    axes.set_ylabel("time of a frame, ms")
+    keep(figure, "bmfr")
 
 # %%
 peres = table("peres.csv")

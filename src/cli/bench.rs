@@ -1,12 +1,18 @@
 //! `diptych bench`: run time against error over a grid of settings, and the quality ladder that follows from it.
 
+mod bmfr;
+mod findings;
 mod grid;
 mod journal;
+mod judge;
+mod leria;
 mod page;
 mod peres;
+mod preset;
 mod reference;
 mod seams;
 mod timed;
+mod turns;
 
 use std::path::PathBuf;
 use std::time::Duration;
@@ -110,7 +116,7 @@ pub struct Args {
     #[command(flatten)]
     seams: seams::SeamOptions,
     #[command(flatten)]
-    preset: peres::PresetOptions,
+    preset: preset::PresetOptions,
 }
 
 impl Args {
@@ -136,8 +142,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if args.seams.is_wanted() {
         return seams::run(args);
     }
-    if args.preset.is_wanted() {
-        return peres::run(args);
+    if let Some(result) = preset::run(args) {
+        return result;
     }
     let options = &args.options;
     let judged = args.judged()?;

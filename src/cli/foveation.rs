@@ -53,18 +53,27 @@ pub struct FoveationOptions {
     /// Iterations of the denoiser; with layers of the inner, middle and outer one [default: 5; 2,3,5 with layers]
     #[arg(long, value_name = "M[,N,P]", value_parser = iterations)]
     pub iterations: Option<[u32; 3]>,
+    /// Radii of the layers, where they are not the usual ones.
+    #[arg(skip)]
+    pub layer_radii: Option<[f64; 2]>,
 }
 
 impl FoveationOptions {
     /// Those of one frame of this quality; its layers, if it has any, have no more iterations than Peres's.
     pub fn for_quality(quality: &Quality) -> Self {
-        let limits = Self { foveation: FoveationMode::of(quality), ..Self::default() };
+        let foveation = FoveationMode::of(quality);
+        let limits = Self { foveation, layer_radii: quality.fovea, ..Self::default() };
         Self { iterations: Some(limits.limit(quality).iterations), ..limits }
     }
 
     /// Whether there are layers.
     pub fn is_on(&self) -> bool {
         self.foveation == FoveationMode::Layers
+    }
+
+    /// Radii of the layers, if there are any.
+    pub fn radii(&self) -> Option<[f64; 2]> {
+        self.foveation.radii().map(|usual| self.layer_radii.unwrap_or(usual))
     }
 
     pub fn is_polar(&self) -> bool {
@@ -96,7 +105,8 @@ impl FoveationOptions {
 
     /// Layers, if they are asked for.
     pub fn layers(&self, shot: &Gaze) -> Option<Foveation> {
-        self.is_on().then(|| Foveation::new(self.gaze(shot), self.layer_iterations()))
+        let layers = |radii| Foveation { radii, ..Foveation::new(self.gaze(shot), self.layer_iterations()) };
+        self.radii().map(layers)
     }
 
     /// Visual-polar images, if they are asked for.

@@ -45,11 +45,12 @@ impl Given {
         Some(Self { command: Cli::command().find_subcommand(name)?.clone(), matches: matches.clone() })
     }
 
-    /// An option with its dashes, if it was typed rather than left at its default; `id` is the name of its field.
+    /// An option with its dashes, or `SHOT`, if it was typed rather than left at its default; `id` is the name of its
+    /// field.
     pub fn typed(&self, id: &str) -> Option<String> {
         let arg = self.arg(id)?;
         (self.matches.value_source(id)? == ValueSource::CommandLine)
-            .then(|| format!("--{}", arg.get_long().unwrap_or(id)))
+            .then(|| arg.get_long().map_or_else(|| id.to_uppercase(), |long| format!("--{long}")))
     }
 
     fn arg(&self, id: &str) -> Option<&Arg> {

@@ -43,12 +43,12 @@ impl Args {
         model: &CostModel,
         measured: &[(usize, f64)],
     ) -> Result<Vec<Row>, Failure> {
-        let one_ms = predict(options, &model.on_devices(&[1.0]))?.makespan_ms;
+        let one_ms = predict(options, &model.on_devices(&[1.0]))?.1.makespan_ms;
         let mut rows = Vec::new();
         for &count in &self.simulate {
             let devices = usize::from(count);
             let speeds: Vec<f64> = self.speeds.iter().copied().cycle().take(devices).collect();
-            let prediction = predict(options, &model.on_devices(&speeds))?;
+            let (_, prediction) = predict(options, &model.on_devices(&speeds))?;
             let is_alike = speeds.iter().all(|&s| s == 1.0);
             let here = measured.iter().find(|(d, _)| is_alike && *d == devices);
             rows.push(Row::new(&prediction, &speeds, one_ms, here.map(|(_, ms)| *ms)));
@@ -61,7 +61,7 @@ impl Args {
 const SETTLING_FRAMES: u32 = 32;
 
 /// A frame once its stripes have settled.
-fn predict(options: &RenderOptions, model: &CostModel) -> Result<Prediction, Failure> {
+pub fn predict(options: &RenderOptions, model: &CostModel) -> Result<(FrameGraph, Prediction), Failure> {
     let mut policy = setup::policy(options, model.spec().devices)?;
     let mut assignment = policy.assign(model);
     for _ in 0..SETTLING_FRAMES {
@@ -71,5 +71,7 @@ fn predict(options: &RenderOptions, model: &CostModel) -> Result<Prediction, Fai
         }
         assignment = next;
     }
-    simulate(&FrameGraph::build(model.program(), &assignment, None), model).map_err(|e| Failure::Run(e.into()))
+    let graph = FrameGraph::build(model.program(), &assignment, None);
+    let prediction = simulate(&graph, model).map_err(|e| Failure::Run(e.into()))?;
+    Ok((graph, prediction))
 }

@@ -34,7 +34,15 @@ pub fn candidates(denoiser: Option<Denoiser>, foveated: bool) -> Vec<Quality> {
         for spp in SPP {
             let sparse = if spp == 1 && filters { &SPARSE_SCALES[..] } else { &[] };
             for &scale in sparse.iter().chain(&[1.0]) {
-                all.extend(BOUNCES.map(|bounces| Quality { spp, bounces, denoiser, iterations, fovea, visual_polar: false, scale }));
+                all.extend(BOUNCES.map(|bounces| Quality {
+                    spp,
+                    bounces,
+                    denoiser,
+                    iterations,
+                    fovea,
+                    visual_polar: false,
+                    scale,
+                }));
             }
         }
     }
@@ -109,7 +117,8 @@ mod tests {
 
     fn rung(spp: u32, bounces: u32, path_ms: Option<f64>) -> Rung {
         let denoiser = Some(Denoiser::Svgf);
-        let quality = Quality { spp, bounces, denoiser, iterations: [3; 3], fovea: None, visual_polar: false, scale: 1.0 };
+        let quality =
+            Quality { spp, bounces, denoiser, iterations: [3; 3], fovea: None, visual_polar: false, scale: 1.0 };
         let stage_ms = path_ms.map(|ms| ("path_trace".to_owned(), ms)).into_iter().collect();
         let (flip, flicker, relmse, is_estimated) = (None, None, None, true);
         Rung { time_ms: 1.0, error: 0.1, flip, flicker, relmse, is_estimated, quality, stage_ms }

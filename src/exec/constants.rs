@@ -41,12 +41,7 @@ pub fn constants(
         stages.visual_polar.as_ref().map_or(view, |polar| polar.look(eye as usize, time_s, view, height))
     };
     let mut frame = layout::Frame {
-        camera: layout::Camera {
-            views: Eye::ALL.map(view),
-            centre: stages.centre(index, spp),
-            width,
-            height,
-        },
+        camera: layout::Camera { views: Eye::ALL.map(view), centre: stages.centre(index, spp), width, height },
         sampling: layout::Sampling {
             index,
             seed: settings.seed,

@@ -5,8 +5,8 @@ use std::f64::consts::PI;
 use glam::{DVec2, DVec3, Vec3};
 use obvhs::aabb::Aabb;
 
-use crate::stages::{FOVEA_DEG, SceneTables};
 use crate::stages::layout::{Camera, View};
+use crate::stages::{FOVEA_DEG, SceneTables};
 
 /// Rows are asked for in steps, so that graphs last while a camera moves.
 const STEP_ROWS: u32 = 4;

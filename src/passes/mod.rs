@@ -158,7 +158,8 @@ impl Declarations {
 
 /// The passes of frames that together have every stage.
 fn all_passes() -> impl Iterator<Item = Pass> {
-    let kinds = Denoiser::CHOICES.into_iter().flat_map(|filter| [None, Some(Extent::new(1, 1))].map(|screen| (filter, screen)));
+    let kinds =
+        Denoiser::CHOICES.into_iter().flat_map(|filter| [None, Some(Extent::new(1, 1))].map(|screen| (filter, screen)));
     kinds.flat_map(|(filter, screen)| {
         let (seam, aovs) = (Seam::Filter, vec![Aov::Albedo]);
         let moving = Some(Moving { triangles: 1, nodes: 1, levels: vec![1], ..Moving::default() });

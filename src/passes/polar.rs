@@ -39,9 +39,5 @@ pub fn passes(spec: &FrameSpec, view: Eye) -> Vec<Pass> {
         Use::write(tonemap::LINEAR.on(grid)),
         Use::write(tonemap::DISPLAY.on(grid)),
     ]);
-    vec![
-        blur(0, Use::read(LINEAR), AROUND),
-        blur(1, Use::read(AROUND).halo(spec.halo(reach)), BLURRED),
-        map,
-    ]
+    vec![blur(0, Use::read(LINEAR), AROUND), blur(1, Use::read(AROUND).halo(spec.halo(reach)), BLURRED), map]
 }

@@ -1,7 +1,7 @@
 //! Spatial reprojection of the left eye into the right, and the list of holes.
 
-use super::gbuffer::{GUIDE, HIT, TALLY};
 use super::FrameSpec;
+use super::gbuffer::{GUIDE, HIT, TALLY};
 use super::path_trace::RADIANCE;
 use super::tally::HoleReason;
 use crate::graph::{CutGroup, Kernel, Pass, Resource, Stage, Use};

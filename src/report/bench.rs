@@ -25,7 +25,8 @@ use crate::metrics::temporal::{Change, TemporalError};
 use crate::quality::{Denoiser, FrameQuality, Quality};
 
 /// The metrics that tables show, in this order. Files have the others after them.
-const SHOWN: [&str; 10] = ["rmse", "relmse", "psnr", "ssim", "flip", FLICKER, ERROR, "flip_foveated", "flip_acuity", "mean_ratio"];
+const SHOWN: [&str; 10] =
+    ["rmse", "relmse", "psnr", "ssim", "flip", FLICKER, ERROR, "flip_foveated", "flip_acuity", "mean_ratio"];
 
 /// Names of the flicker between frames, and of the measure of fronts and ladders, FLIP + flicker
 /// ([`crate::control::Measure::FlipFlicker`]).
@@ -317,7 +318,8 @@ mod tests {
     /// A setting whose repeats have these RMSE in the left eye, and twice that in the right.
     pub(super) fn row(denoiser: &str, spp: u32, time_ms: f64, rmse: &[f64]) -> Row {
         let denoiser = Denoiser::from_name(denoiser).unwrap();
-        let quality = Quality { spp, bounces: 6, denoiser, iterations: [0; 3], fovea: None, visual_polar: false, scale: 1.0 };
+        let quality =
+            Quality { spp, bounces: 6, denoiser, iterations: [0; 3], fovea: None, visual_polar: false, scale: 1.0 };
         let black = RgbImage::filled(Extent::new(12, 12), [0.0; 3]);
         let viewing = Viewing { gaze: [0.5; 2], yfov_deg: 70.0 };
         let flat = |v: f64| {

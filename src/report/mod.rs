@@ -1,11 +1,13 @@
 //! Results: text tables, SVG charts and pages of HTML for people, CSV and JSON for programs.
 
 pub mod bench;
+pub mod bmfr;
 pub mod csv;
 pub mod frames;
 pub mod html;
 mod json;
 pub mod lanes;
+pub mod leria;
 pub mod peers;
 pub mod peres;
 pub mod pictures;

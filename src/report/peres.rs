@@ -10,8 +10,28 @@ use super::study::{cell, table};
 /// The thesis's scenes, in its order.
 pub const SCENES: [&str; 3] = ["Pink Room", "Sponza", "Forest"];
 
-/// The thesis's resolutions per eye, in its order: name, width, height.
-pub const RESOLUTIONS: [(&str, u32, u32); 2] = [("FHD", 960, 1080), ("Quest 2", 1832, 1920)];
+/// The thesis's resolutions per eye, in its order.
+pub const RESOLUTIONS: [Resolution; 2] = [
+    Resolution { name: "FHD", width: 960, height: 1080, radii_px: [144.0, 288.0] },
+    Resolution { name: "Quest 2", width: 1832, height: 1920, radii_px: [265.0, 530.0] },
+];
+
+/// A resolution with its layers.
+#[derive(Clone, Copy, Debug)]
+pub struct Resolution {
+    pub name: &'static str,
+    pub width: u32,
+    pub height: u32,
+    /// Table 2: where the inner and the middle layer end.
+    radii_px: [f64; 2],
+}
+
+impl Resolution {
+    /// Where the inner and the middle layer end, as fractions of the width: 0.15 and 0.3, or 0.1447 and 0.2893.
+    pub fn radii(&self) -> [f64; 2] {
+        self.radii_px.map(|px| px / f64::from(self.width))
+    }
+}
 
 /// The thesis's configurations, in its order.
 pub const CONFIGURATIONS: [&str; 3] = ["Base", "NH2LD", "NH3LD"];
@@ -53,14 +73,39 @@ impl ImageErrors {
 /// The results of a configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Found {
-    /// Quartiles of the warm frames' makespans.
+    /// Quartiles of the warm frames' makespans, of all instants.
     pub time_ms: [f64; 3],
     /// The time of the base configuration over that of this one.
     pub speed_up: f64,
-    /// Mean of both eyes over frames.
+    /// Instants of the path.
+    pub instants: usize,
+    /// Means over instants.
     pub quality: ImageErrors,
+    /// Standard deviations over instants, none of a single one.
+    pub deviation: Option<ImageErrors>,
     /// The exposure of the shot, at which pictures are compared.
     pub exposure_ev: f64,
+}
+
+/// Mean and, of several, standard deviation (over n − 1) of errors; an SSIM that is undefined in one is undefined.
+pub fn over_instants(of: &[ImageErrors]) -> (ImageErrors, Option<ImageErrors>) {
+    let values = |value: fn(&ImageErrors) -> f64| of.iter().map(value).collect::<Vec<_>>();
+    let ssims: Option<Vec<f64>> = of.iter().map(|errors| errors.ssim).collect();
+    let all = |statistic: fn(&[f64]) -> f64| ImageErrors {
+        rmse_percent: statistic(&values(|e| e.rmse_percent)),
+        ssim: ssims.as_deref().map(statistic),
+        psnr: statistic(&values(|e| e.psnr)),
+    };
+    (all(mean), (of.len() > 1).then(|| all(deviation)))
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+fn deviation(values: &[f64]) -> f64 {
+    let mean = mean(values);
+    (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() as f64 - 1.0)).sqrt()
 }
 
 /// A configuration of the thesis at one resolution and scene.
@@ -83,7 +128,7 @@ impl Row {
     /// `of` is within the bounds of the constants.
     pub fn new(of: [usize; 3], size: String, shot: String, found: Option<Found>) -> Self {
         let [resolution, scene, configuration] = of;
-        let (resolution, stands_for) = (RESOLUTIONS[resolution].0, SCENES[scene]);
+        let (resolution, stands_for) = (RESOLUTIONS[resolution].name, SCENES[scene]);
         Self { of, resolution, size, shot, stands_for, configuration: CONFIGURATIONS[configuration], found }
     }
 
@@ -91,8 +136,20 @@ impl Row {
         self.found.map(|f| f.time_ms[1])
     }
 
-    fn quality(&self) -> Option<ImageErrors> {
-        self.found.map(|f| f.quality)
+    /// One of the errors.
+    fn quality(&self, of: fn(&ImageErrors) -> Option<f64>) -> Option<f64> {
+        of(&self.found?.quality)
+    }
+
+    /// ... and its standard deviation over instants.
+    fn deviation(&self, of: fn(&ImageErrors) -> Option<f64>) -> Option<f64> {
+        of(&self.found?.deviation?)
+    }
+
+    /// Mean ± deviation.
+    fn quality_text(&self, of: fn(&ImageErrors) -> Option<f64>, decimals: usize) -> String {
+        let deviation = self.deviation(of).map_or(String::new(), |d| format!(" ± {d:.decimals$}"));
+        cell(self.quality(of), decimals) + &deviation
     }
 
     fn cited_ms(&self) -> f64 {
@@ -110,6 +167,10 @@ impl Row {
         QUALITY[scene][configuration]
     }
 }
+
+const RMSE: fn(&ImageErrors) -> Option<f64> = |e| Some(e.rmse_percent);
+const SSIM: fn(&ImageErrors) -> Option<f64> = |e| e.ssim;
+const PSNR: fn(&ImageErrors) -> Option<f64> = |e| Some(e.psnr);
 
 const SUBJECT: [Column<Row>; 5] = [
     ("resolution", |r| r.resolution.to_owned()),
@@ -129,26 +190,26 @@ const TIME: [Column<Row>; 5] = [
 
 const ERRORS: [Column<Row>; 7] = [
     ("exposure_ev", |r| r.found.map_or("-".to_owned(), |f| f.exposure_ev.to_string())),
-    ("rmse %", |r| cell(r.quality().map(|q| q.rmse_percent), 4)),
-    ("ssim", |r| cell(r.quality().and_then(|q| q.ssim), 6)),
-    ("psnr", |r| cell(r.quality().map(|q| q.psnr), 3)),
+    ("rmse %", |r| r.quality_text(RMSE, 4)),
+    ("ssim", |r| r.quality_text(SSIM, 6)),
+    ("psnr", |r| r.quality_text(PSNR, 3)),
     ("thesis rmse %", |r| format!("{:.4}", r.cited_quality().rmse_percent)),
     ("thesis ssim", |r| cell(r.cited_quality().ssim, 6)),
     ("thesis psnr", |r| format!("{:.3}", r.cited_quality().psnr)),
 ];
 
 /// The caption of [`time_table`].
-pub const TIME_NOTE: &str = "Median makespan of warm frames of one instant, both eyes, and the distance of their \
-    quartiles; the speed-up is over Base. Thesis: table 4, mean GPU time of 1000 frames along a path on a GeForce RTX \
+pub const TIME_NOTE: &str = "Median makespan of warm frames at instants along the path, both eyes, and the distance \
+    of their quartiles; the speed-up is over Base. Thesis: table 4, mean GPU time of 1000 frames along a path on a GeForce RTX \
     2080, at full resolution. Base: every pixel with 4 samples and 5 iterations. NH2LD and NH3LD: 4, 3 and 2 samples a \
     pixel on average in the inner, middle and outer layer, with 3, 5 and 5 or 2, 3 and 5 iterations.";
 
 /// The caption of [`quality_table`].
-pub const QUALITY_NOTE: &str = "Mean of both eyes and frames, against an image of many samples without denoiser, both tonemapped at \
-    exposure_ev, the shot's. RMSE is \
-    in % of the range of display values, so that PSNR = -20 log10(RMSE / 100 %). Thesis: table 5, which does not say at \
-    which resolution, and of what its RMSE is: its PSNR is 1.0 (Pink Room, Base) to 6.1 dB (Forest, Base) below what \
-    that formula gives. Other scenes and renderers: hold configurations of a scene against each other, not columns.";
+pub const QUALITY_NOTE: &str = "Mean and standard deviation over instants along the path, each of both eyes and \
+    frames, against an image of many samples without denoiser, both tonemapped at exposure_ev, the shot's. RMSE is in % \
+    of the range of display values, so that at an instant PSNR = -20 log10(RMSE / 100 %). Thesis: table 5, which does not \
+    say at which resolution, and of what its RMSE is: its PSNR is 1.0 (Pink Room, Base) to 6.1 dB (Forest, Base) below \
+    what that formula gives. Other scenes and renderers: hold configurations of a scene against each other, not columns.";
 
 /// Table 4, with a line per resolution, shot and configuration.
 pub fn time_table(rows: &[Row]) -> Table {
@@ -160,7 +221,7 @@ pub fn quality_table(rows: &[Row]) -> Table {
     table(&[&SUBJECT[..], &ERRORS].concat(), rows)
 }
 
-const CSV: [Column<Row>; 17] = [
+const CSV: [Column<Row>; 21] = [
     ("resolution", |r| r.resolution.to_owned()),
     ("size", |r| r.size.clone()),
     ("shot", |r| r.shot.clone()),
@@ -172,12 +233,16 @@ const CSV: [Column<Row>; 17] = [
     ("thesis_time_ms", |r| r.cited_ms().to_string()),
     ("thesis_speedup", |r| format!("{:.4}", r.cited_speed_up())),
     ("exposure_ev", |r| optional(r.found.map(|f| f.exposure_ev))),
-    ("rmse_percent", |r| number(r.quality().map(|q| q.rmse_percent), 4)),
-    ("ssim", |r| number(r.quality().and_then(|q| q.ssim), 6)),
-    ("psnr", |r| number(r.quality().map(|q| q.psnr), 4)),
+    ("rmse_percent", |r| number(r.quality(RMSE), 4)),
+    ("ssim", |r| number(r.quality(SSIM), 6)),
+    ("psnr", |r| number(r.quality(PSNR), 4)),
     ("thesis_rmse_percent", |r| r.cited_quality().rmse_percent.to_string()),
     ("thesis_ssim", |r| optional(r.cited_quality().ssim)),
     ("thesis_psnr", |r| r.cited_quality().psnr.to_string()),
+    ("instants", |r| optional(r.found.map(|f| f.instants))),
+    ("rmse_percent_deviation", |r| number(r.deviation(RMSE), 4)),
+    ("ssim_deviation", |r| number(r.deviation(SSIM), 6)),
+    ("psnr_deviation", |r| number(r.deviation(PSNR), 4)),
 ];
 
 /// Both tables as CSV.
@@ -213,17 +278,31 @@ mod tests {
     #[test]
     fn what_was_not_measured_leaves_the_cited_numbers_alone() {
         let quality = ImageErrors::new(20.0, Some(0.5));
-        let found = Found { time_ms: [9.0, 10.0, 12.0], speed_up: 1.0, quality, exposure_ev: 2.0 };
+        let (quality, deviation) = over_instants(&[quality, ImageErrors { psnr: 22.0, ..quality }]);
+        let found =
+            Found { time_ms: [9.0, 10.0, 12.0], speed_up: 1.0, instants: 2, quality, deviation, exposure_ev: 2.0 };
         let row =
             |configuration, found| Row::new([0, 2, configuration], "240x270".into(), "builtin:forest".into(), found);
         let rows = [row(0, Some(found)), row(2, None)];
         assert_eq!(time_table(&rows).rows[0][3..], ["Forest", "Base", "10.00", "3.00", "1.00", "22.84", "1.00"]);
         assert_eq!(time_table(&rows).rows[1][5..], ["-", "-", "-", "17.54", "1.30"]);
-        assert_eq!(quality_table(&rows).rows[0][5..9], ["2", "10.0000", "0.500000", "20.000"]);
+        assert_eq!(
+            quality_table(&rows).rows[0][5..9],
+            ["2", "10.0000 ± 0.0000", "0.500000 ± 0.000000", "21.000 ± 1.414"]
+        );
         assert_eq!(quality_table(&rows).rows[1][5..], ["-", "-", "-", "-", "4.1787", "0.778536", "21.692"]);
         let table = peres_csv(&rows);
-        let found = ["time_ms", "speedup", "exposure_ev", "psnr", "thesis_time_ms"];
-        assert_eq!(found.map(|name| table.value(0, name)), ["10.0000", "1.0000", "2", "20.0000", "22.84"]);
-        assert_eq!(found.map(|name| table.value(1, name)), ["", "", "", "", "17.54"]);
+        let found = ["time_ms", "speedup", "exposure_ev", "psnr", "psnr_deviation", "instants", "thesis_time_ms"];
+        let expected = ["10.0000", "1.0000", "2", "21.0000", "1.4142", "2", "22.84"];
+        assert_eq!(found.map(|name| table.value(0, name)), expected);
+        assert_eq!(found.map(|name| table.value(1, name)), ["", "", "", "", "", "", "17.54"]);
+    }
+
+    #[test]
+    fn layers_are_those_of_table_2() {
+        let [fhd, quest] = RESOLUTIONS.map(|resolution| resolution.radii());
+        assert_eq!(fhd, crate::stages::Foveation::RADII);
+        assert!((quest[0] - 0.1447).abs() < 1e-4 && (quest[1] - 0.2893).abs() < 1e-4, "{quest:?}");
+        assert_eq!(over_instants(&[ImageErrors::new(20.0, None)]), (ImageErrors::new(20.0, None), None));
     }
 }

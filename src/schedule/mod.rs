@@ -23,7 +23,7 @@ pub use halo::choose_halo;
 pub use heft::Heft;
 pub use measured::Measured;
 pub use policy::{Even, Policy, RatioRule, Static};
-pub use simulate::{LOSS_SHARE, Limit, Prediction, Step, StepKind, Stuck, simulate, simulate_at};
+pub use simulate::{LOSS_SHARE, Limit, Prediction, Step, StepKind, Stuck, simulate, simulate_at, task_ms};
 
 #[cfg(test)]
 mod tests;

@@ -101,6 +101,18 @@ pub fn simulate_at(graph: &FrameGraph, model: &CostModel, effort: &Effort) -> Re
     Ok(play.conclude())
 }
 
+/// The time that a task is predicted to take in a frame of this effort, without what it waits for.
+pub fn task_ms(graph: &FrameGraph, model: &CostModel, effort: &Effort, task: &Task) -> f64 {
+    match task.kind {
+        TaskKind::Dispatch { pass, .. } => {
+            model.pass_ms_at(effort, &graph.program.passes()[pass].pass, task.device, &task.rows)
+        }
+        TaskKind::Download { .. } => model.download_ms(task.device, graph.bytes(task)),
+        TaskKind::Upload { .. } => model.upload_ms(task.device, graph.bytes(task)),
+        TaskKind::Stitch => 0.0,
+    }
+}
+
 /// A task that has been simulated.
 #[derive(Clone, Copy)]
 struct Played {
@@ -170,7 +182,7 @@ impl<'a> Play<'a> {
             TaskKind::Download { .. } | TaskKind::Stitch => queue.or_later(host),
             TaskKind::Upload { transfer, .. } => self.sent(node).ok_or(Stuck { device, transfer })?.or_later(host),
         };
-        let ms = self.task_ms(task);
+        let ms = task_ms(self.graph, self.model, self.effort, task);
         let gap_ms = if matches!(task.kind, TaskKind::Dispatch { .. }) { self.model.gap_ms(device) } else { 0.0 };
         let end_ms = from.at_ms + gap_ms + ms;
         let end = Free { at_ms: end_ms, cause: Some(node) };
@@ -194,18 +206,6 @@ impl<'a> Play<'a> {
             TaskKind::Stitch => {}
         }
         Ok(())
-    }
-
-    fn task_ms(&self, task: &Task) -> f64 {
-        match task.kind {
-            TaskKind::Dispatch { pass, .. } => {
-                let pass = &self.graph.program.passes()[pass].pass;
-                self.model.pass_ms_at(self.effort, pass, task.device, &task.rows)
-            }
-            TaskKind::Download { .. } => self.model.download_ms(task.device, self.graph.bytes(task)),
-            TaskKind::Upload { .. } => self.model.upload_ms(task.device, self.graph.bytes(task)),
-            TaskKind::Stitch => 0.0,
-        }
     }
 
     fn conclude(self) -> Prediction {

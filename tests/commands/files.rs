@@ -12,15 +12,23 @@ use crate::common::diptych;
 use crate::schema;
 
 /// Runs of every kind that writes numbers: a name, and what it is run with.
-const RUNS: [(&str, &[&str]); 7] = [
+const RUNS: [(&str, &[&str]); 9] = [
     ("render", &["render", "--frames", "3", "--virtual", "2", "--aov", "depth,albedo", "--details"]),
     ("reference", &["render", "--reference", "--spp", "16", "--frames", "2"]),
     ("play", &["play", "--frames", "8", "--budget-ms", "0.01..30000", "--fps", "1000"]),
     ("scale", &["scale", "--counts", "2", "--threads-per-device", "1", "--simulate", "1,4"]),
     ("bench", &["bench", "--quick", "--spp", "1,2", "--bounces", "2", "--denoiser", "none,atrous"]),
     ("seams", &["bench", "--seam-study", "--counts", "2", "--bounces", "2"]),
-    ("peres", &["bench", "--preset", "peres", "--shots", "builtin:cornell", "--size-factor", "0.03"]),
+    ("leria", &["bench", "--preset", "leria", "--virtual", "2", "--threads-per-device", "1", "--frames", "2"]),
+    ("bmfr", &["bench", "--preset", "bmfr", "--warm-up", "0"]),
+    (
+        "peres",
+        &["bench", "--preset", "peres", "--shots", "builtin:cornell", "--size-factor", "0.03", "--instants", "1"],
+    ),
 ];
+
+/// Those of several shots, which write no run.json.
+const MANY_SHOTS: [&str; 2] = ["bmfr", "peres"];
 
 /// The folder of all runs, each in a folder of its name.
 fn runs() -> &'static Path {
@@ -33,7 +41,7 @@ fn runs() -> &'static Path {
             if name != "peres" {
                 args.extend(["builtin:cornell", "--size", "40x24"]);
             }
-            if options[0] == "bench" {
+            if options[0] == "bench" && name != "leria" {
                 args.extend(["--repeats", "2", "--reference-spp", "16"]);
             }
             let output = diptych(&args);
@@ -64,7 +72,7 @@ fn csv(run: &str, name: &str) -> (Vec<String>, Vec<Vec<String>>) {
 #[test]
 fn run_json_fits_its_schema() {
     let schema = json(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/run.schema.json"));
-    for name in RUNS.map(|(name, _)| name).into_iter().filter(|name| *name != "peres") {
+    for name in RUNS.map(|(name, _)| name).into_iter().filter(|name| !MANY_SHOTS.contains(name)) {
         let errors = schema::errors(&schema, &run_json(name));
         assert!(errors.is_empty(), "{name}: {errors:?}");
     }
@@ -124,6 +132,8 @@ fn frames_have_a_line_each_with_the_same_columns() {
         ("scale", 10, 0),
         ("bench", 5 * 2, 2),
         ("seams", 4 * 2, 1),
+        ("leria", 2 * 2, 1),
+        ("bmfr", 3 * 2, 2),
         ("peres", 6 * 2, 3),
     ] {
         let (columns, found) = csv(run, "frames.csv");
@@ -157,6 +167,8 @@ fn columns_are_named_in_snake_case_and_cells_hold_one_value() {
         ("bench", "bench.csv"),
         ("bench", "frames.csv"),
         ("seams", "seams.csv"),
+        ("leria", "leria.csv"),
+        ("bmfr", "bmfr.csv"),
         ("peres", "peres.csv"),
     ] {
         let (columns, lines) = csv(run, name);
@@ -167,7 +179,7 @@ fn columns_are_named_in_snake_case_and_cells_hold_one_value() {
         assert_eq!(columns.iter().collect::<BTreeSet<_>>().len(), columns.len(), "{run}/{name}: {columns:?}");
         assert!(!lines.is_empty(), "{run}/{name}");
         for (column, cell) in lines.iter().flat_map(|line| columns.iter().zip(line)) {
-            let is_name = ["resolution", "stands_for"].contains(&column.as_str());
+            let is_name = ["resolution", "stands_for", "scene"].contains(&column.as_str());
             let is_one = !cell.contains([' ', ',', '%', '±']) && cell != "-";
             assert!(is_name || is_one, "{run}/{name}: {column} is '{cell}'");
         }
@@ -238,6 +250,8 @@ fn the_example_plots_every_kind_of_file() {
         ("scale", &["frames", "stages", "scale", "simulate"]),
         ("bench", &["frames", "bench"]),
         ("seams", &["frames", "stages", "seams"]),
+        ("leria", &["frames", "leria", "stages"]),
+        ("bmfr", &["bmfr", "frames"]),
         ("peres", &["frames", "peres"]),
     ] {
         let out = tempfile::tempdir().unwrap();

@@ -5,6 +5,7 @@ mod bad_input;
 mod bench;
 #[path = "../common/mod.rs"]
 mod common;
+mod experiments;
 mod export;
 mod files;
 mod graph;

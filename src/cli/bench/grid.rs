@@ -8,20 +8,16 @@ use serde_json::{Value, json};
 use diptych::device::GpuDevice;
 use diptych::exec::{FrameReport, Renderer, Stereo};
 use diptych::image::RgbImage;
-use diptych::metrics::Pair;
-use diptych::metrics::rings::Viewing;
-use diptych::metrics::temporal::Change;
 use diptych::quality::{Denoiser, Quality};
-use diptych::report::bench::{Measured, Repeat, Row, SeenErrors};
-use diptych::report::frames::FrameLine;
+use diptych::report::bench::{Measured, Row};
 use diptych::report::once;
 use diptych::report::run::FrameRow;
-use diptych::scene::shot::Shot;
 use diptych::stages::Foveation;
 use diptych::trace::frames::record_devices;
 
 use super::Args;
 use super::journal::Journal;
+use super::judge::Judge;
 use super::reference::Reference;
 use crate::cli::failure::Failure;
 use crate::cli::faults::refuse_faults;
@@ -84,7 +80,7 @@ impl Args {
     }
 
     /// Frames of the camera's way before those that are measured: enough for a history to grow old, where there is one.
-    fn warm_up_of(&self, quality: &Quality) -> u32 {
+    pub fn warm_up_of(&self, quality: &Quality) -> u32 {
         if quality.denoiser.is_some_and(Denoiser::keeps_history) {
             self.warm_up.max(HISTORY_FRAMES)
         } else {
@@ -93,8 +89,14 @@ impl Args {
     }
 
     /// All frames of a setting.
-    fn frames_of(&self, quality: &Quality) -> u32 {
+    pub fn frames_of(&self, quality: &Quality) -> u32 {
         self.warm_up_of(quality) + self.judged_frames()
+    }
+
+    /// When the `i`th of them is: the camera comes along its path, so that history is of other frames than the ones that
+    /// are compared, and rests when it is there.
+    pub fn time_s(&self, quality: &Quality, i: u32) -> f64 {
+        self.options.time - f64::from(self.warm_up_of(quality).saturating_sub(i)) / FPS
     }
 
     /// The settings of the grid, samples changing fastest. Pixels are only left out where something filters.
@@ -198,10 +200,7 @@ impl<'a> Grid<'a> {
         let Self { args, loaded, reference, tracing, .. } = self;
         let (mut renderer, options) = self.renderer(setting)?;
         record_devices(&tracing.recorder, renderer.devices());
-        let Shot { gaze, rig, exposure_ev, .. } = &loaded.shot;
-        let viewing = Viewing { gaze: gaze.at(options.time), yfov_deg: rig.yfov_rad.to_degrees() };
-        let (mut repeats, mut changes) = (Vec::new(), [Change::default(); 2]);
-        let mut before: Option<[Pair; 2]> = None;
+        let mut judge = Judge::new(loaded, reference, options.time);
         let warm_up = args.warm_up_of(setting);
         for i in 0..args.frames_of(setting) {
             let frame = self.frame(&mut renderer, setting, i)?;
@@ -213,24 +212,12 @@ impl<'a> Grid<'a> {
                     None,
                     &FrameReport { index: number * FRAMES_MAX + i, ..frame.clone() },
                 );
-                let image = renderer.read_linear()?;
-                let pairs = [
-                    Pair::new(&reference.images.left, &image.left, *exposure_ev)?,
-                    Pair::new(&reference.images.right, &image.right, *exposure_ev)?,
-                ];
-                let [left, right] = [&pairs[0], &pairs[1]].map(|pair| SeenErrors::new(pair, &viewing));
-                let row = FrameRow::new(&frame, &options.quality(), rig, options.time);
-                let line = FrameLine::from(&FrameRow { index: i - warm_up, ..row });
-                repeats.push(Repeat::new(&frame, Stereo { left, right }, line));
-                for (e, before) in before.iter().flatten().enumerate() {
-                    changes[e] = changes[e] + pairs[e].change_at_rest(before)?;
-                }
-                before = Some(pairs);
+                let row = FrameRow::new(&frame, &options.quality(), &loaded.shot.rig, options.time);
+                judge.add(&frame, &FrameRow { index: i - warm_up, ..row }, &renderer.read_linear()?)?;
             }
         }
         self.gpus.set(renderer.into_devices());
-        let [left, right] = changes;
-        Ok(Measured::of(&repeats, Stereo { left, right }))
+        Ok(judge.conclude())
     }
 
     fn renderer(&self, setting: &Quality) -> Result<(Renderer, RenderOptions), Failure> {
@@ -244,11 +231,7 @@ impl<'a> Grid<'a> {
 
     /// The `i`th frame of a setting, its warm-up counted.
     fn frame(&self, renderer: &mut Renderer, setting: &Quality, i: u32) -> Result<FrameReport, Failure> {
-        let Self { args, loaded, .. } = self;
-        // The camera comes along its path, so that history is of other frames than the ones that are compared, and rests
-        // when it is there.
-        let ahead_s = f64::from(args.warm_up_of(setting).saturating_sub(i)) / FPS;
-        let frame = renderer.render(&loaded.shot.rig, args.options.time - ahead_s, i)?;
+        let frame = renderer.render(&self.loaded.shot.rig, self.args.time_s(setting, i), i)?;
         refuse_faults(renderer)?;
         interrupt::check()?;
         Ok(frame)

@@ -9,66 +9,35 @@ use diptych::metrics::Pair;
 use diptych::quality::{Denoiser, Quality};
 use diptych::report::csv::{Column, Csv};
 use diptych::report::frames::FrameLine;
-use diptych::report::html::Section;
 use diptych::report::peres::{
-    CONFIGURATIONS, Found, ImageErrors, QUALITY_NOTE, RESOLUTIONS, Row, SCENES, TIME_NOTE, peres_csv, quality_table,
-    time_table,
+    CONFIGURATIONS, Found, ImageErrors, QUALITY_NOTE, RESOLUTIONS, Resolution, Row, SCENES, TIME_NOTE, over_instants,
+    peres_csv, quality_table, time_table,
 };
 use diptych::report::study::quartiles;
+use diptych::scene::rig::Rig;
 
 use super::Args;
+use super::findings::{Findings, section};
 use super::reference::own;
-use super::timed::{Setting, Timed, TimedFrame};
+use super::turns::Turns;
 use crate::cli::failure::Failure;
 use crate::cli::foveation::Preset;
 use crate::cli::interrupt;
 use crate::cli::options::{RenderOptions, RunOptions};
 use crate::cli::output;
-use crate::cli::page::{self, and_page};
 use crate::cli::progress::Progress;
-use crate::cli::setup::{self, Loaded, Tracing};
+use crate::cli::setup::{self, Tracing};
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
-enum StudyPreset {
-    /// Tables 4 and 5 of Peres: foveated sampling and denoising in layers
-    Peres,
-}
+pub const REFUSES: &[&str] = &["shot", "size", "frames", "simulate"];
 
-#[derive(clap::Args, Clone, Debug)]
-#[command(next_help_heading = crate::cli::options::QUALITY)]
-pub struct PresetOptions {
-    /// Repeat a published study instead of measuring the grid
-    #[arg(long, value_name = "STUDY", conflicts_with_all = ["seams", "shot", "size", "spp", "bounces", "denoiser", "iterations", "reference"])]
-    preset: Option<StudyPreset>,
-    /// With --preset: what stands for the study's scenes, in their order: Pink Room, Sponza, Forest
-    #[arg(
-        long,
-        value_name = "SHOT,…",
-        value_delimiter = ',',
-        requires = "preset",
-        default_value = "builtin:checker,builtin:atrium,builtin:forest"
-    )]
-    shots: Vec<String>,
-    /// With --preset: factor on the study's widths and heights
-    #[arg(long, value_name = "F", requires = "preset", default_value_t = 0.25, value_parser = size_factor)]
-    size_factor: f64,
-}
+/// What stands for the thesis's scenes unless other shots are named.
+const SHOTS: [&str; 3] = ["builtin:checker", "builtin:atrium", "builtin:forest"];
 
-fn size_factor(text: &str) -> Result<f64, String> {
-    let factor = text.parse().ok().filter(|factor: &f64| (0.01..=4.0).contains(factor));
-    factor.ok_or_else(|| "give a number from 0.01 to 4".to_owned())
-}
-
-impl PresetOptions {
-    pub fn is_wanted(&self) -> bool {
-        self.preset.is_some()
-    }
-}
-
-/// One frame of a configuration.
-fn options(run: &RunOptions, preset: Preset) -> RenderOptions {
+/// One frame of a configuration whose layers end at these radii, if it has any.
+fn options(run: &RunOptions, preset: Preset, radii: [f64; 2]) -> RenderOptions {
     let (spp, denoiser, (foveation, iterations)) = (Preset::SPP, Some(Denoiser::Atrous), preset.layers());
-    let quality = Quality { spp, bounces: 6, denoiser, iterations, fovea: foveation.radii(), visual_polar: false, scale: 1.0 };
+    let fovea = foveation.radii().map(|_| radii);
+    let quality = Quality { spp, bounces: 6, denoiser, iterations, fovea, visual_polar: false, scale: 1.0 };
     let mut options = RenderOptions::single(run.clone(), &quality);
     options.foveated.iterations = Some(iterations);
     options
@@ -77,26 +46,29 @@ fn options(run: &RunOptions, preset: Preset) -> RenderOptions {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let options = &args.options;
     options.check().map_err(Failure::Input)?;
-    if args.preset.shots.len() > SCENES.len() {
-        return Err(Failure::Input(anyhow!("--shots: the study has {} scenes, give no more", SCENES.len())));
+    let mut shots = args.preset.shots.clone();
+    if shots.is_empty() {
+        shots = SHOTS.map(str::to_owned).to_vec();
+    }
+    if shots.len() > SCENES.len() {
+        return Err(Failure::Input(anyhow!("--shots: the thesis has {} scenes, give no more", SCENES.len())));
     }
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
     let tracing = Tracing::start(options)?;
-    let settings = RESOLUTIONS.len() * args.preset.shots.len() * CONFIGURATIONS.len();
-    let steps = settings as u64 * u64::from(args.warm_up + args.repeats);
+    let settings = RESOLUTIONS.len() * shots.len() * CONFIGURATIONS.len();
+    let frames = u64::from(args.preset.instants) * u64::from(args.warm_up + args.repeats);
     let mut study = Study {
         args,
         tracing: &tracing,
-        progress: Progress::new(steps, options.quiet, options.json),
+        progress: Progress::new(settings as u64 * frames, options.quiet, options.json),
         rows: Vec::new(),
         frames: Vec::new(),
         notes: Vec::new(),
-        settings: 0,
     };
     for resolution in 0..RESOLUTIONS.len() {
-        for scene in 0..args.preset.shots.len() {
-            study.scene(resolution, scene)?;
+        for (scene, shot) in shots.iter().enumerate() {
+            study.scene(resolution, scene, shot)?;
         }
     }
     study.progress.finish();
@@ -113,91 +85,130 @@ struct Study<'a> {
     frames: Vec<([String; 3], FrameLine)>,
     /// About each reference.
     notes: Vec<String>,
-    /// Measured so far.
-    settings: u32,
+}
+
+/// What was measured of a configuration at some instants.
+#[derive(Default)]
+struct Measured {
+    times_ms: Vec<f64>,
+    /// Of each instant.
+    errors: Vec<ImageErrors>,
 }
 
 impl Study<'_> {
-    /// All configurations of one of [`RESOLUTIONS`] and of the shots.
-    fn scene(&mut self, resolution: usize, scene: usize) -> Result<(), Failure> {
-        let (_, width, height) = RESOLUTIONS[resolution];
+    /// All configurations of one of [`RESOLUTIONS`] and of the scenes.
+    fn scene(&mut self, resolution: usize, scene: usize, shot: &str) -> Result<(), Failure> {
+        let Resolution { name: of_resolution, width, height, .. } = RESOLUTIONS[resolution];
         let shrunk = |length: u32| ((f64::from(length) * self.args.preset.size_factor).round() as u32).max(1);
         let size = Extent::new(shrunk(width), shrunk(height));
-        let shot = self.args.preset.shots[scene].clone();
-        let run = RunOptions { shot: shot.clone(), size, ..self.args.options.clone() };
-        let args = Args { options: run, ..self.args.clone() };
-        let loaded = setup::load(&args.options)?;
-        let reference = own(&args, &loaded, self.tracing, None)?;
-        interrupt::check()?;
-        let noise = reference.noise.as_ref().map_or(String::new(), |noise| format!("; its own noise: {noise}"));
-        self.notes.push(format!("Reference of {shot} at {size}: {}{noise}.", reference.origin));
-        let timed = Timed { args: &args, loaded: &loaded, progress: &self.progress, tracing: self.tracing };
-        let mut base_ms = None;
-        for (i, (configuration, preset)) in CONFIGURATIONS.into_iter().zip(Preset::value_variants()).enumerate() {
-            let options = options(&args.options, *preset);
+        let run = RunOptions { shot: shot.to_owned(), size, ..self.args.options.clone() };
+        let loaded = setup::load(&run)?;
+        let mut turns = Turns::new(&loaded, &self.progress, self.tracing, self.rows.len());
+        for (configuration, preset) in CONFIGURATIONS.iter().zip(Preset::value_variants()) {
+            let gpus = setup::open_devices(&run, usize::from(self.args.virtual_devices))?;
             let name = format!("{configuration} of {shot} at {size}");
-            let virtual_devices = Some(args.virtual_devices);
-            let warm = timed.frames(&Setting { number: self.settings, name, options, virtual_devices })?;
-            self.settings += 1;
-            let of = [RESOLUTIONS[resolution].0, &shot, configuration].map(str::to_owned);
-            self.frames.extend(warm.frames.iter().map(|frame| (of.clone(), FrameLine::from(&frame.row))));
-            let found = judge(&warm.frames, &reference.images, &loaded, &mut base_ms)?;
-            self.rows.push(Row::new([resolution, scene, i], size.to_string(), shot.clone(), Some(found)));
+            turns.add(name, options(&run, *preset, RESOLUTIONS[resolution].radii()), gpus)?;
+        }
+        let mut measured: [Measured; CONFIGURATIONS.len()] = Default::default();
+        let Args { warm_up, repeats, .. } = *self.args;
+        for (instant, time_s) in (0..).zip(instants(&loaded.shot.rig, run.time, self.args.preset.instants)) {
+            let args = Args { options: RunOptions { time: time_s, ..run.clone() }, ..self.args.clone() };
+            let reference = own(&args, &loaded, self.tracing, None)?;
+            interrupt::check()?;
+            self.notes.push(format!("{time_s} s: {}", reference.note(shot, size)));
+            let mut images: [Vec<_>; CONFIGURATIONS.len()] = Default::default();
+            for i in 0..warm_up + repeats {
+                let reports = turns.render(time_s, instant * (warm_up + repeats) + i)?;
+                for (which, report) in reports.iter().enumerate().filter(|_| i >= warm_up) {
+                    let row = turns.keep(which, time_s, report, instant * repeats + i - warm_up);
+                    let of = [of_resolution, shot, CONFIGURATIONS[which]].map(str::to_owned);
+                    self.frames.push((of, FrameLine::from(&row)));
+                    measured[which].times_ms.push(report.makespan_ms);
+                    images[which].push(turns.renderers[which].read_linear()?);
+                }
+            }
+            for (measured, images) in measured.iter_mut().zip(&images) {
+                measured.errors.push(judge(images, &reference.images, loaded.shot.exposure_ev)?);
+            }
+        }
+        let times = measured.each_ref().map(|of| quartiles(of.times_ms.clone()));
+        for (i, (of, time_ms)) in measured.iter().zip(times).enumerate() {
+            let (quality, deviation) = over_instants(&of.errors);
+            let (speed_up, instants) = (times[0][1] / time_ms[1], of.errors.len());
+            let found = Found { time_ms, speed_up, instants, quality, deviation, exposure_ev: loaded.exposure_ev() };
+            self.rows.push(Row::new([resolution, scene, i], size.to_string(), shot.to_owned(), Some(found)));
         }
         Ok(())
     }
 
-    fn write(&self) -> Result<(), Failure> {
+    fn write(self) -> Result<(), Failure> {
         let Self { args, rows, notes, .. } = self;
-        let options = &args.options;
-        peres_csv(rows).write(&options.out.join("peres.csv"))?;
-        let (of, lines): (Vec<_>, Vec<_>) = self.frames.iter().cloned().unzip();
+        let (of, lines): (Vec<_>, Vec<_>) = self.frames.into_iter().unzip();
         let columns: [Column<[String; 3]>; 3] = [
             ("resolution", |[resolution, _, _]| resolution.clone()),
             ("shot", |[_, shot, _]| shot.clone()),
             ("configuration", |[_, _, configuration]| configuration.clone()),
         ];
-        Csv::new(&columns, &of).beside(FrameLine::csv(&lines)).write(&options.out.join("frames.csv"))?;
-        let title = format!("Foveated layers after Peres, scale {}", args.preset.size_factor);
-        let section = |heading, notes, table| Section { heading, notes, table: Some(table), figure: None };
-        let quality_notes = [QUALITY_NOTE.to_owned()].into_iter().chain(notes.iter().cloned()).collect();
-        let sections = [
-            section("Time (table 4)", vec![TIME_NOTE.to_owned()], time_table(rows)),
-            section("Quality (table 5)", quality_notes, quality_table(rows)),
-        ];
-        if args.report {
-            page::write(&options.out, &title, &sections)?;
+        let frames = Csv::new(&columns, &of).beside(FrameLine::csv(&lines));
+        let quality_notes = [QUALITY_NOTE.to_owned()].into_iter().chain(notes).collect();
+        Findings {
+            title: format!("Foveated layers after Peres, scale {}", args.preset.size_factor),
+            rows: &rows,
+            files: vec![("peres.csv", peres_csv(&rows)), ("frames.csv", frames)],
+            run: None,
+            tables: vec![
+                section("Time (table 4)", vec![TIME_NOTE.to_owned()], time_table(&rows)),
+                section("Quality (table 5)", quality_notes, quality_table(&rows)),
+            ],
+            more: Vec::new(),
         }
-        if options.json {
-            say!("{}", serde_json::json!({ "event": "result", "rows": rows }));
-        } else if !options.quiet {
-            notes.iter().for_each(|note| say!("{note}"));
-            say!("{}\n{TIME_NOTE}\n", time_table(rows).text().trim_end());
-            say!("{}\n{QUALITY_NOTE}", quality_table(rows).text().trim_end());
-            say!("{}peres.csv and frames.csv: {}", and_page(args.report), options.out.display());
-        }
-        Ok(())
+        .write(args)
     }
 }
 
-/// Times and errors of frames; the first to come is what the others' speed-ups are over.
-fn judge(
-    frames: &[TimedFrame],
-    reference: &Stereo<RgbImage>,
-    loaded: &Loaded,
-    base_ms: &mut Option<f64>,
-) -> Result<Found, Failure> {
-    let time_ms = quartiles(frames.iter().map(|f| f.report.makespan_ms).collect());
+/// So many instants evenly along the path, its ends among them; a single one, or where the eyes stay, is at `time_s`.
+fn instants(rig: &Rig, time_s: f64, count: u32) -> Vec<f64> {
+    let [first, .., last] = &rig.keys[..] else { return vec![time_s] };
+    if count == 1 {
+        return vec![time_s];
+    }
+    let length_s = last.time_s - first.time_s;
+    (0..count).map(|i| first.time_s + length_s * f64::from(i) / f64::from(count - 1)).collect()
+}
+
+/// Errors of frames, the mean of both eyes.
+fn judge(frames: &[Stereo<RgbImage>], reference: &Stereo<RgbImage>, exposure_ev: f32) -> Result<ImageErrors, Failure> {
     let (mut psnr, mut ssim) = (Vec::new(), Some(Vec::new()));
     for frame in frames {
-        for (reference, image) in [(&reference.left, &frame.linear.left), (&reference.right, &frame.linear.right)] {
-            let errors = Pair::new(reference, image, loaded.shot.exposure_ev)?.errors();
+        for (reference, image) in [(&reference.left, &frame.left), (&reference.right, &frame.right)] {
+            let errors = Pair::new(reference, image, exposure_ev)?.errors();
             psnr.push(errors.psnr);
             ssim = ssim.zip(errors.ssim).map(|(all, value)| [all, vec![value]].concat());
         }
     }
     let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
-    let quality = ImageErrors::new(mean(&psnr), ssim.map(|values| mean(&values)));
-    let speed_up = *base_ms.get_or_insert(time_ms[1]) / time_ms[1];
-    Ok(Found { time_ms, speed_up, quality, exposure_ev: loaded.exposure_ev() })
+    Ok(ImageErrors::new(mean(&psnr), ssim.map(|values| mean(&values))))
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use diptych::scene::rig::RigKey;
+
+    use super::*;
+
+    #[test]
+    fn instants_are_even_from_end_to_end() {
+        let key = |time_s| RigKey { time_s, position: DVec3::ZERO, target: DVec3::X, up: DVec3::Y };
+        let rig = |times: &[f64]| Rig {
+            yfov_rad: 1.0,
+            baseline_m: 0.064,
+            metres_per_unit: 1.0,
+            keys: times.iter().copied().map(key).collect(),
+        };
+        let moving = rig(&[1.0, 1.5, 4.0]);
+        assert_eq!(instants(&moving, 0.5, 4), [1.0, 2.0, 3.0, 4.0]);
+        assert_eq!((instants(&moving, 0.5, 1), instants(&rig(&[1.0]), 0.5, 4)), (vec![0.5], vec![0.5]));
+    }
 }

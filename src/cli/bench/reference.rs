@@ -4,7 +4,7 @@ use std::path::Path;
 
 use diptych::accumulation::{Noise, hash_of};
 use diptych::exec::Stereo;
-use diptych::image::{RgbImage, exr};
+use diptych::image::{Extent, RgbImage, exr};
 use diptych::quality::Quality;
 
 use super::Args;
@@ -27,6 +27,14 @@ pub struct Reference {
     pub origin: String,
     /// Tells it from others of the same subject.
     pub key: String,
+}
+
+impl Reference {
+    /// What it is, as the reference of a shot in this size.
+    pub fn note(&self, shot: &str, size: Extent) -> String {
+        let noise = self.noise.as_ref().map_or(String::new(), |noise| format!("; its own noise: {noise}"));
+        format!("Reference of {shot} at {size}: {}{noise}.", self.origin)
+    }
 }
 
 /// The one that the options name, or our own.
@@ -62,7 +70,8 @@ pub fn plan(args: &Args) -> Result<Plan, Failure> {
     let spp = args.reference_spp.unwrap_or(if args.quick { 256 } else { 1024 });
     let judged = args.judged()?;
     let bounces = args.bounces().into_iter().chain(judged.iter().map(|k| k.bounces)).max().unwrap_or(0);
-    let quality = Quality { spp, bounces, denoiser: None, iterations: [0; 3], fovea: None, visual_polar: false, scale: 1.0 };
+    let quality =
+        Quality { spp, bounces, denoiser: None, iterations: [0; 3], fovea: None, visual_polar: false, scale: 1.0 };
     Plan::new(&RenderOptions::single(run, &quality), passes)
 }
 

@@ -40,7 +40,7 @@ pub struct LoopOptions {
 impl LoopOptions {
     /// Options with the most that any frame has.
     fn render_options(&self, choice: &Choice, frames: u32) -> RenderOptions {
-        let most = self.foveated.limit(&Quality { fovea: self.foveated.foveation.radii(), ..choice.most() });
+        let most = self.foveated.limit(&Quality { fovea: self.foveated.radii(), ..choice.most() });
         RenderOptions {
             foveated: FoveationOptions { iterations: Some(most.iterations), ..self.foveated.clone() },
             frames,

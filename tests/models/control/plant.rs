@@ -17,7 +17,15 @@ pub fn ladder(times_ms: &[f64]) -> Ladder {
         flicker: Some(0.1 / (i + 1) as f64),
         relmse: Some(0.1),
         is_estimated: false,
-        quality: Quality { spp: i as u32 + 1, bounces: 6, denoiser: None, iterations: [0; 3], fovea: None, visual_polar: false, scale: 1.0 },
+        quality: Quality {
+            spp: i as u32 + 1,
+            bounces: 6,
+            denoiser: None,
+            iterations: [0; 3],
+            fovea: None,
+            visual_polar: false,
+            scale: 1.0,
+        },
         stage_ms: Default::default(),
     };
     let (shot, size, devices, version) = ("s".into(), "8x8".into(), vec!["d".into()], "0".into());

@@ -1,0 +1,112 @@
+//! `diptych bench --preset bmfr`: dependent features left out of the fit beside noise on all of them, and beside `svgf`.
+//! Their renderers take turns.
+
+use diptych::device::DeviceInfo;
+use diptych::quality::{Denoiser, Quality};
+use diptych::report::bmfr::{DENOISERS, NOTE, Row, bmfr_csv, bmfr_table, cited};
+use diptych::report::csv::{Column, Csv};
+use diptych::report::frames::FrameLine;
+use diptych::report::{Table, once};
+
+use super::Args;
+use super::findings::{Findings, section};
+use super::judge::Judge;
+use super::reference::own;
+use super::turns::Turns;
+use crate::cli::failure::Failure;
+use crate::cli::interrupt;
+use crate::cli::options::{RenderOptions, RunOptions};
+use crate::cli::output;
+use crate::cli::progress::Progress;
+use crate::cli::setup::{self, Tracing};
+
+pub const REFUSES: &[&str] = &["size_factor", "instants", "frames", "simulate", "fresh"];
+
+fn quality(denoiser: Denoiser) -> Quality {
+    let iterations = [Denoiser::DEFAULT_ITERATIONS.min(denoiser.most_iterations()); 3];
+    Quality { spp: 1, bounces: 6, denoiser: Some(denoiser), iterations, fovea: None, visual_polar: false, scale: 1.0 }
+}
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let options = &args.options;
+    options.check().map_err(Failure::Input)?;
+    output::prepare(&options.out, "--out")?;
+    interrupt::watch()?;
+    let tracing = Tracing::start(options)?;
+    let shots = if args.preset.shots.is_empty() { vec![options.shot.clone()] } else { once(args.preset.shots.clone()) };
+    let frames = DENOISERS.map(|denoiser| u64::from(args.frames_of(&quality(denoiser)))).iter().sum::<u64>();
+    let progress = Progress::new(shots.len() as u64 * frames, options.quiet, options.json);
+    let mut found = Found::default();
+    for shot in shots {
+        let run = RunOptions { shot, ..options.clone() };
+        found.measure(&Args { options: run, ..args.clone() }, &progress, &tracing)?;
+    }
+    progress.finish();
+    tracing.finish()?;
+    found.write(args)
+}
+
+#[derive(Default)]
+struct Found {
+    rows: Vec<Row>,
+    /// Those that were timed, each with its shot and denoiser.
+    frames: Vec<([String; 2], FrameLine)>,
+    devices: Vec<DeviceInfo>,
+    /// About each reference.
+    notes: Vec<String>,
+}
+
+impl Found {
+    /// All denoisers on the shot of `args`.
+    fn measure(&mut self, args: &Args, progress: &Progress, tracing: &Tracing) -> Result<(), Failure> {
+        let options = &args.options;
+        let loaded = setup::load(options)?;
+        let reference = own(args, &loaded, tracing, None)?;
+        interrupt::check()?;
+        self.notes.push(reference.note(&options.shot, options.size));
+        let mut turns = Turns::new(&loaded, progress, tracing, self.rows.len());
+        for denoiser in DENOISERS {
+            let name = format!("{} of {}", Denoiser::name_of(Some(denoiser)), options.shot);
+            let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
+            turns.add(name, RenderOptions::single(options.clone(), &quality(denoiser)), gpus)?;
+        }
+        let mut judges = DENOISERS.map(|_| Judge::new(&loaded, &reference, options.time));
+        // All of these denoisers keep a history, so that they have as many frames before those that are judged.
+        let of_all = quality(Denoiser::Svgf);
+        for i in 0..args.frames_of(&of_all) {
+            let time_s = args.time_s(&of_all, i);
+            let frames = turns.render(time_s, i)?;
+            let Some(number) = i.checked_sub(args.warm_up_of(&of_all)) else { continue };
+            for (which, frame) in frames.iter().enumerate() {
+                let row = turns.keep(which, time_s, frame, number);
+                judges[which].add(frame, &row, &turns.renderers[which].read_linear()?)?;
+            }
+        }
+        for (denoiser, judge) in DENOISERS.into_iter().zip(judges) {
+            let measured = judge.conclude();
+            let of = [options.shot.clone(), Denoiser::name_of(Some(denoiser)).to_owned()];
+            self.frames.extend(measured.frames.iter().map(|line| (of.clone(), line.clone())));
+            self.rows.push(Row::measured(options.shot.clone(), denoiser, &measured));
+        }
+        self.devices = turns.renderers[0].devices().to_vec();
+        Ok(())
+    }
+
+    fn write(mut self, args: &Args) -> Result<(), Failure> {
+        self.rows.extend(cited());
+        let (of, lines): (Vec<_>, Vec<_>) = self.frames.into_iter().unzip();
+        let columns: [Column<[String; 2]>; 2] =
+            [("shot", |[shot, _]| shot.clone()), ("denoiser", |[_, denoiser]| denoiser.clone())];
+        let frames = Csv::new(&columns, &of).beside(FrameLine::csv(&lines));
+        let notes = [NOTE.to_owned()].into_iter().chain(self.notes).collect();
+        Findings {
+            title: format!("Dependent features of bmfr, at {}", args.options.size),
+            rows: &self.rows,
+            files: vec![("bmfr.csv", bmfr_csv(&self.rows)), ("frames.csv", frames)],
+            run: None,
+            tables: vec![section("Features left out, and noise", notes, bmfr_table(&self.rows))],
+            more: vec![section("Devices", Vec::new(), Table::of_devices([&self.devices[..]]))],
+        }
+        .write(args)
+    }
+}

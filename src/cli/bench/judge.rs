@@ -1,0 +1,53 @@
+//! A setting judged by what a viewer sees: frames that follow one another while the camera rests, against a reference.
+
+use diptych::exec::{FrameReport, Stereo};
+use diptych::image::RgbImage;
+use diptych::metrics::Pair;
+use diptych::metrics::rings::Viewing;
+use diptych::metrics::temporal::Change;
+use diptych::report::bench::{Measured, Repeat, SeenErrors};
+use diptych::report::frames::FrameLine;
+use diptych::report::run::FrameRow;
+use diptych::scene::shot::Shot;
+
+use super::reference::Reference;
+use crate::cli::failure::Failure;
+use crate::cli::setup::Loaded;
+
+pub struct Judge<'a> {
+    loaded: &'a Loaded,
+    reference: &'a Reference,
+    viewing: Viewing,
+    repeats: Vec<Repeat>,
+    /// Of each eye, between the frames so far.
+    changes: [Change; 2],
+    before: Option<[Pair; 2]>,
+}
+
+impl<'a> Judge<'a> {
+    /// Of frames at `time_s`.
+    pub fn new(loaded: &'a Loaded, reference: &'a Reference, time_s: f64) -> Self {
+        let Shot { gaze, rig, .. } = &loaded.shot;
+        let viewing = Viewing { gaze: gaze.at(time_s), yfov_deg: rig.yfov_rad.to_degrees() };
+        Self { loaded, reference, viewing, repeats: Vec::new(), changes: Default::default(), before: None }
+    }
+
+    /// Takes the next frame in, with its row and its picture.
+    pub fn add(&mut self, frame: &FrameReport, row: &FrameRow, image: &Stereo<RgbImage>) -> Result<(), Failure> {
+        let (exposure_ev, right) = (self.loaded.shot.exposure_ev, &self.reference.images);
+        let pairs =
+            [Pair::new(&right.left, &image.left, exposure_ev)?, Pair::new(&right.right, &image.right, exposure_ev)?];
+        let [left, right] = [&pairs[0], &pairs[1]].map(|pair| SeenErrors::new(pair, &self.viewing));
+        self.repeats.push(Repeat::new(frame, Stereo { left, right }, FrameLine::from(row)));
+        for (e, before) in self.before.iter().flatten().enumerate() {
+            self.changes[e] = self.changes[e] + pairs[e].change_at_rest(before)?;
+        }
+        self.before = Some(pairs);
+        Ok(())
+    }
+
+    pub fn conclude(self) -> Measured {
+        let [left, right] = self.changes;
+        Measured::of(&self.repeats, Stereo { left, right })
+    }
+}

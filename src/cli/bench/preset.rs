@@ -1,0 +1,92 @@
+//! `diptych bench --preset`: published experiments, one module each, and the options that they have.
+//!
+//! A further one is a variant of [`Experiment`], a module with `run` and `REFUSES`, and a line in each of its methods.
+
+use anyhow::anyhow;
+use clap::ValueEnum;
+
+use super::{Args, bmfr, leria, peres};
+use crate::cli::failure::Failure;
+use crate::cli::settings::Given;
+use crate::cli::setup;
+use diptych::report::{leria::FRAMES, once};
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Experiment {
+    /// Leria et al.: every stage on all devices, beside path tracing alone
+    Leria,
+    /// Xu, Tong & Xu: dependent features left out of bmfr's fit, beside noise on all, and svgf
+    Bmfr,
+    /// Tables 4 and 5 of Peres: foveated sampling and denoising in layers
+    Peres,
+}
+
+impl Experiment {
+    fn run(self, args: &Args) -> Result<(), Failure> {
+        match self {
+            Self::Leria => leria::run(args),
+            Self::Bmfr => bmfr::run(args),
+            Self::Peres => peres::run(args),
+        }
+    }
+
+    /// Options, by the names of their fields, that do not go with it.
+    fn refuses(self) -> &'static [&'static str] {
+        match self {
+            Self::Leria => leria::REFUSES,
+            Self::Bmfr => bmfr::REFUSES,
+            Self::Peres => peres::REFUSES,
+        }
+    }
+}
+
+#[derive(clap::Args, Clone, Debug)]
+#[command(next_help_heading = crate::cli::options::QUALITY)]
+pub struct PresetOptions {
+    /// Repeat a published experiment instead of measuring the grid
+    #[arg(long, value_name = "NAME", conflicts_with_all = ["seams", "spp", "bounces", "denoiser", "iterations", "reference"])]
+    preset: Option<Experiment>,
+    /// With --preset bmfr: several shots; with peres what stands for the thesis's scenes, in their order: Pink Room, Sponza,
+    /// Forest [default: of peres builtin:checker,builtin:atrium,builtin:forest]
+    #[arg(long, value_name = "SHOT,…", value_delimiter = ',', requires = "preset")]
+    pub shots: Vec<String>,
+    /// With --preset peres: factor on the thesis's widths and heights
+    #[arg(long, value_name = "F", requires = "preset", default_value_t = 0.25, value_parser = size_factor)]
+    pub size_factor: f64,
+    /// With --preset peres: instants along each shot's path
+    #[arg(long, value_name = "N", requires = "preset", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pub instants: u32,
+    /// With --preset leria: frames along the shot's path
+    #[arg(long, value_name = "N", requires = "preset", default_value_t = FRAMES, value_parser = clap::value_parser!(u32).range(1..=5000))]
+    pub frames: u32,
+    /// With --preset leria: predict these device counts as well, from costs measured on the devices that are here
+    #[arg(long, value_delimiter = ',', value_name = "N,N,…", requires = "preset", default_value = "4", value_parser = clap::value_parser!(u16).range(2..=64))]
+    simulate: Vec<u16>,
+}
+
+fn size_factor(text: &str) -> Result<f64, String> {
+    let factor = text.parse().ok().filter(|factor: &f64| (0.01..=4.0).contains(factor));
+    factor.ok_or_else(|| "give a number from 0.01 to 4".to_owned())
+}
+
+impl PresetOptions {
+    /// Each count once.
+    pub fn simulated(&self) -> Vec<usize> {
+        once(self.simulate.iter().copied().map(usize::from))
+    }
+}
+
+/// The experiment that the options name, if they name one.
+pub fn run(args: &Args) -> Option<Result<(), Failure>> {
+    let experiment = args.preset.preset?;
+    let typed = |id: &str| Given::here().and_then(|given| given.typed(id));
+    let refusal = match experiment.refuses().iter().find_map(|id| typed(id)) {
+        Some(option) => {
+            let name = setup::name(&experiment);
+            anyhow!("--preset {name}: {option} does not go with it: leave one of them out")
+        }
+        None if typed("shot").is_some() && typed("shots").is_some() => anyhow!("SHOT and --shots: give one of them"),
+        None => return Some(experiment.run(args)),
+    };
+    Some(Err(Failure::Input(refusal)))
+}

@@ -1,0 +1,74 @@
+//! Renderers that take turns: all render a frame before any of them renders the next, so that whatever else the machine
+//! does hits all alike.
+
+use std::time::Instant;
+
+use diptych::device::GpuDevice;
+use diptych::exec::{FrameReport, Renderer};
+use diptych::report::run::FrameRow;
+use diptych::trace::frames::record_devices;
+
+use super::grid::FRAMES_MAX;
+use crate::cli::failure::Failure;
+use crate::cli::faults::refuse_faults;
+use crate::cli::interrupt;
+use crate::cli::options::RenderOptions;
+use crate::cli::progress::Progress;
+use crate::cli::setup::{self, Loaded, Tracing};
+
+pub struct Turns<'a> {
+    loaded: &'a Loaded,
+    progress: &'a Progress,
+    tracing: &'a Tracing,
+    /// How many settings of the run were measured before, on which numbers in the trace depend.
+    first: usize,
+    /// In the order in which they were added.
+    pub renderers: Vec<Renderer>,
+    settings: Vec<(String, RenderOptions)>,
+    /// Until the first frame could begin, in all.
+    pub warm_up_s: f64,
+}
+
+impl<'a> Turns<'a> {
+    pub fn new(loaded: &'a Loaded, progress: &'a Progress, tracing: &'a Tracing, first: usize) -> Self {
+        Self { loaded, progress, tracing, first, renderers: Vec::new(), settings: Vec::new(), warm_up_s: 0.0 }
+    }
+
+    /// Adds a renderer, under a name of its own, with devices that are its alone.
+    pub fn add(&mut self, name: String, options: RenderOptions, gpus: Vec<GpuDevice>) -> Result<(), Failure> {
+        let begin = Instant::now();
+        let renderer = setup::renderer(&options, self.loaded, gpus, self.tracing.recorder.origin())?;
+        self.warm_up_s += begin.elapsed().as_secs_f64();
+        record_devices(&self.tracing.recorder, renderer.devices());
+        self.renderers.push(renderer);
+        self.settings.push((name, options));
+        Ok(())
+    }
+
+    /// Has each render a frame, and returns what they say in the order of [`Self::renderers`]. Another one begins each
+    /// time.
+    pub fn render(&mut self, time_s: f64, index: u32) -> Result<Vec<FrameReport>, Failure> {
+        let count = self.renderers.len();
+        let mut frames = Vec::new();
+        for which in (0..count).map(|i| (index as usize + i) % count) {
+            let renderer = &mut self.renderers[which];
+            let frame = renderer.render(&self.loaded.shot.rig, time_s, index)?;
+            refuse_faults(renderer)?;
+            interrupt::check()?;
+            let ((name, _), makespan_ms) = (&self.settings[which], frame.makespan_ms);
+            let event = serde_json::json!({ "event": "frame", "setting": name, "makespan_ms": makespan_ms });
+            self.progress.step(format!("{name}, {makespan_ms:.1} ms"), &event);
+            frames.push((which, frame));
+        }
+        frames.sort_by_key(|(which, _)| *which);
+        Ok(frames.into_iter().map(|(_, frame)| frame).collect())
+    }
+
+    /// Keeps a frame of the `which`th renderer in the trace, under a number of its own; returns its row, the `number`th.
+    pub fn keep(&self, which: usize, time_s: f64, frame: &FrameReport, number: u32) -> FrameRow {
+        let quality = self.settings[which].1.quality();
+        let shown = FrameReport { index: (self.first + which) as u32 * FRAMES_MAX + frame.index, ..frame.clone() };
+        self.tracing.record(&quality, None, &shown);
+        FrameRow { index: number, ..FrameRow::new(frame, &quality, &self.loaded.shot.rig, time_s) }
+    }
+}

@@ -1,0 +1,115 @@
+//! Published experiments: what they measure is arranged as they say, and their options are theirs.
+
+use std::path::Path;
+
+use serde_json::Value;
+
+use crate::common::diptych;
+
+/// The rows of an experiment's result.
+fn rows(out: &Path, options: &[&str]) -> Vec<Value> {
+    let output = diptych(&[&["bench", "--json", "--out", out.to_str().unwrap(), "--preset"], options].concat());
+    assert!(output.status.success(), "{options:?}: {}", String::from_utf8_lossy(&output.stderr));
+    let text = String::from_utf8(output.stdout).unwrap();
+    let result: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+    result["rows"].as_array().unwrap().clone()
+}
+
+fn text(out: &Path, name: &str) -> String {
+    std::fs::read_to_string(out.join(name)).unwrap()
+}
+
+fn number(value: &Value) -> f64 {
+    value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
+}
+
+#[track_caller]
+fn refused(args: &[&str], parts: &[&str]) {
+    let folder = tempfile::tempdir().unwrap();
+    let output = diptych(&[&["bench", "--out", folder.path().to_str().unwrap(), "--preset"], args].concat());
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && parts.iter().all(|p| text.contains(p)), "{args:?}: {text}");
+}
+
+#[test]
+fn the_baseline_shares_out_path_tracing_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let size = ["--size", "40x24", "--virtual", "2", "--threads-per-device", "1", "--frames", "3"];
+    let more = ["--simulate", "4,4,2", "--report"];
+    let rows = rows(folder.path(), &[&["leria", "builtin:cornell"], &size[..], &more].concat());
+    let of = |source: &str| rows.iter().filter(|r| r["source"] == source).collect::<Vec<_>>();
+    let counts = |source| of(source).iter().map(|r| r["devices"].clone()).collect::<Vec<_>>();
+    assert_eq!(counts("measured"), [2, 2]);
+    assert_eq!(counts("simulated"), [4, 4, 2, 2]);
+    assert_eq!(of("cited").len(), 6);
+    for row in of("measured").iter().chain(&of("simulated")) {
+        let [primary, others] = ["primary_busy_share", "others_busy_share"].map(|name| number(&row[name]));
+        let is_baseline = row["arrangement"] == "baseline";
+        let [paths, filter] = ["path_tracing_ms", "denoising_ms"].map(|name| number(&row["stages"][name]));
+        assert!(paths > 0.0 && filter > 0.0 && row["stages"]["skinning_ms"].is_null(), "{row}");
+        assert!(primary > 0.0 && primary < 1.1 && others > 0.0, "{row}");
+        assert!(number(&row["speedup"]) == 1.0 || !is_baseline, "{row}");
+        assert!(primary > others || !is_baseline, "the primary does what the others do and more: {row}");
+    }
+
+    let run: Value = serde_json::from_str(&text(folder.path(), "run.json")).unwrap();
+    let frames = run["frames"].as_array().unwrap();
+    assert_eq!(frames.len(), 2 * 3);
+    for (i, frame) in frames.iter().enumerate() {
+        let rows = &frame["stage_stripes"];
+        let later = if i < 3 { [24, 0] } else { [12, 12] };
+        let shared = ["gbuffer.left", "path_trace.left"].map(|stage| rows[stage] == serde_json::json!([12, 12]));
+        assert_eq!(shared, [true; 2], "{rows}");
+        for stage in ["gbuffer.right", "reproject.right", "hole_fill.right", "svgf.left", "svgf.right", "resolve.left"]
+        {
+            assert_eq!(rows[stage], serde_json::json!(later), "{stage}: {rows}");
+        }
+        // Of both arrangements alike.
+        assert!((number(&frame["time_s"]) - (i % 3) as f64 / 72.0).abs() < 1e-9, "{}", frame["time_s"]);
+    }
+    let csv = text(folder.path(), "leria.csv");
+    assert_eq!(csv.lines().count(), 1 + rows.len(), "{csv}");
+    let page = text(folder.path(), "report.html");
+    for part in ["Its bytes are the same in both", "San Miguel", "3.65", "99 | 53", "Swimlanes"] {
+        assert!(page.contains(part), "no {part}");
+    }
+}
+
+#[test]
+fn dependent_features_are_left_out_beside_noise_and_svgf() {
+    let folder = tempfile::tempdir().unwrap();
+    let shots = ["bmfr", "--shots", "builtin:checker"];
+    let size = ["--size", "32x20", "--warm-up", "0", "--repeats", "2", "--reference-spp", "16", "--report"];
+    let rows = rows(folder.path(), &[&shots[..], &size].concat());
+    let denoisers = rows.iter().map(|r| r["denoiser"].as_str().unwrap()).collect::<Vec<_>>();
+    assert_eq!(denoisers, ["svgf", "bmfr", "bmfr_noise", "bmfr", "bmfr_noise"]);
+    for row in &rows[..3] {
+        let [frame, path, filter] = [&row["time_ms"][0], &row["path_ms"], &row["filter_ms"]].map(number);
+        assert!((number(&row["frames_per_s"]) * frame - 1e3).abs() < 1e-6, "{row}");
+        assert!(path > 0.0 && filter > 0.0 && number(&row["filter_share"]) < 1.0, "{row}");
+        assert!(number(&row["flip"]) > 0.0 && number(&row["flicker"]) > 0.0, "{row}");
+    }
+    // Noise on features is seen, but only just.
+    let flips = [&rows[1], &rows[2]].map(|row| number(&row["flip"]));
+    assert!(flips[0] != flips[1] && (flips[0] / flips[1] - 1.0).abs() < 0.1, "{flips:?}");
+    let frames = text(folder.path(), "frames.csv");
+    assert_eq!(frames.lines().filter(|line| line.starts_with("builtin:checker,bmfr_noise,")).count(), 2, "{frames}");
+    assert_eq!(text(folder.path(), "bmfr.csv").lines().count(), 1 + rows.len());
+    assert!(text(folder.path(), "report.html").contains("42.7 %"));
+}
+
+#[test]
+fn experiments_refuse_what_does_not_go_with_them() {
+    refused(&["leria", "builtin:cornell", "--devices", "0"], &["two devices", "--virtual 2"]);
+    refused(&["leria", "--virtual", "2", "--shots", "builtin:cornell"], &["--preset leria", "--shots"]);
+    refused(&["leria", "--virtual", "2", "--repeats", "3"], &["--preset leria", "--repeats"]);
+    refused(&["leria", "--virtual", "2", "--ratios", "1,2"], &["--simulate", "--ratios"]);
+    refused(&["leria", "--denoiser", "svgf"], &["--preset", "--denoiser"]);
+    refused(&["bmfr", "--frames", "3"], &["--preset bmfr", "--frames"]);
+    refused(&["bmfr", "builtin:cornell", "--shots", "builtin:checker"], &["SHOT", "--shots"]);
+    refused(&["peres", "builtin:cornell"], &["--preset peres", "SHOT"]);
+    refused(&["peres", "--size", "32x20"], &["--preset peres", "--size"]);
+    refused(&["nobody"], &["nobody", "leria", "bmfr", "peres"]);
+    let output = diptych(&["bench", "--out", "unused", "--frames", "3"]);
+    assert!(output.status.code() == Some(2) && String::from_utf8_lossy(&output.stderr).contains("--preset"));
+}
