@@ -105,6 +105,8 @@ pub fn devices(count: usize, threads: usize) -> Vec<GpuDevice> {
     let mut idle = idle();
     let mut devices: Vec<GpuDevice> =
         idle.extract_if(.., |gpu| gpu.info.threads.is_none_or(|n| n == threads)).collect();
+    // Those with most pipelines first, so that as few devices as can be compile what is common.
+    devices.sort_by_key(|gpu| std::cmp::Reverse(gpu.pipelines.len()));
     idle.extend(devices.drain(count.min(devices.len())..));
     // Opened in turns: drivers have crashed on devices opened side by side. Mesa 22.3 and 25 have not on pipelines made so.
     if devices.len() < count {
