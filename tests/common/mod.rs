@@ -49,6 +49,15 @@ impl Subject {
         Self::new(shot, scene, parsed.rig)
     }
 
+    /// In a quick run with the shaders that are common to all subjects: drivers take longer to compile a scene's own than small
+    /// frames take to render.
+    pub fn with_common_shaders(mut self) -> Self {
+        if !is_thorough() {
+            self.needs = SceneNeeds { instances: false, ..SceneNeeds::ALL }; // Tables add instances.
+        }
+        self
+    }
+
     /// One traced sample per pixel of either eye's pinhole, six reflections, nothing after it.
     pub fn settings(&self, width: u32, height: u32) -> RenderSettings {
         let mut settings = RenderSettings::new(Extent::new(width, height), &self.scene, &self.tables);
