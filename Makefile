@@ -10,8 +10,8 @@
 #              where the software driver is an old, slow one
 # make clean
 #
-# Everything else is built in the release profile, so that the program and the benchmarks share one build of each dependency,
-# and lints and documentation share one check of each.
+# Everything else is built in the release profile, so that the program and the benchmarks share one build of each dependency.
+# Lints and documentation of `make test` share one check of each, and build scripts and procedural macros with its tests.
 
 CARGO ?= cargo
 DIPTYCH := $(or $(CARGO_TARGET_DIR),target)/release/diptych
@@ -41,8 +41,8 @@ demo: deps
 
 test: deps
 	$(CARGO) fmt --check
-	$(CARGO) clippy --release --locked --all-targets -- -D warnings
-	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --release --locked
+	$(CARGO) clippy --profile tests --locked --all-targets -- -D warnings
+	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --profile tests --locked
 	$(CARGO) test --profile tests --locked --lib --bins --tests
 	$(CARGO) test --profile tests --locked --doc
 

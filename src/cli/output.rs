@@ -17,11 +17,10 @@ use diptych::metrics::heatmap::number_colour;
 use diptych::passes::Aov;
 use diptych::passes::aov_image;
 use diptych::passes::tonemap::{DISPLAY, LINEAR};
-use diptych::scene::rig::Eye;
+use diptych::scene::rig::{Eye, Rig};
 use diptych::stages::Foveation;
 
 use super::failure::Failure;
-use super::setup::Loaded;
 
 /// Makes the folder that `option` names and checks that files can be made in it, before anything is rendered for it.
 pub fn prepare(dir: &Path, option: &str) -> Result<(), Failure> {
@@ -84,8 +83,7 @@ pub struct FrameImages {
 }
 
 /// What the files of each eye's images say of them, but for what is of auxiliary images alone.
-pub fn tags(loaded: &Loaded, extent: Extent, time_s: f64, frame: u32) -> Stereo<Tags> {
-    let rig = &loaded.shot.rig;
+pub fn tags(rig: &Rig, exposure_ev: f32, extent: Extent, time_s: f64, frame: u32) -> Stereo<Tags> {
     let of = |eye: Eye| {
         let matrices = rig.matrices(time_s, eye, extent);
         Tags {
@@ -95,7 +93,7 @@ pub fn tags(loaded: &Loaded, extent: Extent, time_s: f64, frame: u32) -> Stereo<
             eye: Some(eye.to_string()),
             frame: i32::try_from(frame).ok(),
             time_s: Some(time_s),
-            exposure_ev: Some(loaded.shot.exposure_ev),
+            exposure_ev: Some(exposure_ev),
             baseline_m: Some(rig.baseline_m),
             baseline_units: Some(rig.baseline_units()),
             pixel_centre: None,

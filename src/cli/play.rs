@@ -17,6 +17,7 @@ use diptych::quality::Denoiser;
 use diptych::report::frames::FrameLine;
 use diptych::report::play::{Play, PlaySummary};
 use diptych::report::run::{FrameRow, RunReport};
+use diptych::scene::rig::Rig;
 
 use super::failure::Failure;
 use super::interrupt;
@@ -71,7 +72,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let tracing = Tracing::start(options)?;
     let progress = Progress::text(options.quiet, options.json);
     progress.phase("loading");
-    let loaded = setup::load(options)?;
+    let mut loaded = setup::load(options)?;
     for warning in &loaded.scene.warnings {
         eprintln!("warning: {warning}");
     }
@@ -123,6 +124,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     tracing.finish()?;
     drop(renderer);
     if let Some(last) = &last {
+        // The page has one camera, that of the last frame.
+        loaded.shot.rig = last.rig.clone();
         page::write(args, options, &loaded, &report, &tasks, last)?;
     }
     conclude(args, options, &report);
@@ -160,9 +163,10 @@ impl Run<'_> {
             // A display shows the others, and nobody reads more of them.
             self.session.renderer.set_outputs(if is_saved { &[DISPLAY, LINEAR] } else { &[DISPLAY] });
             let decided = self.session.decide();
-            let time_s = self.disturb(index);
+            self.disturb(index);
             let late_ms = pace.wait();
-            let (row, frame) = self.session.render(decided, late_ms, &self.loaded.shot.rig, time_s, index)?;
+            let (rig, time_s) = (self.rig(index), self.time_s(index));
+            let (row, frame) = self.session.render(decided, late_ms, &rig, time_s, index)?;
             self.rows.push(if self.args.details { row.with_tasks(&frame) } else { row });
             if self.args.report {
                 self.tasks.push(frame.tasks_since_begin());
@@ -178,12 +182,21 @@ impl Run<'_> {
         self.save(None)
     }
 
-    /// Makes happen what is to happen in a frame; returns when on the camera's path it is.
-    fn disturb(&mut self, index: u32) -> f64 {
+    /// The instant of a frame.
+    fn time_s(&self, index: u32) -> f64 {
+        self.options.time + f64::from(index) / self.options.fps
+    }
+
+    /// The newest frame's camera.
+    fn rig(&self, index: u32) -> Rig {
+        self.path.rig(self.time_s(index))
+    }
+
+    /// Makes happen what is to happen in a frame.
+    fn disturb(&mut self, index: u32) {
         let disturbances = Disturbances(&self.args.disturb);
-        let elapsed_s = self.options.time + f64::from(index) / self.options.fps;
         if disturbances.cuts_before(index) {
-            self.path.cut(elapsed_s);
+            self.path.cut(self.time_s(index));
         }
         if !self.args.disturb.is_empty() {
             let base = &self.options.faults.slowdown;
@@ -192,13 +205,13 @@ impl Run<'_> {
             let base = if let [all] = base[..] { vec![all; devices] } else { base.clone() };
             renderer.set_slowdown(disturbances.slowdown(index, &base, devices));
         }
-        self.path.time_s(elapsed_s)
     }
 
     /// Writes the last frame, if there is one.
     fn save(&mut self, number: Option<u32>) -> Result<(), Failure> {
         let Some(&FrameRow { index, time_s, .. }) = self.rows.last() else { return Ok(()) };
-        let tags = output::tags(self.loaded, self.options.size, time_s, index);
+        let exposure_ev = self.loaded.shot.exposure_ev;
+        let tags = output::tags(&self.rig(index), exposure_ev, self.options.size, time_s, index);
         FrameImages::read(&mut self.session.renderer, &[])?.write(&self.options.out, number, false, &tags)?;
         self.stale.wrote(number, &[], false);
         Ok(())

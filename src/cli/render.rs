@@ -171,7 +171,7 @@ struct Run<'a> {
 
 impl Run<'_> {
     fn frames(&mut self) -> Result<(), Failure> {
-        let options = &self.args.options;
+        let (options, shot) = (&self.args.options, &self.loaded.shot);
         let (mut faults, mut sheet) = (FaultLog::default(), Sheet::default());
         self.begin_frames()?;
         while let Some(frame) = self.renderer.finish()? {
@@ -191,7 +191,7 @@ impl Run<'_> {
                     images.overlay_layers(foveation, time_s);
                 }
             }
-            let tags = output::tags(self.loaded, options.size, time_s, frame.index);
+            let tags = output::tags(&shot.rig, shot.exposure_ev, options.size, time_s, frame.index);
             images.pixel_centre = frame.pixel_centre;
             let number = (options.frames > 1).then_some(frame.index);
             images.write(&options.out, number, self.args.anaglyph, &tags)?;
@@ -199,7 +199,7 @@ impl Run<'_> {
             if self.args.sheet {
                 sheet.add(&images);
             }
-            let row = self.args.row(&frame, &options.quality(), &self.loaded.shot.rig, time_s);
+            let row = self.args.row(&frame, &options.quality(), &shot.rig, time_s);
             let event = serde_json::json!({ "event": "frame", "index": row.index, "makespan_ms": row.makespan_ms });
             self.progress.step(format!("{:.1} ms", row.makespan_ms), &event);
             self.rows.frames.push(row);
@@ -289,17 +289,17 @@ fn reference_frame(
     tracing: &Tracing,
     rows: &mut Rows,
 ) -> Result<(), Failure> {
-    let options = &plan.options;
+    let (options, shot) = (&plan.options, &loaded.shot);
     let begun = plan.begun(loaded, index)?;
     let done = plan.accumulate(renderer, loaded, index, begun, tracing)?;
     let mut images = FrameImages {
         linear: done.accumulation.mean(),
-        display: reference::display(&done.accumulation, loaded.shot.exposure_ev),
+        display: reference::display(&done.accumulation, shot.exposure_ev),
         aovs: Vec::new(),
         pixel_centre: [0.5; 2],
     };
     if !options.aov.is_empty() {
-        images.pixel_centre = renderer.render(&loaded.shot.rig, plan.time_s(index), index)?.pixel_centre;
+        images.pixel_centre = renderer.render(&shot.rig, plan.time_s(index), index)?.pixel_centre;
         images.aovs = FrameImages::read(renderer, &options.aovs())?.aovs;
         for (_, spp) in images.aovs.iter_mut().filter(|(aov, _)| *aov == Aov::Spp) {
             spp.left.iter_mut().chain(&mut spp.right).for_each(|plane| plane.fill(done.row.spp as f32));
@@ -310,9 +310,9 @@ fn reference_frame(
             images.overlay(report.stripe_edges());
         }
         let quality = Quality { spp: done.row.spp, ..options.quality() };
-        rows.frames.push(args.row(&report, &quality, &loaded.shot.rig, plan.time_s(index)));
+        rows.frames.push(args.row(&report, &quality, &shot.rig, plan.time_s(index)));
     }
-    let tags = output::tags(loaded, options.size, plan.time_s(index), index);
+    let tags = output::tags(&shot.rig, shot.exposure_ev, options.size, plan.time_s(index), index);
     images.write(&options.out, (options.frames > 1).then_some(index), args.anaglyph, &tags)?;
     rows.references.push(done.row);
     Ok(())

@@ -12,7 +12,7 @@ use crate::quality::FrameQuality;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct FrameLine {
     pub index: u32,
-    /// Time along the camera path.
+    /// The instant of the frame.
     pub time_s: f64,
     /// The number of devices that worked on it.
     pub devices: usize,

@@ -173,7 +173,7 @@ pub fn aov_ms(tasks: &[TaskTiming]) -> f64 {
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct FrameRow {
     pub index: u32,
-    /// Time along the camera path.
+    /// The instant of the frame.
     pub time_s: f64,
     /// The camera of each eye.
     pub cameras: Stereo<Matrices>,

@@ -127,6 +127,11 @@ impl Rig {
         }
     }
 
+    /// The rig that stands where this one is at `time_s`.
+    pub fn at(&self, time_s: f64) -> Rig {
+        Rig { keys: vec![self.key_at(time_s)], ..*self }
+    }
+
     /// Where the eye is, and its right, up and forward vectors.
     pub(super) fn pose(&self, time_s: f64, eye: Eye) -> (DVec3, [DVec3; 3]) {
         let key = self.key_at(time_s);
@@ -279,6 +284,7 @@ mod tests {
         assert_eq!(origin(99.0), origin(2.0));
         assert!((origin(0.5) - Vec3::new(0.15, 1.6, 2.175)).length() < 1e-6);
         assert_eq!(rig.view(1.0, Eye::Left), rig.view(1.0, Eye::Right));
+        assert_eq!(rig.at(0.7).view(5.0, Eye::Left), rig.view(0.7, Eye::Left));
     }
 
     #[test]

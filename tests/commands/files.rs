@@ -35,7 +35,7 @@ fn runs() -> &'static Path {
     static FOLDER: OnceLock<tempfile::TempDir> = OnceLock::new();
     let folder = FOLDER.get_or_init(|| {
         let folder = tempfile::tempdir().unwrap();
-        for (name, options) in RUNS {
+        let run = |(name, options): (&str, &[&str])| {
             let out = folder.path().join(name);
             let mut args = [options, &["--quiet", "--out", out.to_str().unwrap()]].concat();
             if name != "peres" {
@@ -46,7 +46,13 @@ fn runs() -> &'static Path {
             }
             let output = diptych(&args);
             assert!(output.status.success(), "{args:?}: {}", String::from_utf8_lossy(&output.stderr));
-        }
+        };
+        // Tests on other threads wait for them.
+        let (some, others) = RUNS.split_at(4);
+        std::thread::scope(|threads| {
+            threads.spawn(|| some.iter().copied().for_each(run));
+            others.iter().copied().for_each(run);
+        });
         folder
     });
     folder.path()

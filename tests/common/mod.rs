@@ -49,6 +49,15 @@ impl Subject {
         Self::new(shot, scene, parsed.rig)
     }
 
+    /// In a quick run with the shaders that are common to all subjects: drivers take longer to compile a scene's own than small
+    /// frames take to render.
+    pub fn with_common_shaders(mut self) -> Self {
+        if !is_thorough() {
+            self.needs = SceneNeeds { instances: false, ..SceneNeeds::ALL }; // Tables add instances.
+        }
+        self
+    }
+
     /// One traced sample per pixel of either eye's pinhole, six reflections, nothing after it.
     pub fn settings(&self, width: u32, height: u32) -> RenderSettings {
         let mut settings = RenderSettings::new(Extent::new(width, height), &self.scene, &self.tables);
@@ -105,6 +114,8 @@ pub fn devices(count: usize, threads: usize) -> Vec<GpuDevice> {
     let mut idle = idle();
     let mut devices: Vec<GpuDevice> =
         idle.extract_if(.., |gpu| gpu.info.threads.is_none_or(|n| n == threads)).collect();
+    // Those with most pipelines first, so that as few devices as can be compile what is common.
+    devices.sort_by_key(|gpu| std::cmp::Reverse(gpu.pipelines.len()));
     idle.extend(devices.drain(count.min(devices.len())..));
     // Opened in turns: drivers have crashed on devices opened side by side. Mesa 22.3 and 25 have not on pipelines made so.
     if devices.len() < count {

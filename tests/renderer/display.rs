@@ -61,8 +61,9 @@ fn exposed(exposure_ev: f32, gloss: bool) -> Vec<Stereo<RgbImage>> {
 /// of them are rounded.
 #[test]
 fn light_and_exposure_may_be_in_any_unit() {
-    let exposures_ev: &[f32] = if is_thorough() { &[-24.0, -20.0, -17.0, 20.0, 24.0] } else { &[-24.0, -17.0, 24.0] };
-    for gloss in [true, false] {
+    let all: &[f32] = &[-24.0, -20.0, -17.0, 20.0, 24.0];
+    for (gloss, few) in [(true, &[-24.0, 24.0][..]), (false, &[-17.0])] {
+        let exposures_ev = if is_thorough() { all } else { few };
         let expected = exposed(0.0, gloss);
         for &exposure_ev in exposures_ev {
             let mut worst = 0.0f32;

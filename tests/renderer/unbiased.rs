@@ -7,7 +7,6 @@ use crate::reference::{Pinhole, Reference};
 use diptych::exec::RenderSettings;
 use diptych::image::{Extent, RgbImage};
 use diptych::scene::Scene;
-use diptych::scene::needs::SceneNeeds;
 use diptych::scene::rig::Eye;
 use diptych::stages::Sampler;
 
@@ -112,10 +111,6 @@ fn against(row: usize, (subject, time_s): (&Subject, f64), effort: &Effort) -> V
                 continue;
             }
             let mut settings = subject.settings(effort.extent.width, effort.extent.height);
-            if !is_thorough() {
-                // The same shaders for all rows: drivers take longer to compile than rows to render.
-                settings.stages.needs = SceneNeeds { instances: false, ..SceneNeeds::ALL }; // Tables add instances.
-            }
             settings.bounces = bounces;
             settings.seed = 3 + bounces;
             settings.stages.sampler = sampler;
@@ -138,8 +133,9 @@ fn hold_against_the_reference(subjects: impl IntoIterator<Item = Subject>, effor
 /// As they are at these times.
 fn hold_at(subjects: impl IntoIterator<Item = (Subject, f64)>, effort: &Effort) {
     let rows = subjects.into_iter().enumerate();
-    let against: Vec<String> =
-        rows.flat_map(|(row, (subject, time_s))| against(row, (&subject, time_s), effort)).collect();
+    let against: Vec<String> = rows
+        .flat_map(|(row, (subject, time_s))| against(row, (&subject.with_common_shaders(), time_s), effort))
+        .collect();
     assert!(against.is_empty(), "the images differ\n{}", against.join("\n"));
 }
 

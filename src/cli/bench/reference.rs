@@ -96,7 +96,7 @@ pub fn own(args: &Args, loaded: &Loaded, tracing: &Tracing, journal: Option<&Jou
             (done.accumulation, done.row.to_string())
         };
     let images = accumulation.mean();
-    let tags = output::tags(loaded, options.size, plan.time_s(0), 0);
+    let tags = output::tags(&loaded.shot.rig, loaded.shot.exposure_ev, options.size, plan.time_s(0), 0);
     exr::write_tagged_rgb(&folder.join("left.exr"), &images.left, &tags.left)?;
     exr::write_tagged_rgb(&folder.join("right.exr"), &images.right, &tags.right)?;
     let (origin, key) = (format!("{how}, in {}", folder.display()), key(accumulation.samples()));

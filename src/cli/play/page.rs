@@ -13,6 +13,7 @@ use diptych::report::pictures::Group;
 use diptych::report::play::{PlaySummary, SETTLING_FRAMES};
 use diptych::report::run::{FrameRow, ReferenceRow, RunReport};
 use diptych::report::timeline::{Disturbed, timeline};
+use diptych::scene::rig::Rig;
 
 use super::disturb::Disturbance;
 use super::{Args, Run};
@@ -30,7 +31,7 @@ const SPP_MAX: u32 = 1 << 14;
 /// The last frame, off the devices.
 pub struct Last {
     linear: Stereo<RgbImage>,
-    /// Where on the camera's path it is.
+    pub rig: Rig,
     time_s: f64,
 }
 
@@ -38,11 +39,11 @@ impl Last {
     /// None before there is a frame.
     pub fn of(run: &mut Run) -> Result<Option<Self>, Failure> {
         let Some(row) = run.rows.last() else { return Ok(None) };
-        let time_s = run.path.time_s(run.options.time + f64::from(row.index) / run.options.fps);
-        Ok(Some(Self { linear: run.session.renderer.read_linear()?, time_s }))
+        let (rig, time_s) = (run.rig(row.index), row.time_s);
+        Ok(Some(Self { linear: run.session.renderer.read_linear()?, rig, time_s }))
     }
 
-    /// The same instant, unbiased, with other random numbers.
+    /// What `loaded` sees at the same instant, unbiased, with other random numbers.
     fn reference(
         &self,
         args: &Args,

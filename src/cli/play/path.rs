@@ -1,37 +1,47 @@
-//! Where on the camera's path a frame is.
+//! Where the camera is in a frame.
 
 use diptych::scene::rig::Rig;
 
-/// The camera goes along its path and back again, for as long as frames are asked for.
+/// The camera goes along its path and back again, for as long as frames are asked for. What moves in the scene goes on
+/// meanwhile: its time never runs back.
 pub struct CameraPath {
-    begin_s: f64,
-    /// 0: the camera stands still.
-    length_s: f64,
+    rig: Rig,
     /// By which the camera has jumped.
     shift_s: f64,
 }
 
 impl CameraPath {
     pub fn new(rig: &Rig) -> Self {
-        let begin_s = rig.keys.first().map_or(0.0, |key| key.time_s);
-        let end_s = rig.keys.last().map_or(0.0, |key| key.time_s);
-        Self { begin_s, length_s: end_s - begin_s, shift_s: 0.0 }
+        Self { rig: rig.clone(), shift_s: 0.0 }
     }
 
-    /// When on the path the camera is, this long after its begin.
-    pub fn time_s(&self, elapsed_s: f64) -> f64 {
-        if self.length_s <= 0.0 {
-            return elapsed_s;
+    /// The rig that stands where the camera is after so much time.
+    pub fn rig(&self, elapsed_s: f64) -> Rig {
+        self.rig.at(self.along_s(elapsed_s))
+    }
+
+    /// When the path begins, and how long it is. 0: the camera stands still.
+    fn begin_and_length_s(&self) -> [f64; 2] {
+        let [begin_s, end_s] = [self.rig.keys.first(), self.rig.keys.last()].map(|key| key.map_or(0.0, |k| k.time_s));
+        [begin_s, end_s - begin_s]
+    }
+
+    /// When on the path that is.
+    fn along_s(&self, elapsed_s: f64) -> f64 {
+        let [begin_s, length_s] = self.begin_and_length_s();
+        if length_s <= 0.0 {
+            return begin_s;
         }
-        let along_s = (elapsed_s - self.begin_s + self.shift_s).rem_euclid(2.0 * self.length_s);
-        self.begin_s + if along_s > self.length_s { 2.0 * self.length_s - along_s } else { along_s }
+        let along_s = (elapsed_s - begin_s + self.shift_s).rem_euclid(2.0 * length_s);
+        begin_s + if along_s > length_s { 2.0 * length_s - along_s } else { along_s }
     }
 
     /// Half a path away, in the same direction.
     pub fn cut(&mut self, elapsed_s: f64) {
-        if self.length_s > 0.0 {
-            let within_s = (elapsed_s - self.begin_s + self.shift_s).rem_euclid(self.length_s);
-            let half_s = 0.5 * self.length_s;
+        let [begin_s, length_s] = self.begin_and_length_s();
+        if length_s > 0.0 {
+            let within_s = (elapsed_s - begin_s + self.shift_s).rem_euclid(length_s);
+            let half_s = 0.5 * length_s;
             self.shift_s += if within_s < half_s { half_s } else { -half_s };
         }
     }
@@ -39,16 +49,25 @@ impl CameraPath {
 
 #[cfg(test)]
 mod tests {
+    use diptych::scene::rig::{Eye, RigKey};
+    use glam::DVec3;
+
     use super::*;
 
     #[test]
     fn the_camera_turns_back_at_the_ends_of_its_path_and_jumps_half_of_it() {
-        let mut path = CameraPath { begin_s: 1.0, length_s: 4.0, shift_s: 0.0 };
-        assert_eq!([1.0, 3.0, 5.0, 6.0, 9.0, 11.0].map(|s| path.time_s(s)), [1.0, 3.0, 5.0, 4.0, 1.0, 3.0]);
+        // Its first coordinate is the time.
+        let at = |time_s: f64| DVec3::new(time_s, 0.0, 0.0);
+        let key = |time_s| RigKey { time_s, position: at(time_s), target: at(time_s) - DVec3::Z, up: DVec3::Y };
+        let keys = vec![key(1.0), key(5.0)];
+        let rig = Rig { yfov_rad: 1.0, baseline_m: 0.0, metres_per_unit: 1.0, keys };
+        let mut path = CameraPath::new(&rig);
+        let along = |path: &CameraPath, s: f64| path.rig(s).view(0.0, Eye::Left).origin.x;
+        assert_eq!([1.0, 3.0, 5.0, 6.0, 9.0, 11.0].map(|s| along(&path, s)), [1.0, 3.0, 5.0, 4.0, 1.0, 3.0]);
         for at_s in [1.5, 4.5, 5.5, 8.5, 30.0] {
-            let before_s = path.time_s(at_s);
+            let before = along(&path, at_s);
             path.cut(at_s);
-            assert_eq!((path.time_s(at_s) - before_s).abs(), 2.0, "{at_s}");
+            assert_eq!((along(&path, at_s) - before).abs(), 2.0, "{at_s}");
         }
     }
 }

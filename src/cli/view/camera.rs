@@ -1,6 +1,6 @@
 //! Where the eyes are: on the shot's path, or wherever keys and mouse have taken them.
 
-use diptych::scene::rig::{Eye, Rig, RigKey};
+use diptych::scene::rig::{Rig, RigKey};
 use glam::{DQuat, DVec3};
 
 use super::shared::Input;
@@ -14,11 +14,11 @@ const FAST: f64 = 4.0;
 const LEAST_SIN_UP: f64 = 0.05;
 
 pub struct Camera {
-    /// The shot's.
-    rig: Rig,
     path: CameraPath,
-    /// Along the path; it stands still while the camera is off it.
-    elapsed_s: f64,
+    /// On the path; stands still while the camera is off it.
+    on_path_s: f64,
+    /// Of the scene, which goes on wherever the camera is.
+    time_s: f64,
     /// Off the path.
     pose: Option<Pose>,
     /// Scene units.
@@ -38,14 +38,14 @@ struct Pose {
 impl Camera {
     /// On the path, from `begin_s` on.
     pub fn new(rig: &Rig, begin_s: f64, speed_per_s: f64) -> Self {
-        Self { rig: rig.clone(), path: CameraPath::new(rig), elapsed_s: begin_s, pose: None, speed_per_s }
+        Self { path: CameraPath::new(rig), on_path_s: begin_s, time_s: begin_s, pose: None, speed_per_s }
     }
 
     pub fn follows_path(&self) -> bool {
         self.pose.is_none()
     }
 
-    /// Moves on by `passed_s`; returns the rig and when on its path it is.
+    /// Moves on by `passed_s`; returns the rig and the scene's time.
     pub fn step(&mut self, input: &Input, passed_s: f64) -> (Rig, f64) {
         if input.toggles_path {
             self.pose = if self.pose.is_none() { Some(self.pose_on_path()) } else { None };
@@ -53,27 +53,19 @@ impl Camera {
         if input.asks_to_move() && self.pose.is_none() {
             self.pose = Some(self.pose_on_path());
         }
-        let time_s = self.path.time_s(self.elapsed_s);
+        self.time_s += passed_s;
         let Some(pose) = &mut self.pose else {
-            self.elapsed_s += passed_s;
-            return (self.rig.clone(), time_s);
+            self.on_path_s += passed_s;
+            return (self.path.rig(self.on_path_s), self.time_s);
         };
         pose.step(input, passed_s, self.speed_per_s);
         let key = RigKey { time_s: 0.0, position: pose.position, target: pose.position + pose.forward, up: pose.up };
-        (Rig { keys: vec![key], ..self.rig }, time_s)
+        (Rig { keys: vec![key], ..self.path.rig(self.on_path_s) }, self.time_s)
     }
 
     fn pose_on_path(&self) -> Pose {
-        let time_s = self.path.time_s(self.elapsed_s);
-        let [left, right] = Eye::ALL.map(|eye| self.rig.view(time_s, eye));
-        // Of the key that is nearest: paths hardly ever tilt.
-        let near = |key: &&RigKey| (key.time_s - time_s).abs();
-        let key = self.rig.keys.iter().min_by(|a, b| near(a).total_cmp(&near(b)));
-        Pose {
-            position: (left.origin.as_dvec3() + right.origin.as_dvec3()) / 2.0,
-            forward: left.forward.as_dvec3().normalize(),
-            up: key.map_or(DVec3::Y, |key| key.up.normalize()),
-        }
+        let RigKey { position, target, up, .. } = self.path.rig(self.on_path_s).keys[0];
+        Pose { position, forward: (target - position).normalize(), up: up.normalize() }
     }
 }
 
@@ -108,7 +100,7 @@ impl Pose {
 
 #[cfg(test)]
 mod tests {
-    use diptych::scene::rig::degenerate_time;
+    use diptych::scene::rig::{Eye, degenerate_time};
 
     use super::*;
 
@@ -138,7 +130,7 @@ mod tests {
         let ahead = Input { moves: [0.0, 0.0, 1.0], ..idle.clone() };
         let (rig, time_s) = camera.step(&ahead, 0.5);
         assert!(!camera.follows_path() && (middle(&rig, time_s) - DVec3::new(1.0, 1.0, 3.0)).length() < 1e-6);
-        assert_eq!(degenerate_time(&rig.keys), None);
+        assert_eq!((degenerate_time(&rig.keys), time_s), (None, 5.5), "what moves goes on");
         let (rig, time_s) = camera.step(&Input { toggles_path: true, ..idle }, 0.0);
         assert!(camera.follows_path() && (middle(&rig, time_s) - DVec3::new(1.0, 1.0, 4.0)).length() < 1e-6);
     }

@@ -26,7 +26,7 @@ pub struct Tags {
     /// `imageCounter`: the number of the frame.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub frame: Option<i32>,
-    /// `diptych.time_s`: seconds along the camera path.
+    /// `diptych.time_s`: the instant of the frame, in seconds.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub time_s: Option<f64>,
     /// `diptych.exposure_ev`: the stops by which the image is brightened to be shown; its values are not.

@@ -64,12 +64,10 @@ fn renders(subject: &Subject, effort: Effort, sampler: Sampler, frames: u32) -> 
 }
 
 fn image(name: &str, scene: Scene, camera: Pinhole, effort: Effort) -> RgbImage {
-    let mut subject = subject(name, scene, camera);
+    let subject = subject(name, scene, camera).with_common_shaders();
     let mut effort = effort;
     if !is_thorough() {
         effort.spp = effort.spp.min(MOST_SPP);
-        // The same shaders for all rows: drivers take longer to compile than rows to render.
-        subject.needs = SceneNeeds { instances: subject.needs.instances, ..SceneNeeds::ALL };
     }
     renders(&subject, effort, Sampler::Sobol, 1).swap_remove(0)
 }
