@@ -18,7 +18,7 @@ use diptych::passes::Aov;
 use diptych::passes::aov_image;
 use diptych::passes::tonemap::{DISPLAY, LINEAR};
 use diptych::scene::rig::{Eye, Rig};
-use diptych::stages::Foveation;
+use diptych::stages::{Foveation, VisualPolar};
 
 use super::failure::Failure;
 
@@ -102,6 +102,10 @@ pub fn tags(rig: &Rig, exposure_ev: f32, extent: Extent, time_s: f64, frame: u32
     Stereo { left: of(Eye::Left), right: of(Eye::Right) }
 }
 
+/// Colours of what is drawn over images: where stripes meet, and what follows the gaze.
+const STRIPES: [u8; 3] = [255, 160, 0];
+const FOVEA: [u8; 3] = [0, 220, 255];
+
 impl FrameImages {
     /// What [`Self::read`] reads.
     pub fn on_devices(aovs: &[Aov]) -> Vec<Resource> {
@@ -134,7 +138,7 @@ impl FrameImages {
             let width = image.extent.width as usize;
             for &edge in edges.iter().filter(|e| **e < image.extent.height) {
                 let row = edge as usize * width;
-                image.pixels[row..row + width].fill([255, 160, 0]);
+                image.pixels[row..row + width].fill(STRIPES);
             }
         }
     }
@@ -148,7 +152,26 @@ impl FrameImages {
                 let (column, row) = (i % width as usize, i / width as usize);
                 let distance = f64::hypot(column as f64 + 0.5 - x, row as f64 + 0.5 - y);
                 if radii.iter().any(|r| (distance - r).abs() < 0.75) {
-                    *pixel = [0, 220, 255];
+                    *pixel = FOVEA;
+                }
+            }
+        }
+    }
+
+    /// Draws where stripes of visual-polar images meet, and where a pixel of theirs covers one, two, four … pixels of the
+    /// screen.
+    pub fn overlay_rings(&mut self, polar: &VisualPolar, rig: &Rig, time_s: f64, edges: &[u32]) {
+        for (eye, image) in Eye::ALL.into_iter().zip([&mut self.display.left, &mut self.display.right]) {
+            let places = polar.places(eye, time_s, &rig.view(time_s, eye), image.extent);
+            let stripe = |i: usize| edges.iter().filter(|&&edge| places[i].row >= f64::from(edge)).count();
+            let octave = |i: usize| places[i].density.log2().floor();
+            let width = image.extent.width as usize;
+            for i in width..places.len() {
+                let beside = [i - width, i - usize::from(i % width > 0)];
+                if beside.iter().any(|&j| stripe(i) != stripe(j)) {
+                    image.pixels[i] = STRIPES;
+                } else if beside.iter().any(|&j| octave(i) != octave(j)) {
+                    image.pixels[i] = FOVEA;
                 }
             }
         }

@@ -186,7 +186,10 @@ impl Run<'_> {
             }
             self.tracing.record(&options.quality(), None, &frame);
             if self.args.overlay {
-                images.overlay(frame.stripe_edges());
+                match self.renderer.visual_polar() {
+                    Some(polar) => images.overlay_rings(polar, &shot.rig, time_s, frame.stripe_edges()),
+                    None => images.overlay(frame.stripe_edges()),
+                }
                 if let Some(foveation) = self.renderer.foveation() {
                     images.overlay_layers(foveation, time_s);
                 }

@@ -17,7 +17,7 @@ use crate::quality::{Denoiser, Quality};
 use crate::scene::rig::Rig;
 use crate::scene::shot::Gaze;
 use crate::schedule::{CostModel, Effort, FrameCosts, Policy, cuts, simulate};
-use crate::stages::{Foveation, Place, SceneTables, StageError, layout};
+use crate::stages::{Foveation, Place, SceneTables, StageError, VisualPolar, layout};
 
 /// Graphs that are kept beside those of the frames in flight: one for each number of iterations that frames are predicted
 /// with.
@@ -127,9 +127,14 @@ impl Renderer {
         self.begins_anew = true;
     }
 
-    /// What follows the gaze, if anything does.
+    /// Layers that follow the gaze, if there are any.
     pub fn foveation(&self) -> Option<&Foveation> {
         self.settings.stages.foveation.as_ref()
+    }
+
+    /// Visual-polar images, if images are.
+    pub fn visual_polar(&self) -> Option<&VisualPolar> {
+        self.settings.stages.visual_polar.as_ref()
     }
 
     /// Where both eyes look from the next frame on, fractions of each one's image from the top left. Of no use without

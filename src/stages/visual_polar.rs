@@ -12,6 +12,7 @@ use glam::Vec3;
 
 use super::layout::View;
 use crate::image::Extent;
+use crate::scene::rig::{self, Eye};
 use crate::scene::shot::Gaze;
 
 /// Where acuity begins to fall, degrees from the gaze.
@@ -27,6 +28,15 @@ const ACUITY_SUM: f64 = 2.0 * PI * (449.4 / 60.0) / (0.3 * 0.3);
 pub struct VisualPolar {
     /// Of the left and the right eye.
     pub gaze: [Gaze; 2],
+}
+
+/// Where a pixel of the screen is in a visual-polar image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PolarPlace {
+    /// In rows from the gaze.
+    pub row: f64,
+    /// Pixels of the image in a pixel of the screen.
+    pub density: f64,
 }
 
 /// The sum of relative acuity over the disc within `degrees`, at least those of the fovea, square degrees.
@@ -55,6 +65,32 @@ impl VisualPolar {
     pub fn grid(screen: Extent) -> Extent {
         let of = |pixels: u32| (2 * pixels).div_ceil(3).max(1);
         Extent::new(of(screen.width), of(screen.height))
+    }
+
+    /// Where the pixels of an eye's screen are in its image, row by row.
+    pub fn places(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> Vec<PolarPlace> {
+        let grid = Self::grid(screen);
+        let aspect = f64::from(screen.width) / f64::from(screen.height);
+        let seen = self.look(eye as usize, time_s, View::new(view, aspect), grid.height);
+        let (gaze, forward) = (seen.gaze.as_dvec3(), seen.forward.as_dvec3());
+        let (fovea_rows, width) = (f64::from(seen.fovea_rows), screen.width as usize);
+        // Of a pixel in the middle of the screen, steradians.
+        let middle = (2.0 * f64::from(seen.tan_half_y) / f64::from(screen.height)).powi(2);
+        // Of the fovea, pixels per steradian; it falls with acuity.
+        let most = fovea_rows * f64::from(grid.width) / (2.0 * PI * FOVEA_DEG.to_radians().powi(2));
+        let place = |i: usize| {
+            let ray = view.ray_direction((i % width) as f64 + 0.5, (i / width) as f64 + 0.5, screen);
+            let degrees = ray.angle_between(gaze).to_degrees();
+            let is_inside = degrees < FOVEA_DEG;
+            let outside = || 0.5 * (1.0 + acuity_within(degrees) / FOVEA_AREA);
+            let rings = if is_inside { degrees / FOVEA_DEG } else { outside() };
+            let acuity = if is_inside { 1.0 } else { 449.4 / 60.0 / (0.3 * degrees + 1.0).powi(2) };
+            // Columns are counted on the sphere, acuity on a plane.
+            let angle = degrees.max(1e-9).to_radians();
+            let density = most * acuity * angle / angle.sin() * middle * ray.dot(forward).powi(3);
+            PolarPlace { row: fovea_rows * rings, density }
+        };
+        (0..screen.area()).map(place).collect()
     }
 
     /// An eye's view with its gaze at `time_s`, on a grid of so many rows.
@@ -110,6 +146,28 @@ mod tests {
         for (degrees, share) in [(40.0, 0.241), (50.0, 0.216), (60.0, 0.199)] {
             assert!((fovea_share(degrees) - share).abs() < 1e-3, "{} at {degrees}", fovea_share(degrees));
         }
+    }
+
+    #[test]
+    fn densities_add_up_to_the_pixels_that_are_on_the_screen() {
+        let screen = Extent::new(96, 90);
+        let eye = rig::View {
+            origin: Vec3::ZERO,
+            right: Vec3::X,
+            up: Vec3::Y,
+            forward: -Vec3::Z,
+            tan_half_yfov: 0.8,
+        };
+        let polar = towards([0.5, 0.5]);
+        let places = polar.places(Eye::Left, 0.0, &eye, screen);
+        let seen = polar.look(0, 0.0, View::new(&eye, 96.0 / 90.0), VisualPolar::grid(screen).height);
+        // Within the circle that touches the upper and the lower side of the screen.
+        let whole = f64::from(0.8f32).atan().to_degrees();
+        let rows = f64::from(seen.fovea_rows) * 0.5 * (1.0 + acuity_within(whole) / FOVEA_AREA);
+        let within: f64 = places.iter().filter(|p| p.row < rows).map(|p| p.density).sum();
+        let columns = f64::from(VisualPolar::grid(screen).width);
+        let expected = columns * (rows - 0.5 * f64::from(seen.fovea_rows));
+        assert!((within / expected - 1.0).abs() < 0.02, "{within} of {expected}");
     }
 
     #[test]

@@ -69,7 +69,7 @@ impl Subject {
 
     /// A renderer on these devices, with stripes of equal height.
     pub fn renderer(&self, gpus: Vec<GpuDevice>, settings: &RenderSettings) -> Result<Renderer, ExecError> {
-        let policy = Box::new(Even::new(settings.stages.extent.height, gpus.len()));
+        let policy = Box::new(Even::new(settings.stages.grid().height, gpus.len()));
         Renderer::new(gpus, Arc::clone(&self.tables), settings.clone(), policy, Instant::now())
     }
 
@@ -148,7 +148,7 @@ pub struct Stage<'a> {
 impl<'a> Stage<'a> {
     /// On one device that takes every core.
     pub fn alone(subject: &'a Subject, settings: &RenderSettings) -> Self {
-        Self::open(subject, settings, 1, all_cores(), Box::new(Even::new(settings.stages.extent.height, 1)))
+        Self::open(subject, settings, 1, all_cores(), Box::new(Even::new(settings.stages.grid().height, 1)))
     }
 
     /// On `devices` devices of one thread each.
@@ -158,7 +158,7 @@ impl<'a> Stage<'a> {
 
     /// On `devices` devices with stripes of equal height.
     pub fn even(subject: &'a Subject, settings: &RenderSettings, devices: usize) -> Self {
-        let policy = Even::new(settings.stages.extent.height, devices);
+        let policy = Even::new(settings.stages.grid().height, devices);
         Self::with(subject, settings, devices, Box::new(policy))
     }
 

@@ -11,7 +11,7 @@ use diptych::quality::{Denoiser, Quality};
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::shot::Gaze;
 use diptych::schedule::{CostModel, Effort, Even, Heft, Measured, Policy, Static};
-use diptych::stages::{Foveation, Sampler};
+use diptych::stages::{Foveation, Sampler, VisualPolar};
 
 pub const WIDTH: u32 = 64;
 pub const HEIGHT: u32 = 72;
@@ -61,6 +61,27 @@ fn two_three_and_four_devices_give_the_bytes_of_one() {
     for (shot, counts) in [("builtin:atrium", &[3][..]), ("builtin:checker", &[2, 4])] {
         let subject = Subject::load(shot);
         hold_against_one_device(&subject, &subject.denoised(WIDTH, HEIGHT), counts);
+    }
+}
+
+#[test]
+fn visual_polar_images_are_those_of_one_device_while_the_gaze_moves() {
+    for (shot, reproject, devices) in [("builtin:atrium", true, 3), ("builtin:checker", false, 2)] {
+        let subject = Subject::load(shot);
+        let mut settings = subject.accumulated(WIDTH, HEIGHT);
+        let towards = |x: f64| Gaze { path: vec![[0.0, x, 0.4], [0.05, x + 0.1, 0.5], [0.06, 0.9, 0.1]] };
+        settings.stages.visual_polar = Some(VisualPolar { gaze: [towards(0.4), towards(0.3)] });
+        settings.stages.reproject = reproject;
+        let mut one = Stage::even(&subject, &settings, 1);
+        let mut several = Stage::even(&subject, &settings, devices);
+        for index in 0..6 {
+            let time_s = f64::from(index) * 0.015;
+            let [expected, found] = [&mut one, &mut several].map(|stage| stage.frame_at(time_s, index));
+            assert_same(&format!("{shot}, frame {index} on {devices} devices"), &expected.linear, &found.linear);
+            assert_eq!(expected.report.tallies, found.report.tallies, "{shot}, frame {index}");
+            let rays = expected.report.tallies.map(|tally| tally.nonfinite);
+            assert_eq!(rays, [0, 0], "{shot}, frame {index}");
+        }
     }
 }
 

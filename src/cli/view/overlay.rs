@@ -48,7 +48,7 @@ const KEYS: [(&str, &str); 9] = [
     ("W A S D, Q E", "move; Shift: faster"),
     ("arrows, right drag", "turn"),
     ("P", "along the shot's path, or off it"),
-    ("mouse", "the gaze, with --foveation layers"),
+    ("mouse", "the gaze, with --foveation"),
     ("Tab", "side by side, anaglyph, left, right"),
     ("N", "smooth or sharp pixels"),
     ("O", "this overlay"),
