@@ -22,7 +22,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     let at = pixel_index(pixel);
     let fovea_rows = frame.camera.views[pass_.view].fovea_rows;
-    let e = eccentricity_at(f32(pixel.y) + 0.5, fovea_rows);
+    let e = eccentricity_near(f32(pixel.y) + 0.5, fovea_rows);
     let share = clamp((e - FOVEA_DEG) / (BLUR_FULL_DEG - FOVEA_DEG), 0.0, 1.0);
     let angle = share * MOST_DEVIATION * frame.camera.views[pass_.view].tan_half_y;
     let along_columns = pass_.args[0] == 0u;

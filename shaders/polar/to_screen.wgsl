@@ -22,7 +22,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let columns = i32(frame.camera.width);
     let ray = pinhole_ray(pass_.view, vec2<f32>(pixel) + 0.5, vec2<f32>(f32(pass_.width), f32(pass_.height)));
     let point = polar_point(ray, eye);
-    let e = eccentricity_at(point.y, eye.fovea_rows);
+    let e = eccentricity_near(point.y, eye.fovea_rows);
     // A pixel's angle: the pinhole's image is finer away from its middle.
     let facing = dot(ray, eye.forward);
     let angle = 2.0 * eye.tan_half_y / f32(pass_.height) * facing * sqrt(facing);
