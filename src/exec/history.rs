@@ -117,10 +117,13 @@ mod tests {
 
     use super::*;
     use crate::accel::Accel;
+    use crate::image::Extent;
     use crate::scene::motion::keys::{Interpolation, Keys};
     use crate::scene::motion::{Animation, Body, Channel, Influence, Node, Placement, Skin, Target};
     use crate::scene::rig::{Eye, Rig, RigKey};
+    use crate::scene::shot::Gaze;
     use crate::scene::{Instance, Scene, builtin};
+    use crate::stages::VisualPolar;
 
     fn eyes(rig: &Rig, time_s: f64) -> [View; 2] {
         Eye::ALL.map(|eye| View::new(&rig.view(time_s, eye), 16.0 / 9.0))
@@ -254,6 +257,38 @@ mod tests {
             tight += usize::from(!is_capped && most > f64::from(still));
         }
         assert!(bounded > 10 && tight > 3, "{bounded} of 40 have a bound, {tight} of them need that of the bodies");
+    }
+
+    /// In images of rings, wherever gaze and eyes go.
+    #[test]
+    fn no_point_beyond_the_clearance_moves_by_more_rings() {
+        let scene = (builtin::find("cornell").unwrap().build)();
+        let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
+        let screen = Extent::new(160, 90);
+        let grid = VisualPolar::grid(screen);
+        let at = |[x, y]: [f64; 2]| VisualPolar { gaze: [0, 1].map(|_| Gaze { path: vec![[0.0, x, y]] }) };
+        let row = |view: &View, p: DVec3| view.ring_of(p - view.origin.as_dvec3());
+        for (to, gazes) in [
+            (DVec3::ZERO, [[0.5, 0.5], [0.5, 0.5]]),
+            (DVec3::ZERO, [[0.5, 0.5], [0.52, 0.49]]),
+            (DVec3::new(0.03, -0.02, -0.1), [[0.2, 0.9], [0.2, 0.9]]),
+            (DVec3::X * 0.05, [[0.2, 0.3], [0.7, 0.4]]),
+        ] {
+            let rig = rig(to, DVec3::new(0.05, 0.0, 0.0));
+            let [last, now] = [0.0, 1.0].map(|t| at(gazes[t as usize]).look(0, 0.0, eyes(&rig, t)[0], grid.height));
+            let camera = Camera { views: [now; 2], width: grid.width, height: grid.height, ..Default::default() };
+            let bound = history_rows(&camera, &[last; 2], &tables, &[]).unwrap();
+            let clearance = f64::from(tables.clearance(now.origin));
+            let mut most: f64 = 0.0;
+            for i in 0..20_000 {
+                let part = |k: f64| (f64::from(i) * k).fract();
+                let view = rig.view(1.0, Eye::Left);
+                let ray = view.ray_direction(part(0.618) * 160.0, part(0.414) * 90.0, screen);
+                let p = view.origin.as_dvec3() + ray * clearance / part(0.732).max(1e-6);
+                most = most.max((row(&now, p) - row(&last, p)).abs());
+            }
+            assert!(most <= f64::from(bound), "{to} {gazes:?}: {most} rings, bound {bound}");
+        }
     }
 
     #[test]

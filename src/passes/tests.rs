@@ -14,7 +14,9 @@ pub fn all_specs() -> Vec<FrameSpec> {
         for views in [Views::Reprojected, Views::Traced] {
             for (sparse, seam) in [(false, Seam::Halo(HaloPlan::EXCHANGE)), (true, Seam::Filter), (true, Seam::None)] {
                 for history_rows in [None, Some(4)] {
-                    specs.push(FrameSpec { filter, views, sparse, history_rows, ..spec(2, seam) });
+                    let frame = FrameSpec { filter, views, sparse, history_rows, ..spec(2, seam) };
+                    let polar = FrameSpec { screen: Some(Extent::new(96, 270)), ..frame.clone() };
+                    specs.extend([frame, polar]);
                 }
             }
         }
@@ -99,7 +101,19 @@ fn with_hardware_traversal_structures_are_built_instead_of_refitted_trees() {
 #[test]
 fn groups_are_those_that_can_be_named() {
     let names: Vec<&str> = cut_groups().iter().map(|g| g.0).collect();
-    assert_eq!(names, ["gbuffer", "path_trace", "reproject", "tonemap", "atrous"]);
+    assert_eq!(names, ["gbuffer", "path_trace", "reproject", "tonemap", "to_screen", "atrous"]);
+}
+
+/// They come last, and what the filter leaves is no output.
+#[test]
+fn visual_polar_images_are_mapped_to_the_screen() {
+    let screen = Extent::new(96, 270);
+    let polar = FrameSpec { screen: Some(screen), iterations: 0, aovs: Vec::new(), ..spec(2, Seam::Filter) };
+    assert!(stages(&polar).ends_with(&["tonemap", "polar_blur", "to_screen", "tally"]), "{:?}", stages(&polar));
+    let program = Declarations::default().program(&polar);
+    let outputs: Vec<_> = program.outputs().map(|number| program.images()[number].resource).collect();
+    let extents = |name| outputs.iter().find(|image| image.name == name).map(|image| image.extent(program.extent));
+    assert_eq!([extents("linear"), extents("display"), extents("polar")], [Some(screen), Some(screen), None]);
 }
 
 /// A fit reads whole blocks, which reach 31 rows beyond a stripe, and antialiasing has it fit one row more.

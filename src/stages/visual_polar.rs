@@ -8,7 +8,7 @@
 
 use std::f64::consts::PI;
 
-use glam::Vec3;
+use glam::{DVec3, Vec3};
 
 use super::layout::View;
 use crate::image::Extent;
@@ -53,6 +53,18 @@ fn fovea_share(degrees: f64) -> f64 {
     2.0 * FOVEA_AREA / (FOVEA_AREA + acuity_within(degrees))
 }
 
+impl View {
+    /// The place in the rows, from the gaze, at which this eye's visual-polar image shows what lies in a direction.
+    pub(crate) fn ring_of(&self, direction: DVec3) -> f64 {
+        f64::from(self.fovea_rows) * rings_within(direction.angle_between(self.gaze.as_dvec3()).to_degrees())
+    }
+}
+
+/// Rings up to an eccentricity over those of the fovea.
+fn rings_within(degrees: f64) -> f64 {
+    if degrees < FOVEA_DEG { degrees / FOVEA_DEG } else { 0.5 * (1.0 + acuity_within(degrees) / FOVEA_AREA) }
+}
+
 /// The eccentricity of the corner that is farthest from the gaze, degrees.
 fn farthest_corner(view: &View, gaze: Vec3) -> f64 {
     let corner = |x: f32, y: f32| view.forward + view.right * (x * view.tan_half_x) + view.up * (y * view.tan_half_y);
@@ -81,14 +93,11 @@ impl VisualPolar {
         let place = |i: usize| {
             let ray = view.ray_direction((i % width) as f64 + 0.5, (i / width) as f64 + 0.5, screen);
             let degrees = ray.angle_between(gaze).to_degrees();
-            let is_inside = degrees < FOVEA_DEG;
-            let outside = || 0.5 * (1.0 + acuity_within(degrees) / FOVEA_AREA);
-            let rings = if is_inside { degrees / FOVEA_DEG } else { outside() };
-            let acuity = if is_inside { 1.0 } else { 449.4 / 60.0 / (0.3 * degrees + 1.0).powi(2) };
+            let acuity = if degrees < FOVEA_DEG { 1.0 } else { 449.4 / 60.0 / (0.3 * degrees + 1.0).powi(2) };
             // Columns are counted on the sphere, acuity on a plane.
             let angle = degrees.max(1e-9).to_radians();
             let density = most * acuity * angle / angle.sin() * middle * ray.dot(forward).powi(3);
-            PolarPlace { row: fovea_rows * rings, density }
+            PolarPlace { row: seen.ring_of(ray), density }
         };
         (0..screen.area()).map(place).collect()
     }
@@ -151,19 +160,13 @@ mod tests {
     #[test]
     fn densities_add_up_to_the_pixels_that_are_on_the_screen() {
         let screen = Extent::new(96, 90);
-        let eye = rig::View {
-            origin: Vec3::ZERO,
-            right: Vec3::X,
-            up: Vec3::Y,
-            forward: -Vec3::Z,
-            tan_half_yfov: 0.8,
-        };
+        let eye = rig::View { origin: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: -Vec3::Z, tan_half_yfov: 0.8 };
         let polar = towards([0.5, 0.5]);
         let places = polar.places(Eye::Left, 0.0, &eye, screen);
         let seen = polar.look(0, 0.0, View::new(&eye, 96.0 / 90.0), VisualPolar::grid(screen).height);
         // Within the circle that touches the upper and the lower side of the screen.
         let whole = f64::from(0.8f32).atan().to_degrees();
-        let rows = f64::from(seen.fovea_rows) * 0.5 * (1.0 + acuity_within(whole) / FOVEA_AREA);
+        let rows = f64::from(seen.fovea_rows) * rings_within(whole);
         let within: f64 = places.iter().filter(|p| p.row < rows).map(|p| p.density).sum();
         let columns = f64::from(VisualPolar::grid(screen).width);
         let expected = columns * (rows - 0.5 * f64::from(seen.fovea_rows));
