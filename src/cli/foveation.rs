@@ -133,10 +133,6 @@ impl FoveationOptions {
             "--gaze is for --foveation layers and visual-polar"
         );
         anyhow::ensure!(
-            !self.is_polar() || !matches!(denoiser, Some(Denoiser::Bmfr | Denoiser::BmfrNoise)),
-            "--foveation visual-polar has blocks of no use to --denoiser bmfr: choose another"
-        );
-        anyhow::ensure!(
             is_on || self.iterations.is_none_or(|[inner, middle, outer]| inner == middle && middle == outer),
             "--iterations M,N,P is for --foveation layers: give one number"
         );

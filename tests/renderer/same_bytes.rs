@@ -66,12 +66,18 @@ fn two_three_and_four_devices_give_the_bytes_of_one() {
 
 #[test]
 fn visual_polar_images_are_those_of_one_device_while_the_gaze_moves() {
-    for (shot, reproject, devices) in [("builtin:atrium", true, 3), ("builtin:checker", false, 2)] {
+    let all = [
+        ("builtin:atrium", Denoiser::Svgf, true, 3),
+        ("builtin:checker", Denoiser::Svgf, false, 2),
+        ("builtin:checker", Denoiser::Bmfr, true, 2),
+    ];
+    for (shot, denoiser, reproject, devices) in all {
         let subject = Subject::load(shot);
         let mut settings = subject.accumulated(WIDTH, HEIGHT);
         let towards = |x: f64| Gaze { path: vec![[0.0, x, 0.4], [0.05, x + 0.1, 0.5], [0.06, 0.9, 0.1]] };
         settings.stages.visual_polar = Some(VisualPolar { gaze: [towards(0.4), towards(0.3)] });
-        settings.stages.reproject = reproject;
+        (settings.stages.reproject, settings.stages.filter) = (reproject, Some(denoiser));
+        settings.stages.iterations = settings.stages.iterations.min(denoiser.most_iterations());
         let mut one = Stage::even(&subject, &settings, 1);
         let mut several = Stage::even(&subject, &settings, devices);
         for index in 0..6 {

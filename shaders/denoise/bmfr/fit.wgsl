@@ -104,6 +104,23 @@ fn displacement() -> vec2<u32> {
     return BLOCK / 2u * far_step + BLOCK / 4u * near_step;
 }
 
+// The column of the `i`th pixel of a block in a row; -1: there is none. In visual-polar images blocks cover the same directions
+// in all rings, of which shorter ones have fewer pixels there, and together they go once around.
+fn column_in_block(origin: i32, displaced: u32, i: u32, row: i32) -> i32 {
+    let width = i32(pass_.width);
+    let column = origin + i32(i);
+    if VISUAL_POLAR {
+        let length = i32(row_length(frame.camera.views[pass_.view].fovea_rows, row));
+        let end = min(origin + i32(BLOCK), width - i32(displaced));
+        // Rounded up; a turn is added, as what is divided must not be negative.
+        let first = ((origin + width) * length + width - 1) / width - length;
+        let last = ((end + width) * length + width - 1) / width - length;
+        let is_there = first + i32(i) < last && row < i32(frame.camera.views[pass_.view].rows);
+        return select(-1, around_ring(first + i32(i), length), is_there);
+    }
+    return select(-1, column, column >= 0 && column < width);
+}
+
 // Coordinates of a block's surfaces.
 struct Extent {
     low: vec3<f32>,
@@ -125,8 +142,6 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
     if origin.x >= i32(pass_.width) || origin.y >= i32(pass_.row_end) {
         return;
     }
-    let column = origin.x + i32(t % BLOCK);
-    let is_column = column >= 0 && column < i32(pass_.width);
 
     // What the block has: where it is, and its brightest light.
     var low = vec3<f32>(MOST_FLOAT);
@@ -135,7 +150,8 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
     var counts = vec4<bool>(false);
     for (var s = 0u; s < PIXELS; s += 1u) {
         let row = origin.y + i32(t / BLOCK + s * ROWS_APART);
-        let inside = is_column && row >= i32(pass_.valid_begin) && row < i32(pass_.valid_end);
+        let column = column_in_block(origin.x, displaced.x, t % BLOCK, row);
+        let inside = column >= 0 && row >= i32(pass_.valid_begin) && row < i32(pass_.valid_end);
         let at = select(0u, u32(row) * pass_.width + u32(column), inside);
         let bits = guide_image[at];
         counts[s] = inside && bits.w != NO_NORMAL && (source[at].w >> 24u) != 0u;
@@ -165,7 +181,8 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
     if workgroupUniformLoad(&is_lit) == 0u {
         for (var s = 0u; s < PIXELS; s += 1u) {
             let row = origin.y + i32(t / BLOCK + s * ROWS_APART);
-            if is_column && row >= i32(pass_.row_begin) && row < i32(pass_.row_end) {
+            let column = column_in_block(origin.x, displaced.x, t % BLOCK, row);
+            if column >= 0 && row >= i32(pass_.row_begin) && row < i32(pass_.row_end) {
                 fitted[u32(row) * pass_.width + u32(column)] = vec4<u32>(0u);
             }
         }
@@ -180,6 +197,7 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
     let amplitude = bitcast<f32>(pass_.args[0]);
     for (var s = 0u; s < PIXELS; s += 1u) {
         let row = origin.y + i32(t / BLOCK + s * ROWS_APART);
+        let column = column_in_block(origin.x, displaced.x, t % BLOCK, row);
         let at = select(0u, u32(row) * pass_.width + u32(column), counts[s]);
         let f = features(guide_image[at], extent);
         let light = bitcast<vec3<f32>>(source[at].xyz) * per_light;
@@ -265,7 +283,8 @@ fn main(@builtin(local_invocation_index) t: u32, @builtin(workgroup_id) group: v
 
     for (var s = 0u; s < PIXELS; s += 1u) {
         let row = origin.y + i32(t / BLOCK + s * ROWS_APART);
-        if !is_column || row < i32(pass_.row_begin) || row >= i32(pass_.row_end) {
+        let column = column_in_block(origin.x, displaced.x, t % BLOCK, row);
+        if column < 0 || row < i32(pass_.row_begin) || row >= i32(pass_.row_end) {
             continue;
         }
         let at = u32(row) * pass_.width + u32(column);
