@@ -30,6 +30,19 @@ fn material_value(kind: u32, s: Surface, hit: vec4<u32>, to_viewer: vec3<f32>) -
     }
 }
 
+// The point of the screen at which an eye sees `p`.
+fn on_screen(p: vec3<f32>, eye: View) -> vec2<f32> {
+    return pinhole_point(p - eye.origin, eye, vec2<f32>(f32(pass_.args[1]), f32(pass_.args[2]))).xy;
+}
+
+// ... and this frame: where its pixel's ray goes, if the image is the screen's.
+fn seen_at(p: vec3<f32>, centre: vec2<f32>) -> vec2<f32> {
+    if VISUAL_POLAR {
+        return on_screen(p, frame.camera.views[pass_.view]);
+    }
+    return centre;
+}
+
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
@@ -82,7 +95,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
                     if HAS_MOTION {
                         was_at = last_surface(hit.x, bitcast<vec2<f32>>(hit.yz), s.position, s.normal).position;
                     }
-                    let motion = vec3<f32>(pixel_of(was_at, previous.views[pass_.view]).xy - centre, 0.0);
+                    let motion = vec3<f32>(on_screen(was_at, previous.views[pass_.view]) - seen_at(s.position, centre), 0.0);
                     value = select(motion, was_at + frame.geometry.world_origin, pass_.args[0] == LAST_POSITION);
                 }
             } else if hit.x != NO_PRIM {
@@ -95,7 +108,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
                 } else if pass_.args[0] == POSITION || pass_.args[0] == LAST_POSITION {
                     value = p + frame.geometry.world_origin;
                 } else {
-                    value = vec3<f32>(pixel_of(p, previous.views[pass_.view]).xy - centre, 0.0);
+                    value = vec3<f32>(on_screen(p, previous.views[pass_.view]) - seen_at(p, centre), 0.0);
                 }
             }
         }

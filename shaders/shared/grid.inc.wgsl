@@ -161,17 +161,22 @@ fn polar_point(direction: vec3<f32>, eye: View) -> vec2<f32> {
     return vec2<f32>(select(0.0, column, off > 0.0), row);
 }
 
-// Where an eye sees `p`: image point, and distance along its view direction, or of visual-polar images from the eye.
-fn pixel_of(p: vec3<f32>, eye: View) -> vec3<f32> {
-    let v = p - eye.origin;
-    if VISUAL_POLAR {
-        return vec3<f32>(polar_point(v, eye), length(v));
-    }
+// The point of a pinhole's image that lies at `v` from its eye, and how far along its view direction.
+fn pinhole_point(v: vec3<f32>, eye: View, size: vec2<f32>) -> vec3<f32> {
     let z = dot(v, eye.forward);
     let front = max(z, 1e-20);
     let ndc = vec2<f32>(
         dot(v, eye.right) / (front * eye.tan_half_x),
         -dot(v, eye.up) / (front * eye.tan_half_y),
     );
-    return vec3<f32>((ndc * 0.5 + 0.5) * vec2<f32>(f32(pass_.width), f32(pass_.height)), z);
+    return vec3<f32>((ndc * 0.5 + 0.5) * size, z);
+}
+
+// Where an eye sees `p`: image point, and distance along its view direction, or of visual-polar images from the eye.
+fn pixel_of(p: vec3<f32>, eye: View) -> vec3<f32> {
+    let v = p - eye.origin;
+    if VISUAL_POLAR {
+        return vec3<f32>(polar_point(v, eye), length(v));
+    }
+    return pinhole_point(v, eye, vec2<f32>(f32(pass_.width), f32(pass_.height)));
 }

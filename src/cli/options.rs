@@ -278,10 +278,6 @@ impl RenderOptions {
             "--render-scale below 1 needs a denoiser, that brings light to the pixels left out"
         );
         self.foveated.check(self.denoiser)?;
-        anyhow::ensure!(
-            !self.foveated.is_polar() || self.aov.is_empty(),
-            "--aov: the pixels of --foveation visual-polar are not those of the screen"
-        );
         self.run.check()
     }
 }

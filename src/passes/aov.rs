@@ -1,13 +1,18 @@
 //! Auxiliary images.
 
-use super::PREVIOUS_VIEWS;
 use super::gbuffer::{ALBEDO, EMISSION, HIT, TALLY};
 use super::tonemap::CUT;
-use crate::graph::{Kernel, Pass, Resource, Stage, Use};
+use super::{FrameSpec, PREVIOUS_VIEWS, polar};
+use crate::graph::{Kernel, Pass, Reach, Resource, Stage, Use};
+use crate::image::Extent;
 use crate::scene::rig::Eye;
 
-/// The stage of auxiliary images, whose time does not count as time of the frame.
-pub const STAGE: Stage = Stage("aov");
+/// The stages of auxiliary images, whose time does not count as time of the frame: the images themselves, and from
+/// visual-polar ones to the screen.
+pub const STAGES: [Stage; 2] = [Stage("aov"), Stage("aov_to_screen")];
+
+/// Those of visual-polar images.
+const POLAR: Resource = Resource::image("polar_aov", 16);
 
 /// The `index`th auxiliary image of a frame.
 pub const fn image(index: u8) -> Resource {
@@ -29,18 +34,29 @@ const KERNEL: Kernel = Kernel::with_scene("aov").with(&[
     ("DIFFUSE_ALBEDO", Aov::DiffuseAlbedo as u32),
 ]);
 
-pub fn pass(view: Eye, index: u8, aov: Aov) -> Pass {
-    Pass::new(STAGE, view, CUT, KERNEL)
+/// The passes of an auxiliary image.
+pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov) -> Vec<Pass> {
+    let Some(screen) = spec.screen else { return vec![pass(view, index, aov, image(index), spec.extent)] };
+    let (polar, grid) = (POLAR.numbered(index), polar::screen(screen));
+    let map = Pass::new(STAGES[1], view, CUT, Kernel::new("aov_to_screen"))
+        .index(index.into())
+        .on(grid)
+        .uses([Use::read(polar).reaching(Reach::All), Use::write(image(index).on(grid))]);
+    vec![pass(view, index, aov, polar, screen), map]
+}
+
+fn pass(view: Eye, index: u8, aov: Aov, target: Resource, screen: Extent) -> Pass {
+    Pass::new(STAGES[0], view, CUT, KERNEL)
         .index(index.into())
         .uses([
             Use::read(HIT),
             Use::read(ALBEDO),
             Use::read(EMISSION),
             Use::read(TALLY),
-            Use::write(image(index)),
+            Use::write(target),
             Use::read(PREVIOUS_VIEWS),
         ])
-        .args([aov as u32, 0, 0])
+        .args([aov as u32, screen.width, screen.height])
 }
 
 /// An auxiliary image: the surface behind the pixel's centre, or how the pixel was made.

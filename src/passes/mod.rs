@@ -17,7 +17,7 @@ pub mod tonemap;
 use std::fmt;
 use std::sync::Arc;
 
-pub use aov::{Aov, STAGE as AOV, image as aov_image};
+pub use aov::{Aov, STAGES as AOVS, image as aov_image};
 pub use moving::Moving;
 pub use reproject::HOLES;
 pub use spec::{FrameSpec, Views};
@@ -105,7 +105,9 @@ fn finish(spec: &FrameSpec, denoiser: &dyn denoise::Denoise, view: Eye, light: &
     frame.passes.extend(denoiser.finish(spec, view, light));
     frame.passes.extend(polar::passes(spec, view));
     frame.add(tally::pass(view));
-    frame.passes.extend(spec.aovs.iter().enumerate().map(|(index, aov)| aov::pass(view, index as u8, *aov)));
+    for (index, aov) in (0..).zip(&spec.aovs) {
+        frame.passes.extend(aov::passes(spec, view, index, *aov));
+    }
 }
 
 type Declare = dyn Fn(&FrameSpec) -> Vec<Pass> + Send + Sync;

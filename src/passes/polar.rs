@@ -21,7 +21,7 @@ fn blur_reach(rows: u32) -> u32 {
 }
 
 /// The grid of the screen.
-fn screen(extent: Extent) -> Grid {
+pub fn screen(extent: Extent) -> Grid {
     Grid { size: Size::Fixed(extent), projection: Projection::Perspective }
 }
 

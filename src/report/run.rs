@@ -14,7 +14,7 @@ use crate::exec::{Fault, FrameReport, RightEye, Stereo, TaskTiming, TimedTask};
 use crate::graph::{Seam, Stage};
 use crate::image::ImageError;
 use crate::image::file::atomic_write;
-use crate::passes::AOV;
+use crate::passes::AOVS;
 use crate::passes::path_trace::CUT;
 use crate::quality::{FrameQuality, Quality};
 use crate::scene::Scene;
@@ -161,7 +161,7 @@ impl StageSum {
 /// The time of auxiliary images: their passes and transfers on the device on which they took longest, milliseconds.
 pub fn aov_ms(tasks: &[TaskTiming]) -> f64 {
     let of = |device: usize| {
-        let own = tasks.iter().filter(|t| t.device == device && t.stage == AOV.name());
+        let own = tasks.iter().filter(|t| t.device == device && AOVS.iter().any(|stage| t.stage == stage.name()));
         intervals::length(&intervals::union(own.map(|t| (t.begin_ms, t.end_ms)).collect()))
     };
     once(tasks.iter().map(|t| t.device)).into_iter().map(of).fold(0.0, f64::max)

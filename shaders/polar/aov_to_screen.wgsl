@@ -1,0 +1,23 @@
+// Maps an auxiliary image of a visual-polar image to the screen: each pixel of the screen has the value of the pixel that
+// lies in its direction.
+
+//!include frame grid
+
+@group(1) @binding(0) var<storage, read> polar: array<vec4<f32>>;
+@group(1) @binding(1) var<storage, read_write> aov: array<vec4<f32>>;
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
+    // Of the screen.
+    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
+        return;
+    }
+    let eye = frame.camera.views[pass_.view];
+    let ray = pinhole_ray(pass_.view, vec2<f32>(pixel) + 0.5, vec2<f32>(f32(pass_.width), f32(pass_.height)));
+    let point = polar_point(ray, eye);
+    let row = clamp(i32(floor(point.y)), 0, i32(eye.rows) - 1);
+    let length = row_length(eye.fovea_rows, row);
+    let column = around_ring(i32(floor(column_in(row, point.x, eye.fovea_rows))), i32(length));
+    aov[pixel.y * pass_.width + pixel.x] = polar[u32(row) * frame.camera.width + u32(column)];
+}
