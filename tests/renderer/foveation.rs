@@ -6,7 +6,7 @@ use diptych::image::RgbImage;
 use diptych::passes::Aov;
 use diptych::quality::Denoiser;
 use diptych::scene::shot::Gaze;
-use diptych::stages::Foveation;
+use diptych::stages::{Foveation, VisualPolar};
 
 const WIDTH: u32 = 128;
 const HEIGHT: u32 = 96;
@@ -199,5 +199,43 @@ fn a_mask_that_turns_samples_every_pixel_in_three_frames() {
         }
         let never = sampled.iter().filter(|s| **s == 0.0).count();
         assert_eq!(never == 0, filter == Some(Denoiser::Svgf), "{never} pixels were never sampled");
+    }
+}
+
+/// Mean radiance of the pixels that a condition on their number holds for.
+fn mean(image: &RgbImage, counts: impl Fn(usize) -> bool) -> f64 {
+    let pixels = || image.pixels.iter().enumerate().filter(|(i, _)| counts(*i));
+    pixels().map(|(_, p)| p.iter().map(|c| f64::from(*c)).sum::<f64>()).sum::<f64>() / (3 * pixels().count()) as f64
+}
+
+#[test]
+fn visual_polar_images_show_what_the_screen_does() {
+    let subject = Subject::load("builtin:cornell");
+    let mut plain = subject.settings(WIDTH, HEIGHT);
+    (plain.stages.filter, plain.stages.spp, plain.stages.aovs) = (None, 32, vec![Aov::Position]);
+    let mut polar = plain.clone();
+    polar.stages.visual_polar = Some(VisualPolar { gaze: towards(0.4, 0.6) });
+    let [(expected, places), (found, found_places)] = [&plain, &polar].map(|settings| {
+        let mut stage = Stage::alone(&subject, settings);
+        let frame = stage.frame(0);
+        (frame, stage.aov(0))
+    });
+    for eye in 0..2 {
+        let (a, b) = (eyes(&expected.linear)[eye], eyes(&found.linear)[eye]);
+        let gaze = [0.4, 0.6][eye] * f64::from(WIDTH);
+        let distance = |i: usize| {
+            let (x, y) = ((i as u32 % WIDTH) as f64 + 0.5, (i as u32 / WIDTH) as f64 + 0.5);
+            f64::hypot(x - gaze, y - 0.6 * f64::from(HEIGHT))
+        };
+        for (what, radius) in [("around the gaze", 12.0), ("everywhere", 1e3)] {
+            let [a, b] = [a, b].map(|image| mean(image, |i| distance(i) < radius));
+            assert!((b / a - 1.0).abs() < 0.03, "eye {eye}, {what}: {b} instead of {a}");
+        }
+        // Auxiliary images are of the nearest pixel.
+        let [a, b] = [&places, &found_places].map(|places| eyes(places)[eye]);
+        let apart = |i: usize| (0..3).map(|c| (a[c][i] - b[c][i]).abs()).fold(0.0, f32::max);
+        let near = (0..a[0].len()).filter(|&i| apart(i) < 0.15).count();
+        assert!(near * 10 > a[0].len() * 9, "eye {eye}: {near} of {} places are near", a[0].len());
+        assert!(found.report.tallies[eye].rays * 2 < expected.report.tallies[eye].rays);
     }
 }
