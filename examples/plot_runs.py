@@ -231,7 +231,7 @@ koskela = table("koskela.csv")
 if not koskela.empty:
     figure, axes = plt.subplots(1, 2, figsize=(11, 4))
     measured = koskela[koskela["source"] == "measured"]
-    for axis, column, label in zip(axes, ["flip_acuity", "fovea_flicker"], ["FLIP weighed by acuity", "flicker of the fovea"]):
+    for axis, column, label in zip(axes, ["fovea_flip", "fovea_flicker"], ["FLIP of the fovea", "flicker of the fovea"]):
         pivot = measured.pivot_table(index="scene", columns="arrangement", values=column, sort=False)
         pivot.plot.bar(ax=axis, rot=0)
         axis.set_xlabel("")

@@ -120,11 +120,13 @@ fn visual_polar_images_stand_beside_as_many_samples_elsewhere() {
             assert!(row[name].as_f64().is_some_and(|ms| ms > 0.0) == is_polar, "{name}: {row}");
         }
     }
-    for name in ["path_ms", "filter_ms", "path_speedup", "paths_right", "flip", "flicker", "fovea_flicker"] {
+    for name in
+        ["path_ms", "filter_ms", "path_speedup", "paths_right", "flip", "flicker", "fovea_flip", "fovea_flicker"]
+    {
         assert!(of(name).iter().all(|value| *value > 0.0), "{name}: {:?}", of(name));
     }
     // No two render the same.
-    for name in ["flip", "flip_acuity", "flip_foveated", "fovea_flicker"] {
+    for name in ["flip", "flip_acuity", "flip_foveated", "fovea_flip", "fovea_flicker"] {
         let found = of(name);
         assert!((0..4).all(|i| !found[..i].contains(&found[i])), "{name}: {found:?}");
     }

@@ -156,15 +156,15 @@ impl Found {
                 }
             }
         }
-        let flickers = with_moving_gaze(args, &loaded, &reference, &mut turns)?;
+        let foveae = with_moving_gaze(args, &loaded, &reference, &mut turns)?;
         let of_screen = |pixels: u64| pixels as f64 / (f64::from(all - warm_up) * options.size.area() as f64);
         let mut found = Vec::new();
-        for (which, (judge, fovea_flicker)) in judges.into_iter().zip(flickers).enumerate() {
+        for (which, (judge, fovea)) in judges.into_iter().zip(foveae).enumerate() {
             let measured = judge.conclude();
             let of = [options.shot.clone(), ARRANGEMENTS[which].to_owned()];
             self.frames.extend(measured.frames.iter().map(|line| (of.clone(), line.clone())));
             let (floor, paths) = (arranged[which].1, traced[which].map(of_screen));
-            found.push((measured, Beside { floor, paths, fovea_flicker }));
+            found.push((measured, Beside { floor, paths, fovea }));
         }
         self.rows.extend(measured(&options.shot, found));
         self.devices = turns.renderers[0].devices().to_vec();
@@ -196,17 +196,18 @@ impl Found {
     }
 }
 
-/// Flicker of the fovea in each renderer while camera and scene rest and the gaze moves on from where it was, the mean of
+/// FLIP and flicker of the fovea in each renderer while camera and scene rest and the gaze moves on from where it was, the mean of
 /// both eyes. As many frames as a history takes come before those that are compared.
 fn with_moving_gaze(
     args: &Args,
     loaded: &Loaded,
     reference: &Reference,
     turns: &mut Turns,
-) -> Result<Vec<Option<f64>>, Failure> {
+) -> Result<Vec<[Option<f64>; 2]>, Failure> {
     let options = &args.options;
     let (warm_up, all) = (args.warm_up_of(&FULL), args.frames_of(&FULL));
     let (rig, from) = (&loaded.shot.rig, loaded.shot.gaze.at(options.time));
+    let mut flips = ARRANGEMENTS.map(|_| Some(0.0));
     let mut changes = ARRANGEMENTS.map(|_| [Change::default(); 2]);
     let mut before: [Option<([Pair; 2], Viewing)>; ARRANGEMENTS.len()] = Default::default();
     for i in 0..all {
@@ -219,6 +220,11 @@ fn with_moving_gaze(
         let viewing = Viewing { gaze, yfov_deg: rig.yfov_rad.to_degrees() };
         for (which, renderer) in turns.renderers.iter_mut().enumerate() {
             let now = pairs(loaded, reference, &renderer.read_linear()?)?;
+            for pair in &now {
+                let frames = 2.0 * f64::from(all - warm_up);
+                flips[which] =
+                    flips[which].zip(pair.flip_near_gaze(&viewing, NEAR_DEG)).map(|(sum, f)| sum + f / frames);
+            }
             if let Some((last, seen)) = &before[which] {
                 for (eye, change) in changes[which].iter_mut().enumerate() {
                     *change = *change + now[eye].change_near_gaze(&last[eye], [&viewing, seen], NEAR_DEG)?;
@@ -227,11 +233,11 @@ fn with_moving_gaze(
             before[which] = Some((now, viewing));
         }
     }
-    let mean = |eyes: [Change; 2]| {
-        let [left, right] = eyes.map(|eye| TemporalError::from(eye).flicker);
-        Some((left? + right?) / 2.0)
+    let mean = |[left, right]: [Change; 2]| {
+        let of = |eye: Change| TemporalError::from(eye).flicker;
+        Some((of(left)? + of(right)?) / 2.0)
     };
-    Ok(changes.into_iter().map(mean).collect())
+    Ok(flips.into_iter().zip(changes).map(|(flip, eyes)| [flip, mean(eyes)]).collect())
 }
 
 #[cfg(test)]
