@@ -196,8 +196,8 @@ impl Found {
     }
 }
 
-/// FLIP and flicker of the fovea in each renderer while camera and scene rest and the gaze moves on from where it was, the mean of
-/// both eyes. As many frames as a history takes come before those that are compared.
+/// FLIP and flicker of the fovea in each renderer while camera and scene rest and the gaze moves on from where it was, means
+/// of both eyes. As many frames as a history takes come before those that are compared.
 fn with_moving_gaze(
     args: &Args,
     loaded: &Loaded,
