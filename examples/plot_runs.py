@@ -2,8 +2,8 @@
 # # Plots of what diptych measured
 #
 # Reads the folder that `--out` named and plots every file of numbers in it: `frames.csv` and `run.json` of any command,
-# `scale.csv` and `simulate.csv` of `scale`, `bench.csv`, `seams.csv`, `leria.csv`, `bmfr.csv` and `peres.csv` of `bench`.
-# What is not there is left out. As a program:
+# `scale.csv` and `simulate.csv` of `scale`, `bench.csv`, `seams.csv`, `leria.csv`, `bmfr.csv`, `koskela.csv` and
+# `peres.csv` of `bench`. What is not there is left out. As a program:
 #
 #     python examples/plot_runs.py out/play [FOLDER OF THE PLOTS]
 #
@@ -202,7 +202,7 @@ if not seams.empty:
     keep(figure, "seams")
 
 # %% [markdown]
-# ## Published experiments: `leria.csv`, `bmfr.csv` and `peres.csv`, `bench --preset`
+# ## Published experiments: `leria.csv`, `bmfr.csv`, `koskela.csv` and `peres.csv`, `bench --preset`
 
 # %%
 leria = table("leria.csv")
@@ -225,6 +225,18 @@ if not bmfr.empty:
     axes.set_xlabel("")
     axes.set_ylabel("time of a frame, ms")
     keep(figure, "bmfr")
+
+# %%
+koskela = table("koskela.csv")
+if not koskela.empty:
+    figure, axes = plt.subplots(1, 2, figsize=(11, 4))
+    measured = koskela[koskela["source"] == "measured"]
+    for axis, column, label in zip(axes, ["fovea_flip", "fovea_flicker"], ["FLIP of the fovea", "flicker of the fovea"]):
+        pivot = measured.pivot_table(index="scene", columns="arrangement", values=column, sort=False)
+        pivot.plot.bar(ax=axis, rot=0)
+        axis.set_xlabel("")
+        axis.set_ylabel(label)
+    keep(figure, "koskela")
 
 # %%
 peres = table("peres.csv")

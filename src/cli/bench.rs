@@ -5,6 +5,7 @@ mod findings;
 mod grid;
 mod journal;
 mod judge;
+mod koskela;
 mod leria;
 mod page;
 mod peres;

@@ -56,6 +56,9 @@ pub struct FoveationOptions {
     /// Radii of the layers, where they are not the usual ones.
     #[arg(skip)]
     pub layer_radii: Option<[f64; 2]>,
+    /// Share of the outer layer that is not sampled, where it is not the usual one.
+    #[arg(skip)]
+    pub unsampled_share: Option<f64>,
 }
 
 impl FoveationOptions {
@@ -105,8 +108,9 @@ impl FoveationOptions {
 
     /// Layers, if they are asked for.
     pub fn layers(&self, shot: &Gaze) -> Option<Foveation> {
-        let layers = |radii| Foveation { radii, ..Foveation::new(self.gaze(shot), self.layer_iterations()) };
-        self.radii().map(layers)
+        let usual = Foveation::new(self.gaze(shot), self.layer_iterations());
+        let unsampled_share = self.unsampled_share.unwrap_or(usual.unsampled_share);
+        self.radii().map(|radii| Foveation { radii, unsampled_share, ..usual })
     }
 
     /// Visual-polar images, if they are asked for.

@@ -147,6 +147,15 @@ impl FrameReport {
         (self.spec.views == Views::Reprojected).then(|| RightEye::of(&self.tallies[1], self.pixels[1]))
     }
 
+    /// Pixels of each eye's image that start paths.
+    pub fn traced_pixels(&self) -> [u64; 2] {
+        let sampled = |eye: usize| self.pixels[eye] - self.tallies[eye].unsampled;
+        match self.spec.views {
+            Views::Traced => [sampled(0), sampled(1)],
+            Views::Reprojected => [sampled(0), self.tallies[1].holes.iter().sum()],
+        }
+    }
+
     /// Bytes that crossed from device to device.
     pub fn uploaded_bytes(&self) -> u64 {
         self.tasks.iter().filter(|t| t.kind == TimedTask::Upload).filter_map(|t| t.bytes).sum()

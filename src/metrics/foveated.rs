@@ -26,6 +26,12 @@ impl Pair {
         self.weighted_flip(viewing, |degrees| acuity(degrees.max(FOVEA_DEG)))
     }
 
+    /// The mean of the pixels within `degrees` of where the eye looks; `None` without any.
+    pub fn flip_near_gaze(&self, viewing: &Viewing, degrees: f64) -> Option<f64> {
+        let flip = self.weighted_flip(viewing, |angle| if angle <= degrees { 1.0 } else { 0.0 });
+        flip.is_finite().then_some(flip)
+    }
+
     fn weighted_flip(&self, viewing: &Viewing, weight: impl Fn(f64) -> f64) -> f64 {
         let sums = self.eccentricities(viewing).zip(self.flip()).fold([0.0; 2], |[error, all], (angle, flip)| {
             let w = weight(angle.to_degrees());
@@ -54,6 +60,10 @@ mod tests {
             let [at_left, at_right] = [0.25, 0.75].map(|x| measure(&pair, &viewing(x)));
             assert!(at_left > 1.3 * mean && at_right < 0.7 * mean, "{at_left} {mean} {at_right}");
         }
+        let [at_left, at_right] = [0.25, 0.75].map(|x| pair.flip_near_gaze(&viewing(x), 10.0).unwrap());
+        assert!(at_left > 1.8 * mean && at_right < 0.05 * mean, "{at_left} {mean} {at_right}");
+        assert_eq!(pair.flip_near_gaze(&viewing(0.5), 0.1), None);
+        assert!((pair.flip_near_gaze(&viewing(0.5), 180.0).unwrap() / mean - 1.0).abs() < 1e-9);
         let all_wrong = RgbImage::filled(grey.extent, [2.0, 0.1, 0.0]);
         let pair = Pair::new(&grey, &all_wrong, 0.0).unwrap();
         // FLIP's filters reach beyond the image's borders, where nothing is wrong or right.

@@ -23,6 +23,7 @@ use std::ops::Add;
 use serde::Serialize;
 
 use super::Pair;
+use super::rings::Viewing;
 use crate::image::{Extent, ImageError, RgbImage, check_same_size};
 
 /// A dot product of normals below this is of different surfaces: 60 degrees, as normal maps may turn them by much from
@@ -200,6 +201,22 @@ impl Pair {
     pub fn change_at_rest(&self, before: &Pair) -> Result<Change, ImageError> {
         let history: Vec<History> = (0..self.extent.area()).map(History::Seen).collect();
         self.change_since(before, &history)
+    }
+
+    /// [`Self::change_at_rest`] of the pixels within `degrees` of where the eye looks both now and in the frame before.
+    ///
+    /// # Errors
+    /// [`ImageError::SizeMismatch`].
+    pub fn change_near_gaze(
+        &self,
+        before: &Pair,
+        [viewing, viewing_before]: [&Viewing; 2],
+        degrees: f64,
+    ) -> Result<Change, ImageError> {
+        let angles = self.eccentricities(viewing).zip(self.eccentricities(viewing_before));
+        let is_near = |(now, before): (f64, f64)| now.max(before) <= degrees.to_radians();
+        let near = |(i, angles)| if is_near(angles) { History::Seen(i) } else { History::Sky };
+        self.change_since(before, &angles.enumerate().map(near).collect::<Vec<_>>())
     }
 
     fn display_error(&self, i: usize) -> [f64; 3] {

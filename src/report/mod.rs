@@ -6,6 +6,7 @@ pub mod csv;
 pub mod frames;
 pub mod html;
 mod json;
+pub mod koskela;
 pub mod lanes;
 pub mod leria;
 pub mod peers;

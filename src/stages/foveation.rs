@@ -29,6 +29,20 @@ impl Foveation {
         Self { gaze, radii: Self::RADII, unsampled_share: 0.5, iterations }
     }
 
+    /// The [`Self::unsampled_share`] with which this share of the left eye's pixels at `time_s` is sampled, as far as that
+    /// is from 0 to 1.
+    pub fn unsampled_share_for(&self, sampled: f64, time_s: f64, extent: Extent) -> f64 {
+        let ([inner, outer], [x, y]) = self.circles(0, time_s, extent.width, extent.height);
+        let columns = extent.width as usize;
+        let outward = |i: usize| {
+            let distance = f64::hypot((i % columns) as f64 + 0.5 - x, (i / columns) as f64 + 0.5 - y);
+            ((distance - inner) / (outer - inner)).clamp(0.0, 1.0)
+        };
+        let outward: f64 = (0..extent.area()).map(outward).sum();
+        let unsampled = (1.0 - sampled) * extent.area() as f64;
+        if unsampled < outward { unsampled.max(0.0) / outward } else { 1.0 }
+    }
+
     /// Radii and gaze of an eye at `time_s` in an image of this size, pixels.
     pub fn circles(&self, eye: usize, time_s: f64, width: u32, height: u32) -> ([f64; 2], [f64; 2]) {
         self.circles_of(self.radii, eye, time_s, width, height)
@@ -63,3 +77,31 @@ impl Foveation {
 
 /// Radii beyond any image.
 const EVERYWHERE: [f64; 2] = [1e6, 2e6];
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_falloff_samples_the_share_that_is_asked_for() {
+        let extent = Extent::new(64, 48);
+        let gaze = || Gaze { path: vec![[0.0, 0.4, 0.5]] };
+        let falloff = |radii| Foveation { radii, ..Foveation::new([gaze(), gaze()], [5; 3]) };
+        // Around (25.6, 24): all within 6.4 pixels, half at 9.6, the floor from 12.8 outwards.
+        let unsampled = falloff([0.1, 0.2]).unsampled_share_for(0.4, 0.0, extent);
+        let mut sampled = 0.0;
+        for (x, y) in (0..48).flat_map(|y| (0..64).map(move |x| (f64::from(x) + 0.5, f64::from(y) + 0.5))) {
+            let distance = f64::hypot(x - 25.6, y - 24.0);
+            sampled += match distance {
+                d if d < 6.4 => 1.0,
+                d if d < 12.8 => 1.0 - unsampled * (d - 6.4) / 6.4,
+                _ => 1.0 - unsampled,
+            };
+        }
+        assert!((sampled / extent.area() as f64 - 0.4).abs() < 1e-9, "{unsampled}: {sampled}");
+        // What cannot be reached: the inner layer alone is more, or all is less.
+        assert_eq!(falloff([0.1, 0.2]).unsampled_share_for(0.01, 0.0, extent), 1.0);
+        assert_eq!(falloff([2.0, 3.0]).unsampled_share_for(0.4, 0.0, extent), 1.0);
+        assert_eq!(falloff([0.1, 0.2]).unsampled_share_for(1.0, 0.0, extent), 0.0);
+    }
+}

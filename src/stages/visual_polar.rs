@@ -79,11 +79,22 @@ impl VisualPolar {
         Extent::new(of(screen.width), of(screen.height))
     }
 
-    /// Where the pixels of an eye's screen are in its image, row by row.
-    pub fn places(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> Vec<PolarPlace> {
+    /// An eye's image and what it shows of a screen of this size.
+    fn seen(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> (Extent, View) {
         let grid = Self::grid(screen);
         let aspect = f64::from(screen.width) / f64::from(screen.height);
-        let seen = self.look(eye as usize, time_s, View::new(view, aspect), grid.height);
+        (grid, self.look(eye as usize, time_s, View::new(view, aspect), grid.height))
+    }
+
+    /// The pixels of an eye's image over those of its screen.
+    pub fn share(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> f64 {
+        let (grid, seen) = self.seen(eye, time_s, view, screen);
+        pixels(&seen, grid.width) as f64 / screen.area() as f64
+    }
+
+    /// Where the pixels of an eye's screen are in its image, row by row.
+    pub fn places(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> Vec<PolarPlace> {
+        let (grid, seen) = self.seen(eye, time_s, view, screen);
         let (gaze, forward) = (seen.gaze.as_dvec3(), seen.forward.as_dvec3());
         let (fovea_rows, width) = (f64::from(seen.fovea_rows), screen.width as usize);
         // Of a pixel in the middle of the screen, steradians.
@@ -163,12 +174,12 @@ mod tests {
         let eye = rig::View { origin: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: -Vec3::Z, tan_half_yfov: 0.8 };
         let polar = towards([0.5, 0.5]);
         let places = polar.places(Eye::Left, 0.0, &eye, screen);
-        let seen = polar.look(0, 0.0, View::new(&eye, 96.0 / 90.0), VisualPolar::grid(screen).height);
+        let (grid, seen) = polar.seen(Eye::Left, 0.0, &eye, screen);
         // Within the circle that touches the upper and the lower side of the screen.
         let whole = f64::from(0.8f32).atan().to_degrees();
         let rows = f64::from(seen.fovea_rows) * rings_within(whole);
         let within: f64 = places.iter().filter(|p| p.row < rows).map(|p| p.density).sum();
-        let columns = f64::from(VisualPolar::grid(screen).width);
+        let columns = f64::from(grid.width);
         let expected = columns * (rows - 0.5 * f64::from(seen.fovea_rows));
         assert!((within / expected - 1.0).abs() < 0.02, "{within} of {expected}");
     }

@@ -99,6 +99,45 @@ fn dependent_features_are_left_out_beside_noise_and_svgf() {
 }
 
 #[test]
+fn visual_polar_images_stand_beside_as_many_samples_elsewhere() {
+    let folder = tempfile::tempdir().unwrap();
+    let shots = ["koskela", "--shots", "builtin:checker"];
+    let size = ["--size", "64x40", "--warm-up", "0", "--repeats", "2", "--reference-spp", "16", "--report"];
+    let rows = rows(folder.path(), &[&shots[..], &size].concat());
+    let arrangements = rows.iter().map(|r| r["arrangement"].as_str().unwrap()).collect::<Vec<_>>();
+    let all = ["full", "uniform", "linear", "visual-polar"];
+    assert_eq!(arrangements, [&all[..], &["full", "visual-polar"].repeat(2)].concat());
+    let of = |name: &str| rows[..4].iter().map(|row| number(&row[name])).collect::<Vec<_>>();
+    // All but the first trace as many pixels, and a few at rims of surfaces.
+    let paths = of("paths_left");
+    assert!(paths[0] == 1.0 && paths[3] > 0.3 && paths[3] < 0.45, "{paths:?}");
+    assert!(paths[1..3].iter().all(|share| (share / paths[3] - 1.0).abs() < 0.1), "{paths:?}");
+    let floor = number(&rows[2]["floor"]);
+    assert!(floor > 0.0 && floor < paths[2] && rows[1]["floor"].is_null(), "{floor}");
+    for row in &rows[..4] {
+        let is_polar = row["arrangement"] == "visual-polar";
+        for name in ["map_ms", "blur_ms"] {
+            assert!(row[name].as_f64().is_some_and(|ms| ms > 0.0) == is_polar, "{name}: {row}");
+        }
+    }
+    for name in
+        ["path_ms", "filter_ms", "path_speedup", "paths_right", "flip", "flicker", "fovea_flip", "fovea_flicker"]
+    {
+        assert!(of(name).iter().all(|value| *value > 0.0), "{name}: {:?}", of(name));
+    }
+    // No two render the same.
+    for name in ["flip", "flip_acuity", "flip_foveated", "fovea_flip", "fovea_flicker"] {
+        let found = of(name);
+        assert!((0..4).all(|i| !found[..i].contains(&found[i])), "{name}: {found:?}");
+    }
+    let frames = text(folder.path(), "frames.csv");
+    assert_eq!(frames.lines().filter(|line| line.starts_with("builtin:checker,visual-polar,")).count(), 2, "{frames}");
+    assert_eq!(text(folder.path(), "koskela.csv").lines().count(), 1 + rows.len());
+    let page = text(folder.path(), "report.html");
+    assert!(page.contains("linear of builtin:checker") && page.contains("56.00"));
+}
+
+#[test]
 fn experiments_refuse_what_does_not_go_with_them() {
     refused(&["leria", "builtin:cornell", "--devices", "0"], &["two devices", "--virtual 2"]);
     refused(&["leria", "--virtual", "2", "--shots", "builtin:cornell"], &["--preset leria", "--shots"]);
@@ -107,9 +146,10 @@ fn experiments_refuse_what_does_not_go_with_them() {
     refused(&["leria", "--denoiser", "svgf"], &["--preset", "--denoiser"]);
     refused(&["bmfr", "--frames", "3"], &["--preset bmfr", "--frames"]);
     refused(&["bmfr", "builtin:cornell", "--shots", "builtin:checker"], &["SHOT", "--shots"]);
+    refused(&["koskela", "--instants", "3"], &["--preset koskela", "--instants"]);
     refused(&["peres", "builtin:cornell"], &["--preset peres", "SHOT"]);
     refused(&["peres", "--size", "32x20"], &["--preset peres", "--size"]);
-    refused(&["nobody"], &["nobody", "leria", "bmfr", "peres"]);
+    refused(&["nobody"], &["nobody", "leria", "bmfr", "koskela", "peres"]);
     let output = diptych(&["bench", "--out", "unused", "--frames", "3"]);
     assert!(output.status.code() == Some(2) && String::from_utf8_lossy(&output.stderr).contains("--preset"));
 }

@@ -12,7 +12,7 @@ use crate::common::diptych;
 use crate::schema;
 
 /// Runs of every kind that writes numbers: a name, and what it is run with.
-const RUNS: [(&str, &[&str]); 9] = [
+const RUNS: [(&str, &[&str]); 10] = [
     ("render", &["render", "--frames", "3", "--virtual", "2", "--aov", "depth,albedo", "--details"]),
     ("reference", &["render", "--reference", "--spp", "16", "--frames", "2"]),
     ("play", &["play", "--frames", "8", "--budget-ms", "0.01..30000", "--fps", "1000"]),
@@ -21,6 +21,7 @@ const RUNS: [(&str, &[&str]); 9] = [
     ("seams", &["bench", "--seam-study", "--counts", "2", "--bounces", "2"]),
     ("leria", &["bench", "--preset", "leria", "--virtual", "2", "--threads-per-device", "1", "--frames", "2"]),
     ("bmfr", &["bench", "--preset", "bmfr", "--warm-up", "0"]),
+    ("koskela", &["bench", "--preset", "koskela", "--warm-up", "0"]),
     (
         "peres",
         &["bench", "--preset", "peres", "--shots", "builtin:cornell", "--size-factor", "0.03", "--instants", "1"],
@@ -28,7 +29,7 @@ const RUNS: [(&str, &[&str]); 9] = [
 ];
 
 /// Those of several shots, which write no run.json.
-const MANY_SHOTS: [&str; 2] = ["bmfr", "peres"];
+const MANY_SHOTS: [&str; 3] = ["bmfr", "koskela", "peres"];
 
 /// The folder of all runs, each in a folder of its name.
 fn runs() -> &'static Path {
@@ -140,6 +141,7 @@ fn frames_have_a_line_each_with_the_same_columns() {
         ("seams", 4 * 2, 1),
         ("leria", 2 * 2, 1),
         ("bmfr", 3 * 2, 2),
+        ("koskela", 4 * 2, 2),
         ("peres", 6 * 2, 3),
     ] {
         let (columns, found) = csv(run, "frames.csv");
@@ -175,6 +177,7 @@ fn columns_are_named_in_snake_case_and_cells_hold_one_value() {
         ("seams", "seams.csv"),
         ("leria", "leria.csv"),
         ("bmfr", "bmfr.csv"),
+        ("koskela", "koskela.csv"),
         ("peres", "peres.csv"),
     ] {
         let (columns, lines) = csv(run, name);
@@ -258,6 +261,7 @@ fn the_example_plots_every_kind_of_file() {
         ("seams", &["frames", "stages", "seams"]),
         ("leria", &["frames", "leria", "stages"]),
         ("bmfr", &["bmfr", "frames"]),
+        ("koskela", &["frames", "koskela"]),
         ("peres", &["frames", "peres"]),
     ] {
         let out = tempfile::tempdir().unwrap();

@@ -28,7 +28,7 @@ use crate::cli::progress::Progress;
 use crate::cli::setup::{self, Loaded, Tracing};
 
 /// Frames per second of the camera on its way to the instant that is compared, and how many of them at least history takes.
-const FPS: f64 = 72.0;
+pub const FPS: f64 = 72.0;
 const HISTORY_FRAMES: u32 = 15;
 
 /// Denoisers that are measured unless others are asked for.

@@ -14,6 +14,12 @@ use super::reference::Reference;
 use crate::cli::failure::Failure;
 use crate::cli::setup::Loaded;
 
+/// Each eye's picture with what it is held against.
+pub fn pairs(loaded: &Loaded, reference: &Reference, image: &Stereo<RgbImage>) -> Result<[Pair; 2], Failure> {
+    let (exposure_ev, right) = (loaded.shot.exposure_ev, &reference.images);
+    Ok([Pair::new(&right.left, &image.left, exposure_ev)?, Pair::new(&right.right, &image.right, exposure_ev)?])
+}
+
 pub struct Judge<'a> {
     loaded: &'a Loaded,
     reference: &'a Reference,
@@ -34,9 +40,7 @@ impl<'a> Judge<'a> {
 
     /// Takes the next frame in, with its row and its picture.
     pub fn add(&mut self, frame: &FrameReport, row: &FrameRow, image: &Stereo<RgbImage>) -> Result<(), Failure> {
-        let (exposure_ev, right) = (self.loaded.shot.exposure_ev, &self.reference.images);
-        let pairs =
-            [Pair::new(&right.left, &image.left, exposure_ev)?, Pair::new(&right.right, &image.right, exposure_ev)?];
+        let pairs = pairs(self.loaded, self.reference, image)?;
         let [left, right] = [&pairs[0], &pairs[1]].map(|pair| SeenErrors::new(pair, &self.viewing));
         self.repeats.push(Repeat::new(frame, Stereo { left, right }, FrameLine::from(row)));
         for (e, before) in self.before.iter().flatten().enumerate() {

@@ -5,7 +5,7 @@
 use anyhow::anyhow;
 use clap::ValueEnum;
 
-use super::{Args, bmfr, leria, peres};
+use super::{Args, bmfr, koskela, leria, peres};
 use crate::cli::failure::Failure;
 use crate::cli::settings::Given;
 use crate::cli::setup;
@@ -17,6 +17,8 @@ enum Experiment {
     Leria,
     /// Xu, Tong & Xu: dependent features left out of bmfr's fit, beside noise on all, and svgf
     Bmfr,
+    /// Koskela et al.: visual-polar images beside as many samples spread evenly, and by a linear falloff
+    Koskela,
     /// Tables 4 and 5 of Peres: foveated sampling and denoising in layers
     Peres,
 }
@@ -26,6 +28,7 @@ impl Experiment {
         match self {
             Self::Leria => leria::run(args),
             Self::Bmfr => bmfr::run(args),
+            Self::Koskela => koskela::run(args),
             Self::Peres => peres::run(args),
         }
     }
@@ -35,6 +38,7 @@ impl Experiment {
         match self {
             Self::Leria => leria::REFUSES,
             Self::Bmfr => bmfr::REFUSES,
+            Self::Koskela => koskela::REFUSES,
             Self::Peres => peres::REFUSES,
         }
     }
@@ -46,7 +50,7 @@ pub struct PresetOptions {
     /// Repeat a published experiment instead of measuring the grid
     #[arg(long, value_name = "NAME", conflicts_with_all = ["seams", "spp", "bounces", "denoiser", "iterations", "reference"])]
     preset: Option<Experiment>,
-    /// With --preset bmfr: several shots; with peres what stands for the thesis's scenes, in their order: Pink Room, Sponza,
+    /// With --preset bmfr or koskela: several shots; with peres what stands for the thesis's scenes, in their order: Pink Room, Sponza,
     /// Forest [default: of peres builtin:checker,builtin:atrium,builtin:forest]
     #[arg(long, value_name = "SHOT,…", value_delimiter = ',', requires = "preset")]
     pub shots: Vec<String>,

@@ -178,3 +178,33 @@ fn at_rest_the_sky_counts_and_what_is_always_wrong_alike_does_not() {
     let small = RgbImage::filled(Extent::new(3, 3), [0.5; 3]);
     assert!(now.change_at_rest(&Pair::new(&small, &small, 0.0).unwrap()).is_err());
 }
+
+/// What changes beyond 5 degrees of either gaze does not count.
+#[test]
+fn near_a_gaze_that_moves_counts_what_both_frames_see_there() {
+    let extent = Extent::new(40, 20);
+    let seen = |x: f64| Viewing { gaze: [x, 0.5], yfov_deg: 40.0 };
+    // Tangents, so that degrees at the middle are pixels over this.
+    let per_degree = 10.0 / 20f64.to_radians().tan() * 1f64.to_radians();
+    let grey = |value: &dyn Fn(f64, f64) -> f64| {
+        let pixel = |i: usize| [value((i % 40) as f64 + 0.5, (i / 40) as f64 + 0.5) as f32; 3];
+        RgbImage { extent, pixels: (0..extent.area()).map(pixel).collect() }
+    };
+    let still = grey(&|_, _| 0.25);
+    let pair = |image: &RgbImage| Pair::new(&still, image, 0.0).unwrap();
+    let flicker = |image: &RgbImage, gazes: [&Viewing; 2]| {
+        TemporalError::from(pair(image).change_near_gaze(&pair(&still), gazes, 5.0).unwrap()).flicker
+    };
+    let all = flicker(&grey(&|_, _| 0.5), [&seen(0.5), &seen(0.5)]).unwrap();
+    let far = |x: f64, y: f64, at: f64| f64::hypot(x - at, y - 10.0) > 6.0 * per_degree;
+    let beyond = |at: f64| grey(&move |x, y| if far(x, y, at) { 0.5 } else { 0.25 });
+    assert_eq!(flicker(&beyond(20.0), [&seen(0.5), &seen(0.5)]), Some(0.0));
+    let moved = flicker(&beyond(20.0), [&seen(0.55), &seen(0.55)]).unwrap();
+    assert!(0.0 < moved && moved < all, "{moved} of {all}");
+    // Pixels of both gazes only, whichever frame was first.
+    for gazes in [[&seen(0.5), &seen(0.55)], [&seen(0.55), &seen(0.5)]] {
+        assert_eq!(flicker(&beyond(20.0), gazes), Some(0.0));
+        assert_near(flicker(&grey(&|_, _| 0.5), gazes), all);
+    }
+    assert_eq!(flicker(&beyond(20.0), [&seen(0.1), &seen(0.9)]), None);
+}

@@ -1,0 +1,268 @@
+//! `diptych bench --preset koskela`: visual-polar images beside every pixel of the screen, and beside other ways to spend as
+//! many samples. Their renderers take turns.
+
+use diptych::device::DeviceInfo;
+use diptych::metrics::Pair;
+use diptych::metrics::rings::Viewing;
+use diptych::metrics::temporal::{Change, TemporalError};
+use diptych::quality::{Denoiser, Quality};
+use diptych::report::csv::{Column, Csv};
+use diptych::report::frames::FrameLine;
+use diptych::report::koskela::{
+    ARRANGEMENTS, Beside, FALLOFF_DEG, GAZE_DEG_PER_S, NEAR_DEG, NOTE, Row, cited, koskela_csv, koskela_table, measured,
+};
+use diptych::report::pictures::Group;
+use diptych::report::{Table, once};
+use diptych::scene::rig::Eye;
+use diptych::stages::{Foveation, VisualPolar};
+
+use super::Args;
+use super::findings::{Findings, section};
+use super::grid::FPS;
+use super::judge::{Judge, pairs};
+use super::reference::{Reference, own};
+use super::turns::Turns;
+use crate::cli::failure::Failure;
+use crate::cli::interrupt;
+use crate::cli::options::{RenderOptions, RunOptions};
+use crate::cli::output;
+use crate::cli::page;
+use crate::cli::progress::Progress;
+use crate::cli::setup::{self, Loaded, Tracing};
+
+pub const REFUSES: &[&str] = &["size_factor", "instants", "frames", "simulate", "fresh"];
+
+/// Of all layers.
+const ITERATIONS: [u32; 3] = [Denoiser::DEFAULT_ITERATIONS; 3];
+
+/// Every pixel of the screen.
+const FULL: Quality = Quality {
+    spp: 1,
+    bounces: 6,
+    denoiser: Some(Denoiser::Svgf),
+    iterations: ITERATIONS,
+    fovea: None,
+    visual_polar: false,
+    scale: 1.0,
+};
+
+/// How far the gaze turns before it turns back, degrees.
+const SWEEP_DEG: f64 = 10.0;
+
+/// Options of [`ARRANGEMENTS`], and the probability of a sample where a linear falloff has ended.
+fn arrangements(run: &RunOptions, loaded: &Loaded) -> [(RenderOptions, Option<f64>); ARRANGEMENTS.len()] {
+    let gaze = || [0, 1].map(|_| loaded.shot.gaze.clone());
+    let view = loaded.shot.rig.view(run.time, Eye::Left);
+    let share = VisualPolar { gaze: gaze() }.share(Eye::Left, run.time, &view, run.size).min(1.0);
+    let [width, _] = tan_half(loaded, run).map(|tan| 2.0 * tan);
+    let radii = FALLOFF_DEG.map(|degrees| degrees.to_radians().tan() / width);
+    let falloff = Foveation { radii, ..Foveation::new(gaze(), ITERATIONS) };
+    let unsampled = falloff.unsampled_share_for(share, run.time, run.size);
+    let of = |quality| {
+        let mut options = RenderOptions::single(run.clone(), &quality);
+        options.foveated.iterations = Some(ITERATIONS);
+        options
+    };
+    let mut linear = of(Quality { fovea: Some(radii), ..FULL });
+    linear.foveated.unsampled_share = Some(unsampled);
+    [
+        (of(FULL), None),
+        (of(Quality { scale: share.sqrt(), ..FULL }), None),
+        (linear, Some(1.0 - unsampled)),
+        (of(Quality { visual_polar: true, ..FULL }), None),
+    ]
+}
+
+/// Tangents of half the horizontal and half the vertical field of view.
+fn tan_half(loaded: &Loaded, run: &RunOptions) -> [f64; 2] {
+    let vertical = (loaded.shot.rig.yfov_rad / 2.0).tan();
+    [vertical * f64::from(run.size.width) / f64::from(run.size.height), vertical]
+}
+
+/// Where an eye looks that has turned by so many degrees, at level height on its screen, from where it looked at first:
+/// towards the screen's middle, and back again before it leaves the screen.
+fn turned([x, y]: [f64; 2], [tan_x, tan_y]: [f64; 2], degrees: f64) -> [f64; 2] {
+    let distance = ((1.0 - 2.0 * y) * tan_y).hypot(1.0);
+    let begin = ((2.0 * x - 1.0) * tan_x / distance).atan();
+    let range = SWEEP_DEG.to_radians().min((tan_x / distance).atan());
+    let along = degrees.to_radians() % (2.0 * range);
+    let angle = begin - (range - (range - along).abs()).copysign(begin);
+    [(distance * angle.tan() / tan_x + 1.0) / 2.0, y]
+}
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let options = &args.options;
+    options.check().map_err(Failure::Input)?;
+    output::prepare(&options.out, "--out")?;
+    interrupt::watch()?;
+    let tracing = Tracing::start(options)?;
+    let shots = if args.preset.shots.is_empty() { vec![options.shot.clone()] } else { once(args.preset.shots.clone()) };
+    // With a gaze that rests, then with one that moves.
+    let frames = 2 * u64::from(args.frames_of(&FULL)) * ARRANGEMENTS.len() as u64;
+    let progress = Progress::new(shots.len() as u64 * frames, options.quiet, options.json);
+    let mut found = Found::default();
+    for shot in shots {
+        let run = RunOptions { shot, ..options.clone() };
+        found.measure(&Args { options: run, ..args.clone() }, &progress, &tracing)?;
+    }
+    progress.finish();
+    tracing.finish()?;
+    found.write(args)
+}
+
+#[derive(Default)]
+struct Found {
+    rows: Vec<Row>,
+    /// Those that were timed, each with its shot and arrangement.
+    frames: Vec<([String; 2], FrameLine)>,
+    devices: Vec<DeviceInfo>,
+    /// About each reference.
+    notes: Vec<String>,
+    /// The last frame of a gaze that rests, of each row.
+    pictures: Vec<Group>,
+}
+
+impl Found {
+    /// All arrangements on the shot of `args`.
+    fn measure(&mut self, args: &Args, progress: &Progress, tracing: &Tracing) -> Result<(), Failure> {
+        let options = &args.options;
+        let loaded = setup::load(options)?;
+        let reference = own(args, &loaded, tracing, None)?;
+        interrupt::check()?;
+        self.notes.push(reference.note(&options.shot, options.size));
+        let arranged = arrangements(options, &loaded);
+        let mut turns = Turns::new(&loaded, progress, tracing, self.rows.len());
+        for (name, (own, _)) in ARRANGEMENTS.iter().zip(&arranged) {
+            let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
+            turns.add(format!("{name} of {}", options.shot), own.clone(), gpus)?;
+        }
+        let mut judges = ARRANGEMENTS.map(|_| Judge::new(&loaded, &reference, options.time));
+        let mut traced = [[0; 2]; ARRANGEMENTS.len()];
+        let (warm_up, all) = (args.warm_up_of(&FULL), args.frames_of(&FULL));
+        for i in 0..all {
+            let time_s = args.time_s(&FULL, i);
+            let frames = turns.render(time_s, i)?;
+            let Some(number) = i.checked_sub(warm_up) else { continue };
+            for (which, frame) in frames.iter().enumerate() {
+                let row = turns.keep(which, time_s, frame, number);
+                let image = turns.renderers[which].read_linear()?;
+                judges[which].add(frame, &row, &image)?;
+                for (sum, pixels) in traced[which].iter_mut().zip(frame.traced_pixels()) {
+                    *sum += pixels;
+                }
+                if args.report && i + 1 == all {
+                    let name = format!("{} of {}", ARRANGEMENTS[which], options.shot);
+                    self.pictures.push(page::against(name, &image, &reference.images, &loaded)?);
+                }
+            }
+        }
+        let foveae = with_moving_gaze(args, &loaded, &reference, &mut turns)?;
+        let of_screen = |pixels: u64| pixels as f64 / (f64::from(all - warm_up) * options.size.area() as f64);
+        let mut found = Vec::new();
+        for (which, (judge, fovea)) in judges.into_iter().zip(foveae).enumerate() {
+            let measured = judge.conclude();
+            let of = [options.shot.clone(), ARRANGEMENTS[which].to_owned()];
+            self.frames.extend(measured.frames.iter().map(|line| (of.clone(), line.clone())));
+            let (floor, paths) = (arranged[which].1, traced[which].map(of_screen));
+            found.push((measured, Beside { floor, paths, fovea }));
+        }
+        self.rows.extend(measured(&options.shot, found));
+        self.devices = turns.renderers[0].devices().to_vec();
+        Ok(())
+    }
+
+    fn write(mut self, args: &Args) -> Result<(), Failure> {
+        self.rows.extend(cited());
+        let (of, lines): (Vec<_>, Vec<_>) = self.frames.into_iter().unzip();
+        let columns: [Column<[String; 2]>; 2] =
+            [("shot", |[shot, _]| shot.clone()), ("arrangement", |[_, arrangement]| arrangement.clone())];
+        let frames = Csv::new(&columns, &of).beside(FrameLine::csv(&lines));
+        let notes = [NOTE.to_owned()].into_iter().chain(self.notes).collect();
+        let mut more = vec![section("Devices", Vec::new(), Table::of_devices([&self.devices[..]]))];
+        if args.report {
+            let note =
+                "The last frame of each arrangement, with a gaze that rests, and its FLIP against the reference.";
+            more.insert(0, page::pictures(note.to_owned(), &self.pictures)?);
+        }
+        Findings {
+            title: format!("Visual-polar images after Koskela et al., at {}", args.options.size),
+            rows: &self.rows,
+            files: vec![("koskela.csv", koskela_csv(&self.rows)), ("frames.csv", frames)],
+            run: None,
+            tables: vec![section("Visual-polar, and as many samples elsewhere", notes, koskela_table(&self.rows))],
+            more,
+        }
+        .write(args)
+    }
+}
+
+/// FLIP and flicker of the fovea in each renderer while camera and scene rest and the gaze moves on from where it was, means
+/// of both eyes. As many frames as a history takes come before those that are compared.
+fn with_moving_gaze(
+    args: &Args,
+    loaded: &Loaded,
+    reference: &Reference,
+    turns: &mut Turns,
+) -> Result<Vec<[Option<f64>; 2]>, Failure> {
+    let options = &args.options;
+    let (warm_up, all) = (args.warm_up_of(&FULL), args.frames_of(&FULL));
+    let (rig, from) = (&loaded.shot.rig, loaded.shot.gaze.at(options.time));
+    let mut flips = ARRANGEMENTS.map(|_| Some(0.0));
+    let mut changes = ARRANGEMENTS.map(|_| [Change::default(); 2]);
+    let mut before: [Option<([Pair; 2], Viewing)>; ARRANGEMENTS.len()] = Default::default();
+    for i in 0..all {
+        let gaze = turned(from, tan_half(loaded, options), GAZE_DEG_PER_S * f64::from(i + 1) / FPS);
+        turns.renderers.iter_mut().for_each(|renderer| renderer.set_gaze(gaze));
+        turns.render(options.time, all + i)?;
+        if i < warm_up {
+            continue;
+        }
+        let viewing = Viewing { gaze, yfov_deg: rig.yfov_rad.to_degrees() };
+        for (which, renderer) in turns.renderers.iter_mut().enumerate() {
+            let now = pairs(loaded, reference, &renderer.read_linear()?)?;
+            for pair in &now {
+                let frames = 2.0 * f64::from(all - warm_up);
+                flips[which] =
+                    flips[which].zip(pair.flip_near_gaze(&viewing, NEAR_DEG)).map(|(sum, f)| sum + f / frames);
+            }
+            if let Some((last, seen)) = &before[which] {
+                for (eye, change) in changes[which].iter_mut().enumerate() {
+                    *change = *change + now[eye].change_near_gaze(&last[eye], [&viewing, seen], NEAR_DEG)?;
+                }
+            }
+            before[which] = Some((now, viewing));
+        }
+    }
+    let mean = |[left, right]: [Change; 2]| {
+        let of = |eye: Change| TemporalError::from(eye).flicker;
+        Some((of(left)? + of(right)?) / 2.0)
+    };
+    Ok(flips.into_iter().zip(changes).map(|(flip, eyes)| [flip, mean(eyes)]).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use super::*;
+
+    #[test]
+    fn a_gaze_turns_evenly_towards_the_middle_and_back() {
+        let tan_half = [1.2, 0.8];
+        let ray = |[x, y]: [f64; 2]| DVec3::new((2.0 * x - 1.0) * tan_half[0], (1.0 - 2.0 * y) * tan_half[1], 1.0);
+        for from in [[0.5, 0.5], [0.3, 0.8], [1.0, 0.0]] {
+            for (degrees, expected) in [(0.0, 0.0), (0.2, 0.2), (9.0, 9.0), (13.0, 7.0), (24.0, 4.0)] {
+                let to = turned(from, tan_half, degrees);
+                let angle = ray(from).angle_between(ray(to)).to_degrees();
+                assert!((angle - expected).abs() < 1e-6 && to[1] == from[1], "{from:?}, {degrees}: {angle}");
+                assert!((to[0] - 0.5).abs() <= (from[0] - 0.5).abs().max(0.2), "{to:?}");
+            }
+        }
+        // A screen that is narrower than the sweep is not left.
+        let narrow = [0.05, 0.05];
+        for degrees in [1.0, 2.5, 3.0, 5.0, 77.0] {
+            let [x, _] = turned([0.5, 0.5], narrow, degrees);
+            assert!((0.0..=1.0).contains(&x), "{degrees}: {x}");
+        }
+    }
+}
