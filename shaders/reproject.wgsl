@@ -1,6 +1,6 @@
 // Spatial reprojection, right eye from left (Adelson & Hodges 1993; Leria et al.): each right pixel gathers what the
 // left eye saw of its surface. The eyes are rectified, so both taps lie on the pixel's own row; those of visual-polar
-// images, four, lie within POLAR_REACH rows of it. What cannot be gathered becomes a hole.
+// images, four, lie within as many rows as the argument says. What cannot be gathered becomes a hole.
 // Where pixels are left to the filter, left ones that were not sampled give nothing, and only those that the right eye's
 // own mask asks for become holes. With foveation surfaces may differ more in the outer layers.
 
@@ -53,8 +53,8 @@ fn tap_around(seen: vec2<f32>, row: u32, i: i32) -> Tap {
         let eye = frame.camera.views[0];
         let y = clamp(seen.y - frame.camera.centre.y, -2.0, eye.rows + 1.0);
         let there = i32(floor(y)) + (i >> 1u);
-        let low = max(i32(pass_.valid_begin), i32(row) - i32(POLAR_REACH));
-        let high = min(min(i32(pass_.valid_end), i32(eye.rows)), i32(row) + i32(POLAR_REACH) + 1);
+        let low = max(i32(pass_.valid_begin), i32(row) - i32(pass_.args[0]));
+        let high = min(min(i32(pass_.valid_end), i32(eye.rows)), i32(row) + i32(pass_.args[0]) + 1);
         let x = column_in(there, seen.x, eye.fovea_rows) - frame.camera.centre.x;
         let column = around_ring(i32(floor(x)) + (i & 1), i32(row_length(eye.fovea_rows, there)));
         let near = abs(vec2<f32>(f32(1 - (i & 1)), f32(1 - (i >> 1u))) - fract(vec2<f32>(x, y)));

@@ -16,11 +16,10 @@ const fn code(reason: HoleReason) -> u32 {
     reason as u32 + 1
 }
 
-/// Rows of visual-polar images between where the eyes see a surface, at most.
-const POLAR_REACH: u32 = 32;
+/// Of the rows of visual-polar images, one over the share that may lie between where the eyes see a surface.
+const POLAR_REACH: u32 = 8;
 
 const KERNEL: Kernel = Kernel::new("reproject").with(&[
-    ("POLAR_REACH", POLAR_REACH),
     ("OUTSIDE", code(HoleReason::Outside)),
     ("NORMAL", code(HoleReason::Normal)),
     ("DISTANCE", code(HoleReason::Distance)),
@@ -30,16 +29,18 @@ const KERNEL: Kernel = Kernel::new("reproject").with(&[
 ]);
 
 pub fn pass(spec: &FrameSpec) -> Pass {
-    let reach = if spec.screen.is_some() { POLAR_REACH } else { 0 };
+    let reach = if spec.screen.is_some() { spec.extent.height.div_ceil(POLAR_REACH) } else { 0 };
     let left = |image| Use::read(image).of(Eye::Left).halo(spec.halo(reach));
-    Pass::new(Stage("reproject"), Eye::Right, CUT, KERNEL).uses([
-        left(HIT),
-        left(GUIDE),
-        left(RADIANCE),
-        Use::read(HIT),
-        Use::read(GUIDE),
-        Use::write(RADIANCE),
-        Use::update(TALLY),
-        Use::write_then_read(HOLES).cleared(),
-    ])
+    Pass::new(Stage("reproject"), Eye::Right, CUT, KERNEL)
+        .uses([
+            left(HIT),
+            left(GUIDE),
+            left(RADIANCE),
+            Use::read(HIT),
+            Use::read(GUIDE),
+            Use::write(RADIANCE),
+            Use::update(TALLY),
+            Use::write_then_read(HOLES).cleared(),
+        ])
+        .args([reach, 0, 0])
 }

@@ -58,6 +58,9 @@ impl Quality {
             0..=self.denoiser.map_or(Denoiser::MAX_ITERATIONS, Denoiser::most_iterations),
         )?;
         within("scale", self.scale, Self::SCALES)?;
+        if self.visual_polar && self.fovea.is_some() {
+            return Err("visual_polar and fovea do not go together".to_owned());
+        }
         if let Some([inner, outer]) = self.fovea {
             within("fovea's inner radius", inner, f64::MIN_POSITIVE..=1.0)?;
             within("fovea's outer radius", outer, inner..=1.0)?;
