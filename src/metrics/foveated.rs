@@ -6,13 +6,10 @@
 
 use super::Pair;
 use super::rings::Viewing;
+use crate::stages::acuity;
 
 /// Eccentricity at which acuity has fallen to a half.
 const HALF_ACUITY_DEG: f64 = 2.3;
-
-/// Where acuity begins to fall, degrees, as Koskela et al. 2019 take it ("Foveated Real-Time Path Tracing in Visual-Polar
-/// Space"): to 449.4 / (0.3 e + 1)² from 60 cycles per degree.
-const FOVEA_DEG: f64 = 5.79;
 
 impl Pair {
     /// Weighted mean of FLIP, 0 … 1, by Geisler and Perry's measure.
@@ -22,8 +19,7 @@ impl Pair {
 
     /// ... by the acuity that visual-polar images are made for.
     pub fn acuity_flip(&self, viewing: &Viewing) -> f64 {
-        let acuity = |degrees: f64| 449.4 / (0.3 * degrees + 1.0).powi(2);
-        self.weighted_flip(viewing, |degrees| acuity(degrees.max(FOVEA_DEG)))
+        self.weighted_flip(viewing, acuity)
     }
 
     /// The mean of the pixels within `degrees` of where the eye looks; `None` without any.

@@ -28,7 +28,7 @@ pub use scene_tables::{SceneBuffers, layout_entries as scene_layout_entries};
 pub use scene_tables::{SceneTables, SceneUpdate, TableError};
 pub use shader::{all_shader_text, override_names, shader_text, shader_text_of};
 pub use task::{StageTask, Stamps};
-pub use visual_polar::{FOVEA_DEG, PolarPlace, VisualPolar};
+pub use visual_polar::{FOVEA_DEG, PolarPlace, VisualPolar, acuity};
 
 use glam::Vec2;
 

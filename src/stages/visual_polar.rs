@@ -19,9 +19,13 @@ use crate::scene::shot::Gaze;
 pub const FOVEA_DEG: f64 = 5.79;
 /// Square degrees that the fovea covers.
 const FOVEA_AREA: f64 = PI * FOVEA_DEG * FOVEA_DEG;
-/// What acuity, 449.4 / 60 / (0.3 e + 1)² of that in the fovea at e degrees, sums up to over a disc is a multiple of this,
-/// square degrees.
+/// What acuity sums up to over a disc is a multiple of this, square degrees.
 const ACUITY_SUM: f64 = 2.0 * PI * (449.4 / 60.0) / (0.3 * 0.3);
+
+/// Acuity at an eccentricity, over that of the fovea: 60 cycles per degree there, and 449.4 / (0.3 e + 1)² at e degrees.
+pub fn acuity(degrees: f64) -> f64 {
+    if degrees < FOVEA_DEG { 1.0 } else { 449.4 / 60.0 / (0.3 * degrees + 1.0).powi(2) }
+}
 
 /// Images that are traced and filtered around the gaze, which may move with every frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -104,10 +108,9 @@ impl VisualPolar {
         let place = |i: usize| {
             let ray = view.ray_direction((i % width) as f64 + 0.5, (i / width) as f64 + 0.5, screen);
             let degrees = ray.angle_between(gaze).to_degrees();
-            let acuity = if degrees < FOVEA_DEG { 1.0 } else { 449.4 / 60.0 / (0.3 * degrees + 1.0).powi(2) };
             // Columns are counted on the sphere, acuity on a plane.
             let angle = degrees.max(1e-9).to_radians();
-            let density = most * acuity * angle / angle.sin() * middle * ray.dot(forward).powi(3);
+            let density = most * acuity(degrees) * angle / angle.sin() * middle * ray.dot(forward).powi(3);
             PolarPlace { row: seen.ring_of(ray), density }
         };
         (0..screen.area()).map(place).collect()

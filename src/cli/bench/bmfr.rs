@@ -3,20 +3,20 @@
 
 use diptych::device::DeviceInfo;
 use diptych::quality::{Denoiser, Quality};
+use diptych::report::Table;
 use diptych::report::bmfr::{DENOISERS, NOTE, Row, bmfr_csv, bmfr_table, cited};
 use diptych::report::csv::{Column, Csv};
 use diptych::report::frames::FrameLine;
-use diptych::report::{Table, once};
 
 use super::Args;
 use super::findings::{Findings, section};
 use super::judge::Judge;
+use super::preset::over_shots;
 use super::reference::own;
 use super::turns::Turns;
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
-use crate::cli::options::{RenderOptions, RunOptions};
-use crate::cli::output;
+use crate::cli::options::RenderOptions;
 use crate::cli::progress::Progress;
 use crate::cli::setup::{self, Tracing};
 
@@ -28,21 +28,9 @@ fn quality(denoiser: Denoiser) -> Quality {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let options = &args.options;
-    options.check().map_err(Failure::Input)?;
-    output::prepare(&options.out, "--out")?;
-    interrupt::watch()?;
-    let tracing = Tracing::start(options)?;
-    let shots = if args.preset.shots.is_empty() { vec![options.shot.clone()] } else { once(args.preset.shots.clone()) };
-    let frames = DENOISERS.map(|denoiser| u64::from(args.frames_of(&quality(denoiser)))).iter().sum::<u64>();
-    let progress = Progress::new(shots.len() as u64 * frames, options.quiet, options.json);
+    let frames = DENOISERS.map(|denoiser| u64::from(args.frames_of(&quality(denoiser)))).iter().sum();
     let mut found = Found::default();
-    for shot in shots {
-        let run = RunOptions { shot, ..options.clone() };
-        found.measure(&Args { options: run, ..args.clone() }, &progress, &tracing)?;
-    }
-    progress.finish();
-    tracing.finish()?;
+    over_shots(args, frames, |args, progress, tracing| found.measure(args, progress, tracing))?;
     found.write(args)
 }
 

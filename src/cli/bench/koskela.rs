@@ -6,13 +6,13 @@ use diptych::metrics::Pair;
 use diptych::metrics::rings::Viewing;
 use diptych::metrics::temporal::{Change, TemporalError};
 use diptych::quality::{Denoiser, Quality};
+use diptych::report::Table;
 use diptych::report::csv::{Column, Csv};
 use diptych::report::frames::FrameLine;
 use diptych::report::koskela::{
     ARRANGEMENTS, Beside, FALLOFF_DEG, GAZE_DEG_PER_S, NEAR_DEG, NOTE, Row, cited, koskela_csv, koskela_table, measured,
 };
 use diptych::report::pictures::Group;
-use diptych::report::{Table, once};
 use diptych::scene::rig::Eye;
 use diptych::stages::{Foveation, VisualPolar};
 
@@ -20,12 +20,12 @@ use super::Args;
 use super::findings::{Findings, section};
 use super::grid::FPS;
 use super::judge::{Judge, pairs};
+use super::preset::over_shots;
 use super::reference::{Reference, own};
 use super::turns::Turns;
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
 use crate::cli::options::{RenderOptions, RunOptions};
-use crate::cli::output;
 use crate::cli::page;
 use crate::cli::progress::Progress;
 use crate::cli::setup::{self, Loaded, Tracing};
@@ -91,22 +91,10 @@ fn turned([x, y]: [f64; 2], [tan_x, tan_y]: [f64; 2], degrees: f64) -> [f64; 2] 
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
-    let options = &args.options;
-    options.check().map_err(Failure::Input)?;
-    output::prepare(&options.out, "--out")?;
-    interrupt::watch()?;
-    let tracing = Tracing::start(options)?;
-    let shots = if args.preset.shots.is_empty() { vec![options.shot.clone()] } else { once(args.preset.shots.clone()) };
     // With a gaze that rests, then with one that moves.
     let frames = 2 * u64::from(args.frames_of(&FULL)) * ARRANGEMENTS.len() as u64;
-    let progress = Progress::new(shots.len() as u64 * frames, options.quiet, options.json);
     let mut found = Found::default();
-    for shot in shots {
-        let run = RunOptions { shot, ..options.clone() };
-        found.measure(&Args { options: run, ..args.clone() }, &progress, &tracing)?;
-    }
-    progress.finish();
-    tracing.finish()?;
+    over_shots(args, frames, |args, progress, tracing| found.measure(args, progress, tracing))?;
     found.write(args)
 }
 
