@@ -38,7 +38,7 @@ fn ladder(rungs: usize) -> Ladder {
             denoiser: None,
             iterations: [0; 3],
             fovea: None,
-            visual_polar: false,
+            polar: None,
             scale: 1.0,
         },
         stage_ms: Default::default(),

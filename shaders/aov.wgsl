@@ -37,7 +37,7 @@ fn on_screen(p: vec3<f32>, eye: View) -> vec2<f32> {
 
 // ... and this frame: where its pixel's ray goes, if the image is the screen's.
 fn seen_at(p: vec3<f32>, centre: vec2<f32>) -> vec2<f32> {
-    if VISUAL_POLAR {
+    if POLAR {
         return on_screen(p, frame.camera.views[pass_.view]);
     }
     return centre;

@@ -16,6 +16,14 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let at = pixel_index(pixel);
+    if !is_shown(pixel) {
+        hit_image[at] = vec4<u32>(NO_PRIM, 0u, 0u, MATERIAL_NONE);
+        guide_image[at] = vec4<u32>(0u, 0u, 0u, NO_NORMAL);
+        albedo_image[at] = pack_albedo(Albedo(vec3<f32>(0.0), vec3<f32>(0.0), 1.0));
+        emission_image[at] = vec4<f32>(0.0);
+        tally_image[at] = 0u;
+        return;
+    }
     if JITTER {
         if pass_.args[1] > 0u {
             if SPARSE && pass_.args[2] == UNSAMPLED_ONLY && is_sampled(pixel, pass_.view) {

@@ -40,6 +40,10 @@ fn main(
                 continue;
             }
         }
+        if !is_shown(pixel) {
+            radiance_image[pixel_index(pixel)] = vec4<u32>(0u);
+            continue;
+        }
         sample_pixel(pixel, pass_.view);
     }
 }

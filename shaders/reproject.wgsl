@@ -1,5 +1,5 @@
 // Spatial reprojection, right eye from left (Adelson & Hodges 1993; Leria et al.): each right pixel gathers what the
-// left eye saw of its surface. The eyes are rectified, so both taps lie on the pixel's own row; those of visual-polar
+// left eye saw of its surface. The eyes are rectified, so both taps lie on the pixel's own row; those of polar
 // images, four, lie within as many rows as the argument says. What cannot be gathered becomes a hole.
 // Where pixels are left to the filter, left ones that were not sampled give nothing, and only those that the right eye's
 // own mask asks for become holes. With foveation surfaces may differ more in the outer layers.
@@ -49,14 +49,15 @@ struct Tap {
 
 // The `i`th around an image point, for a pixel of this row.
 fn tap_around(seen: vec2<f32>, row: u32, i: i32) -> Tap {
-    if VISUAL_POLAR {
+    if POLAR {
         let eye = frame.camera.views[0];
         let y = clamp(seen.y - frame.camera.centre.y, -2.0, eye.rows + 1.0);
         let there = i32(floor(y)) + (i >> 1u);
-        let low = max(i32(pass_.valid_begin), i32(row) - i32(pass_.args[0]));
-        let high = min(min(i32(pass_.valid_end), i32(eye.rows)), i32(row) + i32(pass_.args[0]) + 1);
+        let rows = rows_around(seen.y, eye.fovea_rows, eye.rows);
+        let low = max(max(i32(pass_.valid_begin), rows.x), i32(row) - i32(pass_.args[0]));
+        let high = min(min(i32(pass_.valid_end), rows.y), i32(row) + i32(pass_.args[0]) + 1);
         let x = column_in(there, seen.x, eye.fovea_rows) - frame.camera.centre.x;
-        let column = around_ring(i32(floor(x)) + (i & 1), i32(row_length(eye.fovea_rows, there)));
+        let column = column_held(eye.fovea_rows, there, i32(floor(x)) + (i & 1));
         let near = abs(vec2<f32>(f32(1 - (i & 1)), f32(1 - (i >> 1u))) - fract(vec2<f32>(x, y)));
         let is_there = there >= low && there < high;
         return Tap(select(0u, u32(there) * pass_.width + u32(column), is_there), near.x * near.y, is_there);
@@ -133,7 +134,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     var why = OUTSIDE;
     var missed = -1.0;
     var was_skipped = false;
-    for (var i = 0; i < select(2, 4, VISUAL_POLAR); i += 1) {
+    for (var i = 0; i < select(2, 4, POLAR); i += 1) {
         let tap = tap_around(seen.xy, pixel.y, i);
         var why_tap = OUTSIDE;
         if tap.is_there {

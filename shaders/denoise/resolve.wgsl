@@ -47,9 +47,9 @@ fn was_seen(last: vec4<u32>, seen: vec3<f32>, low: vec2<i32>, high: vec2<i32>, f
     var was = false;
     for (var i = 0; i < 4; i += 1) {
         var there = base + vec2<i32>(i & 1, i >> 1u);
-        if VISUAL_POLAR {
+        if POLAR {
             let column = i32(floor(column_in(there.y, seen.x, fovea_rows) - 0.5)) + (i & 1);
-            there.x = around_ring(column, i32(row_length(fovea_rows, there.y)));
+            there.x = column_held(fovea_rows, there.y, column);
         }
         let is_inside = all(there >= low) && all(there <= high);
         let tap = last_guide[select(0u, u32(there.y) * pass_.width + u32(there.x), is_inside)];
@@ -61,9 +61,9 @@ fn was_seen(last: vec4<u32>, seen: vec3<f32>, low: vec2<i32>, high: vec2<i32>, f
 }
 
 // From one image point to another, the short way around the gaze.
-fn way_between(a: vec2<f32>, b: vec2<f32>) -> vec2<f32> {
+fn way_between(a: vec2<f32>, b: vec2<f32>, eye: View) -> vec2<f32> {
     var way = b - a;
-    if VISUAL_POLAR {
+    if POLAR && !(LOG_POLAR && b.y < eye.fovea_rows) {
         way.x -= f32(frame.camera.width) * round(way.x / f32(frame.camera.width));
     }
     return way;
@@ -71,7 +71,7 @@ fn way_between(a: vec2<f32>, b: vec2<f32>) -> vec2<f32> {
 
 // Whether a point, from the centre of the first pixel, is within the image that an eye had.
 fn is_in_image(at: vec2<f32>, eye: View) -> bool {
-    if VISUAL_POLAR {
+    if POLAR {
         return at.y > -0.5 && at.y < eye.rows - 0.5;
     }
     return all(at > vec2<f32>(-0.5)) && all(at < vec2<f32>(f32(pass_.width), f32(pass_.height)) - 0.5);
@@ -86,11 +86,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let at = pixel_index(pixel);
     let now = composed[at];
     let eye = previous.views[pass_.view];
-    let low = vec2<i32>(0, i32(pass_.valid_begin));
-    var high = vec2<i32>(i32(pass_.width) - 1, i32(pass_.valid_end) - 1);
-    if VISUAL_POLAR {
-        high.y = min(high.y, i32(eye.rows) - 1);
-    }
 
     // What surrounds the pixel, and the nearest of it: silhouettes move with what is in front.
     var mean = vec3<f32>(0.0);
@@ -126,25 +121,26 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         last = last_surface[pixel_index(vec2<u32>(front))];
         let is_surface = last.w != NO_NORMAL && depth > 0.0;
         let followed = pixel_of(bitcast<vec3<f32>>(last.xyz), eye);
-        carried = select(0.0, min(length(way_between(seen.xy, followed.xy)), 1.0), is_surface);
+        carried = select(0.0, min(length(way_between(seen.xy, followed.xy, eye)), 1.0), is_surface);
         seen = select(seen, followed, is_surface);
     }
     // Where something moves, what it hid and the light that it kept off change where nothing else does.
     let is_still = !HAS_MOTION && !has_moved(frame.camera.views[pass_.view], eye);
     let size = vec2<f32>(f32(pass_.width), f32(pass_.height));
-    let motion = select(way_between(at_front, seen.xy), vec2<f32>(0.0), is_still);
+    let motion = select(way_between(at_front, seen.xy, eye), vec2<f32>(0.0), is_still);
     var start = vec2<f32>(pixel);
-    if VISUAL_POLAR {
+    if POLAR {
         start = point_in(start, frame.camera.centre) - vec2<f32>(0.0, frame.camera.centre.y);
     }
     let moved = clamp(start + motion, vec2<f32>(-2.0), size + 1.0);
     let base = floor(moved);
     let fraction = moved - base;
     let reach = i32(frame.history.rows);
-    let rows_low = max(low.y, i32(pixel.y) - reach);
-    let rows_high = min(high.y, i32(pixel.y) + reach);
+    let rows = rows_around(moved.y + frame.camera.centre.y, eye.fovea_rows, eye.rows);
+    let rows_low = max(max(i32(pass_.valid_begin), rows.x), i32(pixel.y) - reach);
+    let rows_high = min(min(i32(pass_.valid_end), rows.y) - 1, i32(pixel.y) + reach);
     let inside = seen.z > 0.0 && is_in_image(moved, eye);
-    let is_new = HAS_MOTION && !was_seen(last, seen, vec2<i32>(low.x, rows_low), vec2<i32>(high.x, rows_high), eye.fovea_rows);
+    let is_new = HAS_MOTION && !was_seen(last, seen, vec2<i32>(0, rows_low), vec2<i32>(i32(pass_.width) - 1, rows_high), eye.fovea_rows);
     let has_history = inside && !is_new && frame.history.rows != NO_HISTORY
         && i32(base.y) >= rows_low - 1 && i32(base.y) <= rows_high
         && !are_lost(i32(base.y) - 1, i32(base.y) + 3);
@@ -156,15 +152,15 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     for (var j = 0; j < taps; j += 1) {
         let row = clamp(i32(base.y) + j - 1, rows_low, rows_high);
         var column = base.x;
-        if VISUAL_POLAR {
+        if POLAR {
             let point = column_in(row, start.x + motion.x, eye.fovea_rows) - frame.camera.centre.x;
             column = floor(point);
             wx = cubic(point - column);
         }
         for (var i = 0; i < 4; i += 1) {
-            var held = vec2<i32>(clamp(i32(column) + i - 1, low.x, high.x), row);
-            if VISUAL_POLAR {
-                held.x = around_ring(i32(column) + i - 1, i32(row_length(eye.fovea_rows, row)));
+            var held = vec2<i32>(clamp(i32(column) + i - 1, 0, i32(pass_.width) - 1), row);
+            if POLAR {
+                held.x = column_held(eye.fovea_rows, row, i32(column) + i - 1);
             }
             let w = wx[i] * wy[j];
             old += last_resolved[u32(held.y) * pass_.width + u32(held.x)] * w;
@@ -179,7 +175,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let longest = select(mix(longest_moved, LONGEST_STILL, stillness), LONGEST_STILL, is_still);
     let is_known = has_history && is_finite(old.rgb) && is_finite(old.aaa);
     var frames = select(0.0, clamp(round(old.a), 0.0, min(longest, longest_in_light())), is_known);
-    if HAS_MOTION && !VISUAL_POLAR {
+    if HAS_MOTION && !POLAR {
         frames *= kept_in_light(tile_of(pixel, stood_at), frames, 1.0);
     }
 

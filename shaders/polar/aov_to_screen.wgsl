@@ -1,4 +1,4 @@
-// Maps an auxiliary image of a visual-polar image to the screen: each pixel of the screen has the value of the pixel that
+// Maps an auxiliary image of a polar image to the screen: each pixel of the screen has the value of the pixel that
 // lies in its direction.
 
 //!include frame grid
@@ -14,10 +14,8 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let eye = frame.camera.views[pass_.view];
-    let ray = pinhole_ray(pass_.view, vec2<f32>(pixel) + 0.5, vec2<f32>(f32(pass_.width), f32(pass_.height)));
-    let point = polar_point(ray, eye);
+    let point = polar_point(vec2<f32>(pixel) + 0.5);
     let row = clamp(i32(floor(point.y)), 0, i32(eye.rows) - 1);
-    let length = row_length(eye.fovea_rows, row);
-    let column = around_ring(i32(floor(column_in(row, point.x, eye.fovea_rows))), i32(length));
+    let column = column_held(eye.fovea_rows, row, i32(floor(column_in(row, point.x, eye.fovea_rows))));
     aov[pixel.y * pass_.width + pixel.x] = polar[u32(row) * frame.camera.width + u32(column)];
 }

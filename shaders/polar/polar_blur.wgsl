@@ -1,6 +1,7 @@
-// Blurs a visual-polar image along one of its axes, as far as acuity allows (Koskela et al. 2019, section 3): by nothing in
-// the fovea, and by a Gaussian from there on whose deviation grows up to BLUR_FULL_DEG. Departure: the image is blurred
-// before it is mapped to the screen, where it has fewer pixels.
+// Blurs a polar image along one of its axes. A visual-polar one as far as acuity allows (Koskela et al. 2019, section 3): by
+// nothing in the fovea, and by a Gaussian from there on whose deviation grows up to BLUR_FULL_DEG. A log-polar one by the
+// next pixels, which count the more, the farther the gaze is (Andersson & Hansson 2020, section 3.5). Departure: the image is
+// blurred before it is mapped to the screen, where it has fewer pixels.
 
 //!include frame grid
 
@@ -14,6 +15,22 @@ const BLUR_FULL_DEG: f32 = 30.0;
 const REACH: f32 = 2.5;
 const LEAST_DEVIATION: f32 = 0.3;
 
+// A share of the next pixels, which is that of a Gaussian's three weights where it is 1.
+fn blurred_by_next(pixel: vec2<u32>, along_columns: bool) -> vec3<f32> {
+    let map = frame.camera.log_polar;
+    let own = source[pixel_index(pixel)].rgb;
+    let fovea_rows = frame.camera.views[pass_.view].fovea_rows;
+    let distance = distance_at(f32(pixel.y) + 0.5, fovea_rows);
+    let share = clamp((distance - map.blur_begins) / (map.blur_full - map.blur_begins), 0.0, 1.0);
+    if is_in_square(fovea_rows, i32(pixel.y)) || map.blur_begins >= map.blur_full || share <= 0.0 {
+        return own;
+    }
+    let step = select(vec2<i32>(0, 1), vec2<i32>(1, 0), along_columns);
+    let before = source[pixel_index(vec2<u32>(beside(pixel, -step).pixel))].rgb;
+    let after = source[pixel_index(vec2<u32>(beside(pixel, step).pixel))].rgb;
+    return own * (1.0 - 0.5 * share) + (before + after) * (0.25 * share);
+}
+
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
@@ -21,11 +38,15 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let at = pixel_index(pixel);
+    let along_columns = pass_.args[0] == 0u;
+    if LOG_POLAR {
+        blurred[at] = vec4<f32>(blurred_by_next(pixel, along_columns), 1.0);
+        return;
+    }
     let fovea_rows = frame.camera.views[pass_.view].fovea_rows;
     let e = eccentricity_near(f32(pixel.y) + 0.5, fovea_rows);
     let share = clamp((e - FOVEA_DEG) / (BLUR_FULL_DEG - FOVEA_DEG), 0.0, 1.0);
     let angle = share * MOST_DEVIATION * frame.camera.views[pass_.view].tan_half_y;
-    let along_columns = pass_.args[0] == 0u;
     let deviation = angle * select(rows_per_radian(e, fovea_rows), columns_per_radian(pixel.y, e, fovea_rows), along_columns);
     if deviation < LEAST_DEVIATION {
         blurred[at] = source[at];

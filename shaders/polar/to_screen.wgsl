@@ -1,6 +1,7 @@
-// Maps a visual-polar image to the screen: each pixel of the screen gathers what lies around its direction, linearly
-// between rings and columns. Departure from Koskela et al. 2019: where the image is finer than the screen, which is near
-// the gaze, all of a pixel is gathered, instead of from smaller images that have half the columns.
+// Maps a polar image to the screen: each pixel of the screen gathers what lies around its direction, linearly between rings
+// and columns, or is one of the square around the gaze. Departure from Koskela et al. 2019 and Andersson & Hansson 2020:
+// where the image is finer than the screen, which is near the gaze, all of a pixel is gathered, instead of from smaller
+// images that have half the columns, or of what is nearest.
 
 //!include frame grid display
 
@@ -11,6 +12,45 @@
 // Most pixels of the image between the middle of a pixel of the screen and the middle of the next.
 const MOST_FOOTPRINT: f32 = 6.0;
 
+// Columns and rows of the image in a pixel of the screen.
+fn density_at(at: vec2<f32>, point: vec2<f32>) -> vec2<f32> {
+    if LOG_POLAR {
+        return log_polar_density(max(distance(at, gaze_on_screen(pass_.view)), 1.0));
+    }
+    let eye = frame.camera.views[pass_.view];
+    let e = eccentricity_near(point.y, eye.fovea_rows);
+    // A pixel's angle: the pinhole's image is finer away from its middle.
+    let ray = pinhole_ray(pass_.view, at, vec2<f32>(f32(pass_.width), f32(pass_.height)));
+    let facing = dot(ray, eye.forward);
+    let angle = 2.0 * eye.tan_half_y / f32(pass_.height) * facing * sqrt(facing);
+    let inner = u32(clamp(point.y, 0.0, eye.rows - 1.0));
+    return angle * vec2<f32>(columns_per_radian(inner, e, eye.fovea_rows), rows_per_radian(e, eye.fovea_rows));
+}
+
+fn gathered(at: vec2<f32>, point: vec2<f32>) -> vec3<f32> {
+    let eye = frame.camera.views[pass_.view];
+    let columns = i32(frame.camera.width);
+    let rows = rows_around(point.y, eye.fovea_rows, eye.rows);
+    let reach = clamp(density_at(at, point), vec2<f32>(1.0), vec2<f32>(MOST_FOOTPRINT));
+    let y = point.y - 0.5;
+    var sum = vec3<f32>(0.0);
+    var weight = 0.0;
+    for (var row = i32(ceil(y - reach.y)); f32(row) <= y + reach.y; row += 1) {
+        // Beyond the gaze is the other side of the innermost ring.
+        let is_across = row < 0;
+        let there = clamp(select(row, -1 - row, is_across), rows.x, rows.y - 1);
+        let turned = point.x + select(0.0, 0.5 * f32(columns), is_across);
+        let x = column_in(there, turned, eye.fovea_rows) - 0.5;
+        let w = max(1.0 - abs(f32(row) - y) / reach.y, 0.0);
+        for (var column = i32(ceil(x - reach.x)); f32(column) <= x + reach.x; column += 1) {
+            let k = w * max(1.0 - abs(f32(column) - x) / reach.x, 0.0);
+            sum += polar[there * columns + column_held(eye.fovea_rows, there, column)].rgb * k;
+            weight += k;
+        }
+    }
+    return sum / max(weight, 1e-20);
+}
+
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
@@ -18,35 +58,15 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }
-    let eye = frame.camera.views[pass_.view];
-    let columns = i32(frame.camera.width);
-    let ray = pinhole_ray(pass_.view, vec2<f32>(pixel) + 0.5, vec2<f32>(f32(pass_.width), f32(pass_.height)));
-    let point = polar_point(ray, eye);
-    let e = eccentricity_near(point.y, eye.fovea_rows);
-    // A pixel's angle: the pinhole's image is finer away from its middle.
-    let facing = dot(ray, eye.forward);
-    let angle = 2.0 * eye.tan_half_y / f32(pass_.height) * facing * sqrt(facing);
-    let inner = u32(clamp(point.y, 0.0, eye.rows - 1.0));
-    let per_radian = vec2<f32>(columns_per_radian(inner, e, eye.fovea_rows), rows_per_radian(e, eye.fovea_rows));
-    let reach = clamp(per_radian * angle, vec2<f32>(1.0), vec2<f32>(MOST_FOOTPRINT));
-    let y = point.y - 0.5;
-    var sum = vec3<f32>(0.0);
-    var weight = 0.0;
-    for (var row = i32(ceil(y - reach.y)); f32(row) <= y + reach.y; row += 1) {
-        // Beyond the gaze is the other side of the innermost ring.
-        let is_across = row < 0;
-        let there = min(select(row, -1 - row, is_across), i32(eye.rows) - 1);
-        let length = i32(row_length(eye.fovea_rows, there));
-        let turned = point.x + select(0.0, 0.5 * f32(columns), is_across);
-        let x = column_in(there, turned, eye.fovea_rows) - 0.5;
-        let w = max(1.0 - abs(f32(row) - y) / reach.y, 0.0);
-        for (var column = i32(ceil(x - reach.x)); f32(column) <= x + reach.x; column += 1) {
-            let k = w * max(1.0 - abs(f32(column) - x) / reach.x, 0.0);
-            sum += polar[there * columns + around_ring(column, length)].rgb * k;
-            weight += k;
-        }
+    let centre = vec2<f32>(pixel) + 0.5;
+    let point = polar_point(centre);
+    var color: vec3<f32>;
+    if is_in_square(frame.camera.views[pass_.view].fovea_rows, i32(floor(point.y))) {
+        let there = vec2<u32>(floor(point));
+        color = polar[there.y * frame.camera.width + there.x].rgb;
+    } else {
+        color = gathered(centre, point);
     }
-    let color = sum / max(weight, 1e-20);
     let at = pixel.y * pass_.width + pixel.x;
     linear[at] = vec4<f32>(color, 1.0);
     display[at] = display_code(color);

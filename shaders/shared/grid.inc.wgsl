@@ -1,7 +1,10 @@
-// How a pixel of the pass's grid becomes a ray, and a point in the scene a pixel again: a pinhole's image, or a
-// visual-polar one (see `visual_polar.rs`), whose rows are rings around the gaze and whose columns are directions from it.
+// How a pixel of the pass's grid becomes a ray, and a point in the scene a pixel again: a pinhole's image, or a polar one
+// (see `stages/polar.rs`), whose rows are rings around the gaze and whose columns are directions from it.
 
-override VISUAL_POLAR: bool = false;
+override POLAR: bool = false;
+// Of polar images: whether they are log-polar ones, in which rows of a square of the screen's pixels around the gaze may
+// stand before the rings. Else they are visual-polar.
+override LOG_POLAR: bool = false;
 
 const TAU: f32 = 6.2831855;
 // Where acuity begins to fall, degrees from the gaze; square degrees within; and what acuity adds up to is a multiple of this.
@@ -13,10 +16,18 @@ fn pixel_index(pixel: vec2<u32>) -> u32 {
     return pixel.y * pass_.width + pixel.x;
 }
 
+// Whether a row is of the square around the gaze.
+fn is_in_square(eye_fovea_rows: f32, row: i32) -> bool {
+    return LOG_POLAR && f32(row) < eye_fovea_rows;
+}
+
 // Columns of a row of an image that an eye sees: rings within the fovea have the fewer, the smaller they are.
 fn row_length(eye_fovea_rows: f32, row: i32) -> f32 {
     let width = f32(frame.camera.width);
-    if VISUAL_POLAR {
+    if LOG_POLAR {
+        return select(frame.camera.log_polar.columns, eye_fovea_rows, is_in_square(eye_fovea_rows, row));
+    }
+    if POLAR {
         return clamp(ceil(width * (f32(row) + 0.5) / eye_fovea_rows), 1.0, width);
     }
     return width;
@@ -24,7 +35,7 @@ fn row_length(eye_fovea_rows: f32, row: i32) -> f32 {
 
 // Whether a dispatch over pixels has nothing to do here.
 fn is_outside(pixel: vec2<u32>) -> bool {
-    if VISUAL_POLAR {
+    if POLAR {
         let rows = frame.camera.views[pass_.view].rows;
         let length = row_length(frame.camera.views[pass_.view].fovea_rows, i32(pixel.y));
         return f32(pixel.x) >= length || f32(pixel.y) >= rows || pixel.y >= pass_.row_end;
@@ -40,17 +51,20 @@ struct Beside {
 
 fn beside(pixel: vec2<u32>, offset: vec2<i32>) -> Beside {
     let there = vec2<i32>(pixel) + offset;
-    if VISUAL_POLAR {
+    if POLAR {
         let fovea_rows = frame.camera.views[pass_.view].fovea_rows;
-        let end = min(i32(pass_.valid_end), i32(frame.camera.views[pass_.view].rows));
-        let row = clamp(there.y, i32(pass_.valid_begin), end - 1);
-        let width = i32(frame.camera.width);
-        var column = around_ring(there.x, width);
-        if f32(min(row, i32(pixel.y))) < fovea_rows {
+        let rows = rows_around(f32(pixel.y), fovea_rows, frame.camera.views[pass_.view].rows);
+        let row = clamp(there.y, max(i32(pass_.valid_begin), rows.x), min(i32(pass_.valid_end), rows.y) - 1);
+        if is_in_square(fovea_rows, row) {
+            let column = column_held(fovea_rows, row, there.x);
+            return Beside(vec2<i32>(column, row), row == there.y && column == there.x);
+        }
+        var column = column_held(fovea_rows, row, there.x);
+        if !LOG_POLAR && f32(min(row, i32(pixel.y))) < fovea_rows {
             // The same direction in a ring of another length.
             let length = row_length(fovea_rows, row);
             let scaled = (f32(there.x) + 0.5) * length / row_length(fovea_rows, i32(pixel.y));
-            column = around_ring(i32(floor(scaled - length * floor(scaled / length))), i32(length));
+            column = column_held(fovea_rows, row, i32(floor(scaled - length * floor(scaled / length))));
         }
         return Beside(vec2<i32>(column, row), row == there.y);
     }
@@ -58,15 +72,27 @@ fn beside(pixel: vec2<u32>, offset: vec2<i32>) -> Beside {
     return Beside(held, all(held == there));
 }
 
-// A column of a ring of this length, which has no ends, from less than a turn beside it.
-fn around_ring(column: i32, length: i32) -> i32 {
-    let turned = column + select(0, length, column < 0) - select(0, length, column >= length);
+// A column of a row: rings have no ends, and a column may be less than a turn beside them.
+fn column_held(eye_fovea_rows: f32, row: i32, column: i32) -> i32 {
+    let length = i32(row_length(eye_fovea_rows, row));
+    let turn = select(length, 0, is_in_square(eye_fovea_rows, row));
+    let turned = column + select(0, turn, column < 0) - select(0, turn, column >= length);
     return clamp(turned, 0, length - 1);
+}
+
+// The rows that an image goes on in from a place in them: the first, and the one after the last. What stands before rings
+// is another image.
+fn rows_around(place: f32, eye_fovea_rows: f32, eye_rows: f32) -> vec2<i32> {
+    if LOG_POLAR {
+        let rim = i32(eye_fovea_rows);
+        return select(vec2<i32>(rim, i32(eye_rows)), vec2<i32>(0, rim), place < eye_fovea_rows);
+    }
+    return vec2<i32>(0, select(i32(pass_.height), i32(eye_rows), POLAR));
 }
 
 // Image points, as `pixel_of` finds them, have columns of rows of full length. Where in a row of another length that is.
 fn column_in(row: i32, column: f32, eye_fovea_rows: f32) -> f32 {
-    if VISUAL_POLAR {
+    if POLAR && !is_in_square(eye_fovea_rows, row) {
         return column * row_length(eye_fovea_rows, row) / f32(frame.camera.width);
     }
     return column;
@@ -75,8 +101,9 @@ fn column_in(row: i32, column: f32, eye_fovea_rows: f32) -> f32 {
 // The image point at `offset` in a pixel.
 fn point_in(pixel: vec2<f32>, offset: vec2<f32>) -> vec2<f32> {
     let at = pixel + offset;
-    if VISUAL_POLAR {
-        let length = row_length(frame.camera.views[pass_.view].fovea_rows, i32(pixel.y));
+    let fovea_rows = frame.camera.views[pass_.view].fovea_rows;
+    if POLAR && !is_in_square(fovea_rows, i32(pixel.y)) {
+        let length = row_length(fovea_rows, i32(pixel.y));
         return vec2<f32>(at.x * f32(frame.camera.width) / length, at.y);
     }
     return at;
@@ -127,9 +154,77 @@ fn pinhole_ray(view: u32, at: vec2<f32>, size: vec2<f32>) -> vec3<f32> {
         + frame.camera.views[view].up * (ndc.y * frame.camera.views[view].tan_half_y));
 }
 
+// Where the gaze is on the screen, pixels; of log-polar images.
+fn gaze_on_screen(view: u32) -> vec2<f32> {
+    return vec2<f32>(frame.camera.views[view].gaze_x, frame.camera.views[view].gaze_y);
+}
+
+// How far from the gaze, in pixels of the screen, a place in the rows of a log-polar image is that is no place in the square.
+fn distance_at(row: f32, fovea_rows: f32) -> f32 {
+    let map = frame.camera.log_polar;
+    let share = max(row - fovea_rows + map.first_ring, 0.0) / map.rings;
+    return exp(map.log_diagonal * pow(share, 1.0 / map.kernel));
+}
+
+// Columns and rows of a log-polar image in a pixel of the screen so far from the gaze, 1 pixel at least.
+fn log_polar_density(distance: f32) -> vec2<f32> {
+    let map = frame.camera.log_polar;
+    let share = max(log(distance) / map.log_diagonal, 1e-6);
+    let rows = map.rings * map.kernel * pow(share, map.kernel - 1.0) / (map.log_diagonal * distance);
+    return vec2<f32>(map.columns / (TAU * distance), rows);
+}
+
+// The point of the screen that a place in a log-polar image shows: pixels of its row, and rows.
+fn log_polar_on_screen(view: u32, at: vec2<f32>) -> vec2<f32> {
+    let gaze = gaze_on_screen(view);
+    let fovea_rows = frame.camera.views[view].fovea_rows;
+    if at.y < fovea_rows {
+        return floor(gaze) - 0.5 * fovea_rows + at;
+    }
+    let turn = TAU * at.x / frame.camera.log_polar.columns;
+    return gaze + distance_at(at.y, fovea_rows) * vec2<f32>(cos(turn), sin(turn));
+}
+
+// The point of a log-polar image that shows a point of the screen.
+fn log_polar_point(at: vec2<f32>, eye: View) -> vec2<f32> {
+    let map = frame.camera.log_polar;
+    let gaze = vec2<f32>(eye.gaze_x, eye.gaze_y);
+    let away = at - gaze;
+    let distance = length(away);
+    if distance < map.radius {
+        return at - floor(gaze) + 0.5 * eye.fovea_rows;
+    }
+    let turn = atan2(away.y, away.x);
+    let column = f32(frame.camera.width) * (turn + select(0.0, TAU, turn < 0.0)) / TAU;
+    let ring = map.rings * pow(log(max(distance, 1.0)) / map.log_diagonal, map.kernel) - map.first_ring;
+    return vec2<f32>(column, eye.fovea_rows + max(ring, 0.0));
+}
+
+// Whether a pixel shows something that is on the screen, or so close by that filters read it. Others are not traced.
+fn is_shown(pixel: vec2<u32>) -> bool {
+    if !LOG_POLAR {
+        return true;
+    }
+    let map = frame.camera.log_polar;
+    let fovea_rows = frame.camera.views[pass_.view].fovea_rows;
+    let at = log_polar_on_screen(pass_.view, vec2<f32>(pixel) + 0.5);
+    var margin = 1.0;
+    var is_on_disc = true;
+    if is_in_square(fovea_rows, i32(pixel.y)) {
+        is_on_disc = distance(at, gaze_on_screen(pass_.view)) < map.radius + 1.0;
+    } else {
+        let density = log_polar_density(max(distance_at(f32(pixel.y) + 0.5, fovea_rows), 1.0));
+        margin = 2.5 / max(min(density.x, density.y), 1e-6);
+    }
+    return is_on_disc && all(at > vec2<f32>(-margin)) && all(at < map.screen + margin);
+}
+
 // Unit direction through the place `at` in a pixel's row: pixels of that row, and rows.
 fn ray_of(view: u32, at: vec2<f32>) -> vec3<f32> {
-    if VISUAL_POLAR {
+    if LOG_POLAR {
+        return pinhole_ray(view, log_polar_on_screen(view, at), frame.camera.log_polar.screen);
+    }
+    if POLAR {
         let fovea_rows = frame.camera.views[view].fovea_rows;
         let turn = TAU * at.x / row_length(fovea_rows, i32(at.y));
         let e = radians(eccentricity_at(at.y, fovea_rows));
@@ -152,7 +247,7 @@ fn columns_per_radian(row: u32, degrees: f32, fovea_rows: f32) -> f32 {
 }
 
 // The point of a visual-polar image in a direction from its eye.
-fn polar_point(direction: vec3<f32>, eye: View) -> vec2<f32> {
+fn visual_polar_point(direction: vec3<f32>, eye: View) -> vec2<f32> {
     let away = vec2<f32>(dot(direction, eye.gaze_right), dot(direction, cross(eye.gaze_right, eye.gaze)));
     let off = length(away);
     let turn = atan2(away.y, away.x);
@@ -172,11 +267,24 @@ fn pinhole_point(v: vec3<f32>, eye: View, size: vec2<f32>) -> vec3<f32> {
     return vec3<f32>((ndc * 0.5 + 0.5) * size, z);
 }
 
+// The point of the pass's view of a polar image that shows a point of the screen, whose grid is the pass's.
+fn polar_point(at: vec2<f32>) -> vec2<f32> {
+    let eye = frame.camera.views[pass_.view];
+    if LOG_POLAR {
+        return log_polar_point(at, eye);
+    }
+    return visual_polar_point(pinhole_ray(pass_.view, at, vec2<f32>(f32(pass_.width), f32(pass_.height))), eye);
+}
+
 // Where an eye sees `p`: image point, and distance along its view direction, or of visual-polar images from the eye.
 fn pixel_of(p: vec3<f32>, eye: View) -> vec3<f32> {
     let v = p - eye.origin;
-    if VISUAL_POLAR {
-        return vec3<f32>(polar_point(v, eye), length(v));
+    if LOG_POLAR {
+        let seen = pinhole_point(v, eye, frame.camera.log_polar.screen);
+        return vec3<f32>(log_polar_point(seen.xy, eye), seen.z);
+    }
+    if POLAR {
+        return vec3<f32>(visual_polar_point(v, eye), length(v));
     }
     return pinhole_point(v, eye, vec2<f32>(f32(pass_.width), f32(pass_.height)));
 }

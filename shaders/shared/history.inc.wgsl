@@ -13,7 +13,7 @@ struct Around {
     high: i32,
     // Largest distance off the surface's plane; below 0 where the point is behind the eye.
     reach: f32,
-    // Of visual-polar images: the point's column, and rows of the fovea.
+    // Of polar images: the point's column, and rows of the fovea.
     column: f32,
     fovea_rows: f32,
 }
@@ -23,11 +23,9 @@ fn pixels_around(seen: vec3<f32>, row: u32, eye: View) -> Around {
     let size = vec2<f32>(f32(pass_.width), f32(pass_.height));
     let corner = clamp(seen.xy - frame.camera.centre, vec2<f32>(-2.0), size + 1.0);
     let base = floor(corner);
-    let low = max(i32(pass_.valid_begin), i32(row) - i32(frame.history.rows));
-    var high = min(i32(pass_.valid_end), i32(row) + i32(frame.history.rows) + 1);
-    if VISUAL_POLAR {
-        high = min(high, i32(eye.rows));
-    }
+    let rows = rows_around(seen.y, eye.fovea_rows, eye.rows);
+    let low = max(max(i32(pass_.valid_begin), rows.x), i32(row) - i32(frame.history.rows));
+    let high = min(min(i32(pass_.valid_end), rows.y), i32(row) + i32(frame.history.rows) + 1);
     return Around(vec2<i32>(base), corner - base, low, high, select(-1.0, 0.005 * seen.z, seen.z > 0.0), seen.x, eye.fovea_rows);
 }
 
@@ -41,10 +39,10 @@ fn corner_of(around: Around, i: i32) -> Corner {
     let offset = vec2<i32>(i & 1, i >> 1u);
     var there = around.base + offset;
     var fraction = around.fraction;
-    if VISUAL_POLAR {
+    if POLAR {
         let column = column_in(there.y, around.column, around.fovea_rows) - frame.camera.centre.x;
         fraction.x = fract(column);
-        there.x = around_ring(i32(floor(column)) + offset.x, i32(row_length(around.fovea_rows, there.y)));
+        there.x = column_held(around.fovea_rows, there.y, i32(floor(column)) + offset.x);
     }
     let inside = around.reach >= 0.0 && there.x >= 0 && there.x < i32(pass_.width)
         && there.y >= around.low && there.y < around.high && !are_lost(there.y, there.y + 1);

@@ -23,7 +23,7 @@ use anyhow::Context;
 use diptych::accumulation::hash_of;
 use diptych::control::{Ladder, Measure, Origin};
 use diptych::device::{DeviceInfo, SceneAccess};
-use diptych::quality::{Denoiser, Quality};
+use diptych::quality::{Denoiser, LogPolar, Quality};
 use diptych::report::Table;
 use diptych::report::bench::{
     ERROR, ERROR_NOTE, Row, Shared, csv, exposure_note, frames, ladder_svg, mark_front, regret_table, regrets, slopes,
@@ -69,6 +69,9 @@ pub struct Args {
     /// What follows the gaze, to measure [default: none]
     #[arg(long, value_delimiter = ',', value_name = "LIST", conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
     foveation: Vec<FoveationMode>,
+    /// Log-polar images to measure, a mode or SIGMA,ALPHA,GAZE,ASPECT [default: composite]
+    #[arg(long, value_name = "MODE", conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
+    polar: Option<LogPolar>,
     /// Render scales to measure; those below 1 with the fewest samples [default: 1,0.7,0.5]
     #[arg(
         long = "render-scale",

@@ -4,9 +4,9 @@ use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 
-use diptych::quality::{Denoiser, Quality};
+use diptych::quality::{Denoiser, LogPolar, PolarSpace, Quality};
 use diptych::scene::shot::Gaze;
-use diptych::stages::{Foveation, VisualPolar};
+use diptych::stages::{Foveation, Polar};
 
 use super::options::DenoiserChoice;
 
@@ -19,6 +19,8 @@ pub enum FoveationMode {
     Layers,
     /// Images whose pixels are as dense as acuity asks for around the gaze, mapped to the screen
     VisualPolar,
+    /// Images whose rings grow with their distance from the gaze, mapped to the screen, as --polar has it
+    LogPolar,
 }
 
 impl FoveationMode {
@@ -27,15 +29,21 @@ impl FoveationMode {
         (self == Self::Layers).then_some(Foveation::RADII)
     }
 
-    pub fn is_polar(self) -> bool {
-        self == Self::VisualPolar
+    /// What is traced instead of the screen's pixels, if anything is; `map`: of log-polar images.
+    pub fn space(self, map: Option<LogPolar>) -> Option<PolarSpace> {
+        match self {
+            Self::None | Self::Layers => None,
+            Self::VisualPolar => Some(PolarSpace::Visual),
+            Self::LogPolar => Some(PolarSpace::Log(map.unwrap_or(LogPolar::COMPOSITE))),
+        }
     }
 
     fn of(quality: &Quality) -> Self {
-        match quality.fovea {
-            _ if quality.visual_polar => Self::VisualPolar,
-            Some(_) => Self::Layers,
-            None => Self::None,
+        match (quality.polar, quality.fovea) {
+            (Some(PolarSpace::Visual), _) => Self::VisualPolar,
+            (Some(PolarSpace::Log(_)), _) => Self::LogPolar,
+            (None, Some(_)) => Self::Layers,
+            (None, None) => Self::None,
         }
     }
 }
@@ -50,6 +58,10 @@ pub struct FoveationOptions {
     /// shot's gaze]
     #[arg(long, value_name = "X,Y")]
     pub gaze: Option<GazeOption>,
+    /// Log-polar images: fov, kernel, composite, composite-kernel, or SIGMA,ALPHA,GAZE,ASPECT: by how much fewer pixels
+    /// there are, the kernel's exponent, radians around the gaze in full, rings over directions [default: composite]
+    #[arg(long, value_name = "MODE")]
+    pub polar: Option<LogPolar>,
     /// Iterations of the denoiser; with layers of the inner, middle and outer one [default: 5; 2,3,5 with layers]
     #[arg(long, value_name = "M[,N,P]", value_parser = iterations)]
     pub iterations: Option<[u32; 3]>,
@@ -65,7 +77,11 @@ impl FoveationOptions {
     /// Those of one frame of this quality; its layers, if it has any, have no more iterations than Peres's.
     pub fn for_quality(quality: &Quality) -> Self {
         let foveation = FoveationMode::of(quality);
-        let limits = Self { foveation, layer_radii: quality.fovea, ..Self::default() };
+        let polar = match quality.polar {
+            Some(PolarSpace::Log(map)) => Some(map),
+            Some(PolarSpace::Visual) | None => None,
+        };
+        let limits = Self { foveation, polar, layer_radii: quality.fovea, ..Self::default() };
         Self { iterations: Some(limits.limit(quality).iterations), ..limits }
     }
 
@@ -79,8 +95,9 @@ impl FoveationOptions {
         self.foveation.radii().map(|usual| self.layer_radii.unwrap_or(usual))
     }
 
-    pub fn is_polar(&self) -> bool {
-        self.foveation.is_polar()
+    /// What is traced instead of the screen's pixels, if anything is.
+    pub fn space(&self) -> Option<PolarSpace> {
+        self.foveation.space(self.polar)
     }
 
     /// Iterations of the inner, middle and outer layer.
@@ -113,9 +130,9 @@ impl FoveationOptions {
         self.radii().map(|radii| Foveation { radii, unsampled_share, ..usual })
     }
 
-    /// Visual-polar images, if they are asked for.
-    pub fn visual_polar(&self, shot: &Gaze) -> Option<VisualPolar> {
-        self.is_polar().then(|| VisualPolar { gaze: self.gaze(shot) })
+    /// Images around the gaze, if they are asked for.
+    pub fn polar(&self, shot: &Gaze) -> Option<Polar> {
+        self.space().map(|space| Polar { gaze: self.gaze(shot), space })
     }
 
     /// What clap cannot see.
@@ -134,7 +151,11 @@ impl FoveationOptions {
         }
         anyhow::ensure!(
             self.foveation != FoveationMode::None || self.gaze.is_none(),
-            "--gaze is for --foveation layers and visual-polar"
+            "--gaze is for --foveation layers, visual-polar and log-polar"
+        );
+        anyhow::ensure!(
+            self.foveation == FoveationMode::LogPolar || self.polar.is_none(),
+            "--polar is for --foveation log-polar"
         );
         anyhow::ensure!(
             is_on || self.iterations.is_none_or(|[inner, middle, outer]| inner == middle && middle == outer),

@@ -248,8 +248,8 @@ impl RenderOptions {
         let Self { spp, bounces, denoiser, ref foveated, scale, .. } = *self;
         let iterations = denoiser.map_or([0; 3], |d| foveated.layer_iterations().map(|n| n.min(d.most_iterations())));
         let denoiser = denoiser.filter(|_| iterations != [0; 3]);
-        let (fovea, visual_polar) = (foveated.radii(), foveated.is_polar());
-        Quality { spp, bounces, denoiser, iterations, fovea, visual_polar, scale }
+        let (fovea, polar) = (foveated.radii(), foveated.space());
+        Quality { spp, bounces, denoiser, iterations, fovea, polar, scale }
     }
 
     /// The auxiliary images asked for, each once.

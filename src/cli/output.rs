@@ -18,7 +18,7 @@ use diptych::passes::Aov;
 use diptych::passes::aov_image;
 use diptych::passes::tonemap::{DISPLAY, LINEAR};
 use diptych::scene::rig::{Eye, Rig};
-use diptych::stages::{Foveation, VisualPolar};
+use diptych::stages::{Foveation, Polar};
 
 use super::failure::Failure;
 
@@ -158,9 +158,9 @@ impl FrameImages {
         }
     }
 
-    /// Draws where stripes of visual-polar images meet, and where a pixel of theirs covers one, two, four … pixels of the
+    /// Draws where stripes of polar images meet, and where a pixel of theirs covers one, two, four … pixels of the
     /// screen.
-    pub fn overlay_rings(&mut self, polar: &VisualPolar, rig: &Rig, time_s: f64, edges: &[u32]) {
+    pub fn overlay_rings(&mut self, polar: &Polar, rig: &Rig, time_s: f64, edges: &[u32]) {
         for (eye, image) in Eye::ALL.into_iter().zip([&mut self.display.left, &mut self.display.right]) {
             let places = polar.places(eye, time_s, &rig.view(time_s, eye), image.extent);
             let stripe = |i: usize| edges.iter().filter(|&&edge| places[i].row >= f64::from(edge)).count();

@@ -186,7 +186,7 @@ impl Run<'_> {
             }
             self.tracing.record(&options.quality(), None, &frame);
             if self.args.overlay {
-                match self.renderer.visual_polar() {
+                match self.renderer.polar() {
                     Some(polar) => images.overlay_rings(polar, &shot.rig, time_s, frame.stripe_edges()),
                     None => images.overlay(frame.stripe_edges()),
                 }

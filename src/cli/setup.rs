@@ -12,9 +12,9 @@ use diptych::quality::Quality;
 use diptych::scene::Scene;
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::rig::Rig;
-use diptych::scene::shot::Shot;
+use diptych::scene::shot::{Gaze, Shot};
 use diptych::schedule::{Even, Heft, Measured, Policy, Static};
-use diptych::stages::{SceneTables, StageSettings, VisualPolar};
+use diptych::stages::{SceneTables, StageSettings};
 use diptych::trace::frames::{FrameControl, record_frame};
 use diptych::trace::{Recorder, TraceFile};
 
@@ -89,7 +89,8 @@ pub fn open_devices(options: &RunOptions, virtual_devices: usize) -> Result<Vec<
 /// The policy that the options ask for.
 pub fn policy(options: &RenderOptions, devices: usize) -> Result<Box<dyn Policy>, Failure> {
     let size = options.size;
-    let height = if options.foveated.is_polar() { VisualPolar::grid(size) } else { size }.height;
+    let polar = options.foveated.polar(&Gaze::default());
+    let height = polar.map_or(size, |polar| polar.grid(size)).height;
     Ok(match options.balance() {
         Balance::Even => Box::new(Even::new(height, devices)),
         Balance::Static => Box::new(Static::new(height, devices, &options.ratios)?),
@@ -144,7 +145,7 @@ pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool
         reproject: options.reprojects(),
         sparse: options.scale < 1.0,
         foveation: options.foveated.layers(&loaded.shot.gaze),
-        visual_polar: options.foveated.visual_polar(&loaded.shot.gaze),
+        polar: options.foveated.polar(&loaded.shot.gaze),
         aovs: options.aovs(),
         frames_in_flight: usize::from(options.frames_in_flight),
         checks: options.shader_checks,

@@ -40,7 +40,7 @@ pub fn candidates(denoiser: Option<Denoiser>, foveated: bool) -> Vec<Quality> {
                     denoiser,
                     iterations,
                     fovea,
-                    visual_polar: false,
+                    polar: None,
                     scale,
                 }));
             }
@@ -117,8 +117,7 @@ mod tests {
 
     fn rung(spp: u32, bounces: u32, path_ms: Option<f64>) -> Rung {
         let denoiser = Some(Denoiser::Svgf);
-        let quality =
-            Quality { spp, bounces, denoiser, iterations: [3; 3], fovea: None, visual_polar: false, scale: 1.0 };
+        let quality = Quality { spp, bounces, denoiser, iterations: [3; 3], fovea: None, polar: None, scale: 1.0 };
         let stage_ms = path_ms.map(|ms| ("path_trace".to_owned(), ms)).into_iter().collect();
         let (flip, flicker, relmse, is_estimated) = (None, None, None, true);
         Rung { time_ms: 1.0, error: 0.1, flip, flicker, relmse, is_estimated, quality, stage_ms }

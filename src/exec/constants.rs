@@ -38,10 +38,16 @@ pub fn constants(
     let layers = stages.foveation.as_ref().map(|f| f.describe(stages.extent, time_s, quality.fovea));
     let view = |eye: Eye| {
         let view = layout::View::new(&rig.view(time_s, eye), aspect);
-        stages.visual_polar.as_ref().map_or(view, |polar| polar.look(eye as usize, time_s, view, height))
+        stages.polar.as_ref().map_or(view, |polar| polar.look(eye as usize, time_s, view, stages.extent))
     };
     let mut frame = layout::Frame {
-        camera: layout::Camera { views: Eye::ALL.map(view), centre: stages.centre(index, spp), width, height },
+        camera: layout::Camera {
+            views: Eye::ALL.map(view),
+            centre: stages.centre(index, spp),
+            width,
+            height,
+            log_polar: stages.polar.as_ref().map(|polar| polar.constants(stages.extent)).unwrap_or_default(),
+        },
         sampling: layout::Sampling {
             index,
             seed: settings.seed,

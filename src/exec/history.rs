@@ -20,7 +20,12 @@ const LARGEST_SHARE: u32 = 4;
 ///
 /// The images depend on it, and it on nothing but scene and cameras, so it is the same for any devices.
 pub fn history_rows(camera: &Camera, previous: &[View; 2], tables: &SceneTables, moved: &[(Aabb, f32)]) -> Option<u32> {
-    if camera.views[0].fovea_rows > 0.0 {
+    if camera.log_polar.rings > 0.0 {
+        let is_still = camera.views == *previous && moved.iter().all(|(_, by)| *by == 0.0);
+        // Close to the gaze, and where the image around it ends, little is far.
+        return Some(if is_still { STEP_ROWS.min(camera.height) } else { camera.height });
+    }
+    if camera.views[0].rows > 0.0 {
         return Some(polar_rows(camera, previous, tables, moved));
     }
     let far = most_rows(camera, previous, [0.0; 2])?;
@@ -118,12 +123,13 @@ mod tests {
     use super::*;
     use crate::accel::Accel;
     use crate::image::Extent;
+    use crate::quality::PolarSpace;
     use crate::scene::motion::keys::{Interpolation, Keys};
     use crate::scene::motion::{Animation, Body, Channel, Influence, Node, Placement, Skin, Target};
     use crate::scene::rig::{Eye, Rig, RigKey};
     use crate::scene::shot::Gaze;
     use crate::scene::{Instance, Scene, builtin};
-    use crate::stages::VisualPolar;
+    use crate::stages::Polar;
 
     fn eyes(rig: &Rig, time_s: f64) -> [View; 2] {
         Eye::ALL.map(|eye| View::new(&rig.view(time_s, eye), 16.0 / 9.0))
@@ -146,7 +152,8 @@ mod tests {
         for (to, turned) in moves.into_iter().flat_map(|m| [(m, DVec3::ZERO), (m, DVec3::new(0.1, 0.2, 0.0))]) {
             let rig = rig(to, turned);
             let (now, before) = (eyes(&rig, 1.0), eyes(&rig, 0.0));
-            let camera = Camera { views: now, width: 160, height: 90, centre: glam::Vec2::splat(0.5) };
+            let camera =
+                Camera { views: now, width: 160, height: 90, centre: glam::Vec2::splat(0.5), ..Default::default() };
             let clearance = 0.7;
             let bounds = [0.0, 1.0 / clearance].map(|n| most_rows(&camera, &before, [n; 2]).unwrap());
             let bound = bounds[0].max(bounds[1]);
@@ -219,7 +226,8 @@ mod tests {
             let last_s = now_s + (last_s - now_s) * if round % 2 == 0 { 0.1 } else { 0.4 };
             let rig = rig(DVec3::new(random(), random(), random()) * 0.02, DVec3::ZERO);
             let (now, before) = (eyes(&rig, 1.0), eyes(&rig, 0.0));
-            let camera = Camera { views: now, width: 320, height: 180, centre: glam::Vec2::splat(0.5) };
+            let camera =
+                Camera { views: now, width: 320, height: 180, centre: glam::Vec2::splat(0.5), ..Default::default() };
             let bound =
                 history_rows(&camera, &before, &tables, &tables.update(&mut Default::default(), now_s, last_s).1)
                     .unwrap();
@@ -265,8 +273,11 @@ mod tests {
         let scene = (builtin::find("cornell").unwrap().build)();
         let tables = SceneTables::new(&scene, Accel::build(&scene).unwrap()).unwrap();
         let screen = Extent::new(160, 90);
-        let grid = VisualPolar::grid(screen);
-        let at = |[x, y]: [f64; 2]| VisualPolar { gaze: [0, 1].map(|_| Gaze { path: vec![[0.0, x, y]] }) };
+        let at = |[x, y]: [f64; 2]| {
+            let gaze = [0, 1].map(|_| Gaze { path: vec![[0.0, x, y]] });
+            Polar { gaze, space: PolarSpace::Visual }
+        };
+        let grid = at([0.5; 2]).grid(screen);
         let row = |view: &View, p: DVec3| view.ring_of(p - view.origin.as_dvec3());
         for (to, gazes) in [
             (DVec3::ZERO, [[0.5, 0.5], [0.5, 0.5]]),
@@ -275,7 +286,7 @@ mod tests {
             (DVec3::X * 0.05, [[0.2, 0.3], [0.7, 0.4]]),
         ] {
             let rig = rig(to, DVec3::new(0.05, 0.0, 0.0));
-            let [last, now] = [0.0, 1.0].map(|t| at(gazes[t as usize]).look(0, 0.0, eyes(&rig, t)[0], grid.height));
+            let [last, now] = [0.0, 1.0].map(|t| at(gazes[t as usize]).look(0, 0.0, eyes(&rig, t)[0], screen));
             let camera = Camera { views: [now; 2], width: grid.width, height: grid.height, ..Default::default() };
             let bound = history_rows(&camera, &[last; 2], &tables, &[]).unwrap();
             let clearance = f64::from(tables.clearance(now.origin));

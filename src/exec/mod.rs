@@ -115,7 +115,7 @@ impl RenderSettings {
             aovs: stages.aovs.clone(),
             has_surfaces,
             moving: stages.moving.clone(),
-            screen: stages.visual_polar.as_ref().map(|_| stages.extent),
+            screen: stages.polar.as_ref().map(|_| stages.extent),
             ..FrameSpec::new(stages.grid(), devices)
         }
     }

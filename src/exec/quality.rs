@@ -12,7 +12,8 @@ pub(super) fn of(settings: &RenderSettings) -> Quality {
     let layers = stages.foveation.as_ref().map_or([stages.iterations; 3], |f| f.iterations);
     let iterations = layers.map(|n| n.min(stages.iterations));
     let fovea = stages.foveation.as_ref().map(|f| f.radii);
-    Quality { spp, bounces, denoiser, iterations, fovea, visual_polar: stages.visual_polar.is_some(), scale }
+    let polar = stages.polar.as_ref().map(|polar| polar.space);
+    Quality { spp, bounces, denoiser, iterations, fovea, polar, scale }
 }
 
 fn denoiser(settings: &RenderSettings) -> Option<Denoiser> {
@@ -34,8 +35,8 @@ fn check(quality: &Quality, settings: &RenderSettings) -> Result<(), String> {
     if quality.fovea.is_some() && stages.foveation.is_none() {
         return Err("foveal layers, without the pipelines for them".to_owned());
     }
-    if quality.visual_polar != stages.visual_polar.is_some() {
-        return Err("visual-polar images, or none, where all frames have the other".to_owned());
+    if quality.polar != stages.polar.as_ref().map(|polar| polar.space) {
+        return Err("other images than all frames have".to_owned());
     }
     if quality.denoiser != denoiser {
         let [asked, had] = [quality.denoiser, denoiser].map(Denoiser::name_of);

@@ -17,7 +17,7 @@ use crate::quality::{Denoiser, Quality};
 use crate::scene::rig::Rig;
 use crate::scene::shot::Gaze;
 use crate::schedule::{CostModel, Effort, FrameCosts, Policy, cuts, simulate};
-use crate::stages::{Foveation, Place, SceneTables, StageError, VisualPolar, layout};
+use crate::stages::{Foveation, Place, Polar, SceneTables, StageError, layout};
 
 /// Graphs that are kept beside those of the frames in flight: one for each number of iterations that frames are predicted
 /// with.
@@ -132,9 +132,9 @@ impl Renderer {
         self.settings.stages.foveation.as_ref()
     }
 
-    /// Visual-polar images, if images are.
-    pub fn visual_polar(&self) -> Option<&VisualPolar> {
-        self.settings.stages.visual_polar.as_ref()
+    /// Images around the gaze, if images are.
+    pub fn polar(&self) -> Option<&Polar> {
+        self.settings.stages.polar.as_ref()
     }
 
     /// Where both eyes look from the next frame on, fractions of each one's image from the top left. Of no use without
@@ -142,7 +142,7 @@ impl Renderer {
     pub fn set_gaze(&mut self, [x, y]: [f64; 2]) {
         let stages = &mut self.settings.stages;
         let of_layers = stages.foveation.as_mut().map(|layers| &mut layers.gaze);
-        let of_polar = stages.visual_polar.as_mut().map(|polar| &mut polar.gaze);
+        let of_polar = stages.polar.as_mut().map(|polar| &mut polar.gaze);
         for gaze in of_layers.into_iter().chain(of_polar) {
             *gaze = [0, 1].map(|_| Gaze { path: vec![[0.0, x, y]] });
         }

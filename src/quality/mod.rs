@@ -1,6 +1,7 @@
 //! The quality of a frame, shared by ladders, reports, traces, the grid of `bench` and the renderer.
 
 mod denoiser;
+mod polar;
 
 use std::fmt::{self, Display};
 use std::ops::RangeInclusive;
@@ -8,6 +9,7 @@ use std::ops::RangeInclusive;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 pub use denoiser::Denoiser;
+pub use polar::{LogPolar, PolarSpace};
 
 /// The settings that decide how good a frame is. A ladder's file has them as `knobs`.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -27,9 +29,9 @@ pub struct Quality {
     /// whole image belongs to the inner layer.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fovea: Option<[f64; 2]>,
-    /// Whether images are visual-polar.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub visual_polar: bool,
+    /// What is traced instead of the screen's pixels, if anything is.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub polar: Option<PolarSpace>,
     /// Render scale of each side of the image, within [`Self::SCALES`]. Paths are traced for its square's share of the
     /// pixels, and the denoiser brings light to the others, guided by surfaces at full size.
     pub scale: f64,
@@ -58,8 +60,11 @@ impl Quality {
             0..=self.denoiser.map_or(Denoiser::MAX_ITERATIONS, Denoiser::most_iterations),
         )?;
         within("scale", self.scale, Self::SCALES)?;
-        if self.visual_polar && self.fovea.is_some() {
-            return Err("visual_polar and fovea do not go together".to_owned());
+        if self.polar.is_some() && self.fovea.is_some() {
+            return Err("polar and fovea do not go together".to_owned());
+        }
+        if let Some(PolarSpace::Log(map)) = self.polar {
+            map.check()?;
         }
         if let Some([inner, outer]) = self.fovea {
             within("fovea's inner radius", inner, f64::MIN_POSITIVE..=1.0)?;
@@ -74,7 +79,7 @@ impl Display for Quality {
         let Self { spp, bounces, denoiser, scale, .. } = *self;
         write!(f, "{} x{}, {bounces} bounces, {spp} spp", Denoiser::name_of(denoiser), self.most_iterations())?;
         let scale = if scale < 1.0 { format!(", scale {scale}") } else { String::new() };
-        let polar = if self.visual_polar { ", visual-polar" } else { "" };
+        let polar = self.polar.map_or(String::new(), |space| format!(", {space}"));
         write!(f, "{scale}{}{polar}", layers_name(self.fovea))
     }
 }
@@ -140,7 +145,7 @@ mod tests {
     #[test]
     fn files_have_the_most_iterations_of_any_layer() {
         let (denoiser, iterations, fovea) = (Some(Denoiser::Svgf), [2, 3, 5], Some([0.15, 0.3]));
-        let quality = Quality { spp: 2, bounces: 6, denoiser, iterations, fovea, visual_polar: false, scale: 0.5 };
+        let quality = Quality { spp: 2, bounces: 6, denoiser, iterations, fovea, polar: None, scale: 0.5 };
         let text = r#"{"spp":2,"bounces":6,"denoiser":"svgf","iterations":5,"fovea":[0.15,0.3],"scale":0.5}"#;
         assert_eq!(serde_json::to_string(&quality).unwrap(), text);
         let read: Quality = serde_json::from_str(text).unwrap();

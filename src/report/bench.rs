@@ -243,10 +243,10 @@ const COLUMNS: [&str; 6] = ["denoiser", "iterations", "bounces", "foveation", "s
 /// The layers as the command line names them.
 fn cells_of(quality: &Quality) -> [String; 6] {
     let FrameQuality { spp, bounces, iterations, scale, fovea } = quality.into();
-    let foveation = match (fovea, quality.visual_polar) {
+    let foveation = match (fovea, &quality.polar) {
         (Some(_), _) => "layers",
-        (None, true) => "visual-polar",
-        (None, false) => "none",
+        (None, Some(space)) => space.name(),
+        (None, None) => "none",
     };
     let [iterations, bounces, spp] = [iterations, bounces, spp].map(|n| n.to_string());
     [Denoiser::name_of(quality.denoiser).to_owned(), iterations, bounces, foveation.to_owned(), scale.to_string(), spp]
@@ -318,8 +318,7 @@ mod tests {
     /// A setting whose repeats have these RMSE in the left eye, and twice that in the right.
     pub(super) fn row(denoiser: &str, spp: u32, time_ms: f64, rmse: &[f64]) -> Row {
         let denoiser = Denoiser::from_name(denoiser).unwrap();
-        let quality =
-            Quality { spp, bounces: 6, denoiser, iterations: [0; 3], fovea: None, visual_polar: false, scale: 1.0 };
+        let quality = Quality { spp, bounces: 6, denoiser, iterations: [0; 3], fovea: None, polar: None, scale: 1.0 };
         let black = RgbImage::filled(Extent::new(12, 12), [0.0; 3]);
         let viewing = Viewing { gaze: [0.5; 2], yfov_deg: 70.0 };
         let flat = |v: f64| {

@@ -100,6 +100,7 @@ impl Bench {
                 centre: Vec2::splat(0.5),
                 width: EXTENT.width,
                 height: EXTENT.height,
+                ..Default::default()
             },
             sampling: Sampling {
                 index: self.frames,

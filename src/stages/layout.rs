@@ -15,7 +15,7 @@ use crate::scene::rig;
 use crate::wgsl::{Declaration, Table, constants, declare, shared_constants, shared_structs};
 
 shared_structs! {
-    /// An eye: a pinhole, and where it looks if its image is visual-polar. Its axes are of unit length.
+    /// An eye: a pinhole, and where it looks if its image is polar. Its axes are of unit length.
     pub struct View {
         /// Relative to the origin of the scene's tables, scene units.
         pub origin: Vec3,
@@ -25,14 +25,38 @@ shared_structs! {
         /// Tangent of half the vertical field of view.
         pub tan_half_y: f32,
         pub up: Vec3,
-        /// Of a visual-polar image: rows, and how many of them are of the fovea; 0: it has none.
+        /// Of a polar image: rows, and how many of them are of the fovea, or the square of pixels around the gaze; 0: it
+        /// has none.
         pub rows: f32,
         pub forward: Vec3,
         pub fovea_rows: f32,
         /// Where it looks, and the direction from there in which columns begin.
         pub gaze: Vec3,
-        pub pad0: u32,
+        /// ... and where that is on the screen, pixels; of log-polar images.
+        pub gaze_x: f32,
         pub gaze_right: Vec3,
+        pub gaze_y: f32,
+    }
+
+    /// How rings of log-polar images grow. All is 0 where there are none.
+    pub struct LogPolar {
+        /// Of an eye's screen, pixels.
+        pub screen: Vec2,
+        /// The logarithm of its diagonal.
+        pub log_diagonal: f32,
+        /// Exponent by which rings are moved away from the gaze.
+        pub kernel: f32,
+        /// Up to the diagonal, those included that the image around the gaze replaces; and how many it does.
+        pub rings: f32,
+        pub first_ring: f32,
+        /// Of the image around the gaze, pixels.
+        pub radius: f32,
+        /// Of a ring.
+        pub columns: f32,
+        /// Distances from the gaze, pixels: from where on there is a blur, and where it is strongest.
+        pub blur_begins: f32,
+        pub blur_full: f32,
+        pub pad0: u32,
         pub pad1: u32,
     }
 
@@ -45,6 +69,7 @@ shared_structs! {
         /// Of the images that are traced, pixels.
         pub width: u32,
         pub height: u32,
+        pub log_polar: LogPolar,
     }
 
     /// Which random numbers a frame draws, of which pixels and for how long paths.

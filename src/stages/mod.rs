@@ -11,31 +11,31 @@ mod images;
 pub mod layout;
 mod limits;
 mod pipeline;
+mod polar;
 mod reflect;
 mod scene_tables;
 mod shader;
 mod task;
-mod visual_polar;
 
 pub use compile::StageError;
 pub use foveation::Foveation;
 pub use images::{Images, Place};
 pub use limits::LimitExceeded;
 pub use pipeline::DeviceStages;
+pub use polar::{FOVEA_DEG, Polar, PolarPlace, acuity};
 pub use reflect::{Mismatch, verify};
 #[doc(hidden)] // For benchmarks.
 pub use scene_tables::{SceneBuffers, layout_entries as scene_layout_entries};
 pub use scene_tables::{SceneTables, SceneUpdate, TableError};
 pub use shader::{all_shader_text, override_names, shader_text, shader_text_of};
 pub use task::{StageTask, Stamps};
-pub use visual_polar::{FOVEA_DEG, PolarPlace, VisualPolar, acuity};
 
 use glam::Vec2;
 
 use crate::device::ShaderChecks;
 use crate::image::Extent;
 use crate::passes::{Aov, Declarations, Moving};
-use crate::quality::Denoiser;
+use crate::quality::{Denoiser, PolarSpace};
 use crate::scene::needs::SceneNeeds;
 
 /// How random numbers are drawn.
@@ -71,7 +71,7 @@ pub struct StageSettings {
     /// None: all pixels are sampled and filtered alike.
     pub foveation: Option<Foveation>,
     /// None: images are those of the screen.
-    pub visual_polar: Option<VisualPolar>,
+    pub polar: Option<Polar>,
     pub aovs: Vec<Aov>,
     /// What of the scene moves, if anything does, as its tables say.
     pub moving: Option<Moving>,
@@ -96,7 +96,7 @@ impl StageSettings {
             reproject: true,
             sparse: false,
             foveation: None,
-            visual_polar: None,
+            polar: None,
             aovs: Vec::new(),
             moving: None,
             declarations: Declarations::default(),
@@ -107,13 +107,12 @@ impl StageSettings {
 
     /// The columns and rows of the images that are traced.
     pub fn grid(&self) -> Extent {
-        if self.visual_polar.is_some() { VisualPolar::grid(self.extent) } else { self.extent }
+        self.polar.as_ref().map_or(self.extent, |polar| polar.grid(self.extent))
     }
 
     /// How many pixels the image of an eye has.
     pub(crate) fn pixels(&self, view: &layout::View) -> u64 {
-        let grid = self.grid();
-        if self.visual_polar.is_some() { visual_polar::pixels(view, grid.width) } else { grid.area() as u64 }
+        self.polar.as_ref().map_or(self.extent.area() as u64, |polar| polar.pixels(view, self.extent))
     }
 
     /// Whether the samples of a frame of `spp` are spread over the pixel: one alone goes through its centre.
@@ -165,7 +164,9 @@ impl StageSettings {
         constants.push(("HAS_MOTION", self.moving.is_some()));
         constants.push(("FOVEATED", self.foveation.is_some()));
         constants.push(("SPARSE", self.leaves_pixels()));
-        constants.push(("VISUAL_POLAR", self.visual_polar.is_some()));
+        constants.push(("POLAR", self.polar.is_some()));
+        constants
+            .push(("LOG_POLAR", self.polar.as_ref().is_some_and(|polar| matches!(polar.space, PolarSpace::Log(_)))));
         constants
     }
 }

@@ -7,11 +7,11 @@ use diptych::device::{ShaderChecks, Tables};
 use diptych::exec::{RenderSettings, Stereo};
 use diptych::graph::{Assignment, HaloPlan, Seam};
 use diptych::image::RgbImage;
-use diptych::quality::{Denoiser, Quality};
+use diptych::quality::{Denoiser, LogPolar, PolarSpace, Quality};
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::shot::Gaze;
 use diptych::schedule::{CostModel, Effort, Even, Heft, Measured, Policy, Static};
-use diptych::stages::{Foveation, Sampler, VisualPolar};
+use diptych::stages::{Foveation, Polar, Sampler};
 
 pub const WIDTH: u32 = 64;
 pub const HEIGHT: u32 = 72;
@@ -65,13 +65,21 @@ fn two_three_and_four_devices_give_the_bytes_of_one() {
 }
 
 #[test]
-fn visual_polar_images_are_those_of_one_device_while_the_gaze_moves() {
-    let all = [("builtin:atrium", Denoiser::Svgf, true, 3), ("builtin:checker", Denoiser::Bmfr, false, 2)];
-    for (shot, denoiser, reproject, devices) in all {
+fn polar_images_are_those_of_one_device_while_the_gaze_moves() {
+    let visual = |denoiser| (PolarSpace::Visual, denoiser);
+    let composite = |denoiser| (PolarSpace::Log(LogPolar::COMPOSITE), denoiser);
+    let all = [
+        ("builtin:atrium", visual(Denoiser::Svgf), true, 3),
+        ("builtin:checker", visual(Denoiser::Bmfr), false, 2),
+        ("builtin:atrium", composite(Denoiser::Svgf), true, 2),
+        ("builtin:checker", composite(Denoiser::Bmfr), false, 3),
+    ];
+    for (shot, (space, denoiser), reproject, devices) in all {
         let subject = Subject::load(shot);
         let mut settings = subject.accumulated(WIDTH, HEIGHT);
         let towards = |x: f64| Gaze { path: vec![[0.0, x, 0.4], [0.05, x + 0.1, 0.5], [0.06, 0.9, 0.1]] };
-        settings.stages.visual_polar = Some(VisualPolar { gaze: [towards(0.4), towards(0.3)] });
+        let gaze = [towards(0.4), towards(0.3)];
+        settings.stages.polar = Some(Polar { gaze, space });
         (settings.stages.reproject, settings.stages.filter) = (reproject, Some(denoiser));
         settings.stages.iterations = settings.stages.iterations.min(denoiser.most_iterations());
         let mut one = Stage::even(&subject, &settings, 1);
@@ -79,7 +87,11 @@ fn visual_polar_images_are_those_of_one_device_while_the_gaze_moves() {
         for index in 0..6 {
             let time_s = f64::from(index) * 0.015;
             let [expected, found] = [&mut one, &mut several].map(|stage| stage.frame_at(time_s, index));
-            assert_same(&format!("{shot}, frame {index} on {devices} devices"), &expected.linear, &found.linear);
+            assert_same(
+                &format!("{shot}, {space}, frame {index} on {devices} devices"),
+                &expected.linear,
+                &found.linear,
+            );
             assert_eq!(expected.report.tallies, found.report.tallies, "{shot}, frame {index}");
             let dropped = expected.report.tallies.map(|tally| tally.nonfinite);
             assert_eq!(dropped, [0, 0], "{shot}, frame {index}");

@@ -85,7 +85,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let found = past.found >= LEAST_FOUND;
     let scale = select(0.0, 1.0 / max(past.found, LEAST_FOUND), found);
     var frames = min(past.frames * scale, longest_in_light());
-    if HAS_MOTION && !VISUAL_POLAR {
+    if HAS_MOTION && !POLAR {
         frames *= kept_in_light(tile_of(pixel, position), frames, 1.0);
     }
     // Least share of this frame.

@@ -104,19 +104,23 @@ fn displacement() -> vec2<u32> {
     return BLOCK / 2u * far_step + BLOCK / 4u * near_step;
 }
 
-// The column of the `i`th pixel of a block in a row; -1: there is none. In visual-polar images blocks cover the same directions
+// The column of the `i`th pixel of a block in a row; -1: there is none. In polar images blocks cover the same directions
 // in all rings, of which shorter ones have fewer pixels there, and together they go once around.
 fn column_in_block(origin: i32, displaced: u32, i: u32, row: i32) -> i32 {
     let width = i32(pass_.width);
     let column = origin + i32(i);
-    if VISUAL_POLAR {
-        let length = i32(row_length(frame.camera.views[pass_.view].fovea_rows, row));
+    if POLAR {
+        let fovea_rows = frame.camera.views[pass_.view].fovea_rows;
+        let length = i32(row_length(fovea_rows, row));
+        if is_in_square(fovea_rows, row) {
+            return select(-1, column, column >= 0 && column < length);
+        }
         let end = min(origin + i32(BLOCK), width - i32(displaced));
         // Rounded up; a turn is added, as what is divided must not be negative.
         let first = ((origin + width) * length + width - 1) / width - length;
         let last = ((end + width) * length + width - 1) / width - length;
         let is_there = first + i32(i) < last && row < i32(frame.camera.views[pass_.view].rows);
-        return select(-1, around_ring(first + i32(i), length), is_there);
+        return select(-1, column_held(fovea_rows, row, first + i32(i)), is_there);
     }
     return select(-1, column, column >= 0 && column < width);
 }

@@ -204,7 +204,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     }
     longest = min(longest, longest_in_light());
     var keep = min(longest / max(frames, 1.0), 1.0);
-    if HAS_MOTION && !VISUAL_POLAR {
+    if HAS_MOTION && !POLAR {
         keep *= kept_in_light(tile_of(pixel, position), samples * keep, max(new_samples, 1.0));
     }
     samples *= keep;

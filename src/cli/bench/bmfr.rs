@@ -24,7 +24,7 @@ pub const REFUSES: &[&str] = &["size_factor", "instants", "frames", "simulate", 
 
 fn quality(denoiser: Denoiser) -> Quality {
     let iterations = [Denoiser::DEFAULT_ITERATIONS.min(denoiser.most_iterations()); 3];
-    Quality { spp: 1, bounces: 6, denoiser: Some(denoiser), iterations, fovea: None, visual_polar: false, scale: 1.0 }
+    Quality { spp: 1, bounces: 6, denoiser: Some(denoiser), iterations, fovea: None, polar: None, scale: 1.0 }
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {

@@ -109,9 +109,9 @@ impl Args {
             let foveations = if filters { self.foveations() } else { vec![FoveationMode::None] };
             let scales = if filters { self.scales() } else { vec![1.0] };
             for (&iterations, foveation) in iterations.iter().flat_map(|i| foveations.iter().map(move |f| (i, f))) {
-                let (iterations, fovea, visual_polar) = ([iterations; 3], foveation.radii(), foveation.is_polar());
+                let (iterations, fovea, polar) = ([iterations; 3], foveation.radii(), foveation.space(self.polar));
                 for (bounces, &scale) in self.bounces().iter().flat_map(|b| scales.iter().map(move |s| (*b, s))) {
-                    let quality = |spp| Quality { spp, bounces, denoiser, iterations, fovea, visual_polar, scale };
+                    let quality = |spp| Quality { spp, bounces, denoiser, iterations, fovea, polar, scale };
                     settings.extend(self.samples(scale).into_iter().map(quality));
                 }
             }

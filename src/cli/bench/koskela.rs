@@ -5,7 +5,7 @@ use diptych::device::DeviceInfo;
 use diptych::metrics::Pair;
 use diptych::metrics::rings::Viewing;
 use diptych::metrics::temporal::{Change, TemporalError};
-use diptych::quality::{Denoiser, Quality};
+use diptych::quality::{Denoiser, PolarSpace, Quality};
 use diptych::report::Table;
 use diptych::report::csv::{Column, Csv};
 use diptych::report::frames::FrameLine;
@@ -14,7 +14,7 @@ use diptych::report::koskela::{
 };
 use diptych::report::pictures::Group;
 use diptych::scene::rig::Eye;
-use diptych::stages::{Foveation, VisualPolar};
+use diptych::stages::{Foveation, Polar};
 
 use super::Args;
 use super::findings::{Findings, section};
@@ -42,7 +42,7 @@ const FULL: Quality = Quality {
     denoiser: Some(Denoiser::Svgf),
     iterations: ITERATIONS,
     fovea: None,
-    visual_polar: false,
+    polar: None,
     scale: 1.0,
 };
 
@@ -53,7 +53,7 @@ const SWEEP_DEG: f64 = 10.0;
 fn arrangements(run: &RunOptions, loaded: &Loaded) -> [(RenderOptions, Option<f64>); ARRANGEMENTS.len()] {
     let gaze = || [0, 1].map(|_| loaded.shot.gaze.clone());
     let view = loaded.shot.rig.view(run.time, Eye::Left);
-    let share = VisualPolar { gaze: gaze() }.share(Eye::Left, run.time, &view, run.size).min(1.0);
+    let share = Polar { gaze: gaze(), space: PolarSpace::Visual }.share(Eye::Left, run.time, &view, run.size).min(1.0);
     let [width, _] = tan_half(loaded, run).map(|tan| 2.0 * tan);
     let radii = FALLOFF_DEG.map(|degrees| degrees.to_radians().tan() / width);
     let falloff = Foveation { radii, ..Foveation::new(gaze(), ITERATIONS) };
@@ -69,7 +69,7 @@ fn arrangements(run: &RunOptions, loaded: &Loaded) -> [(RenderOptions, Option<f6
         (of(FULL), None),
         (of(Quality { scale: share.sqrt(), ..FULL }), None),
         (linear, Some(1.0 - unsampled)),
-        (of(Quality { visual_polar: true, ..FULL }), None),
+        (of(Quality { polar: Some(PolarSpace::Visual), ..FULL }), None),
     ]
 }
 

@@ -55,7 +55,7 @@ fn proposed(args: &Args) -> RenderOptions {
     }
     let denoiser = Some(Denoiser::Svgf);
     let iterations = [Denoiser::DEFAULT_ITERATIONS; 3];
-    let quality = Quality { spp: 1, bounces: 6, denoiser, iterations, fovea: None, visual_polar: false, scale: 1.0 };
+    let quality = Quality { spp: 1, bounces: 6, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
     RenderOptions { frames: args.warm_up + args.preset.frames, fps: FPS, ..RenderOptions::single(run, &quality) }
 }
 

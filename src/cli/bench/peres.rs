@@ -37,7 +37,7 @@ const SHOTS: [&str; 3] = ["builtin:checker", "builtin:atrium", "builtin:forest"]
 fn options(run: &RunOptions, preset: Preset, radii: [f64; 2]) -> RenderOptions {
     let (spp, denoiser, (foveation, iterations)) = (Preset::SPP, Some(Denoiser::Atrous), preset.layers());
     let fovea = foveation.radii().map(|_| radii);
-    let quality = Quality { spp, bounces: 6, denoiser, iterations, fovea, visual_polar: false, scale: 1.0 };
+    let quality = Quality { spp, bounces: 6, denoiser, iterations, fovea, polar: None, scale: 1.0 };
     let mut options = RenderOptions::single(run.clone(), &quality);
     options.foveated.iterations = Some(iterations);
     options

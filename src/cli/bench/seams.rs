@@ -87,7 +87,7 @@ fn settings(args: &Args) -> Result<RenderOptions, Failure> {
     let (spp, bounces) = (first(&args.spp, 1), first(&args.bounces, 6));
     let iterations =
         [denoiser.map_or(0, |d| first(&args.iterations, Denoiser::DEFAULT_ITERATIONS).min(d.most_iterations())); 3];
-    let quality = Quality { spp, bounces, denoiser, iterations, fovea: None, visual_polar: false, scale: 1.0 };
+    let quality = Quality { spp, bounces, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
     let options = RenderOptions::single(run, &quality);
     options.check().map_err(Failure::Input)?;
     if denoiser.is_none() {

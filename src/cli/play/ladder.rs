@@ -35,9 +35,9 @@ impl Choice {
     pub fn new(args: &LoopOptions) -> Result<Self, Failure> {
         let Some(path) = &args.ladder else {
             let denoiser = args.denoiser.unwrap_or(Some(Denoiser::Svgf));
-            let visual_polar = args.foveated.is_polar();
+            let polar = args.foveated.space();
             let all = candidates(denoiser, args.foveated.is_on()).into_iter();
-            let qualities = all.map(|quality| Quality { visual_polar, ..quality }).collect();
+            let qualities = all.map(|quality| Quality { polar, ..quality }).collect();
             return Ok(Self { denoiser, ladder: None, qualities });
         };
         Self::from_file(args, path).map_err(Failure::Input)
@@ -46,18 +46,18 @@ impl Choice {
     /// The filter is the same for all frames of a run.
     fn from_file(args: &LoopOptions, path: &Path) -> Result<Self, anyhow::Error> {
         let all = Ladder::read(path).context("cannot use --ladder")?;
-        let visual_polar = args.foveated.is_polar();
+        let polar = args.foveated.space();
         let of = |denoiser: DenoiserChoice| -> Vec<Rung> {
             let has = |q: &Quality| {
                 let is_filtered = q.iterations != [0; 3];
-                q.denoiser == denoiser && is_filtered == denoiser.is_some() && q.visual_polar == visual_polar
+                q.denoiser == denoiser && is_filtered == denoiser.is_some() && q.polar == polar
             };
             all.rungs().iter().filter(|r| has(&r.quality)).cloned().collect()
         };
         let most = Denoiser::CHOICES.into_iter().max_by_key(|d| of(*d).len());
         let denoiser = args.denoiser.or(most).unwrap_or(Some(Denoiser::Svgf));
         let (path, name) = (path.display(), Denoiser::name_of(denoiser));
-        let space = if visual_polar { " and --foveation visual-polar" } else { "" };
+        let space = polar.map_or(String::new(), |space| format!(" and --foveation {}", space.name()));
         if args.denoiser.is_none() && all.denoisers().len() > 1 {
             let counts: Vec<String> =
                 all.denoisers().iter().map(|(d, rungs)| format!("{rungs} of {}", Denoiser::name_of(*d))).collect();
@@ -99,8 +99,8 @@ impl Choice {
         let most = |number: fn(&Quality) -> u32| self.qualities.iter().map(number).fold(0, u32::max);
         let (spp, bounces, iterations) = (most(|q| q.spp), most(|q| q.bounces), [most(Quality::most_iterations); 3]);
         let scale = self.qualities.iter().map(|q| q.scale).fold(1.0, f64::min);
-        let visual_polar = self.qualities.iter().any(|q| q.visual_polar);
-        Quality { spp, bounces, denoiser: self.denoiser, iterations, fovea: None, visual_polar, scale }
+        let polar = self.qualities.iter().find_map(|q| q.polar);
+        Quality { spp, bounces, denoiser: self.denoiser, iterations, fovea: None, polar, scale }
     }
 
     /// Whether both kinds of pipelines are needed.

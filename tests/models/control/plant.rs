@@ -23,7 +23,7 @@ pub fn ladder(times_ms: &[f64]) -> Ladder {
             denoiser: None,
             iterations: [0; 3],
             fovea: None,
-            visual_polar: false,
+            polar: None,
             scale: 1.0,
         },
         stage_ms: Default::default(),

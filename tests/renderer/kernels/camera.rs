@@ -150,6 +150,7 @@ impl Constants {
                 centre: self.centre,
                 width: self.width,
                 height: self.height,
+                ..Default::default()
             },
             sampling: Sampling { index: self.index, spp: self.spp, mask_turn, sampled_share, ..Default::default() },
             foveation: layout::Foveation {

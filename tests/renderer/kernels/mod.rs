@@ -21,6 +21,7 @@ mod foveation;
 mod gradient_smooth;
 mod harness;
 mod inputs;
+mod log_polar;
 mod moving;
 mod over_frames;
 mod pack;
@@ -33,4 +34,5 @@ mod svgf;
 mod tally;
 mod tonemap;
 mod variance;
+
 mod visual_polar;

@@ -8,7 +8,7 @@ use glam::{DVec2, DVec3, Vec2, Vec3, Vec3Swizzles};
 use super::camera::Eye;
 use super::harness::{Buffer, Kernel};
 
-const POLAR: (&str, bool) = ("VISUAL_POLAR", true);
+const POLAR: (&str, bool) = ("POLAR", true);
 
 const FOVEA_DEG: f64 = 5.79;
 const FOVEA_AREA: f64 = PI * FOVEA_DEG * FOVEA_DEG;
@@ -67,6 +67,7 @@ impl Polar {
                 centre: Vec2::splat(0.5),
                 width: self.columns,
                 height: self.rows,
+                ..Default::default()
             },
             display: Display { exposure: 1.0, ..Default::default() },
             ..Default::default()

@@ -3,7 +3,7 @@
 use super::*;
 
 fn quality(denoiser: Denoiser, (spp, bounces, iterations, scale, fovea): Numbers) -> Quality {
-    Quality { spp, bounces, denoiser: Some(denoiser), iterations: [iterations; 3], scale, fovea, visual_polar: false }
+    Quality { spp, bounces, denoiser: Some(denoiser), iterations: [iterations; 3], scale, fovea, polar: None }
 }
 
 const QUALITIES: [Numbers; 6] = [

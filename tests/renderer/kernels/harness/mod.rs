@@ -67,9 +67,11 @@ impl Kernel {
     /// Images are a pinhole's unless a test says otherwise.
     fn of(name: &'static str, source: String, overrides: &[Override]) -> Self {
         let mut overrides = overrides.to_vec();
-        let is_said = overrides.iter().any(|(name, _)| *name == "VISUAL_POLAR");
-        if !is_said && source.contains("override VISUAL_POLAR") {
-            overrides.push(("VISUAL_POLAR", false));
+        for kind in ["POLAR", "LOG_POLAR"] {
+            let is_said = overrides.iter().any(|(name, _)| *name == kind);
+            if !is_said && source.contains(&format!("override {kind}:")) {
+                overrides.push((kind, false));
+            }
         }
         Self { name, source, overrides }
     }

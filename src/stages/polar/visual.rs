@@ -10,10 +10,9 @@ use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
 
-use super::layout::View;
+use super::PolarPlace;
 use crate::image::Extent;
-use crate::scene::rig::{self, Eye};
-use crate::scene::shot::Gaze;
+use crate::stages::layout::View;
 
 /// Where acuity begins to fall, degrees from the gaze.
 pub const FOVEA_DEG: f64 = 5.79;
@@ -25,22 +24,6 @@ const ACUITY_SUM: f64 = 2.0 * PI * (449.4 / 60.0) / (0.3 * 0.3);
 /// Acuity at an eccentricity, over that of the fovea: 60 cycles per degree there, and 449.4 / (0.3 e + 1)² at e degrees.
 pub fn acuity(degrees: f64) -> f64 {
     if degrees < FOVEA_DEG { 1.0 } else { 449.4 / 60.0 / (0.3 * degrees + 1.0).powi(2) }
-}
-
-/// Images that are traced and filtered around the gaze, which may move with every frame.
-#[derive(Clone, Debug, PartialEq)]
-pub struct VisualPolar {
-    /// Of the left and the right eye.
-    pub gaze: [Gaze; 2],
-}
-
-/// Where a pixel of the screen is in a visual-polar image.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PolarPlace {
-    /// In rows from the gaze.
-    pub row: f64,
-    /// Pixels of the image in a pixel of the screen.
-    pub density: f64,
 }
 
 /// The sum of relative acuity over the disc within `degrees`, at least those of the fovea, square degrees.
@@ -76,64 +59,36 @@ fn farthest_corner(view: &View, gaze: Vec3) -> f64 {
     corners.map(|c| f64::from(gaze.angle_between(c)).to_degrees()).into_iter().fold(0.0, f64::max)
 }
 
-impl VisualPolar {
-    /// Columns and rows of the images for a screen of this size.
-    pub fn grid(screen: Extent) -> Extent {
-        let of = |pixels: u32| (2 * pixels).div_ceil(3).max(1);
-        Extent::new(of(screen.width), of(screen.height))
-    }
+/// Columns and rows of the images for a screen of this size.
+pub(super) fn grid(screen: Extent) -> Extent {
+    let of = |pixels: u32| (2 * pixels).div_ceil(3).max(1);
+    Extent::new(of(screen.width), of(screen.height))
+}
 
-    /// An eye's image and what it shows of a screen of this size.
-    fn seen(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> (Extent, View) {
-        let grid = Self::grid(screen);
-        let aspect = f64::from(screen.width) / f64::from(screen.height);
-        (grid, self.look(eye as usize, time_s, View::new(view, aspect), grid.height))
+/// Where an eye's image has what lies in a direction of its screen.
+pub(super) fn place_of(seen: &View, screen: Extent) -> impl Fn(DVec3) -> PolarPlace {
+    let seen = *seen;
+    let (gaze, forward) = (seen.gaze.as_dvec3(), seen.forward.as_dvec3());
+    // Of a pixel in the middle of the screen, steradians.
+    let middle = (2.0 * f64::from(seen.tan_half_y) / f64::from(screen.height)).powi(2);
+    // Of the fovea, pixels per steradian; it falls with acuity.
+    let most = f64::from(seen.fovea_rows) * f64::from(grid(screen).width) / (2.0 * PI * FOVEA_DEG.to_radians().powi(2));
+    move |ray| {
+        let degrees = ray.angle_between(gaze).to_degrees();
+        // Columns are counted on the sphere, acuity on a plane.
+        let angle = degrees.max(1e-9).to_radians();
+        let density = most * acuity(degrees) * angle / angle.sin() * middle * ray.dot(forward).powi(3);
+        PolarPlace { row: seen.ring_of(ray), density }
     }
+}
 
-    /// The pixels of an eye's image over those of its screen.
-    pub fn share(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> f64 {
-        let (grid, seen) = self.seen(eye, time_s, view, screen);
-        pixels(&seen, grid.width) as f64 / screen.area() as f64
-    }
-
-    /// Where the pixels of an eye's screen are in its image, row by row.
-    pub fn places(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> Vec<PolarPlace> {
-        let (grid, seen) = self.seen(eye, time_s, view, screen);
-        let (gaze, forward) = (seen.gaze.as_dvec3(), seen.forward.as_dvec3());
-        let (fovea_rows, width) = (f64::from(seen.fovea_rows), screen.width as usize);
-        // Of a pixel in the middle of the screen, steradians.
-        let middle = (2.0 * f64::from(seen.tan_half_y) / f64::from(screen.height)).powi(2);
-        // Of the fovea, pixels per steradian; it falls with acuity.
-        let most = fovea_rows * f64::from(grid.width) / (2.0 * PI * FOVEA_DEG.to_radians().powi(2));
-        let place = |i: usize| {
-            let ray = view.ray_direction((i % width) as f64 + 0.5, (i / width) as f64 + 0.5, screen);
-            let degrees = ray.angle_between(gaze).to_degrees();
-            // Columns are counted on the sphere, acuity on a plane.
-            let angle = degrees.max(1e-9).to_radians();
-            let density = most * acuity(degrees) * angle / angle.sin() * middle * ray.dot(forward).powi(3);
-            PolarPlace { row: seen.ring_of(ray), density }
-        };
-        (0..screen.area()).map(place).collect()
-    }
-
-    /// An eye's view with its gaze at `time_s`, on a grid of so many rows.
-    pub(crate) fn look(&self, eye: usize, time_s: f64, view: View, rows: u32) -> View {
-        let [x, y] = self.gaze[eye].at(time_s);
-        let (across, up) = (2.0 * x as f32 - 1.0, 1.0 - 2.0 * y as f32);
-        let at = view.forward + view.right * (across * view.tan_half_x) + view.up * (up * view.tan_half_y);
-        let gaze = at.normalize();
-        let share = fovea_share(farthest_corner(&view, gaze));
-        // As many pixels as where the gaze is in the middle, which leaves a share of rings / 2 out in the fovea.
-        let centred = fovea_share(farthest_corner(&view, view.forward));
-        let rows = (f64::from(rows) * (1.0 - 0.5 * centred) / (1.0 - 0.5 * share)).round().max(1.0);
-        View {
-            gaze,
-            gaze_right: (view.right - gaze * gaze.dot(view.right)).normalize(),
-            rows: rows as f32,
-            fovea_rows: (rows * share) as f32,
-            ..view
-        }
-    }
+/// A view that looks at its gaze, with so many rows where the gaze is in the middle.
+pub(super) fn look(view: View, rows: u32) -> View {
+    let share = fovea_share(farthest_corner(&view, view.gaze));
+    // As many pixels as where the gaze is in the middle, which leaves a share of rings / 2 out in the fovea.
+    let centred = fovea_share(farthest_corner(&view, view.forward));
+    let rows = (f64::from(rows) * (1.0 - 0.5 * centred) / (1.0 - 0.5 * share)).round().max(1.0);
+    View { rows: rows as f32, fovea_rows: (rows * share) as f32, ..view }
 }
 
 /// The pixels of an eye's image that are there.
@@ -150,6 +105,10 @@ fn row_length(view: &View, columns: u32, row: u32) -> u32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::quality::PolarSpace;
+    use crate::scene::rig::{self, Eye};
+    use crate::scene::shot::Gaze;
+    use crate::stages::Polar;
 
     fn view(yfov_deg: f32, aspect: f32) -> View {
         let tan_half_y = (yfov_deg.to_radians() / 2.0).tan();
@@ -157,9 +116,9 @@ mod tests {
         View { tan_half_x: tan_half_y * aspect, tan_half_y, right, up, forward, ..View::default() }
     }
 
-    fn towards(gaze: [f64; 2]) -> VisualPolar {
+    fn towards(gaze: [f64; 2]) -> Polar {
         let [x, y] = gaze;
-        VisualPolar { gaze: [0, 1].map(|_| Gaze { path: vec![[0.0, x, y]] }) }
+        Polar { gaze: [0, 1].map(|_| Gaze { path: vec![[0.0, x, y]] }), space: PolarSpace::Visual }
     }
 
     /// The paper's constant for 80 degrees, and shares that follow from its formulas.
@@ -177,7 +136,7 @@ mod tests {
         let eye = rig::View { origin: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: -Vec3::Z, tan_half_yfov: 0.8 };
         let polar = towards([0.5, 0.5]);
         let places = polar.places(Eye::Left, 0.0, &eye, screen);
-        let (grid, seen) = polar.seen(Eye::Left, 0.0, &eye, screen);
+        let (grid, seen) = (polar.grid(screen), polar.seen(Eye::Left, 0.0, &eye, screen));
         // Within the circle that touches the upper and the lower side of the screen.
         let whole = f64::from(0.8f32).atan().to_degrees();
         let rows = f64::from(seen.fovea_rows) * rings_within(whole);
@@ -202,10 +161,10 @@ mod tests {
     fn as_many_pixels_are_traced_wherever_the_gaze_is() {
         for (screen, yfov_deg) in [((640, 360), 58.7), ((1280, 1440), 100.0), ((320, 180), 75.0)] {
             let screen = Extent::new(screen.0, screen.1);
-            let grid = VisualPolar::grid(screen);
+            let grid = grid(screen);
             let eye = view(yfov_deg, screen.width as f32 / screen.height as f32);
             let share = |gaze| {
-                let seen = towards(gaze).look(0, 0.0, eye, grid.height);
+                let seen = towards(gaze).look(0, 0.0, eye, screen);
                 assert!(seen.rows <= grid.height as f32 && seen.fovea_rows > 0.0 && seen.fovea_rows < seen.rows);
                 pixels(&seen, grid.width) as f64 / screen.area() as f64
             };

@@ -1,0 +1,140 @@
+//! Which images are traced instead of the screen's.
+
+use std::fmt::{self, Display};
+use std::str::FromStr;
+
+use serde::{Deserialize, Serialize};
+
+use super::within;
+
+/// Images whose pixels lie around the gaze.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(rename_all = "snake_case")]
+pub enum PolarSpace {
+    /// As dense as visual acuity asks for (Koskela et al. 2019).
+    Visual,
+    /// Rings grow with their distance from the gaze (Andersson & Hansson 2020).
+    Log(LogPolar),
+}
+
+/// Log-polar images: "Performance Optimizations for Foveated Real-Time Raytracing", section 3.3.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+#[serde(deny_unknown_fields)]
+pub struct LogPolar {
+    /// By how much fewer columns and rows the image has than the screen, before `aspect`.
+    pub sigma: f64,
+    /// Exponent of the kernel, which moves pixels away from the gaze; with 1 it does not.
+    pub alpha: f64,
+    /// Angle around the gaze, radians, within which every pixel of the screen is traced; 0: there is no such image. It is
+    /// seen at a distance from which the screen's diagonal is 60 degrees.
+    pub gaze: f64,
+    /// Rings over directions.
+    pub aspect: f64,
+    /// Whether what is far from the gaze is blurred.
+    #[serde(default = "always", skip_serializing_if = "is_on")]
+    pub blur: bool,
+}
+
+fn always() -> bool {
+    true
+}
+
+fn is_on(blur: &bool) -> bool {
+    *blur
+}
+
+impl LogPolar {
+    /// The paper's modes, its table 5.1.
+    pub const PRESETS: [(&str, Self); 4] = [
+        ("fov", Self::new(0.75, 1.0, 0.0, 1.2)),
+        ("kernel", Self::new(1.0, 3.0, 0.0, 0.7)),
+        ("composite", Self::new(1.4, 1.0, 0.2, 0.33)),
+        ("composite-kernel", Self::new(1.3, 2.0, 0.15, 0.35)),
+    ];
+    pub const COMPOSITE: Self = Self::PRESETS[2].1;
+
+    const fn new(sigma: f64, alpha: f64, gaze: f64, aspect: f64) -> Self {
+        Self { sigma, alpha, gaze, aspect, blur: true }
+    }
+
+    /// Checks whether there are such images.
+    ///
+    /// # Errors
+    /// A message that names the number that is out of its range.
+    pub fn check(&self) -> Result<(), String> {
+        within("sigma", self.sigma, 0.25..=16.0)?;
+        within("alpha", self.alpha, 0.25..=8.0)?;
+        within("gaze", self.gaze, 0.0..=0.6)?;
+        within("aspect", self.aspect, 0.05..=20.0)
+    }
+}
+
+impl FromStr for LogPolar {
+    type Err = String;
+
+    /// Reads the name of a mode, or SIGMA,ALPHA,GAZE,ASPECT.
+    fn from_str(text: &str) -> Result<Self, String> {
+        if let Some((_, preset)) = Self::PRESETS.iter().find(|(name, _)| *name == text) {
+            return Ok(*preset);
+        }
+        let numbers: Option<Vec<f64>> = text.split(',').map(|n| n.trim().parse().ok()).collect();
+        let Some(&[sigma, alpha, gaze, aspect]) = numbers.as_deref() else {
+            let names = Self::PRESETS.map(|(name, _)| name).join(", ");
+            return Err(format!("give {names}, or four numbers"));
+        };
+        let read = Self::new(sigma, alpha, gaze, aspect);
+        read.check().map(|()| read)
+    }
+}
+
+impl Display for LogPolar {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { sigma, alpha, gaze, aspect, .. } = self;
+        write!(f, "{sigma},{alpha},{gaze},{aspect}")
+    }
+}
+
+impl PolarSpace {
+    /// As the command line names it.
+    pub fn name(&self) -> &'static str {
+        match self {
+            Self::Visual => "visual-polar",
+            Self::Log(_) => "log-polar",
+        }
+    }
+}
+
+impl Display for PolarSpace {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Visual => f.write_str(self.name()),
+            Self::Log(of) => write!(f, "{} {of}", self.name()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn modes_and_numbers_are_read() {
+        assert_eq!("composite".parse(), Ok(LogPolar::COMPOSITE));
+        assert_eq!("1.4,1,0.2,0.33".parse(), Ok(LogPolar::COMPOSITE));
+        assert_eq!(LogPolar::COMPOSITE.to_string(), "1.4,1,0.2,0.33");
+        for text in ["", "1,2,3", "0,1,0,1", "1,1,0.7,1", "1,NaN,0,1", "1,1,-0.1,1", "composit", "1,1,0,inf"] {
+            assert!(text.parse::<LogPolar>().is_err(), "{text}");
+        }
+    }
+
+    #[test]
+    fn files_have_the_numbers() {
+        let space = PolarSpace::Log(LogPolar::COMPOSITE);
+        let text = r#"{"log":{"sigma":1.4,"alpha":1.0,"gaze":0.2,"aspect":0.33}}"#;
+        assert_eq!(serde_json::to_string(&space).unwrap(), text);
+        assert_eq!(serde_json::from_str::<PolarSpace>(text).unwrap(), space);
+        assert_eq!(serde_json::to_string(&PolarSpace::Visual).unwrap(), "\"visual\"");
+    }
+}

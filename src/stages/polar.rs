@@ -1,0 +1,99 @@
+//! Images that are traced and filtered around the gaze, and mapped to the screen at the end. Rows are rings around the
+//! gaze, columns are directions from it: of visual-polar images as visual acuity asks for, of log-polar ones so that rings
+//! grow with their distance from the gaze.
+
+mod log;
+mod visual;
+
+use super::layout::{self, View};
+use crate::image::Extent;
+use crate::quality::PolarSpace;
+use crate::scene::rig::{self, Eye};
+use crate::scene::shot::Gaze;
+
+pub use visual::{FOVEA_DEG, acuity};
+
+/// Images around the gaze, which may move with every frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Polar {
+    /// Of the left and the right eye.
+    pub gaze: [Gaze; 2],
+    pub space: PolarSpace,
+}
+
+/// Where a pixel of the screen is in an image.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PolarPlace {
+    /// In rows from the first, which is the gaze's.
+    pub row: f64,
+    /// Pixels of the image in a pixel of the screen.
+    pub density: f64,
+}
+
+impl Polar {
+    /// Columns and rows of the images for a screen of this size.
+    pub fn grid(&self, screen: Extent) -> Extent {
+        match &self.space {
+            PolarSpace::Visual => visual::grid(screen),
+            PolarSpace::Log(map) => log::grid(&log::constants(map, screen)),
+        }
+    }
+
+    /// What shaders know of log-polar images for a screen of this size.
+    pub(crate) fn constants(&self, screen: Extent) -> layout::LogPolar {
+        match &self.space {
+            PolarSpace::Visual => layout::LogPolar::default(),
+            PolarSpace::Log(map) => log::constants(map, screen),
+        }
+    }
+
+    /// An eye's view with its gaze at `time_s`.
+    pub(crate) fn look(&self, eye: usize, time_s: f64, view: View, screen: Extent) -> View {
+        let gaze = self.gaze[eye].at(time_s);
+        let [x, y] = gaze;
+        let (across, up) = (2.0 * x as f32 - 1.0, 1.0 - 2.0 * y as f32);
+        let at = view.forward + view.right * (across * view.tan_half_x) + view.up * (up * view.tan_half_y);
+        let towards = at.normalize();
+        let right = (view.right - towards * towards.dot(view.right)).normalize();
+        let view = View { gaze: towards, gaze_right: right, ..view };
+        match &self.space {
+            PolarSpace::Visual => visual::look(view, visual::grid(screen).height),
+            PolarSpace::Log(map) => log::look(&log::constants(map, screen), view, gaze),
+        }
+    }
+
+    /// The pixels of an eye's image that are there.
+    pub(super) fn pixels(&self, view: &View, screen: Extent) -> u64 {
+        match &self.space {
+            PolarSpace::Visual => visual::pixels(view, visual::grid(screen).width),
+            PolarSpace::Log(map) => log::pixels(&log::constants(map, screen), view),
+        }
+    }
+
+    fn seen(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> View {
+        let aspect = f64::from(screen.width) / f64::from(screen.height);
+        self.look(eye as usize, time_s, View::new(view, aspect), screen)
+    }
+
+    /// The pixels of an eye's image over those of its screen.
+    pub fn share(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> f64 {
+        self.pixels(&self.seen(eye, time_s, view, screen), screen) as f64 / screen.area() as f64
+    }
+
+    /// Where the pixels of an eye's screen are in its image, row by row.
+    pub fn places(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> Vec<PolarPlace> {
+        let seen = self.seen(eye, time_s, view, screen);
+        let width = screen.width as usize;
+        let centre = |i: usize| [(i % width) as f64 + 0.5, (i / width) as f64 + 0.5];
+        match &self.space {
+            PolarSpace::Visual => {
+                let place = visual::place_of(&seen, screen);
+                (0..screen.area()).map(|i| place(view.ray_direction(centre(i)[0], centre(i)[1], screen))).collect()
+            }
+            PolarSpace::Log(map) => {
+                let constants = log::constants(map, screen);
+                (0..screen.area()).map(|i| log::place(&constants, &seen, centre(i).into())).collect()
+            }
+        }
+    }
+}

@@ -1,0 +1,237 @@
+//! Log-polar images: rays, image points and the pixels that are traced against the formulas in f64, and neighbours.
+
+use std::f64::consts::TAU;
+
+use diptych::quality::LogPolar;
+use diptych::stages::layout::{self, Camera, Frame, PassConstants, View};
+use glam::{DVec2, Vec2, Vec3};
+
+use super::camera::Eye;
+use super::harness::{Buffer, Kernel};
+
+const LOG_POLAR: [(&str, bool); 2] = [("POLAR", true), ("LOG_POLAR", true)];
+
+/// An eye's image of a screen, as the paper's section 3.3 has it.
+struct Image {
+    mode: LogPolar,
+    screen: DVec2,
+    gaze: DVec2,
+    eye: Eye,
+}
+
+impl Image {
+    fn new(mode: LogPolar, [width, height]: [f64; 2], gaze: DVec2) -> Self {
+        let screen = DVec2::new(width, height);
+        let tan = Vec2::new(0.6 * (width / height) as f32, 0.6);
+        Self { mode, screen, gaze: gaze * screen, eye: Eye::at_origin(tan) }
+    }
+
+    fn columns(&self) -> f64 {
+        ((self.screen.x * self.screen.y / self.mode.aspect).sqrt() / self.mode.sigma).round()
+    }
+
+    fn own_rings(&self) -> f64 {
+        (self.columns() * self.mode.aspect).round()
+    }
+
+    fn log_diagonal(&self) -> f64 {
+        self.screen.length().ln()
+    }
+
+    fn radius(&self) -> f64 {
+        self.screen.length() / 60f64.to_radians().tan() * self.mode.gaze.tan()
+    }
+
+    fn square(&self) -> f64 {
+        if self.mode.gaze > 0.0 { 2.0 * (self.radius() + 1.0).ceil() } else { 0.0 }
+    }
+
+    /// w_C and u_G.
+    fn rings(&self) -> [f64; 2] {
+        let inner = if self.mode.gaze > 0.0 { (self.radius() + 1.0).ln() / self.log_diagonal() } else { 0.0 };
+        let inner = inner.powf(self.mode.alpha);
+        [1.0, inner].map(|share| self.own_rings() * share / (1.0 - inner))
+    }
+
+    fn ring_of(&self, distance: f64) -> f64 {
+        let [all, first] = self.rings();
+        (distance.ln() / self.log_diagonal()).powf(self.mode.alpha) * all - first
+    }
+
+    fn distance(&self, ring: f64) -> f64 {
+        let [all, first] = self.rings();
+        (self.log_diagonal() * ((ring + first) / all).powf(1.0 / self.mode.alpha)).exp()
+    }
+
+    fn rows(&self) -> u32 {
+        let farthest = self.gaze.max(self.screen - self.gaze).length();
+        (self.square() + self.ring_of(farthest).ceil().min(self.own_rings())) as u32
+    }
+
+    fn width(&self) -> u32 {
+        self.columns().max(self.square()) as u32
+    }
+
+    fn length(&self, row: u32) -> u32 {
+        if f64::from(row) < self.square() { self.square() as u32 } else { self.columns() as u32 }
+    }
+
+    fn pixels(&self) -> impl Iterator<Item = (u32, u32)> {
+        (0..self.rows()).flat_map(|row| (0..self.length(row)).map(move |column| (column, row)))
+    }
+
+    /// Where on the screen a place in a row is.
+    fn on_screen(&self, column: f64, row: f64) -> DVec2 {
+        if row < self.square() {
+            return self.gaze.floor() - 0.5 * self.square() + DVec2::new(column, row);
+        }
+        self.gaze + self.distance(row - self.square()) * DVec2::from_angle(TAU * column / self.columns())
+    }
+
+    fn frame(&self) -> Frame {
+        let [rings, first_ring] = self.rings();
+        let log_polar = layout::LogPolar {
+            screen: self.screen.as_vec2(),
+            log_diagonal: self.log_diagonal() as f32,
+            kernel: self.mode.alpha as f32,
+            rings: rings as f32,
+            first_ring: first_ring as f32,
+            radius: self.radius() as f32,
+            columns: self.columns() as f32,
+            ..Default::default()
+        };
+        let view = View {
+            rows: self.rows() as f32,
+            fovea_rows: self.square() as f32,
+            gaze_x: self.gaze.x as f32,
+            gaze_y: self.gaze.y as f32,
+            ..self.eye.view()
+        };
+        let (width, height) = (self.width(), self.rows());
+        let camera = Camera { views: [view; 2], centre: Vec2::splat(0.5), width, height, log_polar };
+        Frame { camera, ..Default::default() }
+    }
+
+    fn pass(&self) -> PassConstants {
+        let (width, height) = (self.width(), self.rows());
+        PassConstants { view: 1, width, height, row_end: height, valid_end: height, ..Default::default() }
+    }
+
+    fn groups(&self) -> [u32; 2] {
+        [self.width().div_ceil(8), self.rows().div_ceil(8)]
+    }
+}
+
+const GAZES: [DVec2; 3] = [DVec2::splat(0.5), DVec2::new(0.3, 0.71), DVec2::new(0.98, 0.05)];
+
+#[test]
+fn rays_go_through_their_points_of_the_screen_which_lead_back() {
+    const ROUND_TRIP: &str = "
+@group(1) @binding(0) var<storage, read_write> rays: array<vec4<f32>>;
+@group(1) @binding(1) var<storage, read_write> points: array<vec4<f32>>;
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    if is_outside(id.xy) {
+        return;
+    }
+    let at = pixel_index(id.xy);
+    let offset = vec2<f32>(0.25, 0.75);
+    let ray = ray_of(1u, vec2<f32>(id.xy) + offset);
+    rays[at] = vec4<f32>(ray, 0.0);
+    let eye = frame.camera.views[1];
+    points[at] = vec4<f32>(pixel_of(eye.origin + 4.0 * ray, eye).xy, point_in(vec2<f32>(id.xy), offset));
+}
+";
+    let offset = DVec2::new(0.25, 0.75);
+    let kernel = Kernel::beside("polar_blur", &LOG_POLAR, ROUND_TRIP);
+    for ((name, mode), gaze) in LogPolar::PRESETS.iter().flat_map(|mode| GAZES.map(|gaze| (mode, gaze))) {
+        let image = Image::new(*mode, [213.0, 120.0], gaze);
+        let nothing = vec![[0f32; 4]; (image.width() * image.rows()) as usize];
+        let outputs = kernel.run_frame(
+            &image.frame(),
+            image.pass(),
+            image.groups(),
+            &[("rays", Buffer::whole(&nothing)), ("points", Buffer::whole(&nothing))],
+        );
+        let (rays, points) = (outputs.get::<[f32; 4]>("rays"), outputs.get::<[f32; 4]>("points"));
+        let (mut off_ray, mut off_point): (f64, f64) = (0.0, 0.0);
+        for (column, row) in image.pixels() {
+            let at = (row * image.width() + column) as usize;
+            let place = DVec2::new(f64::from(column), f64::from(row)) + offset;
+            let seen = image.on_screen(place.x, place.y);
+            let expected = image.eye.ray(seen, image.screen);
+            off_ray = off_ray.max((Vec3::from_slice(&rays[at]).as_dvec3() - expected).length());
+            // Rings lie outside the image around the gaze, and image points within it, and a pixel around the gaze at least.
+            let distance = seen.distance(image.gaze);
+            let is_in_square = place.y < image.square();
+            if is_in_square == (distance < image.radius()) && distance > 1.01 {
+                let [x, y, wanted_x, wanted_y] = points[at].map(f64::from);
+                let columns = (x - wanted_x) * f64::from(image.length(row)) / f64::from(image.width());
+                off_point = off_point.max(columns.abs()).max((y - wanted_y).abs());
+            }
+        }
+        assert!(off_ray < 3e-5, "{name}, {gaze}: rays are off by {off_ray}");
+        assert!(off_point < 1e-3, "{name}, {gaze}: image points are off by {off_point} pixels");
+    }
+}
+
+/// Of the paper's table 5.3: traced rays over the pixels of a screen of 1920x1080.
+#[test]
+fn as_many_pixels_are_traced_as_published() {
+    const SHOWN: &str = "
+@group(1) @binding(0) var<storage, read_write> shown: array<u32>;
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    if !is_outside(id.xy) {
+        shown[pixel_index(id.xy)] = select(0u, 1u, is_shown(id.xy));
+    }
+}
+";
+    let kernel = Kernel::beside("polar_blur", &LOG_POLAR, SHOWN);
+    for ((name, mode), percent) in LogPolar::PRESETS.iter().zip([154.0, 65.7, 37.5, 37.7]) {
+        let image = Image::new(*mode, [1920.0, 1080.0], GAZES[0]);
+        let nothing = vec![0u32; (image.width() * image.rows()) as usize];
+        let shown =
+            kernel.run_frame(&image.frame(), image.pass(), image.groups(), &[("shown", Buffer::whole(&nothing))]);
+        let count: u32 = shown.get::<u32>("shown").into_iter().sum();
+        let share = 100.0 * f64::from(count) / (1920.0 * 1080.0);
+        assert!((share - percent).abs() < 3.0, "{name}: {share} %");
+    }
+}
+
+#[test]
+fn neighbours_are_of_the_same_image() {
+    const NEIGHBOURS: &str = "
+@group(1) @binding(0) var<storage, read_write> found: array<vec4<i32>>;
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    if is_outside(id.xy) {
+        return;
+    }
+    let there = beside(id.xy, vec2<i32>(i32(pass_.args[0]), i32(pass_.args[1])));
+    found[pixel_index(id.xy)] = vec4<i32>(there.pixel, select(0, 1, there.is_there), 1);
+}
+";
+    let image = Image::new(LogPolar::COMPOSITE, [96.0, 80.0], GAZES[1]);
+    let (rim, columns, rows) = (image.square() as i32, image.columns() as i32, image.rows() as i32);
+    let kernel = Kernel::beside("polar_blur", &LOG_POLAR, NEIGHBOURS);
+    for (dx, dy) in [(1, 0), (-1, 0), (0, 1), (3, -2), (-16, 16), (16, -1)] {
+        let pass = PassConstants { args: [dx as u32, dy as u32, 0], valid_begin: 3, ..image.pass() };
+        let nothing = vec![[0i32; 4]; (image.width() * image.rows()) as usize];
+        let found = kernel.run_frame(&image.frame(), pass, image.groups(), &[("found", Buffer::whole(&nothing))]);
+        let found = found.get::<[i32; 4]>("found");
+        for (column, row) in image.pixels() {
+            let (x, y) = (column as i32 + dx, row as i32 + dy);
+            let is_in_square = (row as i32) < rim;
+            let (first, end) = if is_in_square { (3, rim) } else { (rim, rows) };
+            let held_y = y.clamp(first, end - 1);
+            let held_x = if is_in_square { x.clamp(0, rim - 1) } else { x.rem_euclid(columns) };
+            let is_there = held_y == y && (!is_in_square || held_x == x);
+            let expected = [held_x, held_y, is_there.into(), 1];
+            assert_eq!(found[(row * image.width() + column) as usize], expected, "{column}, {row} by {dx}, {dy}");
+        }
+    }
+}
