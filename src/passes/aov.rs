@@ -8,10 +8,10 @@ use crate::image::Extent;
 use crate::scene::rig::Eye;
 
 /// The stages of auxiliary images, whose time does not count as time of the frame: the images themselves, and from
-/// visual-polar ones to the screen.
+/// polar ones to the screen.
 pub const STAGES: [Stage; 2] = [Stage("aov"), Stage("aov_to_screen")];
 
-/// Those of visual-polar images.
+/// Those of polar images.
 const POLAR: Resource = Resource::image("polar_aov", 16);
 
 /// The `index`th auxiliary image of a frame.

@@ -1,4 +1,4 @@
-//! From a visual-polar image to the screen.
+//! From a polar image to the screen.
 
 use super::FrameSpec;
 use super::tonemap;
@@ -8,7 +8,7 @@ use crate::scene::rig::Eye;
 
 const CUT: CutGroup = CutGroup("to_screen");
 
-/// The finished visual-polar image, scene-referred RGB, and encoded, which nothing reads.
+/// The finished polar image, scene-referred RGB, and encoded, which nothing reads.
 pub const LINEAR: Resource = Resource::image("polar", 16);
 pub const DISPLAY: Resource = Resource::image("polar_display", 4);
 /// Blurred around the gaze; then also away from it.
@@ -25,7 +25,7 @@ pub fn screen(extent: Extent) -> Grid {
     Grid { size: Size::Fixed(extent), projection: Projection::Perspective }
 }
 
-/// The passes after those that finish a view's image, if it is visual-polar.
+/// The passes after those that finish a view's image, if it is polar.
 pub fn passes(spec: &FrameSpec, view: Eye) -> Vec<Pass> {
     let Some(extent) = spec.screen else { return Vec::new() };
     let reach = blur_reach(spec.extent.height);

@@ -16,7 +16,7 @@ const fn code(reason: HoleReason) -> u32 {
     reason as u32 + 1
 }
 
-/// Of the rows of visual-polar images, one over the share that may lie between where the eyes see a surface.
+/// Of the rows of polar images, one over the share that may lie between where the eyes see a surface.
 const POLAR_REACH: u32 = 8;
 
 const KERNEL: Kernel = Kernel::new("reproject").with(&[

@@ -19,7 +19,7 @@ pub enum Views {
 pub struct FrameSpec {
     /// Of the images that are traced and filtered.
     pub extent: Extent,
-    /// Of the screen, where those images are visual-polar and mapped to it; else they are of the screen itself.
+    /// Of the screen, where those images are polar and mapped to it; else they are of the screen itself.
     pub screen: Option<Extent>,
     pub devices: usize,
     pub views: Views,

@@ -106,7 +106,7 @@ fn groups_are_those_that_can_be_named() {
 
 /// They come last, and what the filter leaves is no output.
 #[test]
-fn visual_polar_images_are_mapped_to_the_screen() {
+fn polar_images_are_mapped_to_the_screen() {
     let screen = Extent::new(96, 270);
     let polar = FrameSpec { screen: Some(screen), iterations: 0, aovs: Vec::new(), ..spec(2, Seam::Filter) };
     assert!(stages(&polar).ends_with(&["tonemap", "polar_blur", "to_screen", "tally"]), "{:?}", stages(&polar));

@@ -12,7 +12,7 @@ pub const LINEAR: Resource = Resource::image("linear", 16).output();
 /// Encoded RGBA8.
 pub const DISPLAY: Resource = Resource::image("display", 4).output();
 
-/// The images that what follows the filter writes: scene-referred and encoded. Visual-polar ones are mapped to those of the
+/// The images that what follows the filter writes: scene-referred and encoded. Polar ones are mapped to those of the
 /// screen.
 pub fn finished(spec: &FrameSpec) -> [Resource; 2] {
     if spec.screen.is_some() { [polar::LINEAR, polar::DISPLAY] } else { [LINEAR, DISPLAY] }

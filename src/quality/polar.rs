@@ -110,7 +110,7 @@ impl Display for PolarSpace {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Visual => f.write_str(self.name()),
-            Self::Log(of) => write!(f, "{} {of}", self.name()),
+            Self::Log(map) => write!(f, "{} {map}", self.name()),
         }
     }
 }

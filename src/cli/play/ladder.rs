@@ -13,7 +13,7 @@ use diptych::exec::{FrameReport, Renderer, Stereo};
 use diptych::graph::Stage;
 use diptych::image::RgbImage;
 use diptych::passes::gbuffer;
-use diptych::quality::{Denoiser, Quality};
+use diptych::quality::{Denoiser, PolarSpace, Quality};
 use diptych::scene::rig::Rig;
 use diptych::schedule::Effort;
 
@@ -54,10 +54,14 @@ impl Choice {
             };
             all.rungs().iter().filter(|r| has(&r.quality)).cloned().collect()
         };
-        let most = Denoiser::CHOICES.into_iter().max_by_key(|d| of(*d).len());
+        let most = Denoiser::CHOICES.into_iter().filter(|d| !of(*d).is_empty()).max_by_key(|d| of(*d).len());
         let denoiser = args.denoiser.or(most).unwrap_or(Some(Denoiser::Svgf));
         let (path, name) = (path.display(), Denoiser::name_of(denoiser));
-        let space = polar.map_or(String::new(), |space| format!(" and --foveation {}", space.name()));
+        let space = match polar {
+            None => String::new(),
+            Some(PolarSpace::Visual) => " and --foveation visual-polar".to_owned(),
+            Some(PolarSpace::Log(map)) => format!(" and --foveation log-polar --polar {map}"),
+        };
         if args.denoiser.is_none() && all.denoisers().len() > 1 {
             let counts: Vec<String> =
                 all.denoisers().iter().map(|(d, rungs)| format!("{rungs} of {}", Denoiser::name_of(*d))).collect();

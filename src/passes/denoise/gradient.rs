@@ -28,7 +28,7 @@ const SMOOTH: Kernel = Kernel::new("gradient_smooth").with(constants![REACH]);
 /// Luminance of the light of a tile's pixel now minus before, and the larger of both.
 const GRADIENT: Resource = Resource::image("gradient", 8).on(TILES);
 
-/// Not where nothing moves, nor in visual-polar images, whose tiles near the gaze are no squares.
+/// Not where nothing moves, nor in polar images, whose tiles are no squares.
 fn is_found(spec: &FrameSpec) -> bool {
     spec.moving.is_some() && spec.screen.is_none()
 }
