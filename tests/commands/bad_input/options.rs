@@ -51,6 +51,20 @@ fn gazes_that_are_nowhere_are_refused() {
 }
 
 #[test]
+fn log_polar_images_that_are_none_are_refused() {
+    for (map, part) in [
+        ("composit", "composite-kernel, or four numbers"),
+        ("1,2,3", "or four numbers"),
+        ("0.1,1,0,1", "sigma 0.1 is out of range"),
+        ("1,1,0.9,1", "gaze 0.9 is out of range"),
+        ("1,NaN,0,1", "alpha NaN is out of range"),
+    ] {
+        assert_option_refused(&["--foveation", "log-polar", "--polar", map], &["--polar", part]);
+    }
+    assert_option_refused(&["--polar", "fov"], &["--polar is for --foveation log-polar"]);
+}
+
+#[test]
 fn ratios_that_do_not_fit_are_refused() {
     assert_option_refused(&["--virtual", "3", "--ratios", "1,2"], &["2 ratios", "3 devices"]);
     assert_option_refused(&["--virtual", "2", "--ratios=-1,2"], &["-1"]);
