@@ -33,16 +33,12 @@ pub struct LogPolar {
     /// Rings over directions.
     pub aspect: f64,
     /// Whether what is far from the gaze is blurred.
-    #[serde(default = "always", skip_serializing_if = "is_on")]
+    #[serde(default = "always")]
     pub blur: bool,
 }
 
 fn always() -> bool {
     true
-}
-
-fn is_on(blur: &bool) -> bool {
-    *blur
 }
 
 impl LogPolar {
@@ -132,9 +128,10 @@ mod tests {
     #[test]
     fn files_have_the_numbers() {
         let space = PolarSpace::Log(LogPolar::COMPOSITE);
-        let text = r#"{"log":{"sigma":1.4,"alpha":1.0,"gaze":0.2,"aspect":0.33}}"#;
+        let text = r#"{"log":{"sigma":1.4,"alpha":1.0,"gaze":0.2,"aspect":0.33,"blur":true}}"#;
         assert_eq!(serde_json::to_string(&space).unwrap(), text);
         assert_eq!(serde_json::from_str::<PolarSpace>(text).unwrap(), space);
+        assert_eq!(serde_json::from_str::<PolarSpace>(&text.replace(r#","blur":true"#, "")).unwrap(), space);
         assert_eq!(serde_json::to_string(&PolarSpace::Visual).unwrap(), "\"visual\"");
     }
 }
