@@ -69,7 +69,7 @@ pub struct Args {
     /// What follows the gaze, to measure [default: none]
     #[arg(long, value_delimiter = ',', value_name = "LIST", conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
     foveation: Vec<FoveationMode>,
-    /// Log-polar images to measure, a mode or SIGMA,ALPHA,GAZE,ASPECT [default: composite]
+    /// Log-polar images to measure, a mode or SIGMA,ALPHA,GAZE,ASPECT; composite without this option
     #[arg(long, value_name = "MODE", conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
     polar: Option<LogPolar>,
     /// Render scales to measure; those below 1 with the fewest samples [default: 1,0.7,0.5]

@@ -58,8 +58,8 @@ pub struct FoveationOptions {
     /// shot's gaze]
     #[arg(long, value_name = "X,Y")]
     pub gaze: Option<GazeOption>,
-    /// Log-polar images: fov, kernel, composite, composite-kernel, or SIGMA,ALPHA,GAZE,ASPECT: by how much fewer pixels
-    /// there are, the kernel's exponent, radians around the gaze in full, rings over directions [default: composite]
+    /// Log-polar images: fov, kernel, composite (as without this option), composite-kernel, or SIGMA,ALPHA,GAZE,ASPECT: by
+    /// how much fewer pixels there are, the kernel's exponent, radians around the gaze in full, rings over directions
     #[arg(long, value_name = "MODE")]
     pub polar: Option<LogPolar>,
     /// Iterations of the denoiser; with layers of the inner, middle and outer one [default: 5; 2,3,5 with layers]

@@ -210,8 +210,8 @@ fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
         assert!(rung.stage_ms["path_trace"] > 0.0, "{rung:?}");
         assert_eq!(rung.stage_ms.contains_key("atrous"), denoiser == "atrous", "{rung:?}");
     }
-    // Each denoiser has a ladder of its own, and one of them is the best.
-    // Those that fit blocks are measured only where they are asked for.
+    // Each denoiser has a ladder of its own, and one of them is the best: which, depends on the machine's times. Those that
+    // fit blocks are measured only where they are asked for.
     let others = [None, Some(Denoiser::Atrous), Some(Denoiser::Svgf)].map(|denoiser| {
         let name = Denoiser::name_of(denoiser);
         let ladder = Ladder::read(&folder.path().join(format!("ladder.{name}.toml"))).unwrap();
@@ -225,7 +225,6 @@ fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
         rows.iter().find(is).unwrap()["errors"]["left"]["flicker"].as_f64().unwrap()
     };
     assert!(flicker("none") > 4.0 * flicker("svgf"), "{} and {}", flicker("none"), flicker("svgf"));
-    assert_ne!(ladder.rungs()[0].quality.denoiser, None);
     let path = folder.path().join("ladder.toml");
     let judged = bench(folder.path(), &[&options[..], &["--ladder", path.to_str().unwrap()]].concat());
     let regrets = event(&judged, "result")["regrets"].as_array().unwrap();
