@@ -27,7 +27,7 @@ pub struct Start {
     pub progress: Progress,
 }
 
-/// Renders until the window ends, Ctrl-C is pressed, or all frames that were asked for are there; `wake` is called after
+/// Renders until the window ends, it is interrupted, or all frames that were asked for are there; `wake` is called after
 /// each.
 pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure> {
     let Start { mut prepared, loaded, gpus, tracing, progress } = start;
