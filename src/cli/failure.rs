@@ -15,7 +15,7 @@ use super::interrupt;
 pub enum Failure {
     Input(anyhow::Error),
     Run(anyhow::Error),
-    /// By Ctrl-C.
+    /// By Ctrl-C or SIGTERM.
     Interrupted,
 }
 
@@ -34,7 +34,7 @@ impl Failure {
         match self {
             Self::Input(_) => ExitCode::from(2),
             Self::Run(_) => ExitCode::from(1),
-            Self::Interrupted => ExitCode::from(interrupt::EXIT_STATUS),
+            Self::Interrupted => ExitCode::from(interrupt::exit_status()),
         }
     }
 }

@@ -1,26 +1,36 @@
-//! Ctrl-C: the frame or pass that is being made is ended and all files are written; a second one ends at once.
+//! Ctrl-C and SIGTERM: the frame or pass that is being made is ended and all files are written; a second one ends at once.
 
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::io;
+use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
+use std::sync::{Arc, LazyLock};
 
 use anyhow::Context;
+use signal_hook::consts::{SIGINT, SIGTERM};
+use signal_hook::flag;
 
 use super::failure::Failure;
 
-/// Whether Ctrl-C was pressed.
-pub static INTERRUPTED: AtomicBool = AtomicBool::new(false);
+/// Whether Ctrl-C was pressed or SIGTERM came.
+pub static INTERRUPTED: LazyLock<Arc<AtomicBool>> = LazyLock::new(Default::default);
 
-/// What shells report of a program that SIGINT ended: 128 + 2.
-pub const EXIT_STATUS: u8 = 130;
+/// The number of the signal that came.
+static SIGNAL: LazyLock<Arc<AtomicUsize>> = LazyLock::new(Default::default);
 
-/// From here on Ctrl-C only sets [`INTERRUPTED`].
+/// What shells report of a program that the signal ended: 128 and its number.
+pub fn exit_status() -> u8 {
+    128 | SIGNAL.load(Ordering::Relaxed) as u8
+}
+
+/// From here on Ctrl-C and SIGTERM only set [`INTERRUPTED`].
 pub fn watch() -> Result<(), Failure> {
-    ctrlc::set_handler(|| {
-        if INTERRUPTED.swap(true, Ordering::Relaxed) {
-            std::process::exit(i32::from(EXIT_STATUS));
-        }
-    })
-    .context("cannot watch for Ctrl-C")
-    .map_err(Failure::Run)
+    [SIGINT, SIGTERM].into_iter().try_for_each(watch_for).context("cannot watch for Ctrl-C").map_err(Failure::Run)
+}
+
+fn watch_for(signal: i32) -> Result<(), io::Error> {
+    flag::register_conditional_shutdown(signal, 128 | signal, Arc::clone(&INTERRUPTED))?;
+    flag::register_usize(signal, Arc::clone(&SIGNAL), signal as usize)?;
+    flag::register(signal, Arc::clone(&INTERRUPTED))?;
+    Ok(())
 }
 
 pub fn is_set() -> bool {
@@ -28,7 +38,7 @@ pub fn is_set() -> bool {
 }
 
 /// # Errors
-/// [`Failure::Interrupted`] once Ctrl-C was pressed.
+/// [`Failure::Interrupted`] once Ctrl-C was pressed or SIGTERM came.
 pub fn check() -> Result<(), Failure> {
     if is_set() { Err(Failure::Interrupted) } else { Ok(()) }
 }

@@ -1,5 +1,5 @@
 //! One file per command. Exit status: 0 done, 1 it failed, 2 the command line or an input file is wrong,
-//! 130 Ctrl-C ended it.
+//! 130 Ctrl-C ended it, 143 SIGTERM did.
 
 /// `println!` that does not mind a reader who has left, as `head` does.
 macro_rules! say {

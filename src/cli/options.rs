@@ -81,6 +81,9 @@ pub struct RunOptions {
     /// Seconds along the camera path and the scene's animations
     #[arg(long, default_value_t = 0.0, value_name = "T", allow_negative_numbers = true, help_heading = SCENE)]
     pub time: f64,
+    /// Head motion in place of the camera's path, as --record-motion of play and view leaves it: JSON lines
+    #[arg(long, value_name = "FILE", help_heading = SCENE)]
+    pub motion: Option<PathBuf>,
     #[arg(long, default_value_t = 0, help_heading = QUALITY)]
     pub seed: u32,
     #[arg(long, default_value = "sobol", help_heading = QUALITY)]

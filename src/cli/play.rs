@@ -17,6 +17,7 @@ use diptych::quality::Denoiser;
 use diptych::report::frames::FrameLine;
 use diptych::report::play::{Play, PlaySummary};
 use diptych::report::run::{FrameRow, RunReport};
+use diptych::scene::head::Recording;
 use diptych::scene::rig::Rig;
 
 use super::failure::Failure;
@@ -95,10 +96,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let path = CameraPath::new(&loaded.shot.rig);
     let (rows, tasks) = (Vec::new(), Vec::new());
     let stale = Stale::find(&options.out);
-    let mut run = Run { args, options, loaded: &loaded, session, path, rows, tasks, stale };
+    let motion = Recording::new(loaded.space);
+    let mut run = Run { args, options, loaded: &loaded, session, path, motion, rows, tasks, stale };
     run.frames()?;
     let last = if args.report { Last::of(&mut run)? } else { None };
-    let Run { session, rows, tasks, stale, .. } = run;
+    let Run { session, motion, rows, tasks, stale, .. } = run;
+    if let Some(path) = &args.options.record_motion {
+        motion.write(path)?;
+    }
     let Session { renderer, ladder: rungs, fit, tracing, progress, warm_up_s, .. } = session;
     progress.finish();
     let devices = renderer.devices();
@@ -148,6 +153,7 @@ struct Run<'a> {
     loaded: &'a Loaded,
     session: Session,
     path: CameraPath,
+    motion: Recording,
     rows: Vec<FrameRow>,
     /// Of each row, where the page shows them.
     tasks: Vec<Vec<TaskTiming>>,
@@ -167,6 +173,7 @@ impl Run<'_> {
             let late_ms = pace.wait();
             let (rig, time_s) = (self.rig(index), self.time_s(index));
             let (row, frame) = self.session.render(decided, late_ms, &rig, time_s, index)?;
+            self.motion.add(time_s, &rig, time_s, self.session.gaze(time_s));
             self.rows.push(if self.args.details { row.with_tasks(&frame) } else { row });
             if self.args.report {
                 self.tasks.push(frame.tasks_since_begin());

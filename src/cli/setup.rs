@@ -9,10 +9,11 @@ use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
 use diptych::exec::{FrameReport, RenderSettings, Renderer};
 use diptych::passes::Moving;
 use diptych::quality::Quality;
-use diptych::scene::Scene;
+use diptych::scene::head::{HeadMotion, Space};
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::rig::Rig;
 use diptych::scene::shot::{Gaze, Shot};
+use diptych::scene::{Scene, SceneError};
 use diptych::schedule::{Even, Heft, Measured, Policy, Static};
 use diptych::stages::{SceneTables, StageSettings};
 use diptych::trace::frames::{FrameControl, record_frame};
@@ -23,7 +24,10 @@ use super::options::{Balance, HaloOption, RenderOptions, RunOptions};
 
 /// A scene ready to be put on devices.
 pub struct Loaded {
+    /// With the head motion that was asked for.
     pub shot: Shot,
+    /// What head motion is relative to.
+    pub space: Space,
     /// As it moves.
     pub scene: Scene,
     pub needs: SceneNeeds,
@@ -46,14 +50,21 @@ impl Loaded {
 pub fn load(options: &RunOptions) -> Result<Loaded, Failure> {
     let _span = tracing::info_span!("load scene").entered();
     let budget = options.scene.budget();
-    let (shot, scene) = options.scene.load(&options.shot, options.time, &budget)?;
+    let (mut shot, scene) = options.scene.load(&options.shot, options.time, &budget)?;
+    let space = Space::of(&shot.rig);
+    if let Some(path) = &options.motion {
+        let motion = HeadMotion::read(path, &budget)?;
+        let invalid = |what| SceneError::Invalid { path: path.display().to_string(), what };
+        shot.rig = motion.rig(&shot.rig).map_err(invalid)?;
+        shot.gaze = motion.gaze().unwrap_or(shot.gaze);
+    }
     let accel = {
         let _span = tracing::info_span!("build tree").entered();
         Accel::build_within(&scene, Layout::Auto, &budget)?
     };
     let tables = SceneTables::within(&scene, accel, &budget).map_err(|e| Failure::Input(e.into()))?;
     let needs = SceneNeeds { instances: tables.has_instances(), ..SceneNeeds::of(&scene) };
-    Ok(Loaded { shot, scene, needs, tables: Arc::new(tables) })
+    Ok(Loaded { shot, space, scene, needs, tables: Arc::new(tables) })
 }
 
 /// Says where frames between these times are beyond the ends of the camera's path.

@@ -29,7 +29,7 @@ pub fn constants(
     let stages = &settings.stages;
     let aspect = f64::from(stages.extent.width) / f64::from(stages.extent.height);
     let Extent { width, height } = stages.grid();
-    let rig = rig.relative_to(tables.origin());
+    let rig = rig.at(time_s).relative_to(tables.origin());
     let (samples, curve_shift) = match samples {
         Samples::First(spp) => (0..*spp, curve_shift(stages.grid(), *spp)),
         Samples::Own(samples) => (samples.clone(), layout::NO_CURVE),

@@ -138,12 +138,8 @@ mod tests {
     fn rig(to: DVec3, turned: DVec3) -> Rig {
         let key = |time_s, position, target| RigKey { time_s, position, target, up: DVec3::Y };
         let position = DVec3::new(0.0, 1.0, 3.0);
-        Rig {
-            yfov_rad: 1.2,
-            baseline_m: 0.064,
-            metres_per_unit: 1.0,
-            keys: vec![key(0.0, position, DVec3::Y), key(1.0, position + to, DVec3::Y + to + turned)],
-        }
+        let keys = vec![key(0.0, position, DVec3::Y), key(1.0, position + to, DVec3::Y + to + turned)];
+        Rig { yfov_rad: 1.2, ..Rig::of_keys(keys) }
     }
 
     #[test]

@@ -8,7 +8,7 @@ use glam::{DVec3, Vec3};
 use super::budget::Budget;
 use super::motion::Motion;
 use super::motion::play::Choice;
-use super::rig::{DEFAULT_BASELINE_M, DEFAULT_YFOV_DEG, Rig, RigKey, degenerate_time};
+use super::rig::{Rig, RigKey, degenerate_time};
 use super::shot::allowed::fits_f32;
 use super::shot::{Draft, PartialRig, Shot, ShotEnvironment, Sky};
 use super::viewpoint::{self, Viewpoint};
@@ -76,8 +76,7 @@ fn rig(
 ) -> Result<Rig, SceneError> {
     let metres_per_unit = draft.metres_per_unit.unwrap_or(1.0);
     let yfov_rad = overrides.yfov_rad.or(draft.yfov_rad);
-    let of_keys =
-        |keys| Rig { yfov_rad: DEFAULT_YFOV_DEG.to_radians(), baseline_m: DEFAULT_BASELINE_M, metres_per_unit, keys };
+    let of_keys = |keys| Rig { metres_per_unit, ..Rig::of_keys(keys) };
     let camera = overrides.camera.or((draft.keys.is_empty() && !scene.cameras.is_empty()).then_some(0));
     let mut rig = match (camera, overrides.position.zip(overrides.target)) {
         (Some(number), _) => camera_rig(scene, motion, number, overrides)?,
@@ -180,7 +179,7 @@ mod tests {
 
     use super::super::motion::keys::{Interpolation, Keys};
     use super::super::motion::{Animation, Attached, Channel, Node, Placement, Target};
-    use super::super::rig::Eye;
+    use super::super::rig::{self, Eye};
     use super::super::shot::SceneSource;
     use super::super::{Instance, Light, LightKind, Material, Mesh};
     use super::*;
@@ -305,7 +304,7 @@ mod tests {
 
         let mut scene = triangle();
         let down = completed(bare(), &to(Some(up_there), Some(DVec3::ZERO)), &mut scene).unwrap().rig;
-        assert_eq!((down.keys[0].up, down.yfov_rad), (DVec3::NEG_Z, DEFAULT_YFOV_DEG.to_radians()));
+        assert_eq!((down.keys[0].up, down.yfov_rad), (DVec3::NEG_Z, rig::DEFAULT_YFOV_DEG.to_radians()));
         assert!(scene.warnings.is_empty(), "nothing was looked for: {:?}", scene.warnings);
 
         let error = at(&to(Some(DVec3::ONE), Some(DVec3::ONE)), draft(&path)).unwrap_err().to_string();

@@ -10,6 +10,7 @@ pub mod rig;
 pub mod projection;
 pub mod motion;
 pub mod shot;
+pub mod head;
 pub mod gltf;
 pub mod builtin;
 pub mod environment;

@@ -57,7 +57,7 @@ mod tests {
             up: DVec3::Y,
         };
         let keys = vec![key(0.0, [1.0, 1.6, 2.5], [0.0, 1.2, -3.0]), key(2.0, [0.6, 1.6, 1.2], [-1.0, 1.1, -3.0])];
-        Rig { yfov_rad: 40f64.to_radians(), baseline_m: 0.064, metres_per_unit: 0.01, keys }
+        Rig { yfov_rad: 40f64.to_radians(), baseline_m: 0.064, metres_per_unit: 0.01, ..Rig::of_keys(keys) }
     }
 
     fn times(point: DVec3, matrix: [[f32; 4]; 4]) -> [f64; 4] {

@@ -5,7 +5,7 @@
 
 use std::fmt;
 
-use glam::{DVec3, Vec3};
+use glam::{DMat3, DQuat, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use super::{Bounds, Camera};
@@ -72,6 +72,24 @@ impl RigKey {
         sin.is_nan() || sin < MIN_SIN_VIEW_UP
     }
 
+    /// Right, up and forward, orthonormal.
+    pub(super) fn axes(&self) -> [DVec3; 3] {
+        let forward = (self.target - self.position).normalize();
+        let right = forward.cross(self.up.normalize()).normalize();
+        [right, right.cross(forward), forward]
+    }
+
+    /// The rotation that takes x to right, y to up and −z to forward.
+    pub(super) fn orientation(&self) -> DQuat {
+        let [right, up, forward] = self.axes();
+        DQuat::from_mat3(&DMat3::from_cols(right, up, -forward)).normalize()
+    }
+
+    /// The key at `position` that is turned so.
+    pub(super) fn turned(time_s: f64, position: DVec3, orientation: DQuat) -> RigKey {
+        RigKey { time_s, position, target: position + orientation * DVec3::NEG_Z, up: orientation * DVec3::Y }
+    }
+
     fn lerp(&self, to: &RigKey, s: f64) -> RigKey {
         RigKey {
             time_s: self.time_s + (to.time_s - self.time_s) * s,
@@ -80,6 +98,21 @@ impl RigKey {
             up: self.up.lerp(to.up, s),
         }
     }
+
+    fn slerp(&self, to: &RigKey, s: f64) -> RigKey {
+        let time_s = self.time_s + (to.time_s - self.time_s) * s;
+        RigKey::turned(time_s, self.position.lerp(to.position, s), self.orientation().slerp(to.orientation(), s))
+    }
+}
+
+/// How a rig turns from one key to the next. Positions go in straight lines.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Turning {
+    /// Targets and ups go in straight lines as well.
+    #[default]
+    Linear,
+    /// The shortest way at a constant speed (Shoemake 1985, "Animating rotation with quaternion curves").
+    Spherical,
 }
 
 #[derive(Clone, Debug, PartialEq)]
@@ -90,6 +123,7 @@ pub struct Rig {
     pub metres_per_unit: f64,
     /// At least one; times strictly increase.
     pub keys: Vec<RigKey>,
+    pub turning: Turning,
 }
 
 /// One eye's pinhole. `right`, `up`, `forward` are orthonormal, `up = cross(right, forward)`.
@@ -115,6 +149,17 @@ impl View {
 }
 
 impl Rig {
+    /// A rig with these keys, at least one, that has all else by default.
+    pub fn of_keys(keys: Vec<RigKey>) -> Rig {
+        Rig {
+            yfov_rad: DEFAULT_YFOV_DEG.to_radians(),
+            baseline_m: DEFAULT_BASELINE_M,
+            metres_per_unit: 1.0,
+            keys,
+            turning: Turning::Linear,
+        }
+    }
+
     /// The eye's view at `time_s`: keys are interpolated linearly, and held before the first and after the last.
     pub fn view(&self, time_s: f64, eye: Eye) -> View {
         let (origin, [right, up, forward]) = self.pose(time_s, eye);
@@ -135,15 +180,21 @@ impl Rig {
     /// Where the eye is, and its right, up and forward vectors.
     pub(super) fn pose(&self, time_s: f64, eye: Eye) -> (DVec3, [DVec3; 3]) {
         let key = self.key_at(time_s);
-        let forward = (key.target - key.position).normalize();
-        let right = forward.cross(key.up.normalize()).normalize();
-        (key.position + right * (eye.side() * self.baseline_units() / 2.0), [right, right.cross(forward), forward])
+        let axes = key.axes();
+        (key.position + axes[0] * (eye.side() * self.baseline_units() / 2.0), axes)
     }
 
-    fn key_at(&self, time_s: f64) -> RigKey {
+    /// The point between the eyes at `time_s`.
+    pub(super) fn key_at(&self, time_s: f64) -> RigKey {
         let next = self.keys.partition_point(|key| key.time_s <= time_s);
         match (next.checked_sub(1).map(|i| &self.keys[i]), self.keys.get(next)) {
-            (Some(a), Some(b)) => a.lerp(b, (time_s - a.time_s) / (b.time_s - a.time_s)),
+            (Some(a), Some(b)) => {
+                let s = (time_s - a.time_s) / (b.time_s - a.time_s);
+                match self.turning {
+                    Turning::Linear => a.lerp(b, s),
+                    Turning::Spherical => a.slerp(b, s),
+                }
+            }
             (Some(key), None) | (None, Some(key)) => *key,
             (None, None) => unreachable!("a rig has at least one key"),
         }
@@ -165,7 +216,7 @@ impl Rig {
         // Of a scene as large as numbers go not all can be seen.
         let position = (centre + DVec3::Z * distance).min(DVec3::splat(f64::from(f32::MAX)));
         let key = RigKey { time_s: 0.0, position, target: position - DVec3::Z * distance, up: DVec3::Y };
-        Rig { yfov_rad, baseline_m: DEFAULT_BASELINE_M.min(distance / 30.0), metres_per_unit: 1.0, keys: vec![key] }
+        Rig { yfov_rad, baseline_m: DEFAULT_BASELINE_M.min(distance / 30.0), ..Rig::of_keys(vec![key]) }
     }
 
     /// The same rig with `origin` for (0, 0, 0).
@@ -186,12 +237,7 @@ impl Rig {
         if key.is_degenerate() {
             key.up = forward.any_orthonormal_vector();
         }
-        Rig {
-            yfov_rad: f64::from(camera.yfov_rad),
-            baseline_m: DEFAULT_BASELINE_M,
-            metres_per_unit: 1.0,
-            keys: vec![key],
-        }
+        Rig { yfov_rad: f64::from(camera.yfov_rad), ..Rig::of_keys(vec![key]) }
     }
 }
 
@@ -230,157 +276,4 @@ fn degenerate_candidates(a: &RigKey, b: &RigKey) -> Vec<f64> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use glam::{Affine3A, Quat};
-
-    fn key(time_s: f64, position: [f64; 3], target: [f64; 3]) -> RigKey {
-        RigKey { time_s, position: position.into(), target: target.into(), up: DVec3::Y }
-    }
-
-    fn rig(keys: Vec<RigKey>) -> Rig {
-        Rig { yfov_rad: 70f64.to_radians(), baseline_m: 0.064, metres_per_unit: 0.01, keys }
-    }
-
-    fn path() -> Rig {
-        rig(vec![key(0.0, [0.0, 1.6, 2.5], [0.0, 1.2, -3.0]), key(2.0, [0.6, 1.6, 1.2], [-1.0, 1.1, -3.0])])
-    }
-
-    #[test]
-    fn eyes_share_orientation_bitwise_and_sit_a_baseline_apart() {
-        let rig = path();
-        for i in 0..40 {
-            let time_s = f64::from(i) * 0.07 - 0.3;
-            let [left, right] = Eye::ALL.map(|eye| rig.view(time_s, eye));
-            assert_eq!(left.right.to_array().map(f32::to_bits), right.right.to_array().map(f32::to_bits));
-            assert_eq!(left.up.to_array().map(f32::to_bits), right.up.to_array().map(f32::to_bits));
-            assert_eq!(left.forward.to_array().map(f32::to_bits), right.forward.to_array().map(f32::to_bits));
-            assert_eq!(left.tan_half_yfov.to_bits(), right.tan_half_yfov.to_bits());
-            let apart = right.origin - left.origin;
-            assert!((apart.dot(left.right) - 6.4).abs() < 1e-5);
-            assert!((apart.length() - 6.4).abs() < 1e-5);
-        }
-    }
-
-    #[test]
-    fn axes_are_orthonormal_and_right_handed_as_documented() {
-        let view = path().view(0.9, Eye::Left);
-        for axis in [view.right, view.up, view.forward] {
-            assert!((axis.length() - 1.0).abs() < 1e-6);
-        }
-        assert!(view.right.dot(view.forward).abs() < 1e-6);
-        assert!((view.right.cross(view.forward) - view.up).length() < 1e-6);
-        assert!(view.up.y > 0.9);
-    }
-
-    #[test]
-    fn path_is_linear_between_keys_and_held_outside() {
-        let mut rig = path();
-        rig.baseline_m = 0.0;
-        let origin = |time_s| rig.view(time_s, Eye::Right).origin;
-        assert_eq!(origin(-5.0), origin(0.0));
-        assert_eq!(origin(0.0), Vec3::new(0.0, 1.6, 2.5));
-        assert_eq!(origin(2.0), Vec3::new(0.6, 1.6, 1.2));
-        assert_eq!(origin(99.0), origin(2.0));
-        assert!((origin(0.5) - Vec3::new(0.15, 1.6, 2.175)).length() < 1e-6);
-        assert_eq!(rig.view(1.0, Eye::Left), rig.view(1.0, Eye::Right));
-        assert_eq!(rig.at(0.7).view(5.0, Eye::Left), rig.view(0.7, Eye::Left));
-    }
-
-    #[test]
-    fn pixel_zero_is_top_left_and_pixels_are_square() {
-        let view = rig(vec![key(0.0, [0.0; 3], [0.0, 0.0, -1.0])]).view(0.0, Eye::Left);
-        let extent = Extent::new(40, 20);
-        let tan = f64::from(view.tan_half_yfov);
-        let close = |a: DVec3, b: [f64; 3]| assert!((a - DVec3::from(b).normalize()).length() < 1e-7, "{a}");
-        close(view.ray_direction(20.0, 10.0, extent), [0.0, 0.0, -1.0]);
-        close(view.ray_direction(0.0, 0.0, extent), [-2.0 * tan, tan, -1.0]);
-        close(view.ray_direction(20.0, 0.0, extent), [0.0, tan, -1.0]);
-        close(view.ray_direction(30.0, 20.0, extent), [tan, -tan, -1.0]);
-    }
-
-    #[test]
-    fn a_world_point_lies_on_the_same_row_in_both_eyes() {
-        let rig = path();
-        let point = DVec3::new(0.3, 0.9, -2.0);
-        let row = |eye| {
-            let view = rig.view(0.7, eye);
-            let d = point - view.origin.as_dvec3();
-            d.dot(view.up.as_dvec3()) / d.dot(view.forward.as_dvec3())
-        };
-        assert!((row(Eye::Left) - row(Eye::Right)).abs() < 1e-6);
-    }
-
-    #[test]
-    fn paths_through_the_target_or_through_up_are_found() {
-        assert_eq!(degenerate_time(&path().keys), None);
-        let through = rig(vec![key(0.0, [0.0, 0.0, 2.0], [0.0; 3]), key(4.0, [0.0, 0.0, -2.0], [0.0; 3])]);
-        assert!((degenerate_time(&through.keys).unwrap() - 2.0).abs() < 1e-9);
-        let over = rig(vec![key(1.0, [0.0, 0.0, 0.0], [-1.0, 5.0, 0.0]), key(3.0, [0.0; 3], [3.0, 5.0, 0.0])]);
-        assert!((degenerate_time(&over.keys).unwrap() - 1.5).abs() < 1e-9);
-        let mut turned = path();
-        turned.keys[1].up = -DVec3::Y;
-        assert!((degenerate_time(&turned.keys).unwrap() - 1.0).abs() < 1e-9);
-        assert_eq!(degenerate_time(&[key(7.0, [1.0; 3], [1.0; 3])]), Some(7.0));
-    }
-
-    #[test]
-    fn framing_sees_every_corner_at_any_scale() {
-        let unit = Bounds { min: Vec3::new(-1.0, 0.0, -2.0), max: Vec3::new(3.0, 1.0, 2.0) };
-        for scale in [1e-3, 1.0, 1e4] {
-            let bounds = Bounds { min: unit.min * scale, max: unit.max * scale };
-            let rig = Rig::framing(bounds, 1.0);
-            assert!(rig.baseline_m <= 0.064);
-            for eye in Eye::ALL {
-                let view = rig.view(0.0, eye);
-                for corner in 0..8 {
-                    let pick = |axis: usize| {
-                        if corner >> axis & 1 == 0 { bounds.min[axis] } else { bounds.max[axis] }
-                    };
-                    let d = Vec3::new(pick(0), pick(1), pick(2)) - view.origin;
-                    let depth = d.dot(view.forward);
-                    assert!(depth > 0.0);
-                    assert!(d.dot(view.up).abs() < depth * view.tan_half_yfov);
-                    assert!(d.dot(view.right).abs() < depth * view.tan_half_yfov);
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn framing_of_nothing_of_a_point_or_of_all_there_is_is_finite() {
-        let empty = Bounds { min: Vec3::INFINITY, max: Vec3::NEG_INFINITY };
-        let point = Bounds { min: Vec3::splat(5e6), max: Vec3::splat(5e6) };
-        let all = Bounds { min: Vec3::splat(-1e38), max: Vec3::splat(f32::MAX) };
-        let end = Bounds { min: Vec3::MAX, max: Vec3::MAX };
-        for bounds in [empty, point, all, end] {
-            let view = Rig::framing(bounds, 1.0).view(0.0, Eye::Left);
-            assert!(view.origin.is_finite() && view.right.is_finite());
-            assert_eq!(view.forward, Vec3::NEG_Z);
-        }
-    }
-
-    #[test]
-    fn a_camera_becomes_the_rig_between_the_eyes() {
-        let world_from_view = Affine3A::from_scale_rotation_translation(
-            Vec3::splat(3.0),
-            Quat::from_rotation_y(-std::f32::consts::FRAC_PI_2),
-            Vec3::new(1.0, 2.0, 3.0),
-        );
-        let rig = Rig::from_camera(Camera { world_from_view, yfov_rad: 0.8 });
-        let view = rig.view(0.0, Eye::Right);
-        assert!((view.forward - Vec3::X).length() < 1e-6);
-        assert!((view.right - Vec3::Z).length() < 1e-6);
-        assert!((view.origin - Vec3::new(1.0, 2.0, 3.032)).length() < 1e-6);
-        assert!((view.tan_half_yfov - 0.4f32.tan()).abs() < 1e-6);
-
-        let flat = Camera { world_from_view: Affine3A::from_scale(Vec3::ZERO), yfov_rad: 0.8 };
-        assert_eq!(Rig::from_camera(flat).view(0.0, Eye::Left).forward, Vec3::NEG_Z);
-    }
-
-    #[test]
-    fn eyes_are_written_in_lower_case() {
-        assert_eq!(serde_json::to_string(&Eye::Left).unwrap(), "\"left\"");
-        assert_eq!(Eye::Right.to_string(), "right");
-    }
-}
+mod tests;

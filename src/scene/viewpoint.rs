@@ -271,7 +271,7 @@ impl Surfaces {
         let most = DVec3::splat(f64::from(f32::MAX));
         let world = |p: Vec3A| (self.centre + Vec3::from(p).as_dvec3() * self.radius).clamp(-most, most);
         let key = RigKey { time_s: 0.0, position: world(eye), target: world(target), up: DVec3::Y };
-        Rig { yfov_rad, baseline_m: DEFAULT_BASELINE_M, metres_per_unit: 1.0, keys: vec![key] }
+        Rig { yfov_rad, ..Rig::of_keys(vec![key]) }
     }
 }
 

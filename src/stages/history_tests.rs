@@ -93,7 +93,7 @@ impl Bench {
     fn constants(&self, step: f64) -> Frame {
         let position = DVec3::new(step * f64::from(self.frames), 1.6, 0.0);
         let key = RigKey { time_s: 0.0, position, target: position + DVec3::new(0.0, -0.15, -10.0), up: DVec3::Y };
-        let rig = Rig { yfov_rad: 1.05, baseline_m: 0.064, metres_per_unit: 1.0, keys: vec![key] };
+        let rig = Rig { yfov_rad: 1.05, baseline_m: 0.064, ..Rig::of_keys(vec![key]) };
         let mut frame = Frame {
             camera: Camera {
                 views: Eye::ALL.map(|eye| View::new(&rig.view(0.0, eye), 1.5)),

@@ -119,6 +119,26 @@ fn shots_with_bad_values_are_named_with_their_key() {
     }
 }
 
+#[test]
+fn head_motion_that_is_none_is_named_with_its_line() {
+    let case = Case::new();
+    let sample = "{\"time_s\": 0, \"position_m\": [0, 0, 0], \"orientation\": [0, 0, 0, 1]}\n";
+    let head = "{\"diptych_motion\": 1}\n";
+    for (name, text, part) in [
+        ("twice", format!("{head}{sample}{sample}"), "line 3: time_s 0 is not after"),
+        ("nan", format!("{head}{}", sample.replace("[0, 0, 0]", "[0, NaN, 0]")), "line 2: "),
+        ("bytes", format!("{head}{sample}\u{0}\u{1}"), "line 3: "),
+        ("headless", sample.to_owned(), "line 1: "),
+        ("empty", String::new(), "empty"),
+    ] {
+        let path = case.file(&format!("{name}.jsonl"), text.as_bytes());
+        case.refused("builtin:cornell", &["--motion", &path], 2, &[part, &format!("{name}.jsonl")]);
+    }
+    case.refused("builtin:cornell", &["--motion", "no/such.jsonl"], 2, &["no/such.jsonl"]);
+    let folder = case.folder.path().to_str().unwrap();
+    case.refused("builtin:cornell", &["--motion", folder], 2, &["not a regular file"]);
+}
+
 /// A binary glTF of one triangle.
 fn glb() -> Vec<u8> {
     glb_of(TRIANGLE)

@@ -9,6 +9,7 @@ mod experiments;
 mod export;
 mod files;
 mod graph;
+mod head_motion;
 mod help;
 mod host_trace;
 mod image_files;

@@ -300,5 +300,5 @@ pub fn still_rig(origin: glam::Vec3, forward: glam::Vec3, up: glam::Vec3, tan_ha
     let position = origin.as_dvec3();
     let key = RigKey { time_s: 0.0, position, target: position + forward.as_dvec3(), up: up.as_dvec3() };
     let yfov_rad = 2.0 * f64::from(tan_half_yfov).atan();
-    Rig { yfov_rad, baseline_m: 0.0, metres_per_unit: 1.0, keys: vec![key] }
+    Rig { yfov_rad, baseline_m: 0.0, ..Rig::of_keys(vec![key]) }
 }

@@ -303,9 +303,9 @@ fn faults_that_cannot_be_made_are_refused() {
     }
 }
 
-/// Runs the command until `is_under_way`, presses Ctrl-C and returns its exit status.
+/// Runs the command until `is_under_way`, sends it the signal and returns its exit status.
 #[cfg(unix)]
-fn interrupted(args: &[&str], is_under_way: impl Fn() -> bool) -> Option<i32> {
+fn interrupted(args: &[&str], signal: libc::c_int, is_under_way: impl Fn() -> bool) -> Option<i32> {
     let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_diptych"));
     let mut run = command.args(args).stdout(std::process::Stdio::null()).spawn().unwrap();
     while !is_under_way() {
@@ -313,19 +313,26 @@ fn interrupted(args: &[&str], is_under_way: impl Fn() -> bool) -> Option<i32> {
         std::thread::sleep(Duration::from_millis(5));
     }
     // SAFETY: a signal to a child that has not been waited for.
-    assert_eq!(unsafe { libc::kill(run.id() as libc::pid_t, libc::SIGINT) }, 0);
+    assert_eq!(unsafe { libc::kill(run.id() as libc::pid_t, signal) }, 0);
     run.wait().unwrap().code()
 }
 
 #[cfg(unix)]
 #[test]
-fn ctrl_c_leaves_whole_files() {
+fn ctrl_c_and_sigterm_leave_whole_files() {
+    for (signal, status) in [(libc::SIGINT, 130), (libc::SIGTERM, 143)] {
+        assert_leaves_whole_files(signal, status);
+    }
+}
+
+#[cfg(unix)]
+fn assert_leaves_whole_files(signal: libc::c_int, status: i32) {
     let folder = tempfile::tempdir().unwrap();
     let (out, trace) = (folder.path().join("out"), folder.path().join("trace.json"));
     let args =
         ["render", "builtin:checker", "--size", "32x18", "--frames", "100000", "--trace", trace.to_str().unwrap()];
     let args = [&args[..], &["--out", out.to_str().unwrap()]].concat();
-    assert_eq!(interrupted(&args, || out.join("stereo.0001.png").exists()), Some(130));
+    assert_eq!(interrupted(&args, signal, || out.join("stereo.0001.png").exists()), Some(status));
     let run = json(&out.join("run.json"));
     let frames = run["frames"].as_array().unwrap().len();
     assert!(frames >= 2, "{frames}");
@@ -341,7 +348,7 @@ fn ctrl_c_ends_a_reference_with_the_samples_it_has() {
     let args = ["render", "builtin:checker", "--size", "32x18", "--reference", "--spp", "1000000"];
     let folders = ["--passes-out", passes.to_str().unwrap(), "--out", out.to_str().unwrap()];
     let is_under_way = || passes.join("reference.state").exists();
-    assert_eq!(interrupted(&[&args[..], &folders].concat(), is_under_way), Some(130));
+    assert_eq!(interrupted(&[&args[..], &folders].concat(), libc::SIGINT, is_under_way), Some(130));
     let reference = &json(&out.join("run.json"))["references"][0];
     assert!(reference["spp"].as_u64().unwrap() < 1_000_000, "{reference}");
     assert!(reference["spp"].as_u64().unwrap() > 0, "{reference}");

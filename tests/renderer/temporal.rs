@@ -188,7 +188,7 @@ fn turning(pixels: f64, aside: DVec3) -> Rig {
     let position = DVec3::new(0.0, 1.6, 0.0);
     let ahead = DVec3::new(0.0, -0.15, -10.0);
     let key = |time_s, by: f64| RigKey { time_s, position, target: position + ahead + aside * by, up: DVec3::Y };
-    Rig { yfov_rad, baseline_m: 0.0, metres_per_unit: 1.0, keys: vec![key(0.0, -10.0 * turn), key(1.0, 0.0)] }
+    Rig { yfov_rad, baseline_m: 0.0, ..Rig::of_keys(vec![key(0.0, -10.0 * turn), key(1.0, 0.0)]) }
 }
 
 /// Pixels by which `found` lies to the right of `right`, by least squares over its edges.

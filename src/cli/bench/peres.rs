@@ -201,12 +201,7 @@ mod tests {
     #[test]
     fn instants_are_even_from_end_to_end() {
         let key = |time_s| RigKey { time_s, position: DVec3::ZERO, target: DVec3::X, up: DVec3::Y };
-        let rig = |times: &[f64]| Rig {
-            yfov_rad: 1.0,
-            baseline_m: 0.064,
-            metres_per_unit: 1.0,
-            keys: times.iter().copied().map(key).collect(),
-        };
+        let rig = |times: &[f64]| Rig::of_keys(times.iter().copied().map(key).collect());
         let moving = rig(&[1.0, 1.5, 4.0]);
         assert_eq!(instants(&moving, 0.5, 4), [1.0, 2.0, 3.0, 4.0]);
         assert_eq!((instants(&moving, 0.5, 1), instants(&rig(&[1.0]), 0.5, 4)), (vec![0.5], vec![0.5]));

@@ -1,6 +1,6 @@
 //! Options of commands that keep frames inside a budget, and what follows from them before anything is opened.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::ensure;
 
@@ -10,7 +10,7 @@ use diptych::quality::{Denoiser, Quality};
 use super::Failure;
 use super::ladder::Choice;
 use crate::cli::foveation::FoveationOptions;
-use crate::cli::options::{DEVICES, DenoiserChoice, QUALITY, RenderOptions, RunOptions, SCENE};
+use crate::cli::options::{DEVICES, DenoiserChoice, OUTPUT, QUALITY, RenderOptions, RunOptions, SCENE};
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct LoopOptions {
@@ -35,6 +35,9 @@ pub struct LoopOptions {
     /// many as the upper end of the budget allows]
     #[arg(long, help_heading = SCENE)]
     pub fps: Option<f64>,
+    /// Write where the head was in each frame, for --motion
+    #[arg(long, value_name = "FILE", help_heading = OUTPUT)]
+    pub record_motion: Option<PathBuf>,
 }
 
 impl LoopOptions {
@@ -56,6 +59,11 @@ impl LoopOptions {
         ensure!(filters || !is_asked, "--iterations 0 filters nothing: choose --denoiser none");
         let what = "--foveation layers leaves pixels to a denoiser: choose another than none";
         ensure!(filters || !self.foveated.is_on(), what);
+        if let Some(path) = &self.record_motion {
+            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+            let is_file = path.file_name().is_some() && !path.is_dir() && folder.is_none_or(Path::is_dir);
+            ensure!(is_file, "--record-motion: there can be no file {}", path.display());
+        }
         options.check()
     }
 }

@@ -60,7 +60,7 @@ mod tests {
         let at = |time_s: f64| DVec3::new(time_s, 0.0, 0.0);
         let key = |time_s| RigKey { time_s, position: at(time_s), target: at(time_s) - DVec3::Z, up: DVec3::Y };
         let keys = vec![key(1.0), key(5.0)];
-        let rig = Rig { yfov_rad: 1.0, baseline_m: 0.0, metres_per_unit: 1.0, keys };
+        let rig = Rig { yfov_rad: 1.0, baseline_m: 0.0, ..Rig::of_keys(keys) };
         let mut path = CameraPath::new(&rig);
         let along = |path: &CameraPath, s: f64| path.rig(s).view(0.0, Eye::Left).origin.x;
         assert_eq!([1.0, 3.0, 5.0, 6.0, 9.0, 11.0].map(|s| along(&path, s)), [1.0, 3.0, 5.0, 4.0, 1.0, 3.0]);

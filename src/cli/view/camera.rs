@@ -111,8 +111,7 @@ mod tests {
             target: DVec3::new(x, 1.0, 0.0),
             up: DVec3::Y * 3.0,
         };
-        let rig =
-            Rig { yfov_rad: 1.2, baseline_m: 0.064, metres_per_unit: 1.0, keys: vec![key(0.0, 0.0), key(10.0, 2.0)] };
+        let rig = Rig { yfov_rad: 1.2, ..Rig::of_keys(vec![key(0.0, 0.0), key(10.0, 2.0)]) };
         Camera::new(&rig, 0.0, 2.0)
     }
 

@@ -6,6 +6,7 @@ use diptych::device::GpuDevice;
 use diptych::passes::tonemap::DISPLAY;
 use diptych::report::run::FrameRow;
 use diptych::scene::Scene;
+use diptych::scene::head::Recording;
 
 use super::camera::Camera;
 use super::shared::{FrameNews, Shared};
@@ -27,7 +28,7 @@ pub struct Start {
     pub progress: Progress,
 }
 
-/// Renders until the window ends, Ctrl-C is pressed, or all frames that were asked for are there; `wake` is called after
+/// Renders until the window ends, it is interrupted, or all frames that were asked for are there; `wake` is called after
 /// each.
 pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure> {
     let Start { mut prepared, loaded, gpus, tracing, progress } = start;
@@ -35,6 +36,7 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
     session.renderer.set_outputs(&[DISPLAY]);
     let options = &prepared.render;
     let mut camera = Camera::new(&loaded.shot.rig, options.time, speed_per_s(&loaded.scene));
+    let mut motion = Recording::new(loaded.space);
     let mut pace = Pace::new(options.fps);
     let mut before = Instant::now();
     for index in 0..prepared.frames.unwrap_or(u32::MAX) {
@@ -51,6 +53,7 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
             session.renderer.set_gaze(gaze);
         }
         let (row, _) = session.render(decided, late_ms, &rig, time_s, index)?;
+        motion.add(time_s, &rig, time_s, session.gaze(time_s));
         let picture = session.renderer.read_display()?;
         let layers = session.renderer.foveation().zip(session.fovea(decided));
         let circles = layers.map(|(foveation, radii)| {
@@ -63,6 +66,9 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
         wake();
     }
     session.progress.finish();
+    if let Some(path) = &prepared.options.record_motion {
+        motion.write(path)?;
+    }
     session.tracing.finish()
 }
 

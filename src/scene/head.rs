@@ -1,0 +1,210 @@
+//! Head motion: where a viewer's head was at which time, as a file says it, and as a run leaves it for later ones.
+//!
+//! A file has a JSON value in each line: first `{"diptych_motion": 1}`, the version, then samples in the order of their
+//! times, such as `{"time_s": 0.5, "position_m": [0, 0, 0], "orientation": [0, 0, 0, 1]}`. Axes are those of OpenXR: x
+//! to the right, y up, −z ahead; orientations are unit quaternions (x, y, z, w) that turn from the head's axes to those
+//! of the [`Space`].
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use glam::{DMat3, DQuat, DVec3};
+use serde::{Deserialize, Serialize};
+
+use super::SceneError;
+use super::budget::Budget;
+use super::folder;
+use super::rig::{Rig, RigKey, Turning};
+use super::shot::Gaze;
+use super::shot::allowed::fits_f32;
+use crate::image::ImageError;
+use crate::image::file::atomic_write;
+
+/// Of the files that are written, and the only one that is read.
+const VERSION: u32 = 1;
+/// More is no recording of a head.
+const MOST_SAMPLES: usize = 1_000_000;
+/// By how much the length of an orientation may be off 1: files hold few digits.
+const LENGTH_SLACK: f64 = 1e-2;
+
+#[derive(Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Header {
+    diptych_motion: u32,
+    /// What it is, for people.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    about: Option<String>,
+}
+
+/// A line of a file.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Sample {
+    time_s: f64,
+    position_m: [f64; 3],
+    orientation: [f64; 4],
+    /// Of both eyes, fractions of their images from the top left.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    gaze: Option<[f64; 2]>,
+}
+
+impl Sample {
+    /// What is wrong with it, if anything is.
+    fn fault(&self, last_s: Option<f64>) -> Option<String> {
+        let Self { time_s, position_m, orientation, gaze } = self;
+        let length = DQuat::from_array(*orientation).length();
+        let is_finite = |values: &[f64]| values.iter().all(|v| v.is_finite());
+        if !is_finite(&[*time_s]) || !is_finite(position_m) || !is_finite(orientation) {
+            return Some("its numbers must be finite".to_owned());
+        }
+        if (length - 1.0).abs() > LENGTH_SLACK {
+            return Some(format!("orientation {orientation:?} has the length {length:.3} and must have 1"));
+        }
+        if gaze.is_some_and(|gaze| !gaze.iter().all(|v| (0.0..=1.0).contains(v))) {
+            return Some("gaze must be two numbers from 0 to 1".to_owned());
+        }
+        let last_s = last_s.filter(|last_s| time_s <= last_s)?;
+        Some(format!("time_s {time_s} is not after the {last_s} of the sample before"))
+    }
+}
+
+/// What a head's positions and orientations are relative to: upright, it stands where a shot's eyes are at first and looks
+/// where they look, but level. Its units are metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Space {
+    /// Scene units.
+    origin: DVec3,
+    world_from_space: DQuat,
+    metres_per_unit: f64,
+}
+
+impl Space {
+    /// Of a shot's own rig.
+    pub fn of(rig: &Rig) -> Self {
+        let first = &rig.keys[0];
+        let (up, [right, ..]) = (first.up.normalize(), first.axes());
+        let axes = DMat3::from_cols(right, up, right.cross(up));
+        let world_from_space = DQuat::from_mat3(&axes).normalize();
+        Self { origin: first.position, world_from_space, metres_per_unit: rig.metres_per_unit }
+    }
+
+    fn key(&self, sample: &Sample) -> RigKey {
+        let position = self.origin + self.world_from_space * (DVec3::from(sample.position_m) / self.metres_per_unit);
+        let orientation = self.world_from_space * DQuat::from_array(sample.orientation).normalize();
+        RigKey::turned(sample.time_s, position, orientation)
+    }
+
+    fn sample(&self, time_s: f64, key: &RigKey, gaze: Option<[f64; 2]>) -> Sample {
+        let space_from_world = self.world_from_space.conjugate();
+        let position_m = space_from_world * (key.position - self.origin) * self.metres_per_unit;
+        let orientation = space_from_world * key.orientation();
+        Sample { time_s, position_m: position_m.into(), orientation: orientation.into(), gaze }
+    }
+}
+
+/// A head's motion, checked.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HeadMotion {
+    /// One at least; their times rise.
+    samples: Vec<Sample>,
+}
+
+impl HeadMotion {
+    /// Reads a file.
+    ///
+    /// # Errors
+    /// [`SceneError`] with the line, if it cannot be read, is larger than the budget, or is no motion.
+    pub fn read(path: &Path, budget: &Budget) -> Result<Self, SceneError> {
+        let name = path.display().to_string();
+        let held = folder::read(path, budget).map_err(|error| error.in_file(&name))?;
+        Self::parse(&held.bytes).map_err(|what| SceneError::Invalid { path: name, what })
+    }
+
+    /// What the lines say, or what is wrong with the first that is wrong.
+    ///
+    /// # Errors
+    /// A sentence with the number of the line.
+    pub fn parse(text: &[u8]) -> Result<Self, String> {
+        let lines = text.split(|byte| *byte == b'\n').map(<[u8]>::trim_ascii);
+        let mut lines = (1..).zip(lines).filter(|(_, line)| !line.is_empty());
+        let (number, line) = lines.next().ok_or("it is empty: its first line must be {\"diptych_motion\": 1}")?;
+        let Header { diptych_motion: version, .. } = from_line(number, line)?;
+        if version != VERSION {
+            return Err(format!("line {number}: it is of version {version}, and this program reads {VERSION}"));
+        }
+        let mut samples: Vec<Sample> = Vec::new();
+        for (number, line) in lines {
+            if samples.len() == MOST_SAMPLES {
+                return Err(format!("line {number}: it has more than {MOST_SAMPLES} samples"));
+            }
+            let sample: Sample = from_line(number, line)?;
+            if let Some(fault) = sample.fault(samples.last().map(|last| last.time_s)) {
+                return Err(format!("line {number}: {fault}"));
+            }
+            samples.push(sample);
+        }
+        if samples.is_empty() { Err("it has no sample".to_owned()) } else { Ok(Self { samples }) }
+    }
+
+    /// The rig of a shot, moved as the head is, in the shot's space. It turns spherically between samples.
+    ///
+    /// # Errors
+    /// A sentence, if the head gets so far that images do not hold the numbers.
+    pub fn rig(&self, shot: &Rig) -> Result<Rig, String> {
+        let space = Space::of(shot);
+        let keys: Vec<RigKey> = self.samples.iter().map(|sample| space.key(sample)).collect();
+        match keys.iter().find(|key| !key.position.to_array().into_iter().all(fits_f32)) {
+            Some(key) => Err(format!("position_m at {} s is too far from the scene", key.time_s)),
+            None => Ok(Rig { keys, turning: Turning::Spherical, ..shot.clone() }),
+        }
+    }
+
+    /// Where both eyes look, if a sample says so.
+    pub fn gaze(&self) -> Option<Gaze> {
+        let path: Vec<_> = self.samples.iter().filter_map(|s| s.gaze.map(|[x, y]| [s.time_s, x, y])).collect();
+        (!path.is_empty()).then_some(Gaze { path })
+    }
+}
+
+/// A line as JSON.
+fn from_line<'a, T: Deserialize<'a>>(number: usize, line: &'a [u8]) -> Result<T, String> {
+    let place = |error: serde_json::Error| error.to_string().replace(" at line 1 column ", ", column ");
+    serde_json::from_slice(line).map_err(|error| format!("line {number}: {}", place(error)))
+}
+
+/// Head motion in the making.
+#[derive(Clone, Debug)]
+pub struct Recording {
+    space: Space,
+    samples: Vec<Sample>,
+}
+
+impl Recording {
+    /// In the space of a shot.
+    pub fn new(space: Space) -> Self {
+        Self { space, samples: Vec::new() }
+    }
+
+    /// Adds where the rig is at `at_s` as the sample of `time_s`, unless that is no later than the one before, or there
+    /// are as many as files may have.
+    pub fn add(&mut self, time_s: f64, rig: &Rig, at_s: f64, gaze: Option<[f64; 2]>) {
+        if self.samples.len() < MOST_SAMPLES && self.samples.last().is_none_or(|last| last.time_s < time_s) {
+            self.samples.push(self.space.sample(time_s, &rig.key_at(at_s), gaze));
+        }
+    }
+
+    /// Writes a file that [`HeadMotion::read`] reads.
+    ///
+    /// # Errors
+    /// [`ImageError::Write`].
+    pub fn write(&self, path: &Path) -> Result<(), ImageError> {
+        atomic_write(path, |out| {
+            let mut line = |value: serde_json::Result<String>| writeln!(out, "{}", value.map_err(io::Error::from)?);
+            line(serde_json::to_string(&Header { diptych_motion: VERSION, about: None }))?;
+            self.samples.iter().try_for_each(|sample| line(serde_json::to_string(sample)))
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests;
