@@ -149,11 +149,12 @@ impl HeadMotion {
     /// The rig of a shot, moved as the head is, in the shot's space. It turns spherically between samples.
     ///
     /// # Errors
-    /// A sentence, if the head gets so far that images do not hold the numbers.
+    /// A sentence, if the head gets so far that the numbers do not hold where it is, or where it looks from there.
     pub fn rig(&self, shot: &Rig) -> Result<Rig, String> {
         let space = Space::of(shot);
         let keys: Vec<RigKey> = self.samples.iter().map(|sample| space.key(sample)).collect();
-        match keys.iter().find(|key| !key.position.to_array().into_iter().all(fits_f32)) {
+        let is_far = |key: &&RigKey| key.is_degenerate() || !key.position.to_array().into_iter().all(fits_f32);
+        match keys.iter().find(is_far) {
             Some(key) => Err(format!("position_m at {} s is too far from the scene", key.time_s)),
             None => Ok(Rig { keys, turning: Turning::Spherical, ..shot.clone() }),
         }
