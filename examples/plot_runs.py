@@ -2,8 +2,8 @@
 # # Plots of what diptych measured
 #
 # Reads the folder that `--out` named and plots every file of numbers in it: `frames.csv` and `run.json` of any command,
-# `scale.csv` and `simulate.csv` of `scale`, `bench.csv`, `seams.csv`, `leria.csv`, `bmfr.csv`, `koskela.csv` and
-# `peres.csv` of `bench`. What is not there is left out. As a program:
+# `scale.csv` and `simulate.csv` of `scale`, `bench.csv`, `seams.csv`, `leria.csv`, `bmfr.csv`, `koskela.csv`, `andersson.csv`,
+# `rings.csv` and `peres.csv` of `bench`. What is not there is left out. As a program:
 #
 #     python examples/plot_runs.py out/play [FOLDER OF THE PLOTS]
 #
@@ -202,7 +202,7 @@ if not seams.empty:
     keep(figure, "seams")
 
 # %% [markdown]
-# ## Published experiments: `leria.csv`, `bmfr.csv`, `koskela.csv` and `peres.csv`, `bench --preset`
+# ## Published experiments: `leria.csv`, `bmfr.csv`, `koskela.csv`, `andersson.csv` with `rings.csv`, and `peres.csv`, `bench --preset`
 
 # %%
 leria = table("leria.csv")
@@ -237,6 +237,23 @@ if not koskela.empty:
         axis.set_xlabel("")
         axis.set_ylabel(label)
     keep(figure, "koskela")
+
+# %%
+andersson, rings = table("andersson.csv"), table("rings.csv")
+if not andersson.empty and not rings.empty:
+    cameras = list(rings[["scene", "camera"]].drop_duplicates().itertuples(index=False))
+    figure, axes = plt.subplots(1, 1 + len(cameras), figsize=(5.5 * (1 + len(cameras)), 4))
+    speedups = andersson[andersson["camera"] != "moving"]
+    speedups.pivot_table(index="scene", columns="mode", values="speedup", sort=False).plot.bar(ax=axes[0], rot=20)
+    axes[0].set_xlabel("")
+    axes[0].set_ylabel("speed-up over every pixel")
+    for axis, (scene, camera) in zip(axes[1:], cameras):
+        own = rings[(rings["scene"] == scene) & (rings["camera"] == camera)]
+        own.pivot_table(index="outer_deg", columns="mode", values="ssim", sort=False).plot(ax=axis)
+        axis.set_xlabel("degrees from the gaze")
+        axis.set_ylabel("SSIM")
+        axis.set_title(f"{scene}, {camera}")
+    keep(figure, "andersson")
 
 # %%
 peres = table("peres.csv")

@@ -1,5 +1,6 @@
 //! `diptych bench`: run time against error over a grid of settings, and the quality ladder that follows from it.
 
+mod andersson;
 mod bmfr;
 mod findings;
 mod grid;

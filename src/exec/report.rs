@@ -147,7 +147,8 @@ impl FrameReport {
         (self.spec.views == Views::Reprojected).then(|| RightEye::of(&self.tallies[1], self.pixels[1]))
     }
 
-    /// Pixels of each eye's image that start paths.
+    /// Pixels of each eye's image that start paths; of log-polar images also those that would show what is beside the
+    /// screen, which do not ([`crate::stages::Polar::traced_share`]).
     pub fn traced_pixels(&self) -> [u64; 2] {
         let sampled = |eye: usize| self.pixels[eye] - self.tallies[eye].unsampled;
         match self.spec.views {

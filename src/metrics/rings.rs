@@ -6,7 +6,7 @@
 
 use serde::Serialize;
 
-use super::{Pair, error};
+use super::{Pair, error, ssim};
 
 /// How the image is looked at: a pinhole with square pixels and the optical axis at the image's centre.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -27,6 +27,8 @@ pub struct Ring {
     pub relmse: Option<f64>,
     /// dB; infinite where the images are equal.
     pub psnr: Option<f64>,
+    /// Mean over the ring's pixels whose window lies inside the image; `None` without any.
+    pub ssim: Option<f64>,
     /// Mean over the ring of the FLIP of the whole image.
     pub flip: Option<f64>,
 }
@@ -42,7 +44,8 @@ impl Pair {
             members[((angle / farthest * count as f64) as usize).min(count - 1)].push(i);
         }
         let bound_deg = |k: usize| (farthest * k as f64 / count as f64).to_degrees();
-        members.iter().enumerate().map(|(k, pixels)| self.ring(bound_deg(k), bound_deg(k + 1), pixels)).collect()
+        let ssim = self.ssim();
+        members.iter().enumerate().map(|(k, pixels)| self.ring(bound_deg(k), bound_deg(k + 1), pixels, &ssim)).collect()
     }
 
     /// Angle between the gaze and each pixel's centre, row by row, radians.
@@ -69,11 +72,24 @@ impl Pair {
         move |x, y| angle(gaze, ray(x, y))
     }
 
-    fn ring(&self, inner_deg: f64, outer_deg: f64, pixels: &[usize]) -> Ring {
+    /// SSIM of each pixel, row by row, that has one.
+    fn ssim(&self) -> Vec<Option<f64>> {
+        let map = ssim::ssim_map(self.extent, &self.reference.shown, &self.image.shown);
+        let width = self.extent.width as usize;
+        let columns = width.saturating_sub(2 * ssim::MARGIN);
+        let of = |i: usize| {
+            let [x, y] = [i % width, i / width].map(|at| at.checked_sub(ssim::MARGIN));
+            x.zip(y).filter(|(x, _)| *x < columns).and_then(|(x, y)| map.get(y * columns + x).copied())
+        };
+        (0..self.extent.area()).map(of).collect()
+    }
+
+    fn ring(&self, inner_deg: f64, outer_deg: f64, pixels: &[usize], ssim: &[Option<f64>]) -> Ring {
         let (r, a) = (&self.reference, &self.image);
         let [r, a, shown_r, shown_a] = [&r.radiance, &a.radiance, &r.shown, &a.shown]
             .map(|values| pixels.iter().map(|&i| values[i]).collect::<Vec<_>>());
         let if_any = |error: f64| (!pixels.is_empty()).then_some(error);
+        let ssim: Vec<f64> = pixels.iter().filter_map(|&i| ssim[i]).collect();
         Ring {
             inner_deg,
             outer_deg,
@@ -81,6 +97,7 @@ impl Pair {
             rmse: if_any(error::rmse(&r, &a)),
             relmse: if_any(error::relmse(&r, &a)),
             psnr: if_any(error::psnr(&shown_r, &shown_a)),
+            ssim: (!ssim.is_empty()).then(|| error::mean(ssim.iter().copied())),
             flip: if_any(error::mean(pixels.iter().map(|&i| self.flip[i]))),
         }
     }
@@ -147,11 +164,29 @@ mod tests {
         assert!(rings[1..].iter().all(|r| r.rmse.is_none_or(|e| e == 0.0)));
     }
 
+    /// Windows are as many whichever rings they are in, and a ring at the image's border has none.
+    #[test]
+    fn rings_share_out_the_ssim_of_the_image() {
+        let pair = pair_of(Extent::new(48, 30), |x, y| 0.5 + 0.3 * ((x * 7 + y * 13) % 5) as f32);
+        let viewing = Viewing { gaze: [0.5; 2], yfov_deg: 60.0 };
+        let windows = pair.ssim();
+        let found = windows.iter().flatten().count();
+        assert_eq!(found, (48 - 10) * (30 - 10));
+        assert!(windows[5 * 48 + 5].is_some() && windows[5 * 48 + 42].is_some() && windows[5 * 48 + 43].is_none());
+        assert!(windows[24 * 48 + 5].is_some() && windows[25 * 48 + 5].is_none() && windows[4 * 48 + 5].is_none());
+        let whole = pair.errors().ssim.unwrap();
+        assert!((windows.iter().flatten().sum::<f64>() / found as f64 - whole).abs() < 1e-12);
+        assert!((pair.rings(&viewing, 1)[0].ssim.unwrap() - whole).abs() < 1e-12);
+        let rings = pair.rings(&viewing, 20);
+        assert!(rings[0].ssim.unwrap() < 1.0 && rings[19].ssim.is_none() && rings[19].flip.is_some());
+    }
+
     #[test]
     fn rings_without_pixels_have_no_errors() {
         let rings = pair_of(Extent::new(1, 1), |_, _| 2.0).rings(&Viewing { gaze: [0.5; 2], yfov_deg: 70.0 }, 3);
         assert_eq!(rings.iter().map(|r| r.pixels).collect::<Vec<_>>(), [1, 0, 0]);
         assert!((rings[0].relmse.unwrap() - 1.0 / 1.01).abs() < 1e-12);
         assert_eq!((rings[1].rmse, rings[1].relmse, rings[1].psnr, rings[1].flip), (None, None, None, None));
+        assert!(rings.iter().all(|r| r.ssim.is_none()));
     }
 }

@@ -3,24 +3,32 @@
 
 use crate::image::Extent;
 
-const RADIUS: usize = 5;
-const TAPS: usize = 2 * RADIUS + 1;
+/// Pixels of a window on each side of the one that it is of.
+pub const MARGIN: usize = 5;
+const TAPS: usize = 2 * MARGIN + 1;
 const SIGMA: f64 = 1.5;
 
-/// Mean over the three channels; `None` if no window fits.
+/// Mean over the windows of [`ssim_map`]; `None` if no window fits.
 pub fn ssim(extent: Extent, r: &[[f64; 3]], a: &[[f64; 3]]) -> Option<f64> {
-    let (width, height) = (extent.width as usize, extent.height as usize);
-    if width < TAPS || height < TAPS {
-        return None;
-    }
-    let channel = |c: usize| {
-        let [x, y] = [r, a].map(|v| v.iter().map(|p| p[c]).collect::<Vec<f64>>());
-        channel_ssim(width, &x, &y)
-    };
-    Some((0..3).map(channel).sum::<f64>() / 3.0)
+    let map = ssim_map(extent, r, a);
+    (!map.is_empty()).then(|| map.iter().sum::<f64>() / map.len() as f64)
 }
 
-fn channel_ssim(width: usize, x: &[f64], y: &[f64]) -> f64 {
+/// Of each pixel whose window lies inside the image, row by row, the mean over the three channels: [`MARGIN`] columns and
+/// rows fewer on each side. Empty if no window fits.
+pub fn ssim_map(extent: Extent, r: &[[f64; 3]], a: &[[f64; 3]]) -> Vec<f64> {
+    let (width, height) = (extent.width as usize, extent.height as usize);
+    if width < TAPS || height < TAPS {
+        return Vec::new();
+    }
+    let [red, green, blue] = [0, 1, 2].map(|c| {
+        let [x, y] = [r, a].map(|v| v.iter().map(|p| p[c]).collect::<Vec<f64>>());
+        channel_ssim(width, &x, &y)
+    });
+    red.iter().zip(&green).zip(&blue).map(|((r, g), b)| (r + g + b) / 3.0).collect()
+}
+
+fn channel_ssim(width: usize, x: &[f64], y: &[f64]) -> Vec<f64> {
     const C1: f64 = 0.01 * 0.01;
     const C2: f64 = 0.03 * 0.03;
     let products = |u: &[f64], v: &[f64]| u.iter().zip(v).map(|(u, v)| u * v).collect::<Vec<f64>>();
@@ -35,23 +43,23 @@ fn channel_ssim(width: usize, x: &[f64], y: &[f64]) -> f64 {
         let covariance = mean_xy[i] - mx * my;
         (2.0 * mx * my + C1) * (2.0 * covariance + C2) / ((mx * mx + my * my + C1) * (variances + C2))
     };
-    (0..mean_x.len()).map(similarity).sum::<f64>() / mean_x.len() as f64
+    (0..mean_x.len()).map(similarity).collect()
 }
 
-/// Weighted means of all windows inside the image, row-major: `2 RADIUS` fewer columns and rows than `values`.
+/// Weighted means of all windows inside the image, row-major: `2 MARGIN` fewer columns and rows than `values`.
 fn window_means(width: usize, values: &[f64]) -> Vec<f64> {
     let weights = weights();
     let weigh = |tap: &dyn Fn(usize) -> f64| weights.iter().enumerate().map(|(k, w)| w * tap(k)).sum::<f64>();
-    let columns = width - 2 * RADIUS;
+    let columns = width - 2 * MARGIN;
     let across: Vec<f64> =
         values.chunks_exact(width).flat_map(|row| row.windows(TAPS).map(|w| weigh(&|k| w[k]))).collect();
-    let windows = across.len() - 2 * RADIUS * columns;
+    let windows = across.len() - 2 * MARGIN * columns;
     (0..windows).map(|i| weigh(&|k| across[i + k * columns])).collect()
 }
 
 fn weights() -> [f64; TAPS] {
     let bell: [f64; TAPS] = std::array::from_fn(|k| {
-        let d = k as f64 - RADIUS as f64;
+        let d = k as f64 - MARGIN as f64;
         (-d * d / (2.0 * SIGMA * SIGMA)).exp()
     });
     let sum: f64 = bell.iter().sum();
@@ -78,7 +86,7 @@ mod tests {
         let means = window_means(width, &ramp);
         assert_eq!(means.len(), 5 * 3);
         for (i, mean) in means.iter().enumerate() {
-            let centre = (i % 5 + RADIUS) as f64 + 100.0 * (i / 5 + RADIUS) as f64;
+            let centre = (i % 5 + MARGIN) as f64 + 100.0 * (i / 5 + MARGIN) as f64;
             assert!((mean - centre).abs() < 1e-9, "{i}");
         }
     }

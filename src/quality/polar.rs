@@ -50,6 +50,8 @@ impl LogPolar {
         ("composite-kernel", Self::new(1.3, 2.0, 0.15, 0.35)),
     ];
     pub const COMPOSITE: Self = Self::PRESETS[2].1;
+    /// The angle that the screen's diagonal covers where it is looked at, degrees.
+    pub const DIAGONAL_DEG: f64 = 60.0;
 
     const fn new(sigma: f64, alpha: f64, gaze: f64, aspect: f64) -> Self {
         Self { sigma, alpha, gaze, aspect, blur: true }

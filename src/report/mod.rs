@@ -1,5 +1,6 @@
 //! Results: text tables, SVG charts and pages of HTML for people, CSV and JSON for programs.
 
+pub mod andersson;
 pub mod bench;
 pub mod bmfr;
 pub mod csv;
@@ -15,6 +16,7 @@ pub mod pictures;
 pub mod play;
 pub mod plot;
 pub mod program;
+pub mod rings;
 pub mod run;
 pub mod scale;
 #[cfg(test)]

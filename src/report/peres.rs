@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::Table;
 use super::csv::{Column, Csv, number, optional};
-use super::study::{cell, table};
+use super::study::{cell, deviation, mean, table};
 
 /// The thesis's scenes, in its order.
 pub const SCENES: [&str; 3] = ["Pink Room", "Sponza", "Forest"];
@@ -97,15 +97,6 @@ pub fn over_instants(of: &[ImageErrors]) -> (ImageErrors, Option<ImageErrors>) {
         psnr: statistic(&values(|e| e.psnr)),
     };
     (all(mean), (of.len() > 1).then(|| all(deviation)))
-}
-
-fn mean(values: &[f64]) -> f64 {
-    values.iter().sum::<f64>() / values.len() as f64
-}
-
-fn deviation(values: &[f64]) -> f64 {
-    let mean = mean(values);
-    (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() as f64 - 1.0)).sqrt()
 }
 
 /// A configuration of the thesis at one resolution and scene.

@@ -21,6 +21,16 @@ pub(super) fn table<T>(columns: &[Column<T>], rows: &[T]) -> Table {
     Table { headers: columns.iter().map(|(name, _)| *name).collect(), rows: rows.iter().map(line).collect() }
 }
 
+pub(super) fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len() as f64
+}
+
+/// The standard deviation, over n − 1.
+pub(super) fn deviation(values: &[f64]) -> f64 {
+    let mean = mean(values);
+    (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (values.len() as f64 - 1.0)).sqrt()
+}
+
 /// One eye of a sequence against its reference.
 #[derive(Clone, Debug, Serialize)]
 pub struct SequenceRow {

@@ -80,6 +80,16 @@ impl Polar {
         self.pixels(&self.seen(eye, time_s, view, screen), screen) as f64 / screen.area() as f64
     }
 
+    /// ... and those that are traced.
+    pub fn traced_share(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> f64 {
+        let seen = self.seen(eye, time_s, view, screen);
+        let pixels = match &self.space {
+            PolarSpace::Visual => self.pixels(&seen, screen),
+            PolarSpace::Log(map) => log::traced(&log::constants(map, screen), &seen),
+        };
+        pixels as f64 / screen.area() as f64
+    }
+
     /// Where the pixels of an eye's screen are in its image, row by row.
     pub fn places(&self, eye: Eye, time_s: f64, view: &rig::View, screen: Extent) -> Vec<PolarPlace> {
         let seen = self.seen(eye, time_s, view, screen);

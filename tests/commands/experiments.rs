@@ -138,6 +138,44 @@ fn visual_polar_images_stand_beside_as_many_samples_elsewhere() {
 }
 
 #[test]
+fn log_polar_images_stand_beside_every_pixel_by_rings() {
+    let folder = tempfile::tempdir().unwrap();
+    let shots = ["andersson", "--shots", "builtin:cornell", "--instants", "2"];
+    let size = ["--size", "64x40", "--repeats", "2", "--reference-spp", "16", "--report"];
+    let rows = rows(folder.path(), &[&shots[..], &size].concat());
+    let modes = ["basic", "fov", "kernel", "composite", "composite-kernel"];
+    let (measured, cited) = rows.split_at(2 * modes.len());
+    assert!(measured.iter().all(|row| row["source"] == "measured") && cited.iter().all(|row| row["source"] == "cited"));
+    for (camera, rows) in ["still", "moving"].into_iter().zip(measured.chunks(modes.len())) {
+        for (row, mode) in rows.iter().zip(modes) {
+            assert_eq!((&row["camera"], &row["mode"]), (&camera.into(), &mode.into()));
+            let [dispatched, traced] = ["dispatched", "traced"].map(|name| number(&row[name]));
+            assert!(dispatched >= traced && traced > 0.2 && (traced == 1.0) == (mode == "basic"), "{row}");
+            assert_eq!(row["map_ms"].as_f64().is_some_and(|ms| ms > 0.0), mode != "basic", "{row}");
+            for name in ["gbuffer_ms", "reproject_ms", "path_ms", "filter_ms", "resolve_ms", "flip", "flip_acuity"] {
+                assert!(number(&row[name]) > 0.0, "{name}: {row}");
+            }
+            assert_eq!(row["flicker"].is_null(), camera == "moving", "{row}");
+            let [near, far] = ["ssim", "ssim_basic"].map(|name| row[name].as_array().unwrap());
+            assert!(near.iter().all(|ssim| number(ssim) < 1.0) && far.iter().all(|s| s.is_null() == (mode == "basic")));
+        }
+        assert!(number(&rows[1]["dispatched"]) > 1.2 && number(&rows[3]["dispatched"]) < 0.8, "{rows:?}");
+        // No two render the same.
+        let flips = rows.iter().map(|row| number(&row["flip"])).collect::<Vec<_>>();
+        assert!((0..5).all(|i| !flips[..i].contains(&flips[i])), "{flips:?}");
+    }
+    let rings = text(folder.path(), "rings.csv");
+    assert_eq!(rings.lines().count(), 1 + 2 * modes.len() * 20, "{rings}");
+    let frames = text(folder.path(), "frames.csv");
+    assert_eq!(frames.lines().filter(|line| line.starts_with("builtin:cornell,moving,fov,")).count(), 2, "{frames}");
+    assert_eq!(text(folder.path(), "andersson.csv").lines().count(), 1 + rows.len());
+    let page = text(folder.path(), "report.html");
+    for part in ["10.58", "kernel of builtin:cornell, moving", "camera still: against reference", "0.960, 0.920"] {
+        assert!(page.contains(part), "no {part}");
+    }
+}
+
+#[test]
 fn experiments_refuse_what_does_not_go_with_them() {
     refused(&["leria", "builtin:cornell", "--devices", "0"], &["two devices", "--virtual 2"]);
     refused(&["leria", "--virtual", "2", "--shots", "builtin:cornell"], &["--preset leria", "--shots"]);
@@ -147,9 +185,10 @@ fn experiments_refuse_what_does_not_go_with_them() {
     refused(&["bmfr", "--frames", "3"], &["--preset bmfr", "--frames"]);
     refused(&["bmfr", "builtin:cornell", "--shots", "builtin:checker"], &["SHOT", "--shots"]);
     refused(&["koskela", "--instants", "3"], &["--preset koskela", "--instants"]);
+    refused(&["andersson", "--frames", "3"], &["--preset andersson", "--frames"]);
     refused(&["peres", "builtin:cornell"], &["--preset peres", "SHOT"]);
     refused(&["peres", "--size", "32x20"], &["--preset peres", "--size"]);
-    refused(&["nobody"], &["nobody", "leria", "bmfr", "koskela", "peres"]);
+    refused(&["nobody"], &["nobody", "leria", "bmfr", "koskela", "andersson", "peres"]);
     let output = diptych(&["bench", "--out", "unused", "--frames", "3"]);
     assert!(output.status.code() == Some(2) && String::from_utf8_lossy(&output.stderr).contains("--preset"));
 }

@@ -12,7 +12,7 @@ use crate::common::diptych;
 use crate::schema;
 
 /// Runs of every kind that writes numbers: a name, and what it is run with.
-const RUNS: [(&str, &[&str]); 10] = [
+const RUNS: [(&str, &[&str]); 11] = [
     ("render", &["render", "--frames", "3", "--virtual", "2", "--aov", "depth,albedo", "--details"]),
     ("reference", &["render", "--reference", "--spp", "16", "--frames", "2"]),
     ("play", &["play", "--frames", "8", "--budget-ms", "0.01..30000", "--fps", "1000"]),
@@ -22,6 +22,7 @@ const RUNS: [(&str, &[&str]); 10] = [
     ("leria", &["bench", "--preset", "leria", "--virtual", "2", "--threads-per-device", "1", "--frames", "2"]),
     ("bmfr", &["bench", "--preset", "bmfr", "--warm-up", "0"]),
     ("koskela", &["bench", "--preset", "koskela", "--warm-up", "0"]),
+    ("andersson", &["bench", "--preset", "andersson", "--instants", "1"]),
     (
         "peres",
         &["bench", "--preset", "peres", "--shots", "builtin:cornell", "--size-factor", "0.03", "--instants", "1"],
@@ -29,7 +30,7 @@ const RUNS: [(&str, &[&str]); 10] = [
 ];
 
 /// Those of several shots, which write no run.json.
-const MANY_SHOTS: [&str; 3] = ["bmfr", "koskela", "peres"];
+const MANY_SHOTS: [&str; 4] = ["bmfr", "koskela", "andersson", "peres"];
 
 /// The folder of all runs, each in a folder of its name.
 fn runs() -> &'static Path {
@@ -142,6 +143,7 @@ fn frames_have_a_line_each_with_the_same_columns() {
         ("leria", 2 * 2, 1),
         ("bmfr", 3 * 2, 2),
         ("koskela", 4 * 2, 2),
+        ("andersson", 5 * (2 + 1), 3),
         ("peres", 6 * 2, 3),
     ] {
         let (columns, found) = csv(run, "frames.csv");
@@ -178,6 +180,8 @@ fn columns_are_named_in_snake_case_and_cells_hold_one_value() {
         ("leria", "leria.csv"),
         ("bmfr", "bmfr.csv"),
         ("koskela", "koskela.csv"),
+        ("andersson", "andersson.csv"),
+        ("andersson", "rings.csv"),
         ("peres", "peres.csv"),
     ] {
         let (columns, lines) = csv(run, name);
@@ -262,6 +266,7 @@ fn the_example_plots_every_kind_of_file() {
         ("leria", &["frames", "leria", "stages"]),
         ("bmfr", &["bmfr", "frames"]),
         ("koskela", &["frames", "koskela"]),
+        ("andersson", &["andersson", "frames"]),
         ("peres", &["frames", "peres"]),
     ] {
         let out = tempfile::tempdir().unwrap();

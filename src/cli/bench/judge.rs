@@ -15,8 +15,8 @@ use crate::cli::failure::Failure;
 use crate::cli::setup::Loaded;
 
 /// Each eye's picture with what it is held against.
-pub fn pairs(loaded: &Loaded, reference: &Reference, image: &Stereo<RgbImage>) -> Result<[Pair; 2], Failure> {
-    let (exposure_ev, right) = (loaded.shot.exposure_ev, &reference.images);
+pub fn pairs(loaded: &Loaded, right: &Stereo<RgbImage>, image: &Stereo<RgbImage>) -> Result<[Pair; 2], Failure> {
+    let exposure_ev = loaded.shot.exposure_ev;
     Ok([Pair::new(&right.left, &image.left, exposure_ev)?, Pair::new(&right.right, &image.right, exposure_ev)?])
 }
 
@@ -40,7 +40,7 @@ impl<'a> Judge<'a> {
 
     /// Takes the next frame in, with its row and its picture.
     pub fn add(&mut self, frame: &FrameReport, row: &FrameRow, image: &Stereo<RgbImage>) -> Result<(), Failure> {
-        let pairs = pairs(self.loaded, self.reference, image)?;
+        let pairs = pairs(self.loaded, &self.reference.images, image)?;
         let [left, right] = [&pairs[0], &pairs[1]].map(|pair| SeenErrors::new(pair, &self.viewing));
         self.repeats.push(Repeat::new(frame, Stereo { left, right }, FrameLine::from(row)));
         for (e, before) in self.before.iter().flatten().enumerate() {
@@ -48,6 +48,16 @@ impl<'a> Judge<'a> {
         }
         self.before = Some(pairs);
         Ok(())
+    }
+
+    /// The frames that follow are of another view, with a reference of its own.
+    pub fn turn_to(&mut self, reference: &'a Reference) {
+        (self.reference, self.before) = (reference, None);
+    }
+
+    /// The eyes of the last frame with what they are held against.
+    pub fn last(&self) -> Option<&[Pair; 2]> {
+        self.before.as_ref()
     }
 
     pub fn conclude(self) -> Measured {

@@ -207,7 +207,7 @@ fn with_moving_gaze(
         }
         let viewing = Viewing { gaze, yfov_deg: rig.yfov_rad.to_degrees() };
         for (which, renderer) in turns.renderers.iter_mut().enumerate() {
-            let now = pairs(loaded, reference, &renderer.read_linear()?)?;
+            let now = pairs(loaded, &reference.images, &renderer.read_linear()?)?;
             for pair in &now {
                 let frames = 2.0 * f64::from(all - warm_up);
                 flips[which] =

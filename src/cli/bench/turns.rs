@@ -6,6 +6,7 @@ use std::time::Instant;
 use diptych::device::GpuDevice;
 use diptych::exec::{FrameReport, Renderer};
 use diptych::report::run::FrameRow;
+use diptych::scene::rig::Eye;
 use diptych::trace::frames::record_devices;
 
 use super::grid::FRAMES_MAX;
@@ -62,6 +63,18 @@ impl<'a> Turns<'a> {
         }
         frames.sort_by_key(|(which, _)| *which);
         Ok(frames.into_iter().map(|(_, frame)| frame).collect())
+    }
+
+    /// Pixels of each eye's image that start paths in a frame of the `which`th renderer, over those of its screen.
+    pub fn paths(&self, which: usize, time_s: f64, frame: &FrameReport) -> [f64; 2] {
+        let (options, shot) = (&self.settings[which].1, &self.loaded.shot);
+        let mut paths = frame.traced_pixels().map(|pixels| pixels as f64 / options.size.area() as f64);
+        if let Some(polar) = self.renderers[which].polar() {
+            for eye in Eye::ALL.into_iter().filter(|eye| *eye == Eye::Left || !options.reprojects()) {
+                paths[eye as usize] = polar.traced_share(eye, time_s, &shot.rig.view(time_s, eye), options.size);
+            }
+        }
+        paths
     }
 
     /// Keeps a frame of the `which`th renderer in the trace, under a number of its own; returns its row, the `number`th.

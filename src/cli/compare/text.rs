@@ -97,10 +97,10 @@ fn line(name: &str, values: impl IntoIterator<Item = String>, meaning: &str) {
 fn ring_table(rings: &[Ring]) -> String {
     let row = |ring: &Ring| {
         let bounds = [ring.inner_deg, ring.outer_deg].map(|deg| format!("{deg:.2}"));
-        let errors = [ring.rmse, ring.relmse, ring.psnr, ring.flip]
+        let errors = [ring.rmse, ring.relmse, ring.psnr, ring.ssim, ring.flip]
             .map(|error| error.map_or("-".to_owned(), |error| format!("{error:.6}")));
         bounds.into_iter().chain([ring.pixels.to_string()]).chain(errors).collect()
     };
     let rows: Vec<Vec<String>> = rings.iter().map(row).collect();
-    text_table(&["from_deg", "to_deg", "pixels", "rmse", "relmse", "psnr", "flip"], &rows)
+    text_table(&["from_deg", "to_deg", "pixels", "rmse", "relmse", "psnr", "ssim", "flip"], &rows)
 }

@@ -1,0 +1,241 @@
+//! `diptych bench --preset andersson`: log-polar images in the thesis's modes beside every pixel of the screen, of a camera
+//! that rests and of one that moves. Their renderers take turns.
+
+use anyhow::Context;
+
+use diptych::device::DeviceInfo;
+use diptych::quality::{Denoiser, LogPolar, PolarSpace, Quality};
+use diptych::report::Table;
+use diptych::report::andersson::{
+    CAMERAS, MODES, NOTE, RINGS, Row, andersson_csv, andersson_table, cited, measured, viewing,
+};
+use diptych::report::csv::{Column, Csv};
+use diptych::report::frames::FrameLine;
+use diptych::report::pictures::Group;
+use diptych::report::rings::{self, FrameRings, RingRow, over_frames, ring_charts, ring_csv, ring_table};
+use diptych::scene::rig::{Eye, Rig};
+use diptych::scene::shot::Gaze;
+use diptych::stages::Polar;
+
+use super::Args;
+use super::findings::{Findings, section};
+use super::grid::FPS;
+use super::judge::{Judge, pairs};
+use super::preset::over_shots;
+use super::reference::{Reference, own};
+use super::turns::Turns;
+use crate::cli::failure::Failure;
+use crate::cli::interrupt;
+use crate::cli::options::{RenderOptions, RunOptions};
+use crate::cli::page;
+use crate::cli::progress::Progress;
+use crate::cli::setup::{self, Loaded, Tracing};
+
+pub const REFUSES: &[&str] = &["size_factor", "frames", "simulate", "fresh"];
+
+/// Every pixel of the screen.
+const BASIC: Quality = Quality {
+    spp: 1,
+    bounces: 6,
+    denoiser: Some(Denoiser::Svgf),
+    iterations: [Denoiser::DEFAULT_ITERATIONS; 3],
+    fovea: None,
+    polar: None,
+    scale: 1.0,
+};
+
+/// Qualities of [`MODES`], without the blur, which the thesis leaves out of its error tests.
+fn qualities() -> impl Iterator<Item = Quality> {
+    let polar = |(_, mode)| Quality { polar: Some(PolarSpace::Log(LogPolar { blur: false, ..mode })), ..BASIC };
+    [BASIC].into_iter().chain(LogPolar::PRESETS.map(polar))
+}
+
+/// Instants along the path, evenly to its end, at each of which the camera has come some way; none where it does not move.
+fn on_path(rig: &Rig, count: u32) -> Vec<f64> {
+    let [first, .., last] = &rig.keys[..] else { return Vec::new() };
+    let length_s = last.time_s - first.time_s;
+    (1..=count).map(|i| first.time_s + length_s * f64::from(i) / f64::from(count)).collect()
+}
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let still = args.frames_of(&BASIC);
+    let moving = args.preset.instants * (args.warm_up_of(&BASIC) + 1);
+    let mut found = Found::default();
+    let frames = u64::from(still + moving) * MODES.len() as u64;
+    over_shots(args, frames, |args, progress, tracing| found.measure(args, progress, tracing))?;
+    found.write(args)
+}
+
+#[derive(Default)]
+struct Found {
+    rows: Vec<Row>,
+    rings: Vec<RingRow>,
+    /// Those that were timed, each with its shot, camera and mode.
+    frames: Vec<([String; 3], FrameLine)>,
+    devices: Vec<DeviceInfo>,
+    /// About each reference.
+    notes: Vec<String>,
+    /// The last frame of each row.
+    pictures: Vec<Group>,
+}
+
+/// What is held against a reference, the frames before it not counted.
+struct View {
+    time_s: f64,
+    reference: Reference,
+    frames: u32,
+    /// Of the camera's path before it, from frame to frame.
+    step_s: f64,
+}
+
+impl Found {
+    /// All modes on the shot of `args`.
+    fn measure(&mut self, args: &Args, progress: &Progress, tracing: &Tracing) -> Result<(), Failure> {
+        let options = &args.options;
+        let mut loaded = setup::load(options)?;
+        loaded.shot.gaze = Gaze::default();
+        let mut turns = Turns::new(&loaded, progress, tracing, self.rows.len());
+        for (name, quality) in MODES.iter().zip(qualities()) {
+            let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
+            turns.add(format!("{name} of {}", options.shot), RenderOptions::single(options.clone(), &quality), gpus)?;
+        }
+        let mut begun = 0;
+        let moving = on_path(&loaded.shot.rig, args.preset.instants);
+        for (camera, instants) in CAMERAS.into_iter().zip([vec![options.time], moving]) {
+            let is_still = camera == CAMERAS[0];
+            let mut views = Vec::new();
+            for time_s in instants {
+                let args = Args { options: RunOptions { time: time_s, ..options.clone() }, ..args.clone() };
+                let reference = own(&args, &loaded, tracing, None)?;
+                interrupt::check()?;
+                self.notes.push(format!("{time_s} s: {}", reference.note(&options.shot, options.size)));
+                let judged = args.frames_of(&BASIC) - args.warm_up_of(&BASIC);
+                let (frames, step_s) = if is_still { (judged, 0.0) } else { (1, 1.0 / FPS) };
+                views.push(View { time_s, reference, frames, step_s });
+            }
+            if !views.is_empty() {
+                self.measure_views(args, &loaded, &mut turns, &mut begun, camera, &views)?;
+            }
+        }
+        self.devices = turns.renderers[0].devices().to_vec();
+        Ok(())
+    }
+
+    /// All modes in all views of a camera; `begun` counts frames.
+    fn measure_views(
+        &mut self,
+        args: &Args,
+        loaded: &Loaded,
+        turns: &mut Turns,
+        begun: &mut u32,
+        camera: &'static str,
+        views: &[View],
+    ) -> Result<(), Failure> {
+        let options = &args.options;
+        let (warm_up, seen) = (args.warm_up_of(&BASIC), viewing(options.size));
+        let mut judges = MODES.map(|_| Judge::new(loaded, &views[0].reference, options.time));
+        let mut rings = MODES.map(|_| Vec::new());
+        let mut traced = [0.0; MODES.len()];
+        let mut number = 0;
+        for View { time_s, reference, frames, step_s } in views {
+            judges.iter_mut().for_each(|judge| judge.turn_to(reference));
+            for i in 0..warm_up + frames {
+                let time_s = time_s - step_s * f64::from(warm_up.saturating_sub(i));
+                let reports = turns.render(time_s, *begun)?;
+                *begun += 1;
+                if i < warm_up {
+                    continue;
+                }
+                let mut basic = None;
+                for (which, report) in reports.iter().enumerate() {
+                    let row = turns.keep(which, time_s, report, number);
+                    let image = turns.renderers[which].read_linear()?;
+                    judges[which].add(report, &row, &image)?;
+                    traced[which] += turns.paths(which, time_s, report)[0];
+                    let of = judges[which].last().map(|eyes| eyes.each_ref().map(|eye| eye.rings(&seen, RINGS)));
+                    let to_basic = basic.as_ref().map(|basic| pairs(loaded, basic, &image)).transpose()?;
+                    let basic_rings = to_basic.map(|eyes| eyes.each_ref().map(|eye| eye.rings(&seen, RINGS)));
+                    rings[which].extend(of.map(|reference| FrameRings { reference, basic: basic_rings }));
+                    if args.report && number + 1 == views.iter().map(|view| view.frames).sum::<u32>() {
+                        let name = format!("{} of {}, {camera}", MODES[which], options.shot);
+                        self.pictures.push(page::against(name, &image, &reference.images, loaded)?);
+                    }
+                    basic.get_or_insert(image);
+                }
+                number += 1;
+            }
+        }
+        let mut found = Vec::new();
+        for (((which, quality), judge), frames) in qualities().enumerate().zip(judges).zip(&rings) {
+            let rows = over_frames(&options.shot, camera, MODES[which], frames);
+            self.rings.extend(rows.iter().cloned());
+            let measured = judge.conclude();
+            let of = [options.shot.clone(), camera.to_owned(), MODES[which].to_owned()];
+            self.frames.extend(measured.frames.iter().map(|line| (of.clone(), line.clone())));
+            found.push((measured, [dispatched(&quality, loaded, options), traced[which] / f64::from(number)], rows));
+        }
+        self.rows.extend(measured(&options.shot, camera, &found));
+        Ok(())
+    }
+
+    fn write(mut self, args: &Args) -> Result<(), Failure> {
+        self.rows.extend(cited());
+        let (of, lines): (Vec<_>, Vec<_>) = self.frames.into_iter().unzip();
+        let columns: [Column<[String; 3]>; 3] = [
+            ("shot", |[shot, ..]| shot.clone()),
+            ("camera", |[_, camera, _]| camera.clone()),
+            ("mode", |[.., mode]| mode.clone()),
+        ];
+        let frames = Csv::new(&columns, &of).beside(FrameLine::csv(&lines));
+        let notes = [NOTE.to_owned()].into_iter().chain(self.notes).collect();
+        let mut more = vec![section("Devices", Vec::new(), Table::of_devices([&self.devices[..]]))];
+        if args.report {
+            let mut by_ring = section("By ring", vec![rings::NOTE.to_owned()], ring_table(&self.rings, &MODES));
+            by_ring.figure = Some(ring_charts(&self.rings, &MODES).context("cannot draw the rings")?);
+            let note = "The last frame of each mode and camera, and its FLIP against the reference.";
+            more.splice(0..0, [by_ring, page::pictures(note.to_owned(), &self.pictures)?]);
+        }
+        Findings {
+            title: format!("Log-polar images after Andersson & Hansson, at {}", args.options.size),
+            rows: &self.rows,
+            files: vec![
+                ("andersson.csv", andersson_csv(&self.rows)),
+                ("rings.csv", ring_csv(&self.rings)),
+                ("frames.csv", frames),
+            ],
+            run: None,
+            tables: vec![section("Log-polar, and every pixel of the screen", notes, andersson_table(&self.rows))],
+            more,
+        }
+        .write(args)
+    }
+}
+
+/// Pixels of the left eye's image over those of its screen.
+fn dispatched(quality: &Quality, loaded: &Loaded, options: &RunOptions) -> f64 {
+    let polar = |space| Polar { gaze: [0, 1].map(|_| loaded.shot.gaze.clone()), space };
+    let view = loaded.shot.rig.view(options.time, Eye::Left);
+    quality.polar.map_or(1.0, |space| polar(space).share(Eye::Left, options.time, &view, options.size))
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::DVec3;
+
+    use diptych::scene::rig::RigKey;
+
+    use super::*;
+
+    #[test]
+    fn the_camera_has_come_some_way_at_every_instant() {
+        let key = |time_s| RigKey { time_s, position: DVec3::ZERO, target: DVec3::X, up: DVec3::Y };
+        let rig = |times: &[f64]| Rig {
+            yfov_rad: 1.0,
+            baseline_m: 0.064,
+            metres_per_unit: 1.0,
+            keys: times.iter().copied().map(key).collect(),
+        };
+        assert_eq!(on_path(&rig(&[1.0, 1.5, 4.0]), 3), [2.0, 3.0, 4.0]);
+        assert!(on_path(&rig(&[1.0]), 3).is_empty());
+    }
+}

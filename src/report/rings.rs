@@ -1,0 +1,198 @@
+//! Errors in rings around the gaze over several frames: means and deviations, as tables and as charts.
+
+use serde::Serialize;
+
+use super::csv::{Column, Csv, number};
+use super::study::{cell, deviation, mean};
+use super::{Axis, Chart, ReportError, Series, Table, line_chart_svg, once};
+use crate::metrics::rings::Ring;
+
+/// A ring of a mode, means of both eyes over frames.
+#[derive(Clone, Debug, Serialize)]
+pub struct RingRow {
+    pub scene: String,
+    pub camera: &'static str,
+    pub mode: &'static str,
+    pub inner_deg: f64,
+    pub outer_deg: f64,
+    /// In one eye.
+    pub pixels: usize,
+    /// Frames that it is of.
+    pub frames: usize,
+    /// Against the reference, and its standard deviation over frames, over n − 1, of several.
+    pub ssim: Option<f64>,
+    pub ssim_deviation: Option<f64>,
+    pub flip: Option<f64>,
+    /// ... against the first mode's frames; none of that mode.
+    pub ssim_basic: Option<f64>,
+    pub ssim_basic_deviation: Option<f64>,
+}
+
+/// The rings of a frame in both eyes, against the reference, and against the first mode's frame.
+pub struct FrameRings {
+    pub reference: [Vec<Ring>; 2],
+    pub basic: Option<[Vec<Ring>; 2]>,
+}
+
+/// The rings of a mode over its frames, which have as many.
+pub fn over_frames(scene: &str, camera: &'static str, mode: &'static str, frames: &[FrameRings]) -> Vec<RingRow> {
+    let Some(first) = frames.first() else { return Vec::new() };
+    let row = |(i, ring): (usize, &Ring)| {
+        let of_frame = |eyes: &[Vec<Ring>; 2], of: fn(&Ring) -> Option<f64>| {
+            let [left, right] = eyes.each_ref().map(|rings| rings.get(i).and_then(of));
+            Some((left? + right?) / 2.0)
+        };
+        let of_all = |of: &dyn Fn(&FrameRings) -> Option<f64>| frames.iter().map(of).collect::<Option<Vec<f64>>>();
+        let ssim = of_all(&|frame| of_frame(&frame.reference, |ring| ring.ssim));
+        let flip = of_all(&|frame| of_frame(&frame.reference, |ring| ring.flip));
+        let basic = of_all(&|frame| of_frame(frame.basic.as_ref()?, |ring| ring.ssim));
+        let spread = |all: &Option<Vec<f64>>| all.as_ref().filter(|all| all.len() > 1).map(|all| deviation(all));
+        RingRow {
+            scene: scene.to_owned(),
+            camera,
+            mode,
+            inner_deg: ring.inner_deg,
+            outer_deg: ring.outer_deg,
+            pixels: ring.pixels,
+            frames: frames.len(),
+            ssim: ssim.as_deref().map(mean),
+            ssim_deviation: spread(&ssim),
+            flip: flip.as_deref().map(mean),
+            ssim_basic: basic.as_deref().map(mean),
+            ssim_basic_deviation: spread(&basic),
+        }
+    };
+    first.reference[0].iter().enumerate().map(row).collect()
+}
+
+const CSV: [Column<RingRow>; 12] = [
+    ("scene", |r| r.scene.clone()),
+    ("camera", |r| r.camera.to_owned()),
+    ("mode", |r| r.mode.to_owned()),
+    ("inner_deg", |r| format!("{:.4}", r.inner_deg)),
+    ("outer_deg", |r| format!("{:.4}", r.outer_deg)),
+    ("pixels", |r| r.pixels.to_string()),
+    ("frames", |r| r.frames.to_string()),
+    ("ssim", |r| number(r.ssim, 6)),
+    ("ssim_deviation", |r| number(r.ssim_deviation, 6)),
+    ("ssim_basic", |r| number(r.ssim_basic, 6)),
+    ("ssim_basic_deviation", |r| number(r.ssim_basic_deviation, 6)),
+    ("flip", |r| number(r.flip, 6)),
+];
+
+/// The contents of `rings.csv`.
+pub fn ring_csv(rows: &[RingRow]) -> Csv {
+    Csv::new(&CSV, rows)
+}
+
+/// A measure of rings, and its deviation.
+type Measure = fn(&RingRow) -> (Option<f64>, Option<f64>);
+
+const MEASURES: [(&str, Measure); 2] =
+    [("reference", |r| (r.ssim, r.ssim_deviation)), ("basic", |r| (r.ssim_basic, r.ssim_basic_deviation))];
+
+/// The caption of [`ring_table`] and of the charts.
+pub const NOTE: &str = "SSIM by the angle from the gaze, mean over frames and both eyes, with the standard deviation over \
+    frames: 11x11 Gaussian windows that lie inside the image, of tonemapped values, the mean of three channels (theirs is \
+    of luma). Against the reference, and against the basic mode's frame of the same instant and samples. An eye looks at \
+    the screen as the thesis's do: half of its diagonal is 40.9 degrees wide.";
+
+/// A line per scene, camera, ring and what it is held against; a column per mode.
+pub fn ring_table(rows: &[RingRow], modes: &[&'static str]) -> Table {
+    let mut headers = vec!["scene", "camera", "against", "degrees"];
+    headers.extend(modes);
+    let mut lines = Vec::new();
+    for (scene, camera) in once(rows.iter().map(|r| (r.scene.clone(), r.camera))) {
+        let own: Vec<&RingRow> = rows.iter().filter(|r| r.scene == scene && r.camera == camera).collect();
+        for (against, measure) in MEASURES {
+            for ring in own.iter().filter(|r| Some(&r.mode) == modes.first()) {
+                let degrees = format!("{:.1}–{:.1}", ring.inner_deg, ring.outer_deg);
+                let mut line = vec![scene.clone(), camera.to_owned(), against.to_owned(), degrees];
+                line.extend(modes.iter().map(|mode| {
+                    let of = own.iter().find(|r| r.mode == *mode && r.inner_deg == ring.inner_deg);
+                    let (value, deviation) = of.map_or((None, None), |r| measure(r));
+                    let deviation = deviation.map_or(String::new(), |d| format!(" ± {d:.4}"));
+                    cell(value, 4) + &deviation
+                }));
+                lines.push(line);
+            }
+        }
+    }
+    Table { headers, rows: lines }
+}
+
+/// A chart for each scene, camera and what it is held against, but where there is nothing to draw.
+///
+/// # Errors
+/// [`ReportError::Drawing`].
+pub fn ring_charts(rows: &[RingRow], modes: &[&str]) -> Result<String, ReportError> {
+    let mut charts = String::new();
+    for (scene, camera) in once(rows.iter().map(|r| (r.scene.as_str(), r.camera))) {
+        for (against, measure) in MEASURES {
+            let series = |mode: &&str| {
+                let own = rows.iter().filter(|r| (r.scene.as_str(), r.camera, r.mode) == (scene, camera, *mode));
+                let (mut points, mut band) = (Vec::new(), Vec::new());
+                for ring in own {
+                    let (Some(ssim), deviation) = measure(ring) else { continue };
+                    let spread = deviation.unwrap_or(0.0);
+                    points.push(((ring.inner_deg + ring.outer_deg) / 2.0, ssim));
+                    band.push((ssim - spread, ssim + spread));
+                }
+                Series { name: (*mode).to_owned(), points, band: Some(band), guide: false }
+            };
+            let series: Vec<Series> = modes.iter().map(series).filter(|series| !series.points.is_empty()).collect();
+            if series.is_empty() {
+                continue;
+            }
+            let title = format!("{scene}, camera {camera}: against {against}");
+            let [x, y] = ["degrees from the gaze", "SSIM"].map(|label| Axis { label: label.to_owned(), log: false });
+            charts += &line_chart_svg(&Chart { title, x, y }, &series)?;
+        }
+    }
+    Ok(charts)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn frame(ssim: [f64; 2], basic: Option<f64>) -> FrameRings {
+        let ring = |ssim: f64| {
+            let of = |inner_deg, ssim| Ring {
+                inner_deg,
+                outer_deg: inner_deg + 2.0,
+                pixels: 7,
+                rmse: None,
+                relmse: None,
+                psnr: None,
+                ssim,
+                flip: Some(0.25),
+            };
+            vec![of(0.0, Some(ssim)), of(2.0, None)]
+        };
+        FrameRings { reference: ssim.map(ring), basic: basic.map(|ssim| [ring(ssim), ring(ssim)]) }
+    }
+
+    #[test]
+    fn rings_are_means_of_eyes_and_frames() {
+        let of = |mode, frames: &[FrameRings]| over_frames("builtin:cornell", "still", mode, frames);
+        let mut rows = of("basic", &[frame([0.5, 0.7], None), frame([0.7, 0.9], None)]);
+        rows.extend(of("fov", &[frame([0.5, 0.5], Some(0.9))]));
+        let csv = ring_csv(&rows);
+        let names = ["mode", "outer_deg", "frames", "ssim", "ssim_deviation", "ssim_basic", "flip"];
+        let found = |line| names.map(|name| csv.value(line, name));
+        assert_eq!(found(0), ["basic", "2.0000", "2", "0.700000", "0.141421", "", "0.250000"]);
+        assert_eq!(found(1), ["basic", "4.0000", "2", "", "", "", "0.250000"]);
+        assert_eq!(found(2), ["fov", "2.0000", "1", "0.500000", "", "0.900000", "0.250000"]);
+        let table = ring_table(&rows, &["basic", "fov"]).rows;
+        assert_eq!(table[0], ["builtin:cornell", "still", "reference", "0.0–2.0", "0.7000 ± 0.1414", "0.5000"]);
+        assert_eq!(table[2][2..], ["basic", "0.0–2.0", "-", "0.9000"]);
+        assert_eq!(table.len(), 2 * 2);
+        let charts = ring_charts(&rows, &["basic", "fov"]).unwrap();
+        assert_eq!(charts.matches("<svg").count(), 2);
+        assert!(charts.contains("camera still: against basic"));
+        // Images that no window fits in have no chart.
+        assert_eq!(ring_charts(&rows[1..2], &["basic"]).unwrap(), "");
+        assert!(over_frames("builtin:cornell", "still", "fov", &[]).is_empty());
+    }
+}
