@@ -51,7 +51,7 @@ use reference::Reference;
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     #[command(flatten)]
-    options: RunOptions,
+    pub options: RunOptions,
     /// Virtual devices on each chosen adapter
     #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     virtual_devices: u16,
@@ -164,7 +164,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let exposure_ev = loaded.exposure_ev();
     let peers = peers.map_or(Ok(Vec::new()), |peers| peers.at(exposure_ev)).map_err(|e| Failure::Input(e.into()))?;
     let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
-    let devices: Vec<DeviceInfo> = gpus.iter().map(|gpu| gpu.info.clone()).collect();
+    let devices: Vec<DeviceInfo> = gpus.infos();
     let journal = Journal::open(&options.out, subject(args, &loaded, &devices)?, args.fresh)?;
     let reference = reference::find(args, &loaded, &tracing, &journal)?;
     interrupt::check()?;

@@ -1,7 +1,5 @@
 //! Why a command ends without doing its job, and the exit status that says so.
 
-use std::process::ExitCode;
-
 use diptych::accel::AccelError;
 use diptych::accumulation::{AccumulateError, CheckpointError};
 use diptych::device::DeviceError;
@@ -30,11 +28,17 @@ impl Failure {
         text
     }
 
-    pub fn exit_code(&self) -> ExitCode {
+    /// The same on a single line, without what it is.
+    pub fn line(&self) -> String {
+        let (Self::Input(error) | Self::Run(error)) = self else { return "interrupted".to_owned() };
+        format!("{error:#}").replace('\n', " ")
+    }
+
+    pub fn exit_status(&self) -> u8 {
         match self {
-            Self::Input(_) => ExitCode::from(2),
-            Self::Run(_) => ExitCode::from(1),
-            Self::Interrupted => ExitCode::from(interrupt::exit_status()),
+            Self::Input(_) => 2,
+            Self::Run(_) => 1,
+            Self::Interrupted => interrupt::exit_status(),
         }
     }
 }
@@ -72,6 +76,12 @@ impl From<DeviceError> for Failure {
 
 impl From<diptych::exec::ExecError> for Failure {
     fn from(error: diptych::exec::ExecError) -> Self {
+        Self::Run(error.into())
+    }
+}
+
+impl From<diptych::exec::ranks::RankError> for Failure {
+    fn from(error: diptych::exec::ranks::RankError) -> Self {
         Self::Run(error.into())
     }
 }

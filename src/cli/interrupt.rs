@@ -33,6 +33,17 @@ fn watch_for(signal: i32) -> Result<(), io::Error> {
     Ok(())
 }
 
+/// A signal has come to another process of the run.
+pub fn raise(signal: i32) {
+    SIGNAL.store(signal as usize, Ordering::Relaxed);
+    INTERRUPTED.store(true, Ordering::Relaxed);
+}
+
+/// The signal that came, if one did.
+pub fn signal() -> Option<i32> {
+    is_set().then(|| SIGNAL.load(Ordering::Relaxed) as i32)
+}
+
 pub fn is_set() -> bool {
     INTERRUPTED.load(Ordering::Relaxed)
 }

@@ -24,6 +24,7 @@ mod output;
 mod page;
 mod play;
 mod progress;
+mod ranks;
 mod reference;
 mod renamed;
 mod render;
@@ -43,6 +44,9 @@ mod view;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+
+use failure::Failure;
+use options::RunOptions;
 
 /// Real-time stereoscopic path tracing for virtual reality, image-parallel over several GPUs.
 #[derive(Parser)]
@@ -99,36 +103,86 @@ fn command() -> clap::Command {
     Cli::command()
 }
 
+impl Command {
+    /// Of commands that render.
+    fn run_options(&self) -> Option<&RunOptions> {
+        match self {
+            Self::Render(args) => Some(&args.options),
+            Self::Play(args) => Some(&args.options.run),
+            Self::View(args) => args.run_options(),
+            Self::Scale(args) => Some(&args.options),
+            Self::Bench(args) => Some(&args.options),
+            _ => None,
+        }
+    }
+
+    fn run(&self) -> Result<(), Failure> {
+        match self {
+            Self::Render(args) => render::run(args),
+            Self::Play(args) => play::run(args),
+            Self::View(args) => view::run(args),
+            Self::Scale(args) => scale::run(args),
+            Self::Bench(args) => bench::run(args),
+            Self::Compare(args) => compare::run(args),
+            Self::Trace(args) => trace::run(args),
+            Self::Graph(args) => graph::run(args),
+            Self::Devices(args) => devices::run(args),
+            Self::Scenes(args) => scenes::run(args),
+            Self::Shot(args) => shot::run(args),
+            Self::Export(args) => export::run(args),
+            Self::Completions(args) => manual::completions(args),
+            Self::Man(args) => manual::man(args),
+        }
+    }
+}
+
 pub fn run() -> ExitCode {
     quiet_mesa();
+    let result = ranks::join().and_then(|()| if ranks::serves() { serve() } else { Ok(run_command()) });
+    let status = result.unwrap_or_else(|failure| {
+        eprint!("{}", failure.message());
+        failure.exit_status()
+    });
+    ranks::end(status);
+    ExitCode::from(status)
+}
+
+/// The command as it was typed, with notes on names that have changed.
+fn parse() -> (Result<Cli, clap::Error>, Vec<String>) {
     let (args, notes) = renamed::translate(std::env::args_os().collect());
+    let matches = command().try_get_matches_from(args);
+    let cli = matches.and_then(|matches| {
+        settings::keep(&matches);
+        Cli::from_arg_matches(&matches)
+    });
+    (cli, notes)
+}
+
+/// Returns the exit status.
+fn run_command() -> u8 {
+    let (cli, notes) = parse();
     for note in notes {
         eprintln!("note: {note}");
     }
-    let matches = command().get_matches_from(args);
-    settings::keep(&matches);
-    let cli = Cli::from_arg_matches(&matches).unwrap_or_else(|error| error.exit());
-    let result = match cli.command {
-        Command::Render(args) => render::run(&args),
-        Command::Play(args) => play::run(&args),
-        Command::View(args) => view::run(&args),
-        Command::Scale(args) => scale::run(&args),
-        Command::Bench(args) => bench::run(&args),
-        Command::Compare(args) => compare::run(&args),
-        Command::Trace(args) => trace::run(&args),
-        Command::Graph(args) => graph::run(&args),
-        Command::Devices(args) => devices::run(&args),
-        Command::Scenes(args) => scenes::run(&args),
-        Command::Shot(args) => shot::run(&args),
-        Command::Export(args) => export::run(&args),
-        Command::Completions(args) => manual::completions(&args),
-        Command::Man(args) => manual::man(&args),
-    };
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(failure) => {
-            eprint!("{}", failure.message());
-            failure.exit_code()
+    let cli = match cli {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Nobody may be there to read it.
+            let _ = error.print();
+            return error.exit_code() as u8;
         }
-    }
+    };
+    cli.command.run().map_or_else(
+        |failure| {
+            eprint!("{}", failure.message());
+            failure.exit_status()
+        },
+        |()| 0,
+    )
+}
+
+/// Serves rank 0, which runs the command; returns its exit status.
+fn serve() -> Result<u8, Failure> {
+    let (cli, _) = parse();
+    ranks::serve(cli.ok().as_ref().and_then(|cli| cli.command.run_options()))
 }

@@ -3,12 +3,19 @@
 use std::ffi::OsString;
 
 use super::failure::Failure;
+use super::options::RunOptions;
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     /// Whatever a program with the window would take
     #[arg(trailing_var_arg = true, allow_hyphen_values = true, hide = true)]
     _all: Vec<OsString>,
+}
+
+impl Args {
+    pub fn run_options(&self) -> Option<&RunOptions> {
+        None
+    }
 }
 
 pub fn run(_: &Args) -> Result<(), Failure> {

@@ -39,7 +39,7 @@ pub use session::Session;
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     #[command(flatten)]
-    options: LoopOptions,
+    pub options: LoopOptions,
     #[arg(long, default_value_t = 600, value_parser = clap::value_parser!(u32).range(1..=1_000_000), help_heading = crate::cli::options::SCENE)]
     frames: u32,
     /// Where not even the cheapest rung fits the budget at --size, play at a smaller one of the same shape where it does

@@ -26,7 +26,7 @@ use super::stale::Stale;
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     #[command(flatten)]
-    options: RenderOptions,
+    pub options: RenderOptions,
     /// Virtual devices on each chosen adapter
     #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     virtual_devices: u16,

@@ -5,7 +5,8 @@ use std::time::Instant;
 
 use anyhow::Context;
 
-use diptych::device::{DeviceInfo, GpuDevice};
+use diptych::device::DeviceInfo;
+use diptych::exec::ranks::Devices;
 use diptych::exec::{FrameReport, Renderer, Stereo};
 use diptych::image::RgbImage;
 use diptych::passes::tonemap::LINEAR;
@@ -35,7 +36,7 @@ use super::simulate;
 #[command(mut_arg("frames", |frames| frames.default_value("5").help("Frames of each count that are timed")))]
 pub struct Args {
     #[command(flatten)]
-    options: RenderOptions,
+    pub options: RenderOptions,
     /// Device counts: virtual devices on each chosen adapter. One device is always measured, as the base of speed-ups
     #[arg(long, value_delimiter = ',', default_value = "1,2", value_name = "N,N,…", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     counts: Vec<u16>,
@@ -157,9 +158,13 @@ struct Measured {
 
 impl Measuring<'_> {
     /// On these devices; `base` is the row that speed-up is over, none for itself.
-    fn run(&self, options: &RenderOptions, gpus: Vec<GpuDevice>, base: Option<&Row>) -> Result<Measured, Failure> {
+    fn run(&self, options: &RenderOptions, gpus: Devices, base: Option<&Row>) -> Result<Measured, Failure> {
         let Self { args, loaded, progress, tracing } = self;
-        let threads: usize = gpus.iter().filter_map(|g| g.info.threads).sum();
+        let infos = gpus.infos();
+        // Of the devices of this machine.
+        let host = |info: &DeviceInfo| info.rank.as_ref().map(|rank| rank.host.clone());
+        let here = infos.iter().filter(|info| host(info) == host(&infos[0]));
+        let threads: usize = here.filter_map(|info| info.threads).sum();
         let warm_up = Instant::now();
         let mut renderer = setup::renderer(options, loaded, gpus, tracing.recorder.origin())?;
         let warm_up_s = warm_up.elapsed().as_secs_f64();

@@ -6,6 +6,7 @@ use std::time::Instant;
 
 use diptych::accel::{Accel, Layout};
 use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
+use diptych::exec::ranks::{Devices, Load, Loading};
 use diptych::exec::{FrameReport, RenderSettings, Renderer};
 use diptych::passes::Moving;
 use diptych::quality::Quality;
@@ -21,6 +22,7 @@ use diptych::trace::{Recorder, TraceFile};
 
 use super::failure::Failure;
 use super::options::{Balance, HaloOption, RenderOptions, RunOptions};
+use super::ranks;
 
 /// A scene ready to be put on devices.
 pub struct Loaded {
@@ -47,17 +49,27 @@ impl Loaded {
     }
 }
 
+/// Loads the scene, on all ranks.
 pub fn load(options: &RunOptions) -> Result<Loaded, Failure> {
+    let what = Load { shot: options.shot.clone(), time_s: options.time };
+    let loading = ranks::others().map(|node| Loading::begin(node, &what));
+    let mut loaded = load_here(options, &what)?;
+    if let Some(path) = &options.motion {
+        let motion = HeadMotion::read(path, &options.scene.budget())?;
+        let invalid = |what| SceneError::Invalid { path: path.display().to_string(), what };
+        loaded.shot.rig = motion.rig(&loaded.shot.rig).map_err(invalid)?;
+        loaded.shot.gaze = motion.gaze().unwrap_or(loaded.shot.gaze);
+    }
+    loading.map_or(Ok(()), |loading| loading.check(&loaded.tables))?;
+    Ok(loaded)
+}
+
+/// Loads a scene in this process, without head motion.
+pub fn load_here(options: &RunOptions, what: &Load) -> Result<Loaded, Failure> {
     let _span = tracing::info_span!("load scene").entered();
     let budget = options.scene.budget();
-    let (mut shot, scene) = options.scene.load(&options.shot, options.time, &budget)?;
+    let (shot, scene) = options.scene.load(&what.shot, what.time_s, &budget)?;
     let space = Space::of(&shot.rig);
-    if let Some(path) = &options.motion {
-        let motion = HeadMotion::read(path, &budget)?;
-        let invalid = |what| SceneError::Invalid { path: path.display().to_string(), what };
-        shot.rig = motion.rig(&shot.rig).map_err(invalid)?;
-        shot.gaze = motion.gaze().unwrap_or(shot.gaze);
-    }
     let accel = {
         let _span = tracing::info_span!("build tree").entered();
         Accel::build_within(&scene, Layout::Auto, &budget)?
@@ -92,7 +104,18 @@ pub fn traversal(options: &RunOptions) -> Result<Traversal, Failure> {
     Ok(device::chosen_traversal(&selection(options, 1))?)
 }
 
-pub fn open_devices(options: &RunOptions, virtual_devices: usize) -> Result<Vec<GpuDevice>, Failure> {
+/// Opens devices on all ranks, so many on each adapter.
+pub fn open_devices(options: &RunOptions, virtual_devices: usize) -> Result<Devices, Failure> {
+    let opening = ranks::others().map(|node| Devices::open(node, virtual_devices));
+    let own = open_here(options, virtual_devices)?;
+    match opening {
+        None => Ok(own.into()),
+        Some(opening) => Ok(opening.with(own)?),
+    }
+}
+
+/// Opens devices in this process.
+pub fn open_here(options: &RunOptions, virtual_devices: usize) -> Result<Vec<GpuDevice>, Failure> {
     let _span = tracing::info_span!("open devices").entered();
     Ok(device::open(&selection(options, virtual_devices))?)
 }
@@ -110,12 +133,7 @@ pub fn policy(options: &RenderOptions, devices: usize) -> Result<Box<dyn Policy>
     })
 }
 
-pub fn renderer(
-    options: &RenderOptions,
-    loaded: &Loaded,
-    gpus: Vec<GpuDevice>,
-    origin: Instant,
-) -> Result<Renderer, Failure> {
+pub fn renderer(options: &RenderOptions, loaded: &Loaded, gpus: Devices, origin: Instant) -> Result<Renderer, Failure> {
     varying_renderer(options, loaded, gpus, origin, false)
 }
 
@@ -124,7 +142,7 @@ pub fn renderer(
 pub fn varying_renderer(
     options: &RenderOptions,
     loaded: &Loaded,
-    gpus: Vec<GpuDevice>,
+    gpus: Devices,
     origin: Instant,
     mixes_spp: bool,
 ) -> Result<Renderer, Failure> {

@@ -19,6 +19,7 @@ use winit::event_loop::EventLoop;
 
 use super::failure::Failure;
 use super::interrupt;
+use super::options::RunOptions;
 use super::play::{LoopOptions, Prepared};
 use super::progress::Progress;
 use super::setup::{self, Tracing};
@@ -37,6 +38,12 @@ pub struct Args {
     /// Write what the window showed last as a PNG
     #[arg(long, value_name = "FILE", help_heading = super::options::OUTPUT)]
     screenshot: Option<PathBuf>,
+}
+
+impl Args {
+    pub fn run_options(&self) -> Option<&RunOptions> {
+        Some(&self.options.run)
+    }
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {

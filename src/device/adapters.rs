@@ -10,7 +10,7 @@ pub(super) const INSTALL_HINT: &str = "install a Vulkan driver (Debian or Ubuntu
      which brings a software one too), or update the graphics driver";
 
 /// Most devices that one run drives: one bit each in masks, and far beyond any host.
-const MAX_DEVICES: usize = 64;
+pub(crate) const MAX_DEVICES: usize = 64;
 
 /// Of the stage that binds most, SVGF's accumulation.
 const STORAGE_BUFFERS_PER_STAGE: u32 = 13;
@@ -20,7 +20,7 @@ const IMMEDIATE_BYTES: u32 = 64;
 const FAST_MESA: u32 = 25;
 
 /// An opened device, in words.
-#[derive(Clone, Debug, serde::Serialize)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct DeviceInfo {
     /// Position in the run.
@@ -38,6 +38,17 @@ pub struct DeviceInfo {
     pub max_storage_bytes: u64,
     /// How wrong times of the device have been at most, against the host's clock.
     pub clock_residual_us: f64,
+    /// Of several, the process that has it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub rank: Option<RankName>,
+}
+
+/// A process of several, by its number among them and the machine that it is on.
+#[derive(Clone, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct RankName {
+    pub number: usize,
+    pub host: String,
 }
 
 /// An adapter as `diptych devices` lists it.
@@ -259,6 +270,7 @@ fn open_one(
         traversal,
         max_storage_bytes: device.limits().max_storage_buffer_binding_size,
         clock_residual_us: 0.0,
+        rank: None,
     };
     Ok(watched(info, quirks, device, queue, instance))
 }

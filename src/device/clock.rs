@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use super::{DeviceFailure, GpuDevice};
 use counter::Counter;
-use offset::Offset;
+pub use offset::Offset;
 
 const TRIES: usize = 24;
 

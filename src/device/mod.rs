@@ -14,9 +14,11 @@ mod quirks;
 mod screen;
 mod traversal;
 
-pub use adapters::{AdapterReport, DeviceInfo, Selection, adapters, chosen_traversal, open};
+pub(crate) use adapters::MAX_DEVICES;
+pub use adapters::{AdapterReport, DeviceInfo, RankName, Selection, adapters, chosen_traversal, open};
 pub use checks::ShaderChecks;
 pub use clock::GpuClock;
+pub(crate) use clock::Offset as ClockOffset;
 pub use failure::{DeviceFailure, FailureKind, panic_text};
 pub use pipelines::{Pipeline, PipelineKey};
 pub use quirks::{Quirks, Tables};

@@ -47,6 +47,7 @@ impl ScreenDevice {
             traversal: Traversal::Compute,
             max_storage_bytes: limits.max_storage_buffer_binding_size,
             clock_residual_us: 0.0,
+            rank: None,
         };
         Ok(Self { gpu: watched(info, quirks, device, queue, instance), adapter, surface })
     }

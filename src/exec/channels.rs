@@ -59,6 +59,25 @@ pub fn channels(devices: usize) -> (RendererChannels, Vec<WorkerChannels>) {
     (RendererChannels { workers: lines, replies }, workers)
 }
 
+impl RendererChannels {
+    /// The answers of all workers.
+    pub fn replies(&self) -> &Receiver<Reply> {
+        &self.replies
+    }
+}
+
+impl WorkerChannels {
+    /// Where commands and messages come from, for who passes them on to a worker elsewhere.
+    pub fn receivers(&self) -> (&Receiver<Command>, &Receiver<Message>) {
+        (&self.commands, &self.inbox)
+    }
+
+    /// What leads to all workers, and to the renderer.
+    pub fn senders(&self) -> (Vec<Sender<Message>>, Sender<Reply>) {
+        (self.inboxes.clone(), self.replies.clone())
+    }
+}
+
 impl RendererTransport for RendererChannels {
     fn command(&self, device: usize, command: Command) -> bool {
         self.workers[device].commands.as_ref().is_some_and(|commands| commands.send(command).is_ok())

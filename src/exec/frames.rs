@@ -206,10 +206,13 @@ impl Frames {
     /// Waits for the frame that was begun first; none if none is in flight.
     ///
     /// # Errors
-    /// [`ExecError::Stuck`] if workers gave the frame up though no device failed.
+    /// [`ExecError::Stuck`] if workers gave the frame up though no device failed, [`ExecError::Rank`] if a rank is lost.
     pub fn finish(&mut self) -> Result<Option<Finished>, ExecError> {
         let Some(mut frame) = self.in_flight.pop_front() else { return Ok(None) };
         let collected = self.collect(&mut frame);
+        if let Some(lost) = self.workers.lost() {
+            return Err(lost.into());
+        }
         if !collected.failures.is_empty() {
             return Ok(Some(self.call_off(frame, collected.failures)));
         }

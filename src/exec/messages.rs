@@ -169,7 +169,7 @@ impl<'de> Deserialize<'de> for Bytes {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use serde::de::DeserializeOwned;
 
     use super::*;
@@ -208,36 +208,38 @@ mod tests {
         }
     }
 
-    #[test]
-    fn messages_come_out_of_their_text_as_they_went_in() {
+    /// Of every kind.
+    pub fn commands() -> Vec<Command> {
         let limit = Duration::from_micros(10_000_001);
         let command = |order| Command { ticket: u64::MAX, limit, order };
+        let frame = |seam, history| command(Order::Frame(Box::new(job(seam, history))));
         let halos = (0..3).flat_map(HaloPlan::all).chain([HaloPlan::RECOMPUTE, HaloPlan::EXCHANGE]);
-        for seam in [Seam::None, Seam::Filter].into_iter().chain(halos.map(Seam::Halo)) {
-            round_trip(&command(Order::Frame(Box::new(job(seam, None)))));
-        }
+        let seams = [Seam::None, Seam::Filter].into_iter().chain(halos.map(Seam::Halo));
+        let mut commands: Vec<_> = seams.map(|seam| frame(seam, None)).collect();
         let before = Assignment::uniform(Stripes::even(90, 4));
-        let history = History { before, rows: 12, lost: vec![1] };
-        round_trip(&command(Order::Frame(Box::new(job(Seam::None, Some(history))))));
+        commands.push(frame(Seam::None, Some(History { before, rows: 12, lost: vec![1] })));
         let place = Place { slot: 0, turn: 1 };
-        round_trip(&command(Order::Read { image: ROW_TALLY.into(), place, injected: None }));
+        commands.push(command(Order::Read { image: ROW_TALLY.into(), place, injected: None }));
+        commands
+    }
 
+    /// Of every kind.
+    pub fn replies() -> Vec<Reply> {
         let reply = |answer| Reply { ticket: 3, device: 63, answer };
         let times = vec![TaskTime { task: 4, begin_ms: 0.1, end_ms: 1e9 + 0.3, bytes: Some(1 << 40), submissions: 3 }];
         let images = vec![[vec![0, 255], vec![7]], [vec![], vec![1]]];
-        round_trip(&reply(Ok(Answer::Frame(FrameReply {
-            times,
-            clock_residual_us: 0.2,
-            begin_ms: -0.0,
-            end_ms: 0.7,
-            images,
-        }))));
-        round_trip(&reply(Ok(Answer::Pixels([vec![1, 2], vec![3, 4]]))));
-        round_trip(&reply(Err(Stop::Aborted)));
-        for kind in [FailureKind::Loss, FailureKind::Hang, FailureKind::Oom, FailureKind::Error] {
-            round_trip(&reply(Err(Stop::Device(DeviceFailure { kind, what: "it \"fell\"\n".to_owned() }))));
-        }
+        let done = FrameReply { times, clock_residual_us: 0.2, begin_ms: -0.0, end_ms: 0.7, images };
+        let done = [Answer::Frame(done), Answer::Pixels([vec![1, 2], vec![3, 4]])];
+        let kinds = [FailureKind::Loss, FailureKind::Hang, FailureKind::Oom, FailureKind::Error];
+        let failure = |kind| Stop::Device(DeviceFailure { kind, what: "it \"fell\"\n".to_owned() });
+        let stops = kinds.map(failure).into_iter().chain([Stop::Aborted]);
+        done.map(|answer| reply(Ok(answer))).into_iter().chain(stops.map(|stop| reply(Err(stop)))).collect()
+    }
 
+    #[test]
+    fn messages_come_out_of_their_text_as_they_went_in() {
+        commands().iter().for_each(round_trip);
+        replies().iter().for_each(round_trip);
         round_trip(&Message::Rows { ticket: 1, transfer: u32::MAX, rows: Bytes::Owned((0..=255).collect()) });
         round_trip(&Message::<Bytes>::Abort { ticket: 9 });
     }

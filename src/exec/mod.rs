@@ -13,6 +13,7 @@ mod messages;
 mod output;
 mod planner;
 mod quality;
+pub mod ranks;
 mod read;
 mod renderer;
 mod report;
@@ -61,12 +62,14 @@ pub enum ExecError {
     Stuck,
     #[error(transparent)]
     Stage(#[from] StageError),
+    #[error(transparent)]
+    Rank(#[from] ranks::RankError),
     #[error("cannot start a worker thread")]
     Thread(#[from] std::io::Error),
 }
 
 /// What stays the same for all frames of a run.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub struct RenderSettings {
     pub stages: StageSettings,
     pub seam: Seam,

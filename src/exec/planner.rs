@@ -10,8 +10,13 @@ use super::output::Output;
 use super::{RenderSettings, wire};
 use crate::graph::{Assignment, FrameGraph, Program, ProgramError, Resource, Seam};
 use crate::passes::{Declarations, FrameSpec, ROW_TALLY};
+use crate::quality::Denoiser;
 use crate::scene::rig::Eye;
 use crate::schedule::{CostModel, Policy, choose_halo};
+
+/// Graphs that are kept beside those of the frames in flight: one for each number of iterations that frames are predicted
+/// with.
+const OTHER_GRAPHS: usize = Denoiser::MAX_ITERATIONS as usize + 1;
 
 /// What is left of the frame before.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -67,6 +72,16 @@ impl Graphs {
     pub fn new(spec: FrameSpec, declarations: Declarations, capacity: usize) -> Result<Self, ProgramError> {
         declarations.programs(&spec)?;
         Ok(Self { spec, declarations, latest: Mutex::default(), capacity })
+    }
+
+    /// Those of a run on so many devices, for a scene that has surfaces or not.
+    ///
+    /// # Errors
+    /// Those of [`Self::new`].
+    pub fn of_settings(settings: &RenderSettings, devices: usize, has_surfaces: bool) -> Result<Self, ProgramError> {
+        let stages = &settings.stages;
+        let capacity = stages.frames_in_flight + OTHER_GRAPHS;
+        Self::new(settings.spec(devices, has_surfaces), stages.declarations.clone(), capacity)
     }
 
     /// Programs that have every pass that some frame may need.
@@ -174,7 +189,6 @@ mod tests {
     use super::*;
     use crate::graph::Stripes;
     use crate::image::Extent;
-    use crate::quality::Denoiser;
 
     fn graphs(capacity: usize) -> Graphs {
         let frame = FrameSpec::new(Extent::new(16, 12), 2);

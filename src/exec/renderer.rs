@@ -9,19 +9,16 @@ use super::frames::{Attempt, Finished, Frames, InFlight, Inputs, Whole};
 use super::history::history_rows;
 use super::output::Output;
 use super::planner::{Graphs, History, Plan, Planner};
+use super::ranks::Devices;
 use super::worker_pool::WorkerPool;
 use super::{ExecError, Fault, FrameReport, InjectedFaults, RenderSettings, costs, quality};
-use crate::device::{DeviceFailure, DeviceInfo, GpuDevice, Traversal};
+use crate::device::{DeviceFailure, DeviceInfo, Traversal};
 use crate::graph::{FrameGraph, Resource};
-use crate::quality::{Denoiser, Quality};
+use crate::quality::Quality;
 use crate::scene::rig::Rig;
 use crate::scene::shot::Gaze;
 use crate::schedule::{CostModel, Effort, FrameCosts, Policy, cuts, simulate};
 use crate::stages::{Foveation, Place, Polar, SceneTables, StageError, layout};
-
-/// Graphs that are kept beside those of the frames in flight: one for each number of iterations that frames are predicted
-/// with.
-const OTHER_GRAPHS: usize = Denoiser::MAX_ITERATIONS as usize + 1;
 
 /// Renders frames on a set of devices.
 pub struct Renderer {
@@ -52,30 +49,32 @@ impl Renderer {
     /// Starts a worker per device and warms every pipeline up. Times are counted from `origin`.
     ///
     /// # Errors
-    /// Devices of different traversals, a device that fails at once, has too little memory or cannot compile a stage, or a thread that cannot be
-    /// started.
+    /// Devices of different traversals, a device that fails at once, has too little memory or cannot compile a stage, a
+    /// thread that cannot be started, or another rank that cannot go along.
     pub fn new(
-        gpus: Vec<GpuDevice>,
+        devices: impl Into<Devices>,
         tables: Arc<SceneTables>,
         mut settings: RenderSettings,
         policy: Box<dyn Policy>,
         origin: Instant,
     ) -> Result<Self, ExecError> {
-        if gpus.iter().any(|gpu| gpu.info.traversal != gpus[0].info.traversal) {
+        let devices: Devices = devices.into();
+        let infos = devices.infos();
+        if infos.iter().any(|info| info.traversal != infos[0].traversal) {
             return Err(ExecError::MixedTraversal);
         }
         if let Some(moving) = &mut settings.stages.moving {
-            moving.hardware = gpus.iter().any(|gpu| gpu.info.traversal == Traversal::Hardware);
+            moving.hardware = infos.iter().any(|info| info.traversal == Traversal::Hardware);
         }
         let stages = &settings.stages;
-        let spec = settings.spec(gpus.len(), tables.has_surfaces());
         let frames_in_flight = stages.frames_in_flight;
-        let graphs = Graphs::new(spec.clone(), stages.declarations.clone(), frames_in_flight + OTHER_GRAPHS);
+        let graphs = Graphs::of_settings(&settings, devices.len(), tables.has_surfaces());
         let graphs = Arc::new(graphs.map_err(StageError::Program)?);
-        let costs = CostModel::new(&spec, &stages.declarations);
-        let planner = Planner::new(policy, &settings, gpus.len(), Arc::clone(&graphs));
-        let max_dispatch_ms = gpus.iter().map(|g| settings.max_dispatch_ms.or(g.quirks.max_dispatch_ms)).collect();
-        let (workers, devices) = WorkerPool::start(gpus, stages, &tables, &graphs, origin)?;
+        let costs = CostModel::new(&settings.spec(devices.len(), tables.has_surfaces()), &stages.declarations);
+        let planner = Planner::new(policy, &settings, devices.len(), Arc::clone(&graphs));
+        let bounds_ms = devices.max_dispatch_ms().into_iter();
+        let max_dispatch_ms = bounds_ms.map(|bound_ms| settings.max_dispatch_ms.or(bound_ms)).collect();
+        let (workers, devices) = WorkerPool::start(devices, &settings, &tables, &graphs, origin)?;
         Ok(Self {
             quality: quality::of(&settings),
             effort: Effort::default(),
@@ -96,7 +95,7 @@ impl Renderer {
 
     /// The devices that have not failed, for another renderer, which need not compile again what it has in common with
     /// this one.
-    pub fn into_devices(self) -> Vec<GpuDevice> {
+    pub fn into_devices(self) -> Devices {
         self.frames.into_workers().end()
     }
 

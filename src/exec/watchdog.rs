@@ -46,7 +46,7 @@ pub struct Heartbeat {
 }
 
 /// Signs of life of a worker as they were at one moment.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct LifeSign {
     pub beats: u64,
     /// Whether it waits for other workers.
@@ -56,6 +56,12 @@ pub struct LifeSign {
 impl Heartbeat {
     pub fn beat(&self) {
         self.beats.fetch_add(1, Ordering::Relaxed);
+    }
+
+    /// Gives the signs of a worker elsewhere.
+    pub fn show(&self, sign: LifeSign) {
+        self.beats.store(sign.beats, Ordering::Relaxed);
+        self.depends.store(sign.depends, Ordering::Relaxed);
     }
 
     /// A wait for other workers.

@@ -5,30 +5,34 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use super::ExecError;
 use super::channels::channels;
 use super::ledger::Ledger;
 use super::messages::{Answer, Command, Order, Stop};
 use super::planner::Graphs;
+use super::ranks::{Devices, Others, RankError};
 use super::transport::RendererTransport;
 use super::watchdog::Watchdog;
 use super::worker::Worker;
 use super::worker::device::WorkerDevice;
+use super::{ExecError, RenderSettings};
 use crate::device::{DeviceFailure, DeviceInfo, FailureKind, GpuDevice};
-use crate::stages::{SceneTables, StageSettings};
+use crate::stages::SceneTables;
 
 /// How long the end of a worker is waited for.
-const END_LIMIT: Duration = Duration::from_secs(5);
+pub const END_LIMIT: Duration = Duration::from_secs(5);
 
 /// One worker per device, those that were taken out included.
 pub struct WorkerPool {
     transport: Box<dyn RendererTransport>,
     members: Vec<Member>,
     ledger: Ledger<Result<Answer, Stop>>,
+    /// The devices of other ranks.
+    others: Option<Others>,
 }
 
 struct Member {
-    thread: JoinHandle<Option<GpuDevice>>,
+    /// None: it is a thread of another rank.
+    thread: Option<JoinHandle<Option<GpuDevice>>>,
     is_left: bool,
     is_hung: bool,
 }
@@ -41,25 +45,40 @@ impl WorkerPool {
     /// `origin`.
     ///
     /// # Errors
-    /// A device that fails at once, has too little memory or cannot compile a stage, or a thread that cannot be
-    /// started.
+    /// A device that fails at once, has too little memory or cannot compile a stage, a thread that cannot be started, or
+    /// another rank that cannot go along.
     pub fn start(
-        gpus: Vec<GpuDevice>,
-        settings: &StageSettings,
+        devices: Devices,
+        settings: &RenderSettings,
         tables: &SceneTables,
         graphs: &Arc<Graphs>,
         origin: Instant,
     ) -> Result<(Self, Vec<DeviceInfo>), ExecError> {
         let programs = graphs.programs();
-        let (transport, ends) = channels(gpus.len());
-        let mut workers = Vec::new();
-        for (gpu, end) in gpus.into_iter().zip(ends) {
-            let device = WorkerDevice::new(gpu, settings, tables, &programs, origin)?;
-            workers.push(Worker::new(device, Arc::clone(graphs), Box::new(end)));
+        let (gpus, mut others) = devices.split();
+        let count = others.as_ref().map_or(gpus.len(), Others::devices);
+        let asked = others.as_ref().map(|others| others.start(settings, tables));
+        let gpus = gpus.into_iter().map(|gpu| WorkerDevice::new(gpu, &settings.stages, tables, &programs, origin));
+        let gpus = gpus.collect::<Result<Vec<_>, _>>()?;
+        let mut infos: Vec<DeviceInfo> = gpus.iter().map(|device| device.gpu.info.clone()).collect();
+        let (transport, mut ends) = channels(count);
+        if let Some((others, asked)) = others.as_mut().zip(asked) {
+            let (of_others, own_ends) = others.join(asked, ends, origin)?;
+            infos.extend(of_others);
+            ends = own_ends;
         }
-        let devices = workers.iter().map(|w| w.info().clone()).collect();
-        let members = workers.into_iter().map(Member::start).collect::<Result<_, _>>()?;
-        Ok((Self { transport: Box::new(transport), members, ledger: Ledger::default() }, devices))
+        let mut members = Vec::new();
+        for (device, end) in gpus.into_iter().zip(ends) {
+            let worker = Worker::new(device, Arc::clone(graphs), Box::new(end));
+            members.push(Member::of(Some(start_worker(worker)?)));
+        }
+        members.resize_with(count, || Member::of(None));
+        Ok((Self { transport: Box::new(transport), members, ledger: Ledger::default(), others }, infos))
+    }
+
+    /// A rank that is gone.
+    pub fn lost(&self) -> Option<RankError> {
+        self.others.as_ref().and_then(Others::lost)
     }
 
     /// The devices that were not taken out.
@@ -120,11 +139,16 @@ impl WorkerPool {
     }
 
     /// Ends all workers; returns the devices that have not failed.
-    pub fn end(&mut self) -> Vec<GpuDevice> {
+    pub fn end(&mut self) -> Devices {
         (0..self.members.len()).for_each(|device| self.transport.close(device));
         let members = std::mem::take(&mut self.members).into_iter().enumerate();
-        let ended = members.filter(|(device, m)| !m.is_hung && self.transport.ends(*device, END_LIMIT));
-        ended.filter_map(|(_, m)| m.thread.join().ok().flatten()).collect()
+        let own = members.filter_map(|(device, m)| Some((device, m.is_hung, m.thread?)));
+        let ended = own.filter(|(device, is_hung, _)| !is_hung && self.transport.ends(*device, END_LIMIT));
+        let gpus: Vec<GpuDevice> = ended.filter_map(|(.., thread)| thread.join().ok().flatten()).collect();
+        match self.others.take() {
+            None => gpus.into(),
+            Some(others) => others.end(gpus),
+        }
     }
 
     /// Answers all that a device was asked.
@@ -136,11 +160,16 @@ impl WorkerPool {
 }
 
 impl Member {
-    fn start(worker: Worker) -> Result<Self, ExecError> {
-        let name = format!("device {}", worker.info().index);
-        let thread = std::thread::Builder::new().name(name).spawn(move || worker.run())?;
-        Ok(Self { thread, is_left: true, is_hung: false })
+    fn of(thread: Option<JoinHandle<Option<GpuDevice>>>) -> Self {
+        Self { thread, is_left: true, is_hung: false }
     }
+}
+
+/// # Errors
+/// That the thread cannot be started.
+pub fn start_worker(worker: Worker) -> std::io::Result<JoinHandle<Option<GpuDevice>>> {
+    let name = format!("device {}", worker.info().index);
+    std::thread::Builder::new().name(name).spawn(move || worker.run())
 }
 
 fn gone() -> DeviceFailure {

@@ -15,7 +15,7 @@ use std::ops::Range;
 use std::str::FromStr;
 
 /// Size of one eye's image, pixels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 pub struct Extent {
     pub width: u32,
     pub height: u32,

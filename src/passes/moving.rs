@@ -11,7 +11,7 @@ use crate::scene::rig::Eye;
 use crate::wgsl::constants;
 
 /// How much of a scene moves, as far as passes depend on it.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
 pub struct Moving {
     /// Of bodies that change their shape.
     pub triangles: u32,

@@ -3,7 +3,7 @@
 use super::{AlphaMode, Environment, LightKind, Material, Mesh, Scene};
 
 /// Each flag switches code of the tracing stages on. More flags than needed change the time, never the picture.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
 pub struct SceneNeeds {
     pub textures: bool,

@@ -56,7 +56,7 @@ pub struct ShotLight {
 }
 
 /// Where an eye looks, as fractions of its image from the top left.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Gaze {
     /// Time in seconds, x, y; at least one, times strictly increase.
     pub path: Vec<[f64; 3]>,

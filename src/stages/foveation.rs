@@ -7,7 +7,7 @@ use crate::image::Extent;
 use crate::scene::shot::Gaze;
 
 /// Sampling and filtering that follow the gaze (Peres, sections 4.2 and 4.4). The gaze may move with every frame.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Foveation {
     /// Of the left and the right eye.
     pub gaze: [Gaze; 2],

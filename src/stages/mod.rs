@@ -39,7 +39,7 @@ use crate::quality::{Denoiser, PolarSpace};
 use crate::scene::needs::SceneNeeds;
 
 /// How random numbers are drawn.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Sampler {
     /// Owen-scrambled Sobol'.
@@ -50,7 +50,7 @@ pub enum Sampler {
 }
 
 /// What stays the same for all frames of a run and shapes pipelines.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, serde::Serialize, serde::Deserialize)]
 pub struct StageSettings {
     /// Of each eye's image on the screen.
     pub extent: Extent,
@@ -75,7 +75,8 @@ pub struct StageSettings {
     pub aovs: Vec<Aov>,
     /// What of the scene moves, if anything does, as its tables say.
     pub moving: Option<Moving>,
-    /// What says which passes frames have.
+    /// What says which passes frames have. Where settings are sent, the renderer's own take its place.
+    #[serde(skip)]
     pub declarations: Declarations,
     /// Frames that may be on the devices at a time, 1 at least.
     pub frames_in_flight: usize,

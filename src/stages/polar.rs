@@ -14,7 +14,7 @@ use crate::scene::shot::Gaze;
 pub use visual::{FOVEA_DEG, acuity};
 
 /// Images around the gaze, which may move with every frame.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Polar {
     /// Of the left and the right eye.
     pub gaze: [Gaze; 2],

@@ -5,6 +5,7 @@ mod buffers;
 mod update;
 
 use std::borrow::Cow;
+use std::hash::{DefaultHasher, Hasher};
 use std::sync::Arc;
 
 use glam::{DVec3, Vec2, Vec3, Vec4};
@@ -146,6 +147,21 @@ impl SceneTables {
             last_corners: add(Cow::Owned(vec![0; 3 * ROW_BYTES * accel.skins.triangles.len()])),
         };
         (tables, parts)
+    }
+
+    /// A hash of all that shaders read of the scene, to tell scenes apart.
+    pub fn fingerprint(&self) -> u64 {
+        let mut hasher = DefaultHasher::new();
+        self.in_order().1.iter().for_each(|part| hasher.write(part));
+        self.images.iter().for_each(|image| hasher.write(bytemuck::cast_slice(&image.pixels)));
+        if let Environment::Map { image, .. } = &self.environment {
+            hasher.write(bytemuck::cast_slice(&image.pixels));
+        }
+        let skins = &self.accel.skins;
+        hasher.write(bytemuck::cast_slice(&skins.triangles));
+        hasher.write(bytemuck::cast_slice(&skins.vertices));
+        hasher.write(bytemuck::cast_slice(&skins.morphs));
+        hasher.finish()
     }
 
     /// Fills in what the scene says about a frame.

@@ -200,7 +200,9 @@ pub fn record_fault(recorder: &Recorder, fault: &Fault) {
 /// Names the devices of a run and tells how far their clocks can be trusted.
 pub fn record_devices(recorder: &Recorder, devices: &[crate::device::DeviceInfo]) {
     for device in devices {
-        recorder.device(device.index as u32, &format!("device {}: {}", device.index, device.name));
+        let rank =
+            device.rank.as_ref().map_or(String::new(), |rank| format!(" (rank {} on {})", rank.number, rank.host));
+        recorder.device(device.index as u32, &format!("device {}: {}{rank}", device.index, device.name));
         note_residual(recorder, device.index, device.clock_residual_us);
     }
     recorder.note("host_pid", HOST_PID);

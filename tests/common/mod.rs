@@ -187,7 +187,7 @@ impl<'a> Stage<'a> {
 
     /// Its devices, which go back to no other test.
     pub fn into_devices(mut self) -> Vec<GpuDevice> {
-        self.renderer.take().map_or_else(Vec::new, Renderer::into_devices)
+        self.renderer.take().map_or_else(Vec::new, |renderer| renderer.into_devices().into_own())
     }
 
     /// Renders a frame without a sample that is not finite.
@@ -253,7 +253,7 @@ impl<'a> Stage<'a> {
 impl Drop for Stage<'_> {
     fn drop(&mut self) {
         if let Some(renderer) = self.renderer.take() {
-            idle().extend(renderer.into_devices());
+            idle().extend(renderer.into_devices().into_own());
         }
     }
 }

@@ -229,12 +229,7 @@ mod tests {
     #[test]
     fn the_camera_has_come_some_way_at_every_instant() {
         let key = |time_s| RigKey { time_s, position: DVec3::ZERO, target: DVec3::X, up: DVec3::Y };
-        let rig = |times: &[f64]| Rig {
-            yfov_rad: 1.0,
-            baseline_m: 0.064,
-            metres_per_unit: 1.0,
-            keys: times.iter().copied().map(key).collect(),
-        };
+        let rig = |times: &[f64]| Rig::of_keys(times.iter().copied().map(key).collect());
         assert_eq!(on_path(&rig(&[1.0, 1.5, 4.0]), 3), [2.0, 3.0, 4.0]);
         assert!(on_path(&rig(&[1.0]), 3).is_empty());
     }

@@ -5,7 +5,7 @@ use std::time::Instant;
 
 use serde_json::{Value, json};
 
-use diptych::device::GpuDevice;
+use diptych::exec::ranks::Devices;
 use diptych::exec::{FrameReport, Renderer, Stereo};
 use diptych::image::RgbImage;
 use diptych::quality::{Denoiser, Quality};
@@ -156,7 +156,7 @@ pub struct Grid<'a> {
     reference: &'a Reference,
     tracing: &'a Tracing,
     /// Those of all settings, but while one is measured.
-    gpus: Cell<Vec<GpuDevice>>,
+    gpus: Cell<Devices>,
     warm_up_s: Cell<f64>,
 }
 
@@ -166,7 +166,7 @@ impl<'a> Grid<'a> {
         loaded: &'a Loaded,
         reference: &'a Reference,
         tracing: &'a Tracing,
-        gpus: Vec<GpuDevice>,
+        gpus: Devices,
     ) -> Self {
         Self { args, loaded, reference, tracing, gpus: Cell::new(gpus), warm_up_s: Cell::new(0.0) }
     }

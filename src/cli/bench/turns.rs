@@ -3,7 +3,7 @@
 
 use std::time::Instant;
 
-use diptych::device::GpuDevice;
+use diptych::exec::ranks::Devices;
 use diptych::exec::{FrameReport, Renderer};
 use diptych::report::run::FrameRow;
 use diptych::scene::rig::Eye;
@@ -36,7 +36,7 @@ impl<'a> Turns<'a> {
     }
 
     /// Adds a renderer, under a name of its own, with devices that are its alone.
-    pub fn add(&mut self, name: String, options: RenderOptions, gpus: Vec<GpuDevice>) -> Result<(), Failure> {
+    pub fn add(&mut self, name: String, options: RenderOptions, gpus: Devices) -> Result<(), Failure> {
         let begin = Instant::now();
         let renderer = setup::renderer(&options, self.loaded, gpus, self.tracing.recorder.origin())?;
         self.warm_up_s += begin.elapsed().as_secs_f64();

@@ -4,8 +4,8 @@
 use std::time::{Duration, Instant};
 
 use diptych::control::Budget;
-use diptych::device::GpuDevice;
 use diptych::exec::Renderer;
+use diptych::exec::ranks::Devices;
 use diptych::image::Extent;
 use diptych::report::median_of;
 use diptych::report::play::SizeFit;
@@ -37,11 +37,11 @@ const FAR: f64 = 2.0;
 pub fn start(
     prepared: &mut Prepared,
     loaded: &Loaded,
-    gpus: Vec<GpuDevice>,
+    gpus: Devices,
     tracing: &Tracing,
     progress: &Progress,
 ) -> Result<(Renderer, Option<SizeFit>), Failure> {
-    let of_size = |prepared: &Prepared, size: Extent, gpus: Vec<GpuDevice>| {
+    let of_size = |prepared: &Prepared, size: Extent, gpus: Devices| {
         let run = RunOptions { size, ..prepared.render.run.clone() };
         let options = RenderOptions { run, ..prepared.render.clone() };
         setup::varying_renderer(&options, loaded, gpus, tracing.recorder.origin(), prepared.choice.mixes_spp())

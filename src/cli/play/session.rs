@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use std::time::Instant;
 
 use diptych::control::{Budget, Controller, Decision, ESTIMATES_EV, Ladder, Measure, Origin};
-use diptych::device::GpuDevice;
+use diptych::exec::ranks::Devices;
 use diptych::exec::{FrameReport, Renderer};
 use diptych::quality::{Denoiser, FrameQuality, Quality};
 use diptych::report::play::{ControlRow, SizeFit};
@@ -53,7 +53,7 @@ impl Session {
     pub fn start(
         prepared: &mut Prepared,
         loaded: &Loaded,
-        gpus: Vec<GpuDevice>,
+        gpus: Devices,
         tracing: Tracing,
         progress: Progress,
     ) -> Result<Self, Failure> {

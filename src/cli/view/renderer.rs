@@ -2,7 +2,7 @@
 
 use std::time::Instant;
 
-use diptych::device::GpuDevice;
+use diptych::exec::ranks::Devices;
 use diptych::passes::tonemap::DISPLAY;
 use diptych::report::run::FrameRow;
 use diptych::scene::Scene;
@@ -23,7 +23,7 @@ const LONGEST_STEP_S: f64 = 0.25;
 pub struct Start {
     pub prepared: Prepared,
     pub loaded: Loaded,
-    pub gpus: Vec<GpuDevice>,
+    pub gpus: Devices,
     pub tracing: Tracing,
     pub progress: Progress,
 }

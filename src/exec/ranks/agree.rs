@@ -1,0 +1,109 @@
+//! What ranks must have in common: images have the same bytes on one kind of adapter, with the same shaders, one
+//! traversal and one scene.
+
+use std::hash::{DefaultHasher, Hasher};
+
+use serde::{Deserialize, Serialize};
+
+use super::packet::DeviceCard;
+use crate::device::{DeviceInfo, SceneAccess, Tables, Traversal};
+use crate::stages::all_shader_text;
+
+/// Who a rank is, before it opens devices.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Identity {
+    pub host: String,
+    version: String,
+    /// Hash of the texts of all shaders.
+    shaders: u64,
+}
+
+impl Identity {
+    pub fn here(host: String) -> Self {
+        let mut hasher = DefaultHasher::new();
+        for traversal in Traversal::ALL {
+            for tables in [Tables::Buffer, Tables::Texture] {
+                hasher.write(all_shader_text(SceneAccess { tables, traversal }).as_bytes());
+            }
+        }
+        Self { host, version: env!("CARGO_PKG_VERSION").to_owned(), shaders: hasher.finish() }
+    }
+
+    /// # Errors
+    /// What `other` has otherwise.
+    pub fn check(&self, other: &Self) -> Result<(), String> {
+        if other.version != self.version {
+            return Err(format!("it is diptych {}, and rank 0 is {}", other.version, self.version));
+        }
+        if other.shaders != self.shaders {
+            return Err("its shaders are not those of rank 0: start the same program on all ranks".to_owned());
+        }
+        Ok(())
+    }
+}
+
+/// # Errors
+/// What devices of another rank have otherwise than rank 0's first.
+pub fn check_devices(first: &DeviceInfo, others: &[DeviceCard]) -> Result<(), String> {
+    for DeviceCard { info, .. } in others {
+        if (&info.name, &info.driver) != (&first.name, &first.driver) {
+            return Err(format!(
+                "its adapter is {}, {}, and that of rank 0 is {}, {}: kinds of adapters do not give the same bytes",
+                info.name, info.driver, first.name, first.driver
+            ));
+        }
+        if info.traversal != first.traversal {
+            return Err(format!(
+                "its rays are followed by {} and those of rank 0 by {}: choose one with --traversal",
+                info.traversal.name(),
+                first.traversal.name()
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// # Errors
+/// That a rank has loaded another scene.
+pub fn check_scene(here: u64, there: u64) -> Result<(), String> {
+    let what = "its scene is not that of rank 0: the files differ";
+    if here == there { Ok(()) } else { Err(what.to_owned()) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ranks_that_differ_are_refused_with_what_differs() {
+        let here = Identity::here("a".to_owned());
+        assert_eq!(here.check(&Identity { host: "b".to_owned(), ..here.clone() }), Ok(()));
+        let older = Identity { version: "0.0.9".to_owned(), ..here.clone() };
+        assert!(here.check(&older).unwrap_err().contains("diptych 0.0.9"));
+        let other = Identity { shaders: here.shaders ^ 1, ..here.clone() };
+        assert!(here.check(&other).unwrap_err().contains("shaders"));
+        assert!(check_scene(1, 2).unwrap_err().contains("scene") && check_scene(1, 1).is_ok());
+    }
+
+    #[test]
+    fn kinds_of_adapters_and_traversals_are_not_mixed() {
+        let info = |name: &str, traversal| DeviceInfo {
+            index: 0,
+            adapter: 0,
+            name: name.to_owned(),
+            driver: "driver 1".to_owned(),
+            kind: "software".to_owned(),
+            threads: None,
+            traversal,
+            max_storage_bytes: 0,
+            clock_residual_us: 0.0,
+            rank: None,
+        };
+        let card = |name, traversal| DeviceCard { info: info(name, traversal), max_dispatch_ms: None };
+        let first = info("one", Traversal::Compute);
+        assert_eq!(check_devices(&first, &[card("one", Traversal::Compute)]), Ok(()));
+        assert!(check_devices(&first, &[card("two", Traversal::Compute)]).unwrap_err().contains("two, driver 1"));
+        let other = [card("one", Traversal::Compute), card("one", Traversal::Hardware)];
+        assert!(check_devices(&first, &other).unwrap_err().contains("--traversal"));
+    }
+}

@@ -1,0 +1,224 @@
+//! A rank's place among all ranks: its threads ask others through it, and learn what has become of them.
+
+use std::sync::atomic::{AtomicU32, AtomicU64, Ordering};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use crossbeam::channel::{Receiver, Sender, bounded, unbounded};
+
+use super::RankError;
+use super::agree::Identity;
+use super::link::Link;
+use super::packet::{Letter, Request, Response};
+use super::post::{Control, Post, Shared};
+use super::transport::Crew;
+
+/// How long ranks are waited for at the start.
+const MEETING: Duration = Duration::from_secs(60);
+/// How long a wait for letters lasts before it is seen whether a rank is lost.
+const SLICE: Duration = Duration::from_millis(20);
+
+pub struct Node {
+    rank: usize,
+    ranks: usize,
+    controls: Sender<Control>,
+    letters: Mutex<Receiver<(usize, Letter)>>,
+    shared: Arc<Shared>,
+    /// The zero of the post's clock.
+    pub(super) epoch: Instant,
+    /// The last number of a request, and of a crew or a set.
+    requests: AtomicU64,
+    numbers: AtomicU32,
+    thread: Mutex<Option<JoinHandle<()>>>,
+}
+
+/// Requests to all other ranks, which are at them.
+pub struct Asked {
+    node: Arc<Node>,
+    number: u64,
+}
+
+impl Node {
+    /// Makes the link on a thread of its own and joins the other ranks. `on_interrupt` is called on rank 0 when another
+    /// was told to end by a signal.
+    ///
+    /// # Errors
+    /// Why there is no link, or that another rank is another program.
+    pub fn join<L: Link>(
+        link: impl FnOnce() -> Result<L, String> + Send + 'static,
+        on_interrupt: impl Fn(i32) + Send + 'static,
+    ) -> Result<Arc<Self>, String> {
+        let (controls, orders) = unbounded();
+        let (letter, letters) = unbounded();
+        let (told, made) = bounded(1);
+        let shared = Arc::<Shared>::default();
+        let (epoch, of_post) = (Instant::now(), Arc::clone(&shared));
+        let run = move || match link() {
+            Ok(link) => {
+                let _ = told.send(Ok((link.rank(), link.ranks(), link.host())));
+                Post::new(link, orders, letter, of_post, epoch, Box::new(on_interrupt)).run();
+            }
+            Err(what) => {
+                let _ = told.send(Err(what));
+            }
+        };
+        let thread = std::thread::Builder::new().name("post".to_owned()).spawn(run).map_err(|e| e.to_string())?;
+        let (rank, ranks, host) = made.recv().map_err(|_| "the thread for it has ended".to_owned())??;
+        let node = Self {
+            rank,
+            ranks,
+            controls,
+            letters: Mutex::new(letters),
+            shared,
+            epoch,
+            requests: AtomicU64::new(0),
+            numbers: AtomicU32::new(0),
+            thread: Mutex::new(Some(thread)),
+        };
+        *node.hosts() = vec![String::new(); ranks];
+        node.hosts()[rank].clone_from(&host);
+        if rank > 0 {
+            node.tell(0, Letter::Hello(Identity::here(host)));
+        }
+        Ok(Arc::new(node))
+    }
+
+    pub fn rank(&self) -> usize {
+        self.rank
+    }
+
+    /// How many ranks there are.
+    pub fn ranks(&self) -> usize {
+        self.ranks
+    }
+
+    /// The machine that a rank is on.
+    pub fn host(&self, rank: usize) -> String {
+        self.shared.host(rank)
+    }
+
+    /// A rank that is gone.
+    pub fn lost(&self) -> Option<RankError> {
+        self.shared.lost()
+    }
+
+    /// Bytes of rows that have left this rank.
+    pub fn row_bytes(&self) -> u64 {
+        self.shared.row_bytes.load(Ordering::Relaxed)
+    }
+
+    /// Of another rank, the latest round trip, milliseconds, and how wrong its clock is at most, microseconds. Rank 0
+    /// knows it.
+    pub fn link(&self, rank: usize) -> Option<[f64; 2]> {
+        self.shared.links.lock().unwrap_or_else(PoisonError::into_inner).get(rank).copied().flatten()
+    }
+
+    fn hosts(&self) -> MutexGuard<'_, Vec<String>> {
+        self.shared.hosts.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Rank 0 waits for all others and sees that they are the same program.
+    ///
+    /// # Errors
+    /// The first rank that is not, or that does not come.
+    pub fn meet(&self) -> Result<(), RankError> {
+        let (here, begin) = (Identity::here(self.host(0)), Instant::now());
+        let mut missing: Vec<usize> = (1..self.ranks).collect();
+        let mut refused = Vec::new();
+        while let Some(&first) = missing.first() {
+            self.check_lost()?;
+            if begin.elapsed() > MEETING {
+                let what = format!("it did not come within {} s", MEETING.as_secs());
+                return Err(RankError::Lost { rank: first, host: String::new(), what });
+            }
+            let Some((rank, Letter::Hello(there))) = self.letter(SLICE) else { continue };
+            self.hosts()[rank].clone_from(&there.host);
+            missing.retain(|other| *other != rank);
+            refused.extend(here.check(&there).err().map(|what| (rank, what)));
+        }
+        refused.sort();
+        refused.into_iter().next().map_or(Ok(()), |(rank, what)| Err(self.refusal(rank, what)))
+    }
+
+    pub(super) fn refusal(&self, rank: usize, what: String) -> RankError {
+        RankError::Refused { rank, host: self.host(rank), what }
+    }
+
+    fn check_lost(&self) -> Result<(), RankError> {
+        self.lost().map_or(Ok(()), Err)
+    }
+
+    /// A new number for a crew or a set.
+    pub(super) fn number(&self) -> u32 {
+        self.numbers.fetch_add(1, Ordering::Relaxed)
+    }
+
+    /// Asks this of every other rank.
+    pub fn ask(self: &Arc<Self>, request: impl Fn(usize) -> Request) -> Asked {
+        let number = self.requests.fetch_add(1, Ordering::Relaxed);
+        for rank in 1..self.ranks {
+            self.tell(rank, Letter::Request { number, request: Box::new(request(rank)) });
+        }
+        Asked { node: Arc::clone(self), number }
+    }
+
+    pub(super) fn tell(&self, to: usize, letter: Letter) {
+        self.control(Control::Send { to, letter });
+    }
+
+    pub(super) fn attach(&self, number: u32, crew: Crew) {
+        self.control(Control::Attach { number, crew: Box::new(crew) });
+    }
+
+    pub(super) fn detach(&self, number: u32) {
+        self.control(Control::Detach { number });
+    }
+
+    fn control(&self, control: Control) {
+        // The post ends only when the node does.
+        let _ = self.controls.send(control);
+    }
+
+    /// The next letter, if one comes within this time.
+    pub(super) fn letter(&self, limit: Duration) -> Option<(usize, Letter)> {
+        let letters = self.letters.lock().unwrap_or_else(PoisonError::into_inner);
+        letters.recv_timeout(limit).ok()
+    }
+
+    /// Ends all ranks with this exit status; where one is lost, at once.
+    pub fn end(&self, status: u8) {
+        let Some(thread) = self.thread.lock().unwrap_or_else(PoisonError::into_inner).take() else { return };
+        if self.lost().is_some() {
+            self.control(Control::Abort { status: status.max(1) });
+        } else {
+            if self.rank == 0 {
+                (1..self.ranks).for_each(|rank| self.tell(rank, Letter::End { status }));
+            }
+            self.control(Control::Leave);
+        }
+        // A panic there was told already.
+        let _ = thread.join();
+    }
+}
+
+impl Asked {
+    /// What all other ranks answer, in their order.
+    ///
+    /// # Errors
+    /// The first that could not do it, or is lost.
+    pub fn wait(self) -> Result<Vec<Response>, RankError> {
+        let node = &self.node;
+        let mut answers: Vec<Option<Result<Response, String>>> = (1..node.ranks).map(|_| None).collect();
+        while answers.iter().any(Option::is_none) {
+            node.check_lost()?;
+            if let Some((rank, Letter::Response { number, response })) = node.letter(SLICE)
+                && number == self.number
+            {
+                answers[rank - 1] = Some(response);
+            }
+        }
+        let answers = (1..).zip(answers.into_iter().flatten());
+        answers.map(|(rank, answer)| answer.map_err(|what| node.refusal(rank, what))).collect()
+    }
+}

@@ -1,0 +1,215 @@
+//! What ranks send one another, as bytes.
+
+use serde::{Deserialize, Serialize};
+
+use super::agree::Identity;
+use crate::device::DeviceInfo;
+use crate::exec::RenderSettings;
+use crate::exec::messages::{Bytes, Command, Message, Reply};
+use crate::exec::watchdog::LifeSign;
+
+/// `crew` is the number of a renderer with its devices; they go by their numbers in it.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+pub enum Packet {
+    /// From rank 0, to the rank that has the device.
+    Command { crew: u32, device: usize, command: Box<Command> },
+    /// There will be no more commands for this device.
+    Close { crew: u32, device: usize },
+    /// From a worker or the renderer to the worker of this device.
+    Message { crew: u32, device: usize, message: Message },
+    /// To rank 0.
+    Reply { crew: u32, reply: Box<Reply> },
+    /// Signs of life of a rank's workers, by device; none where a worker has ended.
+    Signs { crew: u32, signs: Vec<(usize, Option<LifeSign>)> },
+    /// What the clock of the sender is, milliseconds since its post began; to be answered at once.
+    Ping { sent_ms: f64 },
+    /// The answer, with the clock of the rank that gives it.
+    Pong { sent_ms: f64, here_ms: f64 },
+    /// What its thread is to know that does not carry packets.
+    Letter(Letter),
+}
+
+/// What ranks tell one another beside frames.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+pub enum Letter {
+    /// Who the sender is.
+    Hello(Identity),
+    /// From rank 0. The number comes back with the response.
+    Request {
+        number: u64,
+        request: Box<Request>,
+    },
+    Response {
+        number: u64,
+        response: Result<Response, String>,
+    },
+    /// The sender was told to end, by this signal.
+    Interrupted {
+        signal: i32,
+    },
+    /// Rank 0 ends, with this exit status.
+    End {
+        status: u8,
+    },
+}
+
+/// A shot to be loaded.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct Load {
+    pub shot: String,
+    /// When its cameras are looked at.
+    pub time_s: f64,
+}
+
+/// What rank 0 asks of another.
+#[derive(Debug, PartialEq, Serialize, Deserialize)]
+pub enum Request {
+    /// Open devices, so many on each adapter that its command line chooses, as a set of this number.
+    Open {
+        set: u32,
+        virtual_devices: usize,
+    },
+    /// Close what is left of a set.
+    Close {
+        set: u32,
+    },
+    Load(Load),
+    /// Start the workers of a crew, on the first so many devices of a set.
+    Start(Box<Start>),
+    /// End them; their devices go back to the set.
+    End {
+        crew: u32,
+    },
+}
+
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub struct Start {
+    pub crew: u32,
+    pub set: u32,
+    /// The rank of each device of the crew.
+    pub ranks: Vec<usize>,
+    pub settings: RenderSettings,
+    /// [`crate::stages::SceneTables::fingerprint`].
+    pub scene: u64,
+}
+
+impl PartialEq for Start {
+    fn eq(&self, other: &Self) -> bool {
+        let Self { crew, set, ranks, scene, .. } = self;
+        (crew, set, ranks, scene) == (&other.crew, &other.set, &other.ranks, &other.scene)
+    }
+}
+
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Response {
+    Done,
+    /// The devices that were opened, or that have started.
+    Devices(Vec<DeviceCard>),
+    /// The fingerprint of a scene.
+    Loaded(u64),
+    /// The devices that have not failed, by their numbers in the crew.
+    Left(Vec<usize>),
+}
+
+/// What rank 0 knows of a device of another rank.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct DeviceCard {
+    /// As text, whose format is that of files: it leaves out what there is not.
+    #[serde(with = "as_text")]
+    pub info: DeviceInfo,
+    /// [`crate::device::Quirks::max_dispatch_ms`]
+    pub max_dispatch_ms: Option<f64>,
+}
+
+mod as_text {
+    use serde::de::Error as _;
+    use serde::ser::Error as _;
+    use serde::{Deserialize, Deserializer, Serialize, Serializer, de::DeserializeOwned};
+
+    pub fn serialize<T: Serialize, S: Serializer>(value: &T, serializer: S) -> Result<S::Ok, S::Error> {
+        serde_json::to_string(value).map_err(S::Error::custom)?.serialize(serializer)
+    }
+
+    pub fn deserialize<'de, T: DeserializeOwned, D: Deserializer<'de>>(deserializer: D) -> Result<T, D::Error> {
+        serde_json::from_str(&String::deserialize(deserializer)?).map_err(D::Error::custom)
+    }
+}
+
+/// The last byte of a packet: rows of an image, with their header behind them, or anything else.
+const ROWS: u8 = 1;
+const OTHER: u8 = 2;
+
+/// Of rows: crew, device, ticket, transfer.
+const HEADER_BYTES: usize = 4 + 4 + 8 + 4;
+
+impl Packet {
+    pub fn encode(&self) -> Result<Vec<u8>, String> {
+        if let Self::Message { crew, device, message: Message::Rows { ticket, transfer, rows } } = self {
+            let mut bytes = Vec::with_capacity(rows.len() + HEADER_BYTES + 1);
+            bytes.extend_from_slice(rows);
+            bytes.extend_from_slice(&crew.to_le_bytes());
+            bytes.extend_from_slice(&(*device as u32).to_le_bytes());
+            bytes.extend_from_slice(&ticket.to_le_bytes());
+            bytes.extend_from_slice(&transfer.to_le_bytes());
+            bytes.push(ROWS);
+            return Ok(bytes);
+        }
+        let mut bytes = postcard::to_stdvec(self).map_err(|e| e.to_string())?;
+        bytes.push(OTHER);
+        Ok(bytes)
+    }
+
+    /// # Errors
+    /// That this is no packet: another version speaks otherwise.
+    pub fn decode(mut bytes: Vec<u8>) -> Result<Self, String> {
+        let no_packet = || "it sends what this version does not understand".to_owned();
+        match bytes.pop() {
+            Some(ROWS) => {
+                let at = bytes.len().checked_sub(HEADER_BYTES).ok_or_else(no_packet)?;
+                let header = bytes.split_off(at);
+                let number = |from: usize| header[from..from + 4].iter().rev().fold(0, |n, b| n << 8 | u32::from(*b));
+                let ticket = u64::from(number(12)) << 32 | u64::from(number(8));
+                let message = Message::Rows { ticket, transfer: number(16), rows: Bytes::Owned(bytes) };
+                Ok(Self::Message { crew: number(0), device: number(4) as usize, message })
+            }
+            Some(OTHER) => postcard::from_bytes(&bytes).map_err(|_| no_packet()),
+            _ => Err(no_packet()),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::exec::messages::tests::{commands, replies};
+
+    fn assert_comes_back(packet: Packet) {
+        let bytes = packet.encode().unwrap();
+        assert_eq!(Packet::decode(bytes), Ok(packet));
+    }
+
+    #[test]
+    fn packets_come_out_of_their_bytes_as_they_went_in() {
+        for command in commands() {
+            assert_comes_back(Packet::Command { crew: 3, device: 63, command: Box::new(command) });
+        }
+        for reply in replies() {
+            assert_comes_back(Packet::Reply { crew: u32::MAX, reply: Box::new(reply) });
+        }
+        let rows = |n: usize| Bytes::Owned((0..n).map(|i| i as u8).collect());
+        for (ticket, rows) in [(0, rows(0)), (u64::MAX, rows(1)), (0x0123_4567_89ab_cdef, rows(70_000))] {
+            let message = Message::Rows { ticket, transfer: 0x0102_0304, rows };
+            assert_comes_back(Packet::Message { crew: 0x0506_0708, device: 42, message });
+        }
+        assert_comes_back(Packet::Message { crew: 1, device: 2, message: Message::Abort { ticket: 7 } });
+        assert_comes_back(Packet::Signs { crew: 1, signs: vec![(4, Some(LifeSign::default())), (5, None)] });
+        assert_comes_back(Packet::Letter(Letter::Response { number: 1, response: Err("no".to_owned()) }));
+    }
+
+    #[test]
+    fn what_is_no_packet_is_refused() {
+        for bytes in [&[][..], &[ROWS], &[0; 20], &[7, 7, OTHER], &[0, 1, 2, 3, 9]] {
+            assert!(Packet::decode(bytes.to_vec()).is_err(), "{bytes:?}");
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! What ranks other than 0 do: they open devices, load scenes and start workers as rank 0 asks them to.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+use std::thread::JoinHandle;
+use std::time::{Duration, Instant};
+
+use super::RankError;
+use super::node::Node;
+use super::packet::{DeviceCard, Letter, Load, Request, Response, Start};
+use super::transport::Crew;
+use crate::device::{GpuDevice, RankName};
+use crate::exec::channels::channels;
+use crate::exec::planner::Graphs;
+use crate::exec::worker::Worker;
+use crate::exec::worker::device::WorkerDevice;
+use crate::exec::worker_pool::{END_LIMIT, start_worker};
+use crate::stages::SceneTables;
+
+/// What a rank needs of its surroundings.
+pub trait Host {
+    /// Opens devices, so many on each adapter that is chosen.
+    ///
+    /// # Errors
+    /// Why it could not, in one line.
+    fn open(&mut self, virtual_devices: usize) -> Result<Vec<GpuDevice>, String>;
+
+    /// # Errors
+    /// Why it could not, in one line.
+    fn load(&mut self, what: &Load) -> Result<Arc<SceneTables>, String>;
+
+    /// The signal that told this rank to end.
+    fn interrupted(&self) -> Option<i32>;
+}
+
+/// How long a wait for letters lasts before it is seen whether there was a signal.
+const SLICE: Duration = Duration::from_millis(20);
+
+/// Scenes that are kept: a run may have several in turns.
+const SCENES: usize = 2;
+
+type Thread = JoinHandle<Option<GpuDevice>>;
+
+/// The workers of a crew that are here, by their devices' numbers, and the set that the devices are of.
+struct Working {
+    set: u32,
+    threads: Vec<(usize, Thread)>,
+}
+
+struct Server<'a> {
+    node: &'a Arc<Node>,
+    host: &'a mut dyn Host,
+    sets: HashMap<u32, Vec<GpuDevice>>,
+    crews: HashMap<u32, Working>,
+    /// The latest last, with their fingerprints.
+    scenes: Vec<(u64, Arc<SceneTables>)>,
+}
+
+/// Serves rank 0 until it ends; returns its exit status.
+///
+/// # Errors
+/// [`RankError::Lost`] if it is lost.
+pub fn serve(node: &Arc<Node>, host: &mut dyn Host) -> Result<u8, RankError> {
+    let mut server = Server { node, host, sets: HashMap::new(), crews: HashMap::new(), scenes: Vec::new() };
+    let mut is_told = false;
+    loop {
+        match node.letter(SLICE) {
+            Some((0, Letter::Request { number, request })) => {
+                let response = server.answer(*request);
+                node.tell(0, Letter::Response { number, response });
+            }
+            Some((0, Letter::End { status })) => return Ok(status),
+            _ => {}
+        }
+        if let Some(signal) = server.host.interrupted().filter(|_| !is_told) {
+            is_told = true;
+            node.tell(0, Letter::Interrupted { signal });
+        }
+        if let Some(lost) = node.lost() {
+            return Err(lost);
+        }
+    }
+}
+
+impl Server<'_> {
+    fn answer(&mut self, request: Request) -> Result<Response, String> {
+        match request {
+            Request::Open { set, virtual_devices } => {
+                let gpus = self.host.open(virtual_devices)?;
+                let cards = gpus.iter().map(|gpu| self.card(gpu)).collect();
+                self.sets.insert(set, gpus);
+                Ok(Response::Devices(cards))
+            }
+            Request::Close { set } => {
+                self.sets.remove(&set);
+                Ok(Response::Done)
+            }
+            Request::Load(what) => {
+                let tables = self.host.load(&what)?;
+                let fingerprint = tables.fingerprint();
+                self.scenes.retain(|(other, _)| *other != fingerprint);
+                self.scenes.push((fingerprint, tables));
+                if self.scenes.len() > SCENES {
+                    self.scenes.remove(0);
+                }
+                Ok(Response::Loaded(fingerprint))
+            }
+            Request::Start(start) => self.start(*start),
+            Request::End { crew } => Ok(Response::Left(self.end(crew))),
+        }
+    }
+
+    fn card(&self, gpu: &GpuDevice) -> DeviceCard {
+        let (number, host) = (self.node.rank(), self.node.host(self.node.rank()));
+        let mut info = gpu.info.clone();
+        info.rank = Some(RankName { number, host });
+        DeviceCard { info, max_dispatch_ms: gpu.quirks.max_dispatch_ms }
+    }
+
+    fn start(&mut self, start: Start) -> Result<Response, String> {
+        let Start { crew: number, set, ranks, settings, scene } = start;
+        let tables = self.scenes.iter().find(|(fingerprint, _)| *fingerprint == scene);
+        let tables = Arc::clone(&tables.ok_or("its scene is not that of rank 0")?.1);
+        let graphs = Graphs::of_settings(&settings, ranks.len(), tables.has_surfaces());
+        let graphs = Arc::new(graphs.map_err(|e| e.to_string())?);
+        let programs = graphs.programs();
+        let here = self.node.rank();
+        let (commander, ends) = channels(ranks.len());
+        let (crew, own_ends) = Crew::new(number, (here, &ranks), ends, Some(commander), 0.0);
+        let own: Vec<usize> = (0..ranks.len()).filter(|&device| ranks[device] == here).collect();
+        let gpus = self.sets.get_mut(&set).ok_or("its devices are gone")?;
+        if gpus.len() < own.len() {
+            return Err(format!("it has {} of {} devices left", gpus.len(), own.len()));
+        }
+        let gpus: Vec<GpuDevice> = gpus.drain(..own.len()).collect();
+        let (mut cards, mut workers) = (Vec::new(), Vec::new());
+        for ((device, mut gpu), end) in own.iter().zip(gpus).zip(own_ends) {
+            gpu.info.index = *device;
+            let made = WorkerDevice::new(gpu, &settings.stages, &tables, &programs, self.node.epoch);
+            let made = made.map_err(|e| e.to_string())?;
+            cards.push(self.card(&made.gpu));
+            workers.push(Worker::new(made, Arc::clone(&graphs), Box::new(end)));
+        }
+        let start = |(device, worker)| start_worker(worker).map(|thread| (device, thread)).map_err(|e| e.to_string());
+        let threads = own.into_iter().zip(workers).map(start).collect::<Result<_, _>>()?;
+        self.crews.insert(number, Working { set, threads });
+        self.node.attach(number, crew);
+        Ok(Response::Devices(cards))
+    }
+
+    /// Ends the workers of a crew; returns the numbers of the devices that have not failed.
+    fn end(&mut self, crew: u32) -> Vec<usize> {
+        self.node.detach(crew);
+        let Some(Working { set, threads }) = self.crews.remove(&crew) else { return Vec::new() };
+        let begin = Instant::now();
+        let (mut left, mut gpus) = (Vec::new(), Vec::new());
+        for (device, thread) in threads {
+            while !thread.is_finished() && begin.elapsed() < END_LIMIT {
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            // One that hangs stays behind.
+            if let Some(gpu) = thread.is_finished().then(|| thread.join().ok().flatten()).flatten() {
+                left.push(device);
+                gpus.push(gpu);
+            }
+        }
+        // In front of those that the crew did not take.
+        if let Some(rest) = self.sets.get_mut(&set) {
+            gpus.append(rest);
+            *rest = gpus;
+        }
+        left
+    }
+}

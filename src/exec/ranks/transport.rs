@@ -1,0 +1,156 @@
+//! A crew, the devices of one renderer on all ranks, as one rank sees it. Each rank has the channels of all devices. Behind
+//! those of its own devices are workers, and behind the others this, which passes on what comes.
+
+use std::time::Duration;
+
+use crossbeam::channel::{Receiver, Select, Sender, TryRecvError};
+
+use super::packet::Packet;
+use crate::exec::channels::{RendererChannels, WorkerChannels};
+use crate::exec::messages::{Command, Message, Reply};
+use crate::exec::transport::{RendererTransport, WorkerTransport};
+use crate::exec::watchdog::LifeSign;
+
+pub struct Crew {
+    number: u32,
+    /// To the workers of all devices, here or elsewhere.
+    inboxes: Vec<Sender<Message>>,
+    /// To the renderer, if it is here.
+    replies: Sender<Reply>,
+    /// What commands the workers that are here, where the renderer is not.
+    commander: Option<RendererChannels>,
+    own: Vec<usize>,
+    others: Vec<Other>,
+    /// The zero of the renderer's times, milliseconds since the post began.
+    pub origin_ms: f64,
+}
+
+/// A device of another rank.
+struct Other {
+    device: usize,
+    rank: usize,
+    end: WorkerChannels,
+    is_closed: bool,
+}
+
+impl Crew {
+    /// The crew on rank `here`, with the ends of its own workers. `ends` are those of all devices, and `ranks` says where
+    /// each is. `commander` is none where the renderer has it.
+    pub fn new(
+        number: u32,
+        (here, ranks): (usize, &[usize]),
+        ends: Vec<WorkerChannels>,
+        commander: Option<RendererChannels>,
+        origin_ms: f64,
+    ) -> (Self, Vec<WorkerChannels>) {
+        let (inboxes, replies) = ends.first().map(WorkerChannels::senders).unwrap_or_else(|| {
+            let (replies, _) = crossbeam::channel::unbounded();
+            (Vec::new(), replies)
+        });
+        let (mut own, mut own_ends, mut others) = (Vec::new(), Vec::new(), Vec::new());
+        for (device, (end, &rank)) in ends.into_iter().zip(ranks).enumerate() {
+            if rank == here {
+                own.push(device);
+                own_ends.push(end);
+            } else {
+                others.push(Other { device, rank, end, is_closed: false });
+            }
+        }
+        (Self { number, inboxes, replies, commander, own, others, origin_ms }, own_ends)
+    }
+
+    /// Passes on what has come for others; returns whether there was anything. The bytes of rows go by `send` as well.
+    pub fn pass_on(&mut self, send: &mut impl FnMut(usize, Packet)) -> bool {
+        let crew = self.number;
+        let mut any = false;
+        for other in &mut self.others {
+            let (commands, inbox) = other.end.receivers();
+            let device = other.device;
+            let mut packets = Vec::new();
+            while !other.is_closed {
+                match commands.try_recv() {
+                    Ok(command) => packets.push(Packet::Command { crew, device, command: Box::new(command) }),
+                    Err(TryRecvError::Empty) => break,
+                    Err(TryRecvError::Disconnected) => {
+                        other.is_closed = true;
+                        packets.push(Packet::Close { crew, device });
+                    }
+                }
+            }
+            packets.extend(inbox.try_iter().map(|message| Packet::Message { crew, device, message }));
+            any |= !packets.is_empty();
+            packets.into_iter().for_each(|packet| send(other.rank, packet));
+        }
+        if let Some(commander) = &self.commander {
+            for reply in commander.replies().try_iter() {
+                any = true;
+                send(0, Packet::Reply { crew, reply: Box::new(reply) });
+            }
+        }
+        any
+    }
+
+    /// Has `select` wake up for whatever [`Self::pass_on`] passes on.
+    pub fn watch<'a>(&'a self, select: &mut Select<'a>) {
+        for other in &self.others {
+            let (commands, inbox): (&Receiver<Command>, &Receiver<Message>) = other.end.receivers();
+            if !other.is_closed {
+                select.recv(commands);
+            }
+            select.recv(inbox);
+        }
+        if let Some(commander) = &self.commander {
+            select.recv(commander.replies());
+        }
+    }
+
+    pub fn command(&self, device: usize, command: Command) {
+        if let Some(commander) = self.commander.as_ref().filter(|_| self.own.contains(&device)) {
+            commander.command(device, command);
+        }
+    }
+
+    pub fn close(&mut self, device: usize) {
+        if let Some(commander) = self.commander.as_mut().filter(|_| self.own.contains(&device)) {
+            commander.close(device);
+        }
+    }
+
+    /// A message has come for a worker that is here.
+    pub fn message(&self, device: usize, message: Message) {
+        if self.own.contains(&device) {
+            // A worker that has ended waits for nothing.
+            let _ = self.inboxes[device].send(message);
+        }
+    }
+
+    pub fn reply(&self, reply: Reply) {
+        // Nobody listens any more if the run has ended.
+        let _ = self.replies.send(reply);
+    }
+
+    /// What those of the workers here are that the renderer elsewhere watches over.
+    pub fn signs(&self) -> Option<Vec<(usize, Option<LifeSign>)>> {
+        let commander = self.commander.as_ref()?;
+        let signs = commander.signs();
+        let of = |&device: &usize| (device, (!commander.ends(device, Duration::ZERO)).then(|| signs[device]));
+        Some(self.own.iter().map(of).collect())
+    }
+
+    pub fn take_signs(&mut self, signs: &[(usize, Option<LifeSign>)]) {
+        for (device, sign) in signs {
+            match sign {
+                Some(sign) => {
+                    let other = self.others.iter().find(|other| other.device == *device);
+                    other.into_iter().for_each(|other| other.end.heartbeat().show(*sign));
+                }
+                None => self.others.retain(|other| other.device != *device),
+            }
+        }
+    }
+
+    /// A rank is gone with its workers.
+    pub fn lose(&mut self, rank: usize) {
+        self.others.retain(|other| other.rank != rank);
+    }
+}
