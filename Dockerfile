@@ -3,14 +3,15 @@
 #   docker build -t diptych .
 #   docker run --rm -v "$PWD/out:/diptych/out" diptych    # make demo, into out/demo
 #   docker run --rm diptych make test
+#   docker run --rm diptych mpirun --allow-run-as-root -n 2 target/release/diptych render --out out/ranks
 ARG RUST=1.95
 FROM rust:${RUST}-trixie
 RUN apt-get update \
     && DEBIAN_FRONTEND=noninteractive apt-get install -y --no-install-recommends \
-        libvulkan1 mesa-vulkan-drivers python3-venv \
+        libvulkan1 mesa-vulkan-drivers python3-venv libopenmpi-dev openmpi-bin libclang-dev \
     && rm -rf /var/lib/apt/lists/*
 RUN rustup component add clippy rustfmt
 WORKDIR /diptych
 COPY . .
-RUN cargo build --release --locked
+RUN cargo build --release --locked --features mpi
 CMD ["make", "demo"]

@@ -4,6 +4,8 @@
 # make test-long    all tests with whole sweeps and many samples, and those that need scenes of others or Chromium
 # make test-view    the same for the window of `diptych view`, which needs Xvfb and xdotool to be tested
 # make test-hardware-rays    tests of the renderer with rays that the device follows by itself; fails where none can
+# make test-mpi    builds the program with MPI and runs it on 1, 2 and 4 ranks of this machine; with MPICH as well where its
+#              mpicc.mpich is. Installs OpenMPI where apt-get is and none was found. SOAK=10000: so many frames on 4 ranks as well
 # make golden    hashes of the images of many kinds of frames, in out/golden.txt. BEFORE=FILE of another build: what differs
 # make peers    diptych beside Mitsuba 3 with OIDN, both measured here: out/peers/NAME/NAME.md and .svg. SHOT=FILE for another shot
 # make deps    checks for a Vulkan driver and compilers; installs Mesa's driver where apt-get is and none was found; says
@@ -25,7 +27,7 @@ ifndef XDG_RUNTIME_DIR
 export NODEVICE_SELECT := 1
 endif
 
-.PHONY: demo test test-long test-view test-hardware-rays golden peers deps clean
+.PHONY: demo test test-long test-view test-hardware-rays test-mpi golden peers deps clean
 
 demo: deps
 	$(CARGO) build --release --locked
@@ -58,6 +60,22 @@ test-hardware-rays: deps
 	@"$(DIPTYCH)" devices --json | grep -q '"ray_queries": true' || { \
 		echo "no adapter here has ray queries, which these tests are of: Mesa's software driver has them in version 25" >&2; exit 1; }
 	DIPTYCH_TRAVERSAL=hardware $(CARGO) test --release --locked --test renderer
+
+# Programs of their own, so that other targets do not take them for theirs.
+MPI := out/mpi
+
+test-mpi: deps
+	@sh tools/deps-mpi.sh
+	$(CARGO) clippy --release --locked --all-targets --features mpi -- -D warnings
+	$(CARGO) build --release --locked --features mpi
+	mkdir -p $(MPI)/bin
+	cp "$(DIPTYCH)" $(MPI)/bin/diptych
+	sh tools/test-mpi.sh $(MPI)/bin/diptych mpirun $(MPI)/runs
+	@if command -v mpicc.mpich >/dev/null; then set -e; \
+		MPICC=mpicc.mpich CARGO_TARGET_DIR=target/mpich $(CARGO) build --release --locked --features mpi; \
+		cp target/mpich/release/diptych $(MPI)/bin/diptych-mpich; \
+		sh tools/test-mpi.sh $(MPI)/bin/diptych-mpich mpirun.mpich $(MPI)/runs-mpich; \
+	fi
 
 golden: deps
 	$(CARGO) build --release --locked

@@ -34,6 +34,7 @@ fn watch_for(signal: i32) -> Result<(), io::Error> {
 }
 
 /// A signal has come to another process of the run.
+#[cfg(feature = "mpi")]
 pub fn raise(signal: i32) {
     SIGNAL.store(signal as usize, Ordering::Relaxed);
     INTERRUPTED.store(true, Ordering::Relaxed);

@@ -365,6 +365,11 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
                 rays_per_s * 1e-6,
             );
         }
+        let between: Vec<u64> = report.frames.iter().filter_map(|frame| frame.bytes_between_ranks).collect();
+        if !between.is_empty() {
+            let mean = between.iter().sum::<u64>() as f64 / between.len() as f64;
+            say!("rows between ranks: {:.1} kB a frame", mean * 1e-3);
+        }
         if let Some(right_eye) = report.frames.last().and_then(|frame| frame.right_eye.as_ref()) {
             say!("right eye{}: {right_eye}", if report.frames.len() > 1 { " of the last frame" } else { "" });
         }

@@ -336,6 +336,7 @@ impl Renderer {
             pixels: inputs.constants.camera.views.map(|view| self.settings.stages.pixels(&view)),
             row_tallies: Default::default(),
             devices: left,
+            ranks: self.devices.iter().filter_map(|d| Some(d.rank.as_ref()?.number)).collect(),
             assignment: plan.assignment.clone(),
             spec: self.planner.spec(&plan),
             program: Arc::clone(&graph.program),

@@ -1,7 +1,7 @@
 //! What a frame took and found.
 
 use std::borrow::Cow;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
@@ -102,6 +102,8 @@ pub struct FrameReport {
     pub row_tallies: [Vec<RowTally>; 2],
     /// Those that were left when it was begun.
     pub devices: Vec<usize>,
+    /// The rank of each device of the run; none in a run of one process.
+    pub ranks: Vec<usize>,
     pub assignment: Assignment,
     /// What it had to do.
     pub spec: FrameSpec,
@@ -155,6 +157,16 @@ impl FrameReport {
             Views::Traced => [sampled(0), sampled(1)],
             Views::Reprojected => [sampled(0), self.tallies[1].holes.iter().sum()],
         }
+    }
+
+    /// Bytes that crossed from rank to rank; none in a run of one process.
+    pub fn bytes_between_ranks(&self) -> Option<u64> {
+        let transfers = |kind| self.tasks.iter().filter(move |t| t.kind == kind).filter_map(|t| Some((t.transfer?, t)));
+        let from: HashMap<u32, usize> = transfers(TimedTask::Download).map(|(n, t)| (n, t.device)).collect();
+        let rank = |device: usize| self.ranks.get(device);
+        let crosses = |(n, t): &(u32, &TaskTiming)| from.get(n).is_some_and(|&from| rank(from) != rank(t.device));
+        let bytes = transfers(TimedTask::Upload).filter(crosses).filter_map(|(_, t)| t.bytes);
+        (!self.ranks.is_empty()).then(|| bytes.sum())
     }
 
     /// Bytes that crossed from device to device.

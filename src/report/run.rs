@@ -203,6 +203,9 @@ pub struct FrameRow {
     /// Rows per device of every stage and view that ran.
     pub stage_stripes: BTreeMap<String, Vec<u32>>,
     pub transferred_bytes: u64,
+    /// Those of them that went from one process to another, in a run of several.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub bytes_between_ranks: Option<u64>,
     /// How many rows up and down history was looked for, `null` if there was none.
     pub history_rows: Option<u32>,
     /// The filter's passes before which rows come from neighbours.
@@ -250,6 +253,7 @@ impl FrameRow {
             stripes: rows_of(CUT, Eye::Left),
             stage_stripes,
             transferred_bytes: frame.uploaded_bytes(),
+            bytes_between_ranks: frame.bytes_between_ranks(),
             history_rows: frame.spec.history_rows,
             halo_exchanges: match frame.spec.seam {
                 Seam::Halo(plan) => (0..frame.program.links()).filter(|i| plan.receives_before(*i)).collect(),

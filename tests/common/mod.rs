@@ -11,6 +11,7 @@ use std::time::{Duration, Instant};
 use clap::ValueEnum;
 use diptych::accel::{Accel, Layout};
 use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
+use diptych::exec::ranks::Devices;
 use diptych::exec::{ExecError, FrameReport, RenderSettings, Renderer, Stereo};
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::tonemap::LINEAR;
@@ -29,7 +30,7 @@ pub struct Subject {
     pub scene: Scene,
     pub rig: Rig,
     pub needs: SceneNeeds,
-    tables: Arc<SceneTables>,
+    pub tables: Arc<SceneTables>,
 }
 
 impl Subject {
@@ -173,9 +174,15 @@ impl<'a> Stage<'a> {
     }
 
     /// On these devices.
-    pub fn on(gpus: Vec<GpuDevice>, subject: &'a Subject, settings: &RenderSettings, policy: Box<dyn Policy>) -> Self {
+    pub fn on(
+        gpus: impl Into<Devices>,
+        subject: &'a Subject,
+        settings: &RenderSettings,
+        policy: Box<dyn Policy>,
+    ) -> Self {
+        let gpus: Devices = gpus.into();
         let devices = gpus.len();
-        let is_slow = gpus.iter().any(|g| g.info.threads.is_some() && g.info.traversal == Traversal::Hardware);
+        let is_slow = gpus.infos().iter().any(|g| g.threads.is_some() && g.traversal == Traversal::Hardware);
         let mut renderer = Renderer::new(gpus, Arc::clone(&subject.tables), settings.clone(), policy, Instant::now())
             .unwrap_or_else(|e| panic!("{}: {e}", subject.name));
         if is_slow {
@@ -186,8 +193,13 @@ impl<'a> Stage<'a> {
     }
 
     /// Its devices, which go back to no other test.
-    pub fn into_devices(mut self) -> Vec<GpuDevice> {
-        self.renderer.take().map_or_else(Vec::new, |renderer| renderer.into_devices().into_own())
+    pub fn into_devices(self) -> Vec<GpuDevice> {
+        self.into_all_devices().into_own()
+    }
+
+    /// With those of other ranks.
+    pub fn into_all_devices(mut self) -> Devices {
+        self.renderer.take().map_or_else(Devices::default, Renderer::into_devices)
     }
 
     /// Renders a frame without a sample that is not finite.

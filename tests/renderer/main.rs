@@ -14,6 +14,7 @@ mod lights;
 mod loss;
 mod moving;
 mod passes;
+mod ranks;
 #[path = "../reference/mod.rs"]
 mod reference;
 mod same_bytes;

@@ -11,7 +11,7 @@ use crate::reference::scenes::moving;
 use diptych::scene::Scene;
 
 /// Eyes that stand still, in one place.
-fn watched(scene: Scene) -> Subject {
+pub fn watched(scene: Scene) -> Subject {
     let camera = moving::camera();
     let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
     Subject::new(&scene.name.clone(), scene, rig)

@@ -1,0 +1,186 @@
+//! Devices of several ranks give the bytes of one device. The ranks are threads here, with channels between them; all above
+//! their links is what MPI's processes run.
+
+use std::sync::Arc;
+use std::thread::JoinHandle;
+
+use crate::common::{Stage, Subject, devices, is_thorough};
+use crate::reference::scenes::moving;
+use crate::same_bytes::{HEIGHT, Script, WIDTH, assert_same, ratios};
+use diptych::device::GpuDevice;
+use diptych::exec::ranks::{Devices, Host, Load, Loading, Node, channel_links, serve};
+use diptych::exec::{InjectedFaults, RenderSettings};
+use diptych::quality::{Denoiser, LogPolar, PolarSpace};
+use diptych::scene::shot::Gaze;
+use diptych::schedule::{Measured, Policy};
+use diptych::stages::{Foveation, Polar, SceneTables};
+
+/// A rank of the tests: it has subjects by their names.
+struct Here(Vec<(String, Arc<SceneTables>)>);
+
+impl Host for Here {
+    fn open(&mut self, count: usize) -> Result<Vec<GpuDevice>, String> {
+        Ok(devices(count, 1))
+    }
+
+    fn load(&mut self, what: &Load) -> Result<Arc<SceneTables>, String> {
+        let found = self.0.iter().find(|(name, _)| *name == what.shot);
+        found.map(|(_, tables)| Arc::clone(tables)).ok_or_else(|| format!("there is no {}", what.shot))
+    }
+
+    fn interrupted(&self) -> Option<i32> {
+        None
+    }
+}
+
+/// Rank 0 with the others beside it.
+struct Ranks {
+    node: Arc<Node>,
+    others: Vec<JoinHandle<(u8, u64)>>,
+}
+
+impl Ranks {
+    fn new(count: usize, subjects: &[&Subject]) -> Self {
+        let mut links = channel_links(count).into_iter();
+        let first = links.next().unwrap();
+        let node = Node::join(move || Ok(first), |_| ()).unwrap();
+        let subjects: Vec<_> = subjects.iter().map(|s| (s.name.clone(), Arc::clone(&s.tables))).collect();
+        let other = |link| {
+            let mut host = Here(subjects.clone());
+            std::thread::spawn(move || {
+                let node = Node::join(move || Ok(link), |_| ()).unwrap();
+                let status = serve(&node, &mut host).unwrap();
+                node.end(status);
+                (status, node.row_bytes())
+            })
+        };
+        let others = links.map(other).collect();
+        node.meet().unwrap();
+        Self { node, others }
+    }
+
+    fn load(&self, subject: &Subject) -> Result<(), String> {
+        let what = Load { shot: subject.name.clone(), time_s: 0.0 };
+        Loading::begin(&self.node, &what).check(&subject.tables).map_err(|e| e.to_string())
+    }
+
+    /// So many devices on each.
+    fn devices(&self, each: usize) -> Devices {
+        let opening = Devices::open(&self.node, each);
+        opening.with(devices(each, 1)).unwrap()
+    }
+
+    /// Returns the bytes of rows that have left any rank.
+    fn end(self) -> u64 {
+        self.node.end(7);
+        let others = self.others.into_iter().map(|rank| rank.join().unwrap());
+        others
+            .map(|(status, bytes)| {
+                assert_eq!(status, 7);
+                bytes
+            })
+            .sum::<u64>()
+            + self.node.row_bytes()
+    }
+}
+
+fn times_s() -> Vec<f64> {
+    (0..4).map(|i| 0.1 + f64::from(i) * 0.015).collect()
+}
+
+/// What is rendered, and how many frames may be in flight.
+fn cases<'a>(checker: &'a Subject, moving: &'a Subject) -> Vec<(&'static str, &'a Subject, RenderSettings, usize)> {
+    let polar = |space| {
+        let gaze = [0.4, 0.3].map(|x| Gaze { path: vec![[0.0, x, 0.4], [0.2, x + 0.1, 0.5]] });
+        let mut settings = checker.accumulated(WIDTH, HEIGHT);
+        settings.stages.polar = Some(Polar { gaze, space });
+        settings
+    };
+    let mut layers = checker.accumulated(WIDTH, HEIGHT);
+    layers.stages.foveation = Some(Foveation::new([Gaze::default(), Gaze::default()], [2, 3, 5]));
+    let mut bmfr = checker.accumulated(WIDTH, HEIGHT);
+    bmfr.stages.filter = Some(Denoiser::Bmfr);
+    bmfr.stages.iterations = 1;
+    let mut all = vec![
+        ("a scene that moves", moving, moving.accumulated(WIDTH, HEIGHT), 2),
+        ("a log-polar image", checker, polar(PolarSpace::Log(LogPolar::COMPOSITE)), 1),
+    ];
+    if is_thorough() {
+        all.push(("a visual-polar image", checker, polar(PolarSpace::Visual), 1));
+        all.push(("layers", checker, layers, 3));
+        all.push(("bmfr", checker, bmfr, 2));
+    }
+    all
+}
+
+#[test]
+fn ranks_give_the_bytes_of_one_device_and_send_what_the_graph_says() {
+    let (checker, moving) = (Subject::load("builtin:checker"), super::moving::watched(moving::everything()));
+    let arrangements = if is_thorough() { &[(2, 1), (4, 1), (2, 2)][..] } else { &[(2, 1)] };
+    for &(ranks, each) in arrangements {
+        let joined = Ranks::new(ranks, &[&checker, &moving]);
+        let mut devices = joined.devices(each);
+        assert_eq!(devices.len(), ranks * each);
+        let mut expected_bytes = 0;
+        for (what, subject, mut settings, in_flight) in cases(&checker, &moving) {
+            joined.load(subject).unwrap();
+            settings.stages.frames_in_flight = in_flight;
+            let one = Stage::even(subject, &settings, 1).frames_in_flight(&times_s());
+            let height = settings.stages.grid().height;
+            let policy: Box<dyn Policy> = Box::new(Measured::new(height, ranks * each));
+            let mut stage = Stage::on(devices, subject, &settings, policy);
+            let found = stage.frames_in_flight(&times_s());
+            devices = stage.into_all_devices();
+            for (a, b) in one.iter().zip(&found) {
+                assert_same(&format!("{what} on {ranks} x {each}"), &a.linear, &b.linear);
+                assert_eq!(a.report.tallies, b.report.tallies, "{what} on {ranks} x {each}");
+            }
+            expected_bytes += found.iter().filter_map(|f| f.report.bytes_between_ranks()).sum::<u64>();
+        }
+        drop(devices);
+        assert!(expected_bytes > 0);
+        assert_eq!(joined.end(), expected_bytes);
+    }
+}
+
+/// Stripes are ragged and move. In the third frame the second rank loses one of its devices.
+#[test]
+fn a_device_that_another_rank_loses_costs_no_byte() {
+    let subject = Subject::load("builtin:checker");
+    let settings = subject.denoised(WIDTH, HEIGHT);
+    let one = Stage::even(&subject, &settings, 1).frames_in_flight(&times_s());
+    let joined = Ranks::new(2, &[&subject]);
+    joined.load(&subject).unwrap();
+    let mut stage = Stage::on(joined.devices(2), &subject, &settings, Box::new(Measured::new(HEIGHT, 4)));
+    let injections = vec!["loss:dev3@frame2".parse().unwrap()];
+    stage.renderer().set_injected_faults(InjectedFaults { injections, slowdown: Vec::new() });
+    let found = stage.frames_in_flight(&times_s());
+    let faults: Vec<_> = stage.renderer().faults().iter().map(|fault| (fault.device, fault.frame)).collect();
+    assert_eq!(faults, [(3, 2)]);
+    for (a, b) in one.iter().zip(&found) {
+        assert_same("with a device less", &a.linear, &b.linear);
+    }
+    let left = stage.into_all_devices();
+    assert_eq!(left.len(), 3);
+
+    let rules = ["1,1,1", "5,1,2", "0,1,1", "1,2,9"];
+    let script = Script::new(rules.iter().map(|rule| ratios(3, &[rule])).collect());
+    let mut stage = Stage::on(left, &subject, &settings, Box::new(script));
+    let found = stage.frames_in_flight(&times_s());
+    for (a, b) in one.iter().zip(&found) {
+        assert_same("on ragged stripes", &a.linear, &b.linear);
+    }
+    drop(stage);
+    joined.end();
+}
+
+#[test]
+fn ranks_with_another_scene_are_refused() {
+    let (checker, cornell) = (Subject::load("builtin:checker"), Subject::load("builtin:cornell"));
+    let joined = Ranks::new(2, &[&Subject { name: checker.name.clone(), ..cornell }]);
+    let refused = joined.load(&checker).unwrap_err();
+    assert!(refused.starts_with("rank 1 on thread 1: its scene"), "{refused}");
+    let refused = joined.load(&Subject { name: "nowhere".to_owned(), ..checker }).unwrap_err();
+    assert_eq!(refused, "rank 1 on thread 1: there is no nowhere");
+    joined.end();
+}

@@ -1,0 +1,150 @@
+#!/bin/sh
+# Runs diptych on 1, 2 and 4 ranks of this machine, and holds their files against those of one process. Then ranks that do
+# not go together, a device that is lost, and ranks that are told to end or killed.
+#
+#   sh tools/test-mpi.sh DIPTYCH MPIRUN OUT
+#
+# SOAK=N also renders N small frames on 4 ranks.
+set -eu
+
+diptych=$1
+mpirun=$2
+out=$3
+rm -rf "$out"
+mkdir -p "$out"
+
+# Runs of OpenMPI as root, as in containers, and of more processes than there are cores.
+export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_rmaps_base_oversubscribe=1
+export OMPI_MCA_hwloc_base_binding_policy=none
+small="--size 64x72 --quiet --threads-per-device 1"
+
+fail() {
+    echo "test-mpi: $*" >&2
+    exit 1
+}
+
+# $1 ranks with $2 devices each, on the options that follow.
+on() {
+    ranks=$1
+    each=$2
+    shift 2
+    # Words of $small are options.
+    # shellcheck disable=SC2086
+    timeout 300 "$mpirun" -n "$ranks" "$diptych" "$@" $small --virtual "$each"
+}
+
+same_files() {
+    for file in "$1"/*.exr "$1"/*.png; do
+        cmp "$file" "$2/${file##*/}" || fail "$3"
+    done
+}
+
+case_of() {
+    name=$1
+    shift
+    # shellcheck disable=SC2086
+    "$diptych" render "$@" $small --virtual 4 --out "$out/$name"
+    for arrangement in "1 4" "2 2" "4 1"; do
+        set -- "$@"
+        ranks=${arrangement% *}
+        each=${arrangement#* }
+        on "$ranks" "$each" render "$@" --out "$out/$name.$ranks" || fail "$name on $ranks ranks ended with status $?"
+        same_files "$out/$name" "$out/$name.$ranks" "$name on $ranks x $each devices has other bytes than one process"
+    done
+    echo "$name: same bytes on 1 x 4, 2 x 2 and 4 x 1 devices"
+}
+
+case_of history builtin:checker --frames 4
+case_of ragged builtin:checker --frames 4 --ratios 5,1,2,1 --frames-in-flight 3
+case_of layers builtin:checker --frames 3 --foveation layers
+case_of visual-polar builtin:checker --frames 3 --foveation visual-polar
+case_of log-polar builtin:checker --frames 3 --foveation log-polar
+case_of moving builtin:studio --frames 3 --fps 10 --frames-in-flight 2
+
+# Of the runs below, one line says what happened, and none of the processes stays.
+refused() {
+    name=$1
+    expected=$2
+    shift 2
+    status=0
+    timeout 60 "$@" >"$out/$name.log" 2>&1 || status=$?
+    [ "$status" -ne 0 ] && [ "$status" -ne 124 ] || fail "$name ended with status $status"
+    lines=$(grep -c '^error: ' "$out/$name.log" || true)
+    [ "$lines" = 1 ] || fail "$name: $lines lines say what is wrong: $(cat "$out/$name.log")"
+    grep -q "^error: .*$expected" "$out/$name.log" || fail "$name: $(cat "$out/$name.log")"
+    echo "$name: $(grep '^error: ' "$out/$name.log")"
+}
+
+# shellcheck disable=SC2086
+{
+    refused options "unexpected argument" "$mpirun" -n 2 "$diptych" render --nonsense
+    refused no-file "nowhere.toml" "$mpirun" -n 2 "$diptych" render "$out/nowhere.toml" --out "$out/refused"
+    good="$diptych render builtin:checker $small --out $out/refused"
+    refused no-adapter "rank 1 on .*adapter 99" "$mpirun" -n 1 $good : -n 1 $good --devices 99
+    refused other-command "rank 1 on" "$mpirun" -n 1 $good : -n 1 "$diptych" devices
+    for scene in cornell checker; do
+        "$diptych" export "builtin:$scene" --out "$out/$scene" >/dev/null
+        mv "$out/$scene/$scene.glb" "$out/$scene/scene.glb"
+    done
+    shot="$diptych render scene.glb $small --out $out/refused"
+    refused other-scene "rank 1 on .*scene is not that of rank 0" "$mpirun" -n 1 -wdir "$out/cornell" $shot : \
+        -n 1 -wdir "$out/checker" $shot
+}
+
+on 2 2 render builtin:checker --frames 4 --inject loss:dev3@frame2 --denoiser atrous --out "$out/loss" 2>"$out/loss.log"
+on 1 1 render builtin:checker --frames 4 --denoiser atrous --out "$out/whole"
+same_files "$out/whole" "$out/loss" "a device that rank 1 loses changes bytes"
+grep -q "device 3" "$out/loss.log" || fail "nothing says that device 3 is lost"
+echo "loss: a device of rank 1 is lost, same bytes"
+
+# The process of rank $1, of the job that is being run. Ranks are started in their order.
+rank_of() {
+    pgrep -f "^$diptych render .*$out/ended" | sort -n | sed -n "$(($1 + 1))p"
+}
+
+# A run under way is told to end: signal $2 for rank $3. It ends within $4 seconds with status $5, or any but 0.
+ended() {
+    name=$1
+    rm -rf "$out/ended"
+    # shellcheck disable=SC2086
+    "$mpirun" -n 2 "$diptych" render builtin:checker $small --frames 100000 --out "$out/ended" >"$out/$name.log" 2>&1 &
+    job=$!
+    tries=0
+    until [ -e "$out/ended/stereo.0002.png" ]; do
+        tries=$((tries + 1))
+        [ "$tries" -lt 600 ] || fail "$name: no frame within a minute"
+        sleep 0.1
+    done
+    kill "-$2" "$(rank_of "$3")"
+    begin=$(date +%s)
+    status=0
+    wait "$job" || status=$?
+    took=$(($(date +%s) - begin))
+    [ "$took" -le "$4" ] || fail "$name: it took $took s to end"
+    [ "$status" -ne 0 ] || fail "$name: it ended with status 0"
+    [ -z "$5" ] || [ "$status" = "$5" ] || fail "$name: it ended with status $status, not $5"
+    [ -z "$(rank_of 0)" ] || fail "$name: a rank stays behind"
+    if [ -n "$5" ]; then
+        [ -e "$out/ended/run.json" ] || fail "$name: there is no run.json"
+    fi
+    grep -q "rank $6" "$out/$name.log" || [ -z "$6" ] || fail "$name: rank $6 is not named: $(cat "$out/$name.log")"
+    for image in "$out"/ended/left.*.exr; do
+        "$diptych" compare "$image" "$image" >/dev/null || fail "$name: $image is not whole"
+        [ "${image##*.0000}" = "$image" ] || break
+    done
+    echo "$name: ended after $took s with status $status"
+}
+
+ended sigterm-rank-0 TERM 0 10 143 ""
+ended sigterm-rank-1 TERM 1 10 143 ""
+ended sigint-rank-0 INT 0 10 130 ""
+ended stopped-rank-1 STOP 1 10 "" 1
+ended killed-rank-1 KILL 1 10 "" 1
+ended killed-rank-0 KILL 0 10 "" 0
+
+if [ -n "${SOAK:-}" ]; then
+    small="--size 32x18 --quiet --threads-per-device 1"
+    timeout 7200 "$mpirun" -n 4 "$diptych" play builtin:checker $small --frames "$SOAK" --budget-ms 1..1000 --out "$out/soak"
+    echo "soak: $SOAK frames on 4 ranks"
+fi
+echo "all that was run on ranks is as it should be"
