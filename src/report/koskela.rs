@@ -8,8 +8,11 @@ use super::bench::Measured;
 use super::csv::{Column, Csv, number};
 use super::study::{cell, table};
 
-/// What is held against one another, the baseline first. Log-polar images are the paper's remaining arrangement.
-pub const ARRANGEMENTS: [&str; 4] = ["full", "uniform", "linear", "visual-polar"];
+/// What is held against one another, the baseline first.
+pub const ARRANGEMENTS: [&str; 5] = ["full", "uniform", "linear", "visual-polar", "log-polar"];
+
+/// Exponent of the kernel of log-polar images.
+pub const LOG_POLAR_ALPHA: f64 = 4.0;
 
 /// Degrees from the gaze at which the linear falloff begins and ends.
 pub const FALLOFF_DEG: [f64; 2] = [10.0, 20.0];
@@ -30,6 +33,8 @@ pub struct Row {
     pub arrangement: &'static str,
     /// Probability of a sample where the linear falloff has ended.
     pub floor: Option<f64>,
+    /// By how much fewer columns and rows log-polar images have than the screen.
+    pub sigma: Option<f64>,
     /// Pixels of each eye that start paths over pixels of its screen.
     pub paths_left: Option<f64>,
     pub paths_right: Option<f64>,
@@ -57,6 +62,7 @@ pub struct Row {
 #[derive(Clone, Copy, Debug)]
 pub struct Beside {
     pub floor: Option<f64>,
+    pub sigma: Option<f64>,
     /// Pixels that start paths over pixels of the screen, left and right.
     pub paths: [f64; 2],
     /// FLIP and flicker.
@@ -65,32 +71,34 @@ pub struct Beside {
 
 /// The rows of a scene, of [`ARRANGEMENTS`] in their order.
 pub fn measured(scene: &str, found: Vec<(Measured, Beside)>) -> Vec<Row> {
-    let row = |arrangement, (of, Beside { floor, paths, fovea: [fovea_flip, fovea_flicker] }): (Measured, Beside)| {
-        let sum = |stages: &[&str]| {
-            let own: Vec<f64> = stages.iter().filter_map(|stage| of.stage_ms.get(*stage).copied()).collect();
-            (!own.is_empty()).then(|| own.iter().sum())
+    let row =
+        |arrangement, (of, Beside { floor, sigma, paths, fovea: [fovea_flip, fovea_flicker] }): (Measured, Beside)| {
+            let sum = |stages: &[&str]| {
+                let own: Vec<f64> = stages.iter().filter_map(|stage| of.stage_ms.get(*stage).copied()).collect();
+                (!own.is_empty()).then(|| own.iter().sum())
+            };
+            Row {
+                source: "measured",
+                scene: scene.to_owned(),
+                arrangement,
+                floor,
+                sigma,
+                paths_left: Some(paths[0]),
+                paths_right: Some(paths[1]),
+                time_ms: Some([of.time_ms, of.time_ms_min, of.time_ms_max]),
+                path_ms: sum(&PATHS),
+                filter_ms: sum(&FILTERS),
+                map_ms: sum(&["to_screen"]),
+                blur_ms: sum(&["polar_blur"]),
+                path_speedup: None,
+                flip: Some(of.error("flip")),
+                flip_acuity: Some(of.error("flip_acuity")),
+                flip_foveated: Some(of.error("flip_foveated")),
+                flicker: Some(of.error("flicker")),
+                fovea_flip,
+                fovea_flicker,
+            }
         };
-        Row {
-            source: "measured",
-            scene: scene.to_owned(),
-            arrangement,
-            floor,
-            paths_left: Some(paths[0]),
-            paths_right: Some(paths[1]),
-            time_ms: Some([of.time_ms, of.time_ms_min, of.time_ms_max]),
-            path_ms: sum(&PATHS),
-            filter_ms: sum(&FILTERS),
-            map_ms: sum(&["to_screen"]),
-            blur_ms: sum(&["polar_blur"]),
-            path_speedup: None,
-            flip: Some(of.error("flip")),
-            flip_acuity: Some(of.error("flip_acuity")),
-            flip_foveated: Some(of.error("flip_foveated")),
-            flicker: Some(of.error("flicker")),
-            fovea_flip,
-            fovea_flicker,
-        }
-    };
     let mut rows: Vec<Row> = ARRANGEMENTS.into_iter().zip(found).map(|(name, found)| row(name, found)).collect();
     let full_ms = rows[0].path_ms;
     for row in &mut rows {
@@ -106,6 +114,7 @@ pub fn cited() -> Vec<Row> {
         scene: scene.to_owned(),
         arrangement,
         floor: None,
+        sigma: None,
         paths_left: None,
         paths_right: None,
         time_ms: None,
@@ -141,11 +150,12 @@ fn percent(share: Option<f64>) -> String {
     cell(share.map(|share| 100.0 * share), 1)
 }
 
-const SHOWN: [Column<Row>; 17] = [
+const SHOWN: [Column<Row>; 18] = [
     ("source", |r| r.source.to_owned()),
     ("scene", |r| r.scene.clone()),
     ("arrangement", |r| r.arrangement.to_owned()),
     ("floor %", |r| percent(r.floor)),
+    ("σ", |r| cell(r.sigma, 3)),
     ("paths %, left, right", |r| format!("{}, {}", percent(r.paths_left), percent(r.paths_right))),
     ("frame ms", |r| cell(r.time_ms.map(|ms| ms[0]), 1)),
     ("path ms", |r| cell(r.path_ms, 2)),
@@ -165,27 +175,30 @@ const SHOWN: [Column<Row>; 17] = [
 pub const NOTE: &str = "1 sample of each pixel that is sampled, 6 bounces, svgf with 5 iterations everywhere; the camera \
     comes along its path and rests. All arrangements render the same frames in turns. full: every pixel of the screen; \
     uniform: a render scale with as many samples as visual-polar; linear: every pixel within 10 degrees of the gaze, and \
-    a probability that falls to a floor at 20 degrees, so low that as many pixels are sampled. paths: pixels that start \
+    a probability that falls to a floor at 20 degrees, so low that as many pixels are sampled; log-polar: with the kernel's exponent 4, as many columns over rows as the screen \
+    has, no image around the gaze, and σ such that as many pixels are traced. paths: pixels that start \
     paths over pixels of the screen, with those at rims of surfaces, which are never left out. frame: median; path: path \
     tracing and hole filling, and its speed-up over full; filter: accumulation, variance and iterations; map and blur: \
-    from the visual-polar image to the screen, medians of the time of all devices. FLIP, also weighted by the acuity \
+    from the polar image to the screen, medians of the time of all devices. FLIP, also weighted by the acuity \
     that visual-polar images are made for and by Geisler & Perry's, and flicker between frames are of a gaze that rests, \
     means of both eyes. The fovea's are of pixels within 5 degrees of the gaze, for flicker in two frames that follow one \
     another, while the gaze moves by 15 degrees a second. Cited: Koskela et al. 2019 on a Vega Frontier Edition, one eye \
     of 1280x1440, bmfr; the map is 0.2 ms of mipmaps and 0.6 of mapping. Their linear falloff has a floor of 20 % and 1.5 \
     times the samples of visual-polar. Their viewers saw more artefacts in the fovea with uniform (p = 8.2e-7) and linear \
-    samples (p = 0.0023) than with visual-polar ones.";
+    samples (p = 0.0023) than with visual-polar ones, and more that distract (p = 0.0059) \
+    with log-polar ones, whose σ was 1.8.";
 
 /// A line per scene and arrangement.
 pub fn koskela_table(rows: &[Row]) -> Table {
     table(&SHOWN, rows)
 }
 
-const CSV: [Column<Row>; 20] = [
+const CSV: [Column<Row>; 21] = [
     ("source", |r| r.source.to_owned()),
     ("scene", |r| r.scene.clone()),
     ("arrangement", |r| r.arrangement.to_owned()),
     ("floor", |r| number(r.floor, 5)),
+    ("sigma", |r| number(r.sigma, 5)),
     ("paths_left", |r| number(r.paths_left, 5)),
     ("paths_right", |r| number(r.paths_right, 5)),
     ("time_ms", |r| number(r.time_ms.map(|ms| ms[0]), 4)),
@@ -230,7 +243,7 @@ mod tests {
                 frames: Vec::new(),
             }
         };
-        let beside = |floor, left| Beside { floor, paths: [left, 0.1], fovea: [Some(0.02), Some(0.01)] };
+        let beside = |floor, left| Beside { floor, sigma: None, paths: [left, 0.1], fovea: [Some(0.02), Some(0.01)] };
         let rows = measured(
             "builtin:cornell",
             vec![
@@ -248,8 +261,8 @@ mod tests {
         let names = ["floor", "paths_left", "flip", "flicker", "fovea_flip", "fovea_flicker"];
         assert_eq!(of_row(2, names), ["0.20000", "0.40000", "0.150000", "0.015000", "0.020000", "0.010000"]);
         let shown = koskela_table(&cited()).rows;
-        assert_eq!(shown[0][4..12], ["100.0, -", "-", "20.00", "1.00", "-", "-", "-", "-"]);
-        assert_eq!(shown[3][4..12], ["39.0, -", "-", "22.00", "2.50", "2.40", "0.80", "0.80", "-"]);
+        assert_eq!(shown[0][5..13], ["100.0, -", "-", "20.00", "1.00", "-", "-", "-", "-"]);
+        assert_eq!(shown[3][5..13], ["39.0, -", "-", "22.00", "2.50", "2.40", "0.80", "0.80", "-"]);
     }
 
     /// The paper's factor is rounded.

@@ -140,7 +140,9 @@ pub fn ring_charts(rows: &[RingRow], modes: &[&str]) -> Result<String, ReportErr
                 }
                 Series { name: (*mode).to_owned(), points, band: Some(band), guide: false }
             };
-            let series: Vec<Series> = modes.iter().map(series).filter(|series| !series.points.is_empty()).collect();
+            // The first mode comes last, since it is in half of the charts: the others have their colours in all.
+            let order = modes.iter().skip(1).chain(modes.first());
+            let series: Vec<Series> = order.map(series).filter(|series| !series.points.is_empty()).collect();
             if series.is_empty() {
                 continue;
             }

@@ -105,17 +105,19 @@ fn visual_polar_images_stand_beside_as_many_samples_elsewhere() {
     let size = ["--size", "64x40", "--warm-up", "0", "--repeats", "2", "--reference-spp", "16", "--report"];
     let rows = rows(folder.path(), &[&shots[..], &size].concat());
     let arrangements = rows.iter().map(|r| r["arrangement"].as_str().unwrap()).collect::<Vec<_>>();
-    let all = ["full", "uniform", "linear", "visual-polar"];
+    let all = ["full", "uniform", "linear", "visual-polar", "log-polar"];
     assert_eq!(arrangements, [&all[..], &["full", "visual-polar"].repeat(2)].concat());
-    let of = |name: &str| rows[..4].iter().map(|row| number(&row[name])).collect::<Vec<_>>();
+    let of = |name: &str| rows[..5].iter().map(|row| number(&row[name])).collect::<Vec<_>>();
     // All but the first trace as many pixels, and a few at rims of surfaces.
     let paths = of("paths_left");
     assert!(paths[0] == 1.0 && paths[3] > 0.3 && paths[3] < 0.45, "{paths:?}");
-    assert!(paths[1..3].iter().all(|share| (share / paths[3] - 1.0).abs() < 0.1), "{paths:?}");
+    assert!(paths[1..].iter().all(|share| (share / paths[3] - 1.0).abs() < 0.1), "{paths:?}");
+    let sigma = number(&rows[4]["sigma"]);
+    assert!(sigma > 1.0 && sigma < 2.0 && rows[3]["sigma"].is_null(), "{sigma}");
     let floor = number(&rows[2]["floor"]);
     assert!(floor > 0.0 && floor < paths[2] && rows[1]["floor"].is_null(), "{floor}");
-    for row in &rows[..4] {
-        let is_polar = row["arrangement"] == "visual-polar";
+    for row in &rows[..5] {
+        let is_polar = row["arrangement"].as_str().unwrap().ends_with("-polar");
         for name in ["map_ms", "blur_ms"] {
             assert!(row[name].as_f64().is_some_and(|ms| ms > 0.0) == is_polar, "{name}: {row}");
         }
@@ -128,7 +130,7 @@ fn visual_polar_images_stand_beside_as_many_samples_elsewhere() {
     // No two render the same.
     for name in ["flip", "flip_acuity", "flip_foveated", "fovea_flip", "fovea_flicker"] {
         let found = of(name);
-        assert!((0..4).all(|i| !found[..i].contains(&found[i])), "{name}: {found:?}");
+        assert!((0..5).all(|i| !found[..i].contains(&found[i])), "{name}: {found:?}");
     }
     let frames = text(folder.path(), "frames.csv");
     assert_eq!(frames.lines().filter(|line| line.starts_with("builtin:checker,visual-polar,")).count(), 2, "{frames}");

@@ -142,7 +142,7 @@ fn frames_have_a_line_each_with_the_same_columns() {
         ("seams", 4 * 2, 1),
         ("leria", 2 * 2, 1),
         ("bmfr", 3 * 2, 2),
-        ("koskela", 4 * 2, 2),
+        ("koskela", 5 * 2, 2),
         ("andersson", 5 * (2 + 1), 3),
         ("peres", 6 * 2, 3),
     ] {

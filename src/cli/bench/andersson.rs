@@ -13,7 +13,7 @@ use diptych::report::csv::{Column, Csv};
 use diptych::report::frames::FrameLine;
 use diptych::report::pictures::Group;
 use diptych::report::rings::{self, FrameRings, RingRow, over_frames, ring_charts, ring_csv, ring_table};
-use diptych::scene::rig::{Eye, Rig};
+use diptych::scene::rig::{Eye, RigKey};
 use diptych::scene::shot::Gaze;
 use diptych::stages::Polar;
 
@@ -51,8 +51,8 @@ fn qualities() -> impl Iterator<Item = Quality> {
 }
 
 /// Instants along the path, evenly to its end, at each of which the camera has come some way; none where it does not move.
-fn on_path(rig: &Rig, count: u32) -> Vec<f64> {
-    let [first, .., last] = &rig.keys[..] else { return Vec::new() };
+fn on_path(keys: &[RigKey], count: u32) -> Vec<f64> {
+    let [first, .., last] = keys else { return Vec::new() };
     let length_s = last.time_s - first.time_s;
     (1..=count).map(|i| first.time_s + length_s * f64::from(i) / f64::from(count)).collect()
 }
@@ -100,7 +100,7 @@ impl Found {
             turns.add(format!("{name} of {}", options.shot), RenderOptions::single(options.clone(), &quality), gpus)?;
         }
         let mut begun = 0;
-        let moving = on_path(&loaded.shot.rig, args.preset.instants);
+        let moving = on_path(&loaded.shot.rig.keys, args.preset.instants);
         for (camera, instants) in CAMERAS.into_iter().zip([vec![options.time], moving]) {
             let is_still = camera == CAMERAS[0];
             let mut views = Vec::new();
@@ -222,15 +222,12 @@ fn dispatched(quality: &Quality, loaded: &Loaded, options: &RunOptions) -> f64 {
 mod tests {
     use glam::DVec3;
 
-    use diptych::scene::rig::RigKey;
-
     use super::*;
 
     #[test]
     fn the_camera_has_come_some_way_at_every_instant() {
         let key = |time_s| RigKey { time_s, position: DVec3::ZERO, target: DVec3::X, up: DVec3::Y };
-        let rig = |times: &[f64]| Rig::of_keys(times.iter().copied().map(key).collect());
-        assert_eq!(on_path(&rig(&[1.0, 1.5, 4.0]), 3), [2.0, 3.0, 4.0]);
-        assert!(on_path(&rig(&[1.0]), 3).is_empty());
+        assert_eq!(on_path(&[1.0, 1.5, 4.0].map(key), 3), [2.0, 3.0, 4.0]);
+        assert!(on_path(&[key(1.0)], 3).is_empty());
     }
 }

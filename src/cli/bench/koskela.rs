@@ -1,16 +1,17 @@
 //! `diptych bench --preset koskela`: visual-polar images beside every pixel of the screen, and beside other ways to spend as
-//! many samples. Their renderers take turns.
+//! many samples, log-polar images among them. Their renderers take turns.
 
 use diptych::device::DeviceInfo;
 use diptych::metrics::Pair;
 use diptych::metrics::rings::Viewing;
 use diptych::metrics::temporal::{Change, TemporalError};
-use diptych::quality::{Denoiser, PolarSpace, Quality};
+use diptych::quality::{Denoiser, LogPolar, PolarSpace, Quality};
 use diptych::report::Table;
 use diptych::report::csv::{Column, Csv};
 use diptych::report::frames::FrameLine;
 use diptych::report::koskela::{
-    ARRANGEMENTS, Beside, FALLOFF_DEG, GAZE_DEG_PER_S, NEAR_DEG, NOTE, Row, cited, koskela_csv, koskela_table, measured,
+    ARRANGEMENTS, Beside, FALLOFF_DEG, GAZE_DEG_PER_S, LOG_POLAR_ALPHA, NEAR_DEG, NOTE, Row, cited, koskela_csv,
+    koskela_table, measured,
 };
 use diptych::report::pictures::Group;
 use diptych::scene::rig::Eye;
@@ -49,8 +50,11 @@ const FULL: Quality = Quality {
 /// How far the gaze turns before it turns back, degrees.
 const SWEEP_DEG: f64 = 10.0;
 
-/// Options of [`ARRANGEMENTS`], and the probability of a sample where a linear falloff has ended.
-fn arrangements(run: &RunOptions, loaded: &Loaded) -> [(RenderOptions, Option<f64>); ARRANGEMENTS.len()] {
+/// An arrangement: its options, the probability of a sample where a linear falloff has ended, and σ of log-polar images.
+type Arranged = (RenderOptions, Option<f64>, Option<f64>);
+
+/// [`ARRANGEMENTS`].
+fn arrangements(run: &RunOptions, loaded: &Loaded) -> [Arranged; ARRANGEMENTS.len()] {
     let gaze = || [0, 1].map(|_| loaded.shot.gaze.clone());
     let view = loaded.shot.rig.view(run.time, Eye::Left);
     let share = Polar { gaze: gaze(), space: PolarSpace::Visual }.share(Eye::Left, run.time, &view, run.size).min(1.0);
@@ -65,12 +69,26 @@ fn arrangements(run: &RunOptions, loaded: &Loaded) -> [(RenderOptions, Option<f6
     };
     let mut linear = of(Quality { fovea: Some(radii), ..FULL });
     linear.foveated.unsampled_share = Some(unsampled);
+    let log = log_polar(share, run, loaded);
     [
-        (of(FULL), None),
-        (of(Quality { scale: share.sqrt(), ..FULL }), None),
-        (linear, Some(1.0 - unsampled)),
-        (of(Quality { polar: Some(PolarSpace::Visual), ..FULL }), None),
+        (of(FULL), None, None),
+        (of(Quality { scale: share.sqrt(), ..FULL }), None, None),
+        (linear, Some(1.0 - unsampled), None),
+        (of(Quality { polar: Some(PolarSpace::Visual), ..FULL }), None, None),
+        (of(Quality { polar: Some(PolarSpace::Log(log)), ..FULL }), None, Some(log.sigma)),
     ]
+}
+
+/// Log-polar images of which as many pixels are traced. They are as 1 / σ², but for a margin beside the screen.
+fn log_polar(share: f64, run: &RunOptions, loaded: &Loaded) -> LogPolar {
+    let aspect = f64::from(run.size.width) / f64::from(run.size.height);
+    let mut map = LogPolar { sigma: 1.0, alpha: LOG_POLAR_ALPHA, gaze: 0.0, aspect, blur: true };
+    let view = loaded.shot.rig.view(run.time, Eye::Left);
+    for _ in 0..4 {
+        let polar = Polar { gaze: [0, 1].map(|_| loaded.shot.gaze.clone()), space: PolarSpace::Log(map) };
+        map.sigma *= (polar.traced_share(Eye::Left, run.time, &view, run.size) / share).sqrt();
+    }
+    map
 }
 
 /// Tangents of half the horizontal and half the vertical field of view.
@@ -120,12 +138,12 @@ impl Found {
         self.notes.push(reference.note(&options.shot, options.size));
         let arranged = arrangements(options, &loaded);
         let mut turns = Turns::new(&loaded, progress, tracing, self.rows.len());
-        for (name, (own, _)) in ARRANGEMENTS.iter().zip(&arranged) {
+        for (name, (own, ..)) in ARRANGEMENTS.iter().zip(&arranged) {
             let gpus = setup::open_devices(options, usize::from(args.virtual_devices))?;
             turns.add(format!("{name} of {}", options.shot), own.clone(), gpus)?;
         }
         let mut judges = ARRANGEMENTS.map(|_| Judge::new(&loaded, &reference, options.time));
-        let mut traced = [[0; 2]; ARRANGEMENTS.len()];
+        let mut traced = [[0.0; 2]; ARRANGEMENTS.len()];
         let (warm_up, all) = (args.warm_up_of(&FULL), args.frames_of(&FULL));
         for i in 0..all {
             let time_s = args.time_s(&FULL, i);
@@ -135,8 +153,8 @@ impl Found {
                 let row = turns.keep(which, time_s, frame, number);
                 let image = turns.renderers[which].read_linear()?;
                 judges[which].add(frame, &row, &image)?;
-                for (sum, pixels) in traced[which].iter_mut().zip(frame.traced_pixels()) {
-                    *sum += pixels;
+                for (sum, paths) in traced[which].iter_mut().zip(turns.paths(which, time_s, frame)) {
+                    *sum += paths / f64::from(all - warm_up);
                 }
                 if args.report && i + 1 == all {
                     let name = format!("{} of {}", ARRANGEMENTS[which], options.shot);
@@ -145,14 +163,13 @@ impl Found {
             }
         }
         let foveae = with_moving_gaze(args, &loaded, &reference, &mut turns)?;
-        let of_screen = |pixels: u64| pixels as f64 / (f64::from(all - warm_up) * options.size.area() as f64);
         let mut found = Vec::new();
         for (which, (judge, fovea)) in judges.into_iter().zip(foveae).enumerate() {
             let measured = judge.conclude();
             let of = [options.shot.clone(), ARRANGEMENTS[which].to_owned()];
             self.frames.extend(measured.frames.iter().map(|line| (of.clone(), line.clone())));
-            let (floor, paths) = (arranged[which].1, traced[which].map(of_screen));
-            found.push((measured, Beside { floor, paths, fovea }));
+            let ((_, floor, sigma), paths) = (&arranged[which], traced[which]);
+            found.push((measured, Beside { floor: *floor, sigma: *sigma, paths, fovea }));
         }
         self.rows.extend(measured(&options.shot, found));
         self.devices = turns.renderers[0].devices().to_vec();
