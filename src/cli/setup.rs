@@ -1,7 +1,7 @@
 //! From options to a renderer: scene, tree, devices, policy.
 
 use std::borrow::Cow;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use diptych::accel::{Accel, Layout};
@@ -11,6 +11,7 @@ use diptych::exec::{FrameReport, RenderSettings, Renderer};
 use diptych::passes::Moving;
 use diptych::quality::Quality;
 use diptych::scene::Scene;
+use diptych::scene::folder::Source;
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::rig::Rig;
 use diptych::scene::shot::{Gaze, Shot};
@@ -47,18 +48,35 @@ impl Loaded {
 
 /// Loads the scene, on all ranks.
 pub fn load(options: &RunOptions) -> Result<Loaded, Failure> {
-    let what = Load { shot: options.shot.clone(), time_s: options.time };
-    let loading = ranks::others().map(|node| Loading::begin(node, &what));
-    let loaded = load_here(options, &what)?;
-    loading.map_or(Ok(()), |loading| loading.check(&loaded.tables))?;
+    let what = Load { shot: options.shot.clone(), time_s: options.time, files: None };
+    let Some(node) = ranks::others() else { return load_here(options, &what, Source::Disk) };
+    if !options.broadcasts_scene() {
+        let loading = Loading::begin(node, &what);
+        let loaded = load_here(options, &what, Source::Disk)?;
+        loading.check(&loaded.tables)?;
+        return Ok(loaded);
+    }
+    let kept = Mutex::default();
+    let loaded = load_here(options, &what, Source::Kept(&kept))?;
+    let files = kept.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let bytes: usize = files.values().map(Vec::len).sum();
+    if bytes > MOST_SENT_BYTES {
+        let what =
+            format!("--broadcast-scene: its files have {bytes} bytes, of at most {MOST_SENT_BYTES} that are sent");
+        return Err(Failure::Input(anyhow::anyhow!(what)));
+    }
+    Loading::begin(node, &Load { files: Some(files), ..what }).check(&loaded.tables)?;
     Ok(loaded)
 }
 
+/// What one message of MPI holds, with room for names.
+const MOST_SENT_BYTES: usize = i32::MAX as usize - (1 << 20);
+
 /// Loads a scene in this process.
-pub fn load_here(options: &RunOptions, what: &Load) -> Result<Loaded, Failure> {
+pub fn load_here(options: &RunOptions, what: &Load, source: Source) -> Result<Loaded, Failure> {
     let _span = tracing::info_span!("load scene").entered();
     let budget = options.scene.budget();
-    let (shot, scene) = options.scene.load(&what.shot, what.time_s, &budget)?;
+    let (shot, scene) = options.scene.load_from(source, &what.shot, what.time_s, &budget)?;
     let accel = {
         let _span = tracing::info_span!("build tree").entered();
         Accel::build_within(&scene, Layout::Auto, &budget)?
