@@ -168,28 +168,27 @@ impl<'a> Play<'a> {
         Self { graph, model, effort, clocks, played, busy_ms: vec![0.0; devices], transfer_ms: 0.0 }
     }
 
-    /// The time at which the rows of an upload have come from the device that had them, and how long they were on their
-    /// way from one machine to another.
+    /// The time at which the rows of an upload have come from the device that had them, and when they left it.
     fn come(&self, node: NodeIndex) -> Option<(Free, f64)> {
         let download = self.graph.dag.neighbors_directed(node, Direction::Incoming).next()?;
         let (from, task) = (self.graph.dag[download].device, &self.graph.dag[node]);
         let way_ms = self.model.network.ms(from, task.device, self.graph.bytes(task));
         let sent = self.played[download.index()]?;
-        Some((Free { at_ms: sent.end_ms + way_ms, cause: Some(download) }, way_ms))
+        Some((Free { at_ms: sent.end_ms + way_ms, cause: Some(download) }, sent.end_ms))
     }
 
     fn play(&mut self, node: NodeIndex) -> Result<(), Stuck> {
         let task = &self.graph.dag[node];
         let device = task.device;
         let Clock { queue, host, gate, .. } = self.clocks[device];
-        let mut way_ms = 0.0;
+        let mut left_ms = f64::INFINITY;
         let from = match task.kind {
             TaskKind::Dispatch { .. } => queue.or_later(gate),
             TaskKind::Download { .. } | TaskKind::Stitch => queue.or_later(host),
             TaskKind::Upload { transfer, .. } => {
-                let (come, took_ms) = self.come(node).ok_or(Stuck { device, transfer })?;
+                let (come, sent_ms) = self.come(node).ok_or(Stuck { device, transfer })?;
                 if come.at_ms >= host.at_ms {
-                    way_ms = took_ms;
+                    left_ms = sent_ms;
                 }
                 come.or_later(host)
             }
@@ -198,7 +197,7 @@ impl<'a> Play<'a> {
         let gap_ms = if matches!(task.kind, TaskKind::Dispatch { .. }) { self.model.gap_ms(device) } else { 0.0 };
         let end_ms = from.at_ms + gap_ms + ms;
         let end = Free { at_ms: end_ms, cause: Some(node) };
-        self.played[node.index()] = Some(Played { begin_ms: from.at_ms - way_ms, end_ms, cause: from.cause });
+        self.played[node.index()] = Some(Played { begin_ms: from.at_ms.min(left_ms), end_ms, cause: from.cause });
         let clock = &mut self.clocks[device];
         clock.last = Some(node);
         match task.kind {
