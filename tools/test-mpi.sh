@@ -7,11 +7,11 @@
 # SOAK=N also renders N small frames on 4 ranks.
 set -eu
 
-diptych=$1
 mpirun=$2
-out=$3
-rm -rf "$out"
-mkdir -p "$out"
+rm -rf "$3"
+mkdir -p "$3"
+diptych=$(realpath "$1")
+out=$(realpath "$3")
 
 # Runs of OpenMPI as root, as in containers, and of more processes than there are cores.
 export OMPI_ALLOW_RUN_AS_ROOT=1 OMPI_ALLOW_RUN_AS_ROOT_CONFIRM=1 OMPI_MCA_rmaps_base_oversubscribe=1
@@ -89,6 +89,15 @@ refused() {
     shot="$diptych render scene.glb $small --out $out/refused"
     refused other-scene "rank 1 on .*scene is not that of rank 0" "$mpirun" -n 1 -wdir "$out/cornell" $shot : \
         -n 1 -wdir "$out/checker" $shot
+    # Rank 0's files go before the rank's own, of which there need not be any.
+    mkdir "$out/empty"
+    (cd "$out/cornell" && "$diptych" render scene.glb $small --out "$out/alone")
+    for folder in checker empty; do
+        timeout 60 "$mpirun" -n 1 -wdir "$out/cornell" $shot --broadcast-scene : \
+            -n 1 -wdir "$out/$folder" $shot --broadcast-scene || fail "a scene that is sent to a rank in $folder"
+        same_files "$out/alone" "$out/refused" "a scene that is sent has other bytes"
+    done
+    echo "broadcast: same bytes with the scene that rank 0 sends"
 }
 
 on 2 2 render builtin:checker --frames 4 --inject loss:dev3@frame2 --denoiser atrous --out "$out/loss" 2>"$out/loss.log"

@@ -113,6 +113,10 @@ pub struct RunOptions {
     /// How rays find what they meet [default: auto, and run.json tells what that came to]
     #[arg(long, default_value = "auto", hide_default_value = true, help_heading = DEVICES)]
     pub traversal: TraversalChoice,
+    /// Rank 0 sends the scene's files to the other ranks, which then need none of their own
+    #[cfg(feature = "mpi")]
+    #[arg(long, help_heading = DEVICES)]
+    pub broadcast_scene: bool,
     /// How stripes are cut [default: measured; static with --ratios]
     #[arg(long, help_heading = DEVICES)]
     pub balance: Option<Balance>,
@@ -159,6 +163,14 @@ impl RunOptions {
             (SeamOption::Halo, HaloOption::Cost | HaloOption::Recompute) => Seam::Halo(HaloPlan::RECOMPUTE),
             (SeamOption::Halo, HaloOption::Exchange) => Seam::Halo(HaloPlan::EXCHANGE),
         }
+    }
+
+    /// Whether rank 0 sends the scene to others.
+    pub fn broadcasts_scene(&self) -> bool {
+        #[cfg(feature = "mpi")]
+        return self.broadcast_scene;
+        #[cfg(not(feature = "mpi"))]
+        false
     }
 
     /// The balance asked for, or the one that --ratios imply.

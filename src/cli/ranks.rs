@@ -5,6 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use diptych::device::GpuDevice;
 use diptych::exec::ranks::{Host, Load, Node};
+use diptych::scene::folder::Source;
 use diptych::stages::SceneTables;
 
 use super::failure::Failure;
@@ -78,7 +79,8 @@ impl Host for Here<'_> {
     }
 
     fn load(&mut self, what: &Load) -> Result<Arc<SceneTables>, String> {
-        setup::load_here(self.options()?, what).map(|loaded| loaded.tables).map_err(|failure| failure.line())
+        let source = what.files.as_ref().map_or(Source::Disk, Source::Sent);
+        setup::load_here(self.options()?, what, source).map(|loaded| loaded.tables).map_err(|failure| failure.line())
     }
 
     fn interrupted(&self) -> Option<i32> {

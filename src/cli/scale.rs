@@ -17,7 +17,7 @@ use diptych::report::lanes::{LaneFrame, median_frame};
 use diptych::report::pictures::Group;
 use diptych::report::run::{FrameRow, RunReport, aov_ms};
 use diptych::report::scale::{Row, scale_csv, scale_sections, scale_svg, scale_table};
-use diptych::report::simulation::{self, simulation_csv, simulation_svg, simulation_table};
+use diptych::report::simulation::{self, enough_nodes, simulation_csv, simulation_svg, simulation_table};
 use diptych::schedule::CostModel;
 use diptych::trace::frames::record_devices;
 
@@ -108,6 +108,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         say!("{}", scale_table(rows).text().trim_end());
         if !simulated.is_empty() {
             say!("{}", simulation_table(simulated).text().trim_end());
+            enough_nodes(simulated).iter().for_each(|said| say!("{said}"));
         }
         say!("{}{files}: {}", and_page(args.report), options.out.display());
     }

@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use diptych::scene::budget::{Budget, ByteSize};
 use diptych::scene::complete::Overrides;
-use diptych::scene::folder::Access;
+use diptych::scene::folder::{Access, Source};
 use diptych::scene::load::load_shot_within;
 use diptych::scene::motion::play::Choice;
 use diptych::scene::shot::allowed::{ANY, Allowed, NOT_NEGATIVE, STOPS, YFOV};
@@ -55,6 +55,17 @@ impl SceneOptions {
 
     /// The shot and its scene, whose cameras are taken as they are at `time_s`.
     pub fn load(&self, shot: &str, time_s: f64, budget: &Budget) -> Result<(Shot, Scene), SceneError> {
+        self.load_from(Source::Disk, shot, time_s, budget)
+    }
+
+    /// The same from files that are elsewhere.
+    pub fn load_from(
+        &self,
+        source: Source,
+        shot: &str,
+        time_s: f64,
+        budget: &Budget,
+    ) -> Result<(Shot, Scene), SceneError> {
         let overrides = Overrides {
             yfov_rad: self.yfov.map(f64::to_radians),
             baseline_m: self.baseline,
@@ -66,7 +77,7 @@ impl SceneOptions {
             animation: self.animation.clone(),
             time_s,
         };
-        load_shot_within(shot, &overrides, Access { budget, allow_outside: self.allow_outside })
+        load_shot_within(shot, &overrides, Access { budget, allow_outside: self.allow_outside, source })
     }
 }
 

@@ -1,7 +1,7 @@
 //! From options to a renderer: scene, tree, devices, policy.
 
 use std::borrow::Cow;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use diptych::accel::{Accel, Layout};
@@ -10,6 +10,7 @@ use diptych::exec::ranks::{Devices, Load, Loading};
 use diptych::exec::{FrameReport, RenderSettings, Renderer};
 use diptych::passes::Moving;
 use diptych::quality::Quality;
+use diptych::scene::folder::Source;
 use diptych::scene::head::{HeadMotion, Space};
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::rig::Rig;
@@ -51,24 +52,47 @@ impl Loaded {
 
 /// Loads the scene, on all ranks.
 pub fn load(options: &RunOptions) -> Result<Loaded, Failure> {
-    let what = Load { shot: options.shot.clone(), time_s: options.time };
-    let loading = ranks::others().map(|node| Loading::begin(node, &what));
-    let mut loaded = load_here(options, &what)?;
+    let mut loaded = load_scene(options)?;
     if let Some(path) = &options.motion {
         let motion = HeadMotion::read(path, &options.scene.budget())?;
         let invalid = |what| SceneError::Invalid { path: path.display().to_string(), what };
         loaded.shot.rig = motion.rig(&loaded.shot.rig).map_err(invalid)?;
         loaded.shot.gaze = motion.gaze().unwrap_or(loaded.shot.gaze);
     }
-    loading.map_or(Ok(()), |loading| loading.check(&loaded.tables))?;
     Ok(loaded)
 }
 
+/// Without head motion, which rank 0 alone has to know.
+fn load_scene(options: &RunOptions) -> Result<Loaded, Failure> {
+    let what = Load { shot: options.shot.clone(), time_s: options.time, files: None };
+    let Some(node) = ranks::others() else { return load_here(options, &what, Source::Disk) };
+    if !options.broadcasts_scene() {
+        let loading = Loading::begin(node, &what);
+        let loaded = load_here(options, &what, Source::Disk)?;
+        loading.check(&loaded.tables)?;
+        return Ok(loaded);
+    }
+    let kept = Mutex::default();
+    let loaded = load_here(options, &what, Source::Kept(&kept))?;
+    let files = kept.into_inner().unwrap_or_else(PoisonError::into_inner);
+    let bytes: usize = files.values().map(Vec::len).sum();
+    if bytes > MOST_SENT_BYTES {
+        let what =
+            format!("--broadcast-scene: its files have {bytes} bytes, of at most {MOST_SENT_BYTES} that are sent");
+        return Err(Failure::Input(anyhow::anyhow!(what)));
+    }
+    Loading::begin(node, &Load { files: Some(files), ..what }).check(&loaded.tables)?;
+    Ok(loaded)
+}
+
+/// What one message of MPI holds, with room for names.
+const MOST_SENT_BYTES: usize = i32::MAX as usize - (1 << 20);
+
 /// Loads a scene in this process, without head motion.
-pub fn load_here(options: &RunOptions, what: &Load) -> Result<Loaded, Failure> {
+pub fn load_here(options: &RunOptions, what: &Load, source: Source) -> Result<Loaded, Failure> {
     let _span = tracing::info_span!("load scene").entered();
     let budget = options.scene.budget();
-    let (shot, scene) = options.scene.load(&what.shot, what.time_s, &budget)?;
+    let (shot, scene) = options.scene.load_from(source, &what.shot, what.time_s, &budget)?;
     let space = Space::of(&shot.rig);
     let accel = {
         let _span = tracing::info_span!("build tree").entered();

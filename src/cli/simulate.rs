@@ -1,8 +1,10 @@
 //! `diptych scale --simulate`: device counts and speeds that are not here, on a virtual clock with measured costs.
 
+use std::str::FromStr;
+
 use diptych::graph::FrameGraph;
 use diptych::report::simulation::Row;
-use diptych::schedule::{CostModel, Prediction, simulate};
+use diptych::schedule::{CostModel, Network, Prediction, simulate};
 
 use super::failure::Failure;
 use super::options::RenderOptions;
@@ -11,12 +13,50 @@ use super::setup;
 #[derive(clap::Args, Debug)]
 #[command(next_help_heading = super::options::DEVICES)]
 pub struct Args {
-    /// Predict these device counts as well, from costs measured on the most devices that fit the cores
-    #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u16).range(1..=64))]
-    simulate: Vec<u16>,
+    /// Predict these device counts as well, from costs measured on the most devices that fit the cores; 2x4 are two
+    /// nodes of four devices each
+    #[arg(long, value_delimiter = ',', value_name = "N,MxN,…")]
+    simulate: Vec<Nodes>,
     /// Speeds of simulated devices, 1: as measured; repeated for as many as there are
     #[arg(long, value_delimiter = ',', value_name = "S,S,…", default_value = "1", requires = "simulate")]
     speeds: Vec<f64>,
+    /// What a message takes from node to node, microseconds [default: as measured between ranks, else 2]
+    #[arg(long, value_name = "US", requires = "simulate")]
+    network_us: Option<f64>,
+    /// Gigabits a second that go from node to node [default: as measured between ranks, else 100]
+    #[arg(long, value_name = "GBPS", requires = "simulate")]
+    network_gbps: Option<f64>,
+}
+
+/// Nodes with so many devices each.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Nodes {
+    nodes: usize,
+    each: usize,
+}
+
+/// That one run can drive.
+const MOST_DEVICES: usize = 64;
+
+impl FromStr for Nodes {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let (nodes, each) = text.split_once('x').unwrap_or(("1", text));
+        let number = |text: &str| text.parse().ok().filter(|n| (1..=MOST_DEVICES).contains(n));
+        let found = number(nodes).zip(number(each)).map(|(nodes, each)| Self { nodes, each });
+        let found = found.filter(|found| found.nodes * found.each <= MOST_DEVICES);
+        found.ok_or_else(|| format!("give 1 to {MOST_DEVICES} devices, as 4, or nodes with devices each, as 2x4"))
+    }
+}
+
+/// Of a network of which nothing is known: what InfiniBand of 2015 and later has.
+const LATENCY_MS: f64 = 2e-3;
+const GBPS: f64 = 100.0;
+
+/// Milliseconds a byte.
+fn ms_per_byte(gbps: f64) -> f64 {
+    8e-6 / gbps
 }
 
 impl Args {
@@ -29,6 +69,12 @@ impl Args {
         if self.is_wanted() && options.frames_in_flight > 1 {
             let what = "--simulate plays frames one after another: leave --frames-in-flight out";
             return Err(Failure::Input(anyhow::anyhow!(what)));
+        }
+        for (name, value) in [("--network-us", self.network_us), ("--network-gbps", self.network_gbps)] {
+            let least = if name == "--network-us" { 0.0 } else { f64::MIN_POSITIVE };
+            if let Some(value) = value.filter(|value| !(value.is_finite() && *value >= least)) {
+                return Err(Failure::Input(anyhow::anyhow!("{name} {value} is none that a network has")));
+            }
         }
         match self.speeds.iter().find(|s| !s.is_finite() || **s <= 0.0) {
             Some(speed) => Err(Failure::Input(anyhow::anyhow!("--speeds {speed} is not a speed above 0"))),
@@ -45,15 +91,32 @@ impl Args {
     ) -> Result<Vec<Row>, Failure> {
         let one_ms = predict(options, &model.on_devices(&[1.0]))?.1.makespan_ms;
         let mut rows = Vec::new();
-        for &count in &self.simulate {
-            let devices = usize::from(count);
+        for &Nodes { nodes, each } in &self.simulate {
+            let devices = nodes * each;
             let speeds: Vec<f64> = self.speeds.iter().copied().cycle().take(devices).collect();
-            let (_, prediction) = predict(options, &model.on_devices(&speeds))?;
+            let mut simulated = model.on_devices(&speeds);
+            if nodes > 1 {
+                simulated.network = self.network(&model.network, nodes, each);
+            }
+            let (_, prediction) = predict(options, &simulated)?;
             let is_alike = speeds.iter().all(|&s| s == 1.0);
-            let here = measured.iter().find(|(d, _)| is_alike && *d == devices);
-            rows.push(Row::new(&prediction, &speeds, one_ms, here.map(|(_, ms)| *ms)));
+            // Measured devices are on as many nodes as there are ranks.
+            let is_here = is_alike && nodes == crate::cli::ranks::others().map_or(1, |node| node.ranks());
+            let here = measured.iter().find(|(d, _)| is_here && *d == devices);
+            rows.push(Row { nodes, ..Row::new(&prediction, &speeds, one_ms, here.map(|(_, ms)| *ms)) });
         }
         Ok(rows)
+    }
+
+    /// Between nodes, as asked for, as measured, or as nodes may have it.
+    fn network(&self, measured: &Network, nodes: usize, each: usize) -> Network {
+        let is_known = measured.latency_ms > 0.0;
+        let known = |value: f64, otherwise: f64| if is_known { value } else { otherwise };
+        Network {
+            ranks: (0..nodes * each).map(|device| device / each).collect(),
+            latency_ms: self.network_us.map_or(known(measured.latency_ms, LATENCY_MS), |us| us * 1e-3),
+            ms_per_byte: self.network_gbps.map_or(known(measured.ms_per_byte, ms_per_byte(GBPS)), ms_per_byte),
+        }
     }
 }
 
@@ -74,4 +137,18 @@ pub fn predict(options: &RenderOptions, model: &CostModel) -> Result<(FrameGraph
     let graph = FrameGraph::build(model.program(), &assignment, None);
     let prediction = simulate(&graph, model).map_err(|e| Failure::Run(e.into()))?;
     Ok((graph, prediction))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nodes_are_read_as_they_are_written() {
+        assert_eq!("4".parse(), Ok(Nodes { nodes: 1, each: 4 }));
+        assert_eq!("2x8".parse(), Ok(Nodes { nodes: 2, each: 8 }));
+        for wrong in ["", "0", "x4", "2x", "2x0", "65", "9x8", "2x4x1", "-1", "9999999999999999999x2"] {
+            assert!(wrong.parse::<Nodes>().is_err(), "{wrong}");
+        }
+    }
 }

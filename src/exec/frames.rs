@@ -16,7 +16,7 @@ use crate::device::DeviceFailure;
 use crate::graph::FrameGraph;
 use crate::passes::ROW_TALLY;
 use crate::quality::Quality;
-use crate::schedule::{Cut, Effort};
+use crate::schedule::{Cut, Effort, Network};
 use crate::stages::{Place, SceneUpdate, layout};
 
 /// What a frame is made of.
@@ -130,6 +130,11 @@ impl Frames {
             whole: None,
             origin,
         }
+    }
+
+    /// What rows take between devices of different ranks.
+    pub fn network(&self) -> Network {
+        self.workers.network()
     }
 
     /// Ends all workers.

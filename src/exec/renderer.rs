@@ -271,6 +271,7 @@ impl Renderer {
         }
         let begun_ms = (!report.overlapped && frame.attempt.number == 1).then_some(report.begin_ms);
         let effort = frame.inputs.effort.clone();
+        self.costs.network = self.frames.network();
         self.costs.learn(&FrameCosts { effort, ..costs::frame_costs(report, self.devices.len(), begun_ms) });
     }
 

@@ -16,6 +16,7 @@ use super::worker::Worker;
 use super::worker::device::WorkerDevice;
 use super::{ExecError, RenderSettings};
 use crate::device::{DeviceFailure, DeviceInfo, FailureKind, GpuDevice};
+use crate::schedule::Network;
 use crate::stages::SceneTables;
 
 /// How long the end of a worker is waited for.
@@ -74,6 +75,11 @@ impl WorkerPool {
         }
         members.resize_with(count, || Member::of(None));
         Ok((Self { transport: Box::new(transport), members, ledger: Ledger::default(), others }, infos))
+    }
+
+    /// What rows take between devices of different ranks.
+    pub fn network(&self) -> Network {
+        self.others.as_ref().map(Others::network).unwrap_or_default()
     }
 
     /// A rank that is gone.

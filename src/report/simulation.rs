@@ -10,6 +10,9 @@ use crate::schedule::{Prediction, StepKind};
 /// One row of `simulate.csv`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
+    /// Machines, which share the devices evenly.
+    pub nodes: usize,
+    /// Of all machines.
     pub devices: usize,
     pub predicted_ms: f64,
     /// The makespan measured on devices that are here, if every simulated one has speed 1.
@@ -52,6 +55,7 @@ impl Row {
             }
         }
         Self {
+            nodes: 1,
             devices,
             predicted_ms: prediction.makespan_ms,
             measured_ms,
@@ -74,7 +78,24 @@ impl Row {
     }
 }
 
-const COLUMNS: [Column<Row>; 8] = [
+/// By how much of a frame's time more machines must shorten it to be worth their place.
+const WORTH: f64 = 0.03;
+
+/// From where on more machines do not pay for this frame; none where all do, or where there is one number of them alone.
+pub fn enough_nodes(rows: &[Row]) -> Option<String> {
+    let mut by_nodes: Vec<&Row> = rows.iter().collect();
+    by_nodes.sort_by_key(|row| (row.nodes, row.devices));
+    let pays = |pair: &[&Row]| pair[1].predicted_ms < (1.0 - WORTH) * pair[0].predicted_ms;
+    let stop = by_nodes.windows(2).find(|pair| pair[0].nodes < pair[1].nodes && !pays(pair))?;
+    let [less, more] = [stop[0], stop[1]];
+    Some(format!(
+        "more than {} node(s) do not pay for this frame: {} take {:.1} ms instead of {:.1}, limited by {}",
+        less.nodes, more.nodes, more.predicted_ms, less.predicted_ms, more.limit
+    ))
+}
+
+const COLUMNS: [Column<Row>; 9] = [
+    ("nodes", |r| r.nodes.to_string()),
     ("devices", |r| r.devices.to_string()),
     ("predicted_ms", |r| format!("{:.4}", r.predicted_ms)),
     ("measured_ms", |r| number(r.measured_ms, 4)),
@@ -110,7 +131,7 @@ pub fn simulation_table(rows: &[Row]) -> Table {
     ];
     let cells = |r: &Row| {
         vec![
-            r.devices.to_string(),
+            if r.nodes > 1 { format!("{}x{}", r.nodes, r.devices / r.nodes) } else { r.devices.to_string() },
             format!("{:.1}", r.predicted_ms),
             r.measured_ms.map_or("-".into(), |ms| format!("{ms:.1}")),
             format!("{:.2}", r.speedup),
@@ -180,6 +201,14 @@ mod tests {
         assert_eq!((row.imbalance, row.transfer_share, row.limit), (1.5, 0.04, "imbalance"));
         assert_eq!(row.critical_path_text(), "path_trace 80 % atrous 14 % transfers 6 %");
         assert_eq!(row.measured_speedup(), Some(1.5));
+    }
+
+    #[test]
+    fn nodes_that_do_not_pay_are_named() {
+        let of = |nodes, predicted_ms| Row { nodes, devices: 4 * nodes, predicted_ms, ..row() };
+        assert_eq!(enough_nodes(&[of(1, 50.0), of(2, 30.0), of(4, 20.0)]), None);
+        let said = enough_nodes(&[of(4, 29.5), of(1, 50.0), of(2, 30.0)]).unwrap();
+        assert!(said.starts_with("more than 2 node(s)") && said.contains("29.5 ms instead of 30.0"), "{said}");
     }
 
     #[test]

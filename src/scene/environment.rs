@@ -8,7 +8,7 @@ use ::image::{ImageDecoder, ImageError as DecodeError};
 
 use super::SceneError;
 use super::budget::{Budget, Exceeded};
-use super::folder;
+use super::folder::{self, Access};
 use crate::image::{Extent, Image, ImageError, RgbImage, exr};
 
 const LARGEST_SIDE: u32 = 1 << 15;
@@ -21,9 +21,10 @@ const LARGEST_AREA: usize = 1 << 28;
 /// # Errors
 /// [`SceneError::Read`], [`SceneError::Image`] or [`SceneError::Invalid`] for a file that can't be decoded,
 /// [`SceneError::Refused`] for one that the budget has no room for.
-pub fn read_latlong(path: &Path, scale: f32, budget: &Budget) -> Result<(RgbImage, usize), SceneError> {
+pub fn read_latlong(path: &Path, scale: f32, access: Access) -> Result<(RgbImage, usize), SceneError> {
     let name = || path.display().to_string();
-    let file = folder::read(path, budget).map_err(|error| error.in_file(&name()))?;
+    let budget = access.budget;
+    let file = folder::read(path, access).map_err(|error| error.in_file(&name()))?;
     let is_hdr = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("hdr"));
     let mut image = if is_hdr { read_hdr(&name(), &file, budget)? } else { read_exr(path, &file, budget)? };
     let mut bad_pixels = 0;
@@ -97,7 +98,7 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("sky.HDR");
         std::fs::write(&path, hdr_bytes()).unwrap();
-        let (image, bad) = read_latlong(&path, 2.0, &Budget::unlimited()).unwrap();
+        let (image, bad) = read_latlong(&path, 2.0, Access::of(&Budget::unlimited())).unwrap();
         assert_eq!(image.extent, Extent::new(2, 1));
         assert_eq!(image.pixels, [[2.0, 1.0, 0.0], [8.0, 8.0, 8.0]]);
         assert_eq!(bad, 0);
@@ -110,7 +111,7 @@ mod tests {
         let pixels = vec![[1.0, 2.0, 3.0], [f32::NAN, 1.0, 1.0], [-1.0, f32::INFINITY, 2.0]];
         let image = RgbImage { extent: Extent::new(3, 1), pixels };
         exr::write_rgb(&path, &image).unwrap();
-        let (image, bad) = read_latlong(&path, 0.5, &Budget::unlimited()).unwrap();
+        let (image, bad) = read_latlong(&path, 0.5, Access::of(&Budget::unlimited())).unwrap();
         assert_eq!(image.pixels, [[0.5, 1.0, 1.5], [0.0, 0.5, 0.5], [0.0, 0.0, 1.0]]);
         assert_eq!(bad, 2);
     }
@@ -122,11 +123,13 @@ mod tests {
         let whole = hdr_bytes();
         for cut in 0..whole.len() {
             std::fs::write(&path, &whole[..cut]).unwrap();
-            let error = read_latlong(&path, 1.0, &Budget::unlimited()).unwrap_err().to_string();
+            let error = read_latlong(&path, 1.0, Access::of(&Budget::unlimited())).unwrap_err().to_string();
             assert!(error.contains("sky.hdr"), "{error}");
         }
         let huge = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 4000000000 +X 4000000000\n";
         std::fs::write(&path, huge).unwrap();
-        assert!(read_latlong(&path, 1.0, &Budget::unlimited()).unwrap_err().to_string().contains("4000000000x"));
+        assert!(
+            read_latlong(&path, 1.0, Access::of(&Budget::unlimited())).unwrap_err().to_string().contains("4000000000x")
+        );
     }
 }

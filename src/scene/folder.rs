@@ -1,9 +1,11 @@
 //! The files that a shot or a glTF file names. They are somebody else's choice: unless the user allows more, they lie
 //! below the folder of the file that names them, and none is read that the scene's memory has no room for.
 
+use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io::{self, Read};
 use std::path::{Component, Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
 use super::SceneError;
 use super::budget::{Budget, Exceeded, Held};
@@ -14,6 +16,32 @@ pub struct Access<'a> {
     pub budget: &'a Budget,
     /// Files may name others that are not below their own folder.
     pub allow_outside: bool,
+    pub source: Source<'a>,
+}
+
+impl<'a> Access<'a> {
+    /// Of files on disk that lie below the folder of the file that names them.
+    pub fn of(budget: &'a Budget) -> Self {
+        Self { budget, allow_outside: false, source: Source::Disk }
+    }
+
+    /// The same path for the same file, however it is named, where files are only read.
+    pub fn one_path(&self, path: PathBuf) -> PathBuf {
+        if let Source::Disk = self.source { fs::canonicalize(&path).unwrap_or(path) } else { path }
+    }
+}
+
+/// Files by the paths that they were read from.
+pub type Files = BTreeMap<PathBuf, Vec<u8>>;
+
+/// Where files are read from.
+#[derive(Clone, Copy, Debug)]
+pub enum Source<'a> {
+    Disk,
+    /// From disk, and kept so that they can be sent elsewhere.
+    Kept(&'a Mutex<Files>),
+    /// From elsewhere, where it was seen what may be read.
+    Sent(&'a Files),
 }
 
 /// Why a file is not read; what [`SceneError`] says once it is known which file asked for it.
@@ -64,7 +92,7 @@ impl<'a> Folder<'a> {
             ))
         };
         let path = self.path.join(name);
-        if self.access.allow_outside {
+        if self.access.allow_outside || matches!(self.access.source, Source::Sent(_)) {
             return Ok(path);
         }
         // Before the file system is asked: whether a file exists elsewhere is nobody's business, and on Windows asking for a
@@ -108,15 +136,23 @@ fn leads_down(name: &str) -> bool {
 ///
 /// # Errors
 /// [`AccessError`] if it cannot be read or is larger than what is left of the budget.
-pub fn read<'a>(path: &Path, budget: &'a Budget) -> Result<Held<'a>, AccessError> {
+pub fn read<'a>(path: &Path, access: Access<'a>) -> Result<Held<'a>, AccessError> {
     let failed = |source| AccessError::Read { path: path.to_owned(), source };
+    if let Source::Sent(files) = access.source {
+        let bytes = files.get(path).ok_or_else(|| failed(io::ErrorKind::NotFound.into()))?;
+        let reserved = access.budget.reserve(bytes.len() as u64)?;
+        return Ok(Held { bytes: bytes.clone(), reserved });
+    }
     let metadata = fs::metadata(path).map_err(failed)?;
     if !metadata.is_file() {
         return Err(failed(io::Error::new(io::ErrorKind::InvalidInput, "it is not a regular file")));
     }
-    let reserved = budget.reserve(metadata.len())?;
+    let reserved = access.budget.reserve(metadata.len())?;
     let mut bytes = Vec::with_capacity(metadata.len() as usize);
     File::open(path).and_then(|file| file.take(metadata.len()).read_to_end(&mut bytes)).map_err(failed)?;
+    if let Source::Kept(files) = access.source {
+        files.lock().unwrap_or_else(PoisonError::into_inner).insert(path.to_owned(), bytes.clone());
+    }
     Ok(Held { bytes, reserved })
 }
 
@@ -145,7 +181,7 @@ mod tests {
     }
 
     fn folder(outer: &tempfile::TempDir, budget: &Budget, allow_outside: bool, name: &str) -> Result<PathBuf, String> {
-        let folder = Folder::of(&outer.path().join("inner/scene.gltf"), Access { budget, allow_outside });
+        let folder = Folder::of(&outer.path().join("inner/scene.gltf"), Access { allow_outside, ..Access::of(budget) });
         folder.find(name).map_err(|error| error.in_file("scene.gltf").to_string())
     }
 
@@ -199,12 +235,28 @@ mod tests {
         let outer = tree();
         let path = outer.path().join("secret.bin");
         let budget = Budget::new(ByteSize(15));
-        let held = read(&path, &budget).unwrap();
+        let held = read(&path, Access::of(&budget)).unwrap();
         assert_eq!((&*held, budget.left()), (&b"secret.bin"[..], 5));
-        let error = read(&path, &budget).unwrap_err().in_file("a").to_string();
+        let error = read(&path, Access::of(&budget)).unwrap_err().in_file("a").to_string();
         assert!(["10 bytes", "5 bytes", "15 bytes", "--max-scene-memory"].iter().all(|p| error.contains(p)), "{error}");
         drop(held);
         assert_eq!(budget.left(), 15);
-        assert!(matches!(read(outer.path(), &budget), Err(AccessError::Read { .. })));
+        assert!(matches!(read(outer.path(), Access::of(&budget)), Err(AccessError::Read { .. })));
+    }
+
+    #[test]
+    fn files_that_were_kept_are_read_elsewhere() {
+        let (outer, budget, kept) = (tree(), Budget::new(ByteSize(60)), Mutex::default());
+        let path = outer.path().join("inner/own.bin");
+        let access = Access { source: Source::Kept(&kept), ..Access::of(&budget) };
+        drop(read(&path, access).unwrap());
+        drop(outer);
+        let files = kept.into_inner().unwrap();
+        let access = Access { source: Source::Sent(&files), ..Access::of(&budget) };
+        let found = Folder::of(&path, access).find("own.bin").unwrap();
+        assert_eq!(&*read(&found, access).unwrap(), b"inner/own.bin");
+        assert!(matches!(read(&path.with_file_name("other.bin"), access), Err(AccessError::Read { .. })));
+        let small = Budget::new(ByteSize(5));
+        assert!(matches!(read(&found, Access { budget: &small, ..access }), Err(AccessError::Refused(_))));
     }
 }

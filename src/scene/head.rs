@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::SceneError;
 use super::budget::Budget;
-use super::folder;
+use super::folder::{self, Access};
 use super::rig::{Rig, RigKey, Turning};
 use super::shot::Gaze;
 use super::shot::allowed::fits_f32;
@@ -116,7 +116,7 @@ impl HeadMotion {
     /// [`SceneError`] with the line, if it cannot be read, is larger than the budget, or is no motion.
     pub fn read(path: &Path, budget: &Budget) -> Result<Self, SceneError> {
         let name = path.display().to_string();
-        let held = folder::read(path, budget).map_err(|error| error.in_file(&name))?;
+        let held = folder::read(path, Access::of(budget)).map_err(|error| error.in_file(&name))?;
         Self::parse(&held.bytes).map_err(|what| SceneError::Invalid { path: name, what })
     }
 

@@ -20,8 +20,7 @@ use super::{Environment, Scene, SceneError, builtin, gltf};
 /// # Errors
 /// [`SceneError`], naming the file.
 pub fn load_shot(arg: &str) -> Result<(Shot, Scene), SceneError> {
-    let access = Access { budget: &Budget::of_host(), allow_outside: false };
-    load_shot_within(arg, &Overrides::default(), access)
+    load_shot_within(arg, &Overrides::default(), Access::of(&Budget::of_host()))
 }
 
 /// Loads `builtin:NAME`, a `.toml` shot, or a `.gltf`/`.glb`. [`complete`] says what becomes of what a shot leaves open,
@@ -117,7 +116,7 @@ fn play_builtin(scene: &mut Scene, play: &Play, arg: &str) -> Result<(), SceneEr
 
 fn read_text(path: &Path, access: Access) -> Result<String, SceneError> {
     let name = path.display().to_string();
-    let held = folder::read(path, access.budget).map_err(|error| error.in_file(&name))?;
+    let held = folder::read(path, access).map_err(|error| error.in_file(&name))?;
     let no_text = |error| SceneError::Read { path: name, source: io::Error::new(io::ErrorKind::InvalidData, error) };
     String::from_utf8(held.bytes).map_err(no_text)
 }
@@ -133,7 +132,7 @@ fn put_around(
         Sky::Constant(radiance) => constant(*radiance * environment.scale),
         Sky::Image(name) => {
             let path = folder.find(name).map_err(|error| error.in_file(origin))?;
-            let (image, bad_pixels) = read_latlong(&path, environment.scale, folder.access.budget)?;
+            let (image, bad_pixels) = read_latlong(&path, environment.scale, folder.access)?;
             if bad_pixels > 0 {
                 let path = path.display();
                 scene.warnings.push(format!(
@@ -170,8 +169,8 @@ mod tests {
         let shot = folder.join("shot.toml");
         let key = "[[rig.key]]\nposition = [0, 0, 1]\ntarget = [0, 0, 0]\n";
         std::fs::write(&shot, format!("scene = 'triangle.glb'\n{key}{tables}")).unwrap();
-        let access = Access { budget: &Budget::unlimited(), allow_outside: false };
-        load_shot_within(shot.to_str().unwrap(), overrides, access)
+        let budget = Budget::unlimited();
+        load_shot_within(shot.to_str().unwrap(), overrides, Access::of(&budget))
     }
 
     #[test]

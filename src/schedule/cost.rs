@@ -12,6 +12,7 @@ use std::sync::Arc;
 
 use super::effort::Effort;
 use super::learned::{Line, Mean};
+use super::network::Network;
 use crate::graph::{Pass, Program, Seam, Stage, Work};
 use crate::passes::{Declarations, FrameSpec};
 use crate::scene::rig::Eye;
@@ -76,6 +77,8 @@ pub struct CostModel {
     rays_above: [Vec<f64>; 2],
     tail: Mean,
     frames: u32,
+    /// What rows take between devices that are apart.
+    pub network: Network,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -135,6 +138,7 @@ impl CostModel {
             rays_above: [vec![0.0; height + 1], vec![0.0; height + 1]],
             tail: Mean::default(),
             frames: 0,
+            network: Network::default(),
         };
         model.know_stages();
         model
@@ -240,7 +244,7 @@ impl CostModel {
     }
 
     /// A model of as many devices as there are `speeds`, each like the mean of the measured ones, times its speed.
-    /// Transfers are the host's work and cost the same at any speed.
+    /// Transfers are the host's work and cost the same at any speed. All devices are on one machine.
     pub fn on_devices(&self, speeds: &[f64]) -> Self {
         let (mut down, mut up) = (Line::default(), Line::default());
         for device in &self.devices {
@@ -258,7 +262,7 @@ impl CostModel {
             gap,
             wait,
         };
-        self.with_devices(speeds.iter().map(on).collect())
+        Self { network: Network::default(), ..self.with_devices(speeds.iter().map(on).collect()) }
     }
 
     /// The model of these devices alone, renumbered in this order. Their numbers rise.
@@ -266,7 +270,8 @@ impl CostModel {
         if devices.len() == self.devices.len() {
             return Cow::Borrowed(self);
         }
-        Cow::Owned(self.with_devices(devices.iter().map(|&d| self.devices[d].clone()).collect()))
+        let of_these = self.with_devices(devices.iter().map(|&d| self.devices[d].clone()).collect());
+        Cow::Owned(Self { network: self.network.of_devices(devices), ..of_these })
     }
 
     fn with_devices(&self, devices: Vec<DeviceCost>) -> Self {

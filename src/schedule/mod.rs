@@ -12,6 +12,7 @@ mod halo;
 mod heft;
 mod learned;
 mod measured;
+mod network;
 mod policy;
 mod simulate;
 
@@ -22,6 +23,7 @@ pub use effort::Effort;
 pub use halo::choose_halo;
 pub use heft::Heft;
 pub use measured::Measured;
+pub use network::Network;
 pub use policy::{Even, Policy, RatioRule, Static};
 pub use simulate::{LOSS_SHARE, Limit, Prediction, Step, StepKind, Stuck, simulate, simulate_at, task_ms};
 

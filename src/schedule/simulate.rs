@@ -3,7 +3,8 @@
 //!
 //! As `exec/README.md` says, each device takes its tasks in the order of their keys. Stages run one after another on
 //! its queue. Transfers take its host thread, which waits for the queue before it sends rows, and for the rows of
-//! others before it hands them to the queue; later stages are held up meanwhile. Where exec would look for rows of
+//! others before it hands them to the queue; later stages are held up meanwhile. Rows that go from one machine to another
+//! come later by what the network takes, which counts as part of the upload that waits for it. Where exec would look for rows of
 //! others between two downloads, here all downloads go first, so uploads may be predicted a little late.
 
 use petgraph::Direction;
@@ -167,26 +168,36 @@ impl<'a> Play<'a> {
         Self { graph, model, effort, clocks, played, busy_ms: vec![0.0; devices], transfer_ms: 0.0 }
     }
 
-    /// The time at which the rows of an upload have left the device that had them.
-    fn sent(&self, node: NodeIndex) -> Option<Free> {
+    /// The time at which the rows of an upload have come from the device that had them, and when they left it.
+    fn come(&self, node: NodeIndex) -> Option<(Free, f64)> {
         let download = self.graph.dag.neighbors_directed(node, Direction::Incoming).next()?;
-        self.played[download.index()].map(|p| Free { at_ms: p.end_ms, cause: Some(download) })
+        let (from, task) = (self.graph.dag[download].device, &self.graph.dag[node]);
+        let way_ms = self.model.network.ms(from, task.device, self.graph.bytes(task));
+        let sent = self.played[download.index()]?;
+        Some((Free { at_ms: sent.end_ms + way_ms, cause: Some(download) }, sent.end_ms))
     }
 
     fn play(&mut self, node: NodeIndex) -> Result<(), Stuck> {
         let task = &self.graph.dag[node];
         let device = task.device;
         let Clock { queue, host, gate, .. } = self.clocks[device];
+        let mut left_ms = f64::INFINITY;
         let from = match task.kind {
             TaskKind::Dispatch { .. } => queue.or_later(gate),
             TaskKind::Download { .. } | TaskKind::Stitch => queue.or_later(host),
-            TaskKind::Upload { transfer, .. } => self.sent(node).ok_or(Stuck { device, transfer })?.or_later(host),
+            TaskKind::Upload { transfer, .. } => {
+                let (come, sent_ms) = self.come(node).ok_or(Stuck { device, transfer })?;
+                if come.at_ms >= host.at_ms {
+                    left_ms = sent_ms;
+                }
+                come.or_later(host)
+            }
         };
         let ms = task_ms(self.graph, self.model, self.effort, task);
         let gap_ms = if matches!(task.kind, TaskKind::Dispatch { .. }) { self.model.gap_ms(device) } else { 0.0 };
         let end_ms = from.at_ms + gap_ms + ms;
         let end = Free { at_ms: end_ms, cause: Some(node) };
-        self.played[node.index()] = Some(Played { begin_ms: from.at_ms, end_ms, cause: from.cause });
+        self.played[node.index()] = Some(Played { begin_ms: from.at_ms.min(left_ms), end_ms, cause: from.cause });
         let clock = &mut self.clocks[device];
         clock.last = Some(node);
         match task.kind {

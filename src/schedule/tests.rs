@@ -245,6 +245,24 @@ fn a_frame_without_its_first_device_ends_on_the_next_one() {
 }
 
 #[test]
+fn rows_between_machines_are_on_their_way_for_what_the_network_takes() {
+    let world = World::sky_over_city(spec(180, 2, 5, Seam::Halo(HaloPlan::EXCHANGE)), &[1.0, 1.0]);
+    let (assignments, mut model) = world.play(&mut Even::new(180, 2), 3);
+    let graph = graph(&world.spec, &assignments[2], None);
+    let near = simulate(&graph, &model).unwrap();
+    let mut on = |ranks: [usize; 2], latency_ms: f64| {
+        model.network = Network { ranks: ranks.to_vec(), latency_ms, ms_per_byte: 0.0 };
+        simulate(&graph, &model).unwrap()
+    };
+    assert_eq!(on([0, 0], 1e4), near);
+    let far = on([0, 1], 1e4);
+    // The filter of each eye has five iterations, and before all but one rows come from the other device.
+    assert!(far.makespan_ms > near.makespan_ms + 3e4, "{} after {}", far.makespan_ms, near.makespan_ms);
+    assert_eq!(far.limit, Limit::Transfers);
+    assert!(far.critical_path.windows(2).all(|pair| pair[0].end_ms == pair[1].begin_ms), "{:?}", far.critical_path);
+}
+
+#[test]
 fn dear_transfers_limit_a_frame() {
     let world = World::sky_over_city(spec(180, 2, 5, Seam::Halo(HaloPlan::EXCHANGE)), &[1.0, 1.0]);
     let mut policy = Measured::new(180, 2);

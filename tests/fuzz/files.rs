@@ -334,7 +334,7 @@ fn files_outside_are_read_where_that_is_allowed() {
         load_shot_within(
             path.to_str().unwrap(),
             &Overrides::default(),
-            Access { budget: &Budget::new(BUDGET), allow_outside },
+            Access { allow_outside, ..Access::of(&Budget::new(BUDGET)) },
         )
     };
     assert!(is_from_outside(&load(true).unwrap().1));

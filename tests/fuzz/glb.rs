@@ -29,11 +29,7 @@ pub fn load(path: &Path, bytes: &[u8]) -> bool {
 /// The scene, if the file that is there could be read and laid out.
 pub fn load_as_is(path: &Path, budget: &Budget) -> Option<Scene> {
     let folder = path.parent().unwrap().to_str().unwrap();
-    let (shot, scene) = match load_shot_within(
-        path.to_str().unwrap(),
-        &Overrides::default(),
-        Access { budget, allow_outside: false },
-    ) {
+    let (shot, scene) = match load_shot_within(path.to_str().unwrap(), &Overrides::default(), Access::of(budget)) {
         Ok(read) => read,
         Err(error) => {
             assert!(error.to_string().contains(folder), "the error does not name a file: {error}");

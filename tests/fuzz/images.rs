@@ -6,6 +6,7 @@ use ::exr::prelude::{Blocks, Compression, Encoding, LineOrder, SpecificChannels,
 use diptych::image::{Extent, Image, RgbImage, exr};
 use diptych::scene::budget::Budget;
 use diptych::scene::environment::read_latlong;
+use diptych::scene::folder::Access;
 use proptest::prelude::*;
 use proptest::sample::select;
 
@@ -87,7 +88,7 @@ fn damaged(seeds: Vec<Vec<u8>>) -> impl Strategy<Value = Vec<u8>> {
 
 fn read(path: &Path, bytes: &[u8]) -> Option<RgbImage> {
     std::fs::write(path, bytes).unwrap();
-    let (image, _) = read_latlong(path, 1.5, &Budget::new(BUDGET)).ok()?;
+    let (image, _) = read_latlong(path, 1.5, Access::of(&Budget::new(BUDGET))).ok()?;
     assert_eq!(image.pixels.len(), image.extent.area());
     assert!(image.pixels.as_flattened().iter().all(|v| v.is_finite() && *v >= 0.0));
     Some(image)

@@ -60,7 +60,7 @@ impl Ranks {
     }
 
     fn load(&self, subject: &Subject) -> Result<(), String> {
-        let what = Load { shot: subject.name.clone(), time_s: 0.0 };
+        let what = Load { shot: subject.name.clone(), time_s: 0.0, files: None };
         Loading::begin(&self.node, &what).check(&subject.tables).map_err(|e| e.to_string())
     }
 

@@ -11,6 +11,7 @@ use super::transport::Crew;
 use crate::device::{DeviceInfo, GpuDevice, MAX_DEVICES, RankName};
 use crate::exec::RenderSettings;
 use crate::exec::channels::WorkerChannels;
+use crate::schedule::Network;
 use crate::stages::SceneTables;
 
 /// Devices that no renderer has at the moment: this process's first, then those of the other ranks in their order.
@@ -195,6 +196,11 @@ impl Others {
         let (crew, own) = Crew::new(self.crew, (0, &ranks), ends, None, before_ms - after_ms);
         node.attach(self.crew, crew);
         Ok((infos, own))
+    }
+
+    /// What rows take between devices of different ranks.
+    pub fn network(&self) -> Network {
+        self.set.node.network(self.ranks())
     }
 
     /// A rank that is gone.

@@ -13,6 +13,7 @@ use super::link::Link;
 use super::packet::{Letter, Request, Response};
 use super::post::{Control, Post, Shared};
 use super::transport::Crew;
+use crate::schedule::Network;
 
 /// How long ranks are waited for at the start.
 const MEETING: Duration = Duration::from_secs(60);
@@ -108,10 +109,12 @@ impl Node {
         self.shared.row_bytes.load(Ordering::Relaxed)
     }
 
-    /// Of another rank, the latest round trip, milliseconds, and how wrong its clock is at most, microseconds. Rank 0
-    /// knows it.
-    pub fn link(&self, rank: usize) -> Option<[f64; 2]> {
-        self.shared.links.lock().unwrap_or_else(PoisonError::into_inner).get(rank).copied().flatten()
+    /// What rows take between ranks, which are given of each device, by what is known of the way from rank 0 to others.
+    pub(super) fn network(&self, ranks: Vec<usize>) -> Network {
+        let links = self.shared.links.lock().unwrap_or_else(PoisonError::into_inner);
+        let others = links.get(1..).unwrap_or_default();
+        let mean = |of: fn(&(f64, f64)) -> f64| others.iter().map(of).sum::<f64>() / others.len().max(1) as f64;
+        Network { ranks, latency_ms: mean(|link| link.0), ms_per_byte: mean(|link| link.1) }
     }
 
     fn hosts(&self) -> MutexGuard<'_, Vec<String>> {

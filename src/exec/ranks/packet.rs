@@ -7,6 +7,7 @@ use crate::device::DeviceInfo;
 use crate::exec::RenderSettings;
 use crate::exec::messages::{Bytes, Command, Message, Reply};
 use crate::exec::watchdog::LifeSign;
+use crate::scene::folder::Files;
 
 /// `crew` is the number of a renderer with its devices; they go by their numbers in it.
 #[derive(Debug, PartialEq, Serialize, Deserialize)]
@@ -22,9 +23,9 @@ pub enum Packet {
     /// Signs of life of a rank's workers, by device; none where a worker has ended.
     Signs { crew: u32, signs: Vec<(usize, Option<LifeSign>)> },
     /// What the clock of the sender is, milliseconds since its post began; to be answered at once.
-    Ping { sent_ms: f64 },
-    /// The answer, with the clock of the rank that gives it.
-    Pong { sent_ms: f64, here_ms: f64 },
+    Ping { sent_ms: f64, load: Bytes },
+    /// The answer, with the clock of the rank that gives it, and how many bytes came with the question.
+    Pong { sent_ms: f64, here_ms: f64, bytes: usize },
     /// What its thread is to know that does not carry packets.
     Letter(Letter),
 }
@@ -59,6 +60,8 @@ pub struct Load {
     pub shot: String,
     /// When its cameras are looked at.
     pub time_s: f64,
+    /// Its files; none where each rank reads them for itself.
+    pub files: Option<Files>,
 }
 
 /// What rank 0 asks of another.

@@ -12,7 +12,7 @@ use super::clock::RankClock;
 use super::link::Link;
 use super::packet::{Letter, Packet};
 use super::transport::Crew;
-use crate::exec::messages::Message;
+use crate::exec::messages::{Bytes, Message};
 
 /// What the rank's other threads have the post do.
 pub enum Control {
@@ -44,8 +44,8 @@ pub struct Shared {
     pub hosts: Mutex<Vec<String>>,
     /// Bytes of rows that have left for other ranks.
     pub row_bytes: AtomicU64,
-    /// By rank, the latest round trip, milliseconds, and how wrong its clock is at most, microseconds; of rank 0 alone.
-    pub links: Mutex<Vec<Option<[f64; 2]>>>,
+    /// By rank, what a packet takes to it, milliseconds, and each byte of a large one; rank 0 knows it.
+    pub links: Mutex<Vec<(f64, f64)>>,
 }
 
 impl Shared {
@@ -69,6 +69,9 @@ const GRACE: Duration = Duration::from_secs(3);
 const PINGS: Duration = Duration::from_millis(200);
 /// Round trips that follow one another at the start, to align clocks.
 const FIRST_PINGS: u32 = 16;
+/// One of so many has a load, of so many bytes.
+const LOADED: u32 = 24;
+const LOAD_BYTES: usize = 1 << 20;
 const SIGNS: Duration = Duration::from_millis(10);
 
 /// How long it rests before it looks for packets: while frames are made, and long after anything has come.
@@ -214,11 +217,11 @@ impl<L: Link> Post<L> {
             Packet::Signs { crew, signs } => {
                 self.crews.get_mut(&crew).into_iter().for_each(|c| c.take_signs(&signs));
             }
-            Packet::Ping { sent_ms } => {
-                let here_ms = self.now_ms();
-                self.send(from, &Packet::Pong { sent_ms, here_ms });
+            Packet::Ping { sent_ms, load } => {
+                let (here_ms, bytes) = (self.now_ms(), load.len());
+                self.send(from, &Packet::Pong { sent_ms, here_ms, bytes });
             }
-            Packet::Pong { sent_ms, here_ms } => self.learn(from, sent_ms, here_ms),
+            Packet::Pong { sent_ms, here_ms, bytes } => self.learn(from, sent_ms, here_ms, bytes),
             Packet::Letter(Letter::Interrupted { signal }) => (self.on_interrupt)(signal),
             Packet::Letter(letter) => {
                 // Nobody reads them any more if the run has ended.
@@ -227,24 +230,27 @@ impl<L: Link> Post<L> {
         }
     }
 
-    fn learn(&mut self, from: usize, sent_ms: f64, there_ms: f64) {
+    fn learn(&mut self, from: usize, sent_ms: f64, there_ms: f64, bytes: usize) {
         let now_ms = self.now_ms();
         let peer = &mut self.peers[from];
-        peer.clock.learn(sent_ms..now_ms, there_ms);
-        peer.pings += 1;
-        let known = peer.clock.round_trip_ms.zip(peer.clock.residual_us()).map(|(trip, residual)| [trip, residual]);
+        peer.clock.learn(sent_ms..now_ms, there_ms, bytes);
+        let RankClock { round_trip_ms, ms_per_byte, .. } = peer.clock;
         let mut links = self.shared.links.lock().unwrap_or_else(PoisonError::into_inner);
-        links.resize(self.peers.len(), None);
-        links[from] = known;
+        links.resize(self.peers.len(), (0.0, 0.0));
+        links[from] = (0.5 * round_trip_ms.unwrap_or(0.0), ms_per_byte.unwrap_or(0.0));
         drop(links);
         if self.peers[from].pings < FIRST_PINGS {
             self.ping(from);
         }
     }
 
+    /// Asks for a sign of life, now and then with a load, by which it is seen how long large packets take.
     fn ping(&mut self, to: usize) {
+        let peer = &mut self.peers[to];
+        peer.pings += 1;
+        let bytes = if peer.pings % LOADED == LOADED / 2 { LOAD_BYTES } else { 0 };
         let sent_ms = self.now_ms();
-        self.send(to, &Packet::Ping { sent_ms });
+        self.send(to, &Packet::Ping { sent_ms, load: Bytes::Owned(vec![0; bytes]) });
     }
 
     /// Milliseconds since its begin.

@@ -143,7 +143,7 @@ impl<'a> Buffers<'a> {
         if let Some(known) = self.targets.borrow().get(&target) {
             return Ok(Rc::clone(known));
         }
-        let held = Rc::new(target.read(self.budget())?);
+        let held = Rc::new(target.read(self.folder.access)?);
         self.targets.borrow_mut().insert(target, Rc::clone(&held));
         Ok(held)
     }

@@ -80,7 +80,7 @@ pub fn load(path: &Path, access: Access) -> Result<Scene, SceneError> {
 /// not supported, [`SceneError::Invalid`] the part of the file that is wrong, or the animation or node of `play` that it
 /// does not have, [`SceneError::Refused`] what `access` has no room for or does not allow.
 pub fn load_playing(path: &Path, play: &Play, access: Access) -> Result<Scene, SceneError> {
-    let bytes = folder::read(path, access.budget).map_err(|error| error.in_file(&path.display().to_string()))?;
+    let bytes = folder::read(path, access).map_err(|error| error.in_file(&path.display().to_string()))?;
     parse(&bytes, path, play, access).map_err(|fault| fault.in_file(path))
 }
 

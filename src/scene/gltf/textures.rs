@@ -123,7 +123,7 @@ impl<'a, 'b> TextureTable<'a, 'b> {
     fn decode(&self, encoded: &Encoded) -> Outcome<TexelImage> {
         let budget = self.buffers.budget();
         match encoded {
-            Encoded::Target(target) => images::decode(&target.read(budget)?, budget),
+            Encoded::Target(target) => images::decode(&target.read(self.buffers.folder.access)?, budget),
             Encoded::View(view) => images::decode(self.buffers.view(*view)?.bytes, budget),
         }
     }

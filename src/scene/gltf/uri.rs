@@ -1,7 +1,6 @@
 //! What a URI of a glTF file stands for: the bytes in a `data:` URI, or a file beside it.
 
 use std::borrow::Cow;
-use std::fs;
 use std::path::PathBuf;
 
 use base64::Engine;
@@ -12,7 +11,7 @@ use percent_encoding::percent_decode_str;
 
 use super::fault::{Fault, Outcome};
 use crate::scene::budget::{Budget, Held};
-use crate::scene::folder::{self, Folder, shorten};
+use crate::scene::folder::{self, Access, Folder, shorten};
 
 /// Where the bytes behind a URI are.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -35,13 +34,13 @@ impl<'a> Target<'a> {
             .decode_utf8()
             .map_err(|_| Fault::Invalid(format!("the URI '{}' is not UTF-8", shorten(uri))))?;
         let path = folder.find(&name)?;
-        Ok(Self::File(fs::canonicalize(&path).unwrap_or(path)))
+        Ok(Self::File(folder.access.one_path(path)))
     }
 
-    pub fn read<'b>(&self, budget: &'b Budget) -> Outcome<Held<'b>> {
+    pub fn read<'b>(&self, access: Access<'b>) -> Outcome<Held<'b>> {
         match self {
-            Self::Data(rest) => decode_data(rest, budget),
-            Self::File(path) => Ok(folder::read(path, budget)?),
+            Self::Data(rest) => decode_data(rest, access.budget),
+            Self::File(path) => Ok(folder::read(path, access)?),
         }
     }
 }

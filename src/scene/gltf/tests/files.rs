@@ -157,7 +157,7 @@ fn of_one_file(folder: &Path, length: usize, count: usize) -> (PathBuf, Draft) {
 fn load_within(path: &Path, draft: &Draft, bytes: u64) -> Result<Scene, SceneError> {
     fs::write(path, draft.json.to_string()).unwrap();
     let budget = Budget::new(ByteSize(bytes));
-    crate::scene::gltf::load(path, Access { budget: &budget, allow_outside: false })
+    crate::scene::gltf::load(path, Access::of(&budget))
 }
 
 #[test]

@@ -144,7 +144,7 @@ fn read(bytes: &[u8]) -> Result<Scene, SceneError> {
 
 /// What a file may do whose memory is not in question.
 fn any(budget: &Budget) -> Access<'_> {
-    Access { budget, allow_outside: false }
+    Access::of(budget)
 }
 
 fn load(path: &Path) -> Result<Scene, SceneError> {
