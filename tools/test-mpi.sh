@@ -136,7 +136,8 @@ ended() {
     if [ -n "$5" ]; then
         [ -e "$out/ended/run.json" ] || fail "$name: there is no run.json"
     fi
-    grep -q "rank $6" "$out/$name.log" || [ -z "$6" ] || fail "$name: rank $6 is not named: $(cat "$out/$name.log")"
+    # Of a process that was killed, MPICH's mpirun names the machine.
+    grep -q "rank $6\|RUNNING AT" "$out/$name.log" || [ -z "$6" ] || fail "$name: rank $6 is not named: $(cat "$out/$name.log")"
     for image in "$out"/ended/left.*.exr; do
         "$diptych" compare "$image" "$image" >/dev/null || fail "$name: $image is not whole"
         [ "${image##*.0000}" = "$image" ] || break
