@@ -154,7 +154,7 @@ ended killed-rank-0 KILL 0 10 "" 0
 
 if [ -n "${SOAK:-}" ]; then
     small="--size 32x18 --quiet --threads-per-device 1"
-    timeout 7200 "$mpirun" -n 4 "$diptych" play builtin:checker $small --frames "$SOAK" --budget-ms 1..1000 --out "$out/soak"
+    timeout 7200 "$mpirun" -n 4 "$diptych" play builtin:checker $small --frames "$SOAK" --budget-ms 1..1000 --fps 1000 --out "$out/soak"
     echo "soak: $SOAK frames on 4 ranks"
 fi
 echo "all that was run on ranks is as it should be"
