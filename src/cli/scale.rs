@@ -18,7 +18,7 @@ use diptych::report::pictures::Group;
 use diptych::report::run::{FrameRow, RunReport, aov_ms};
 use diptych::report::scale::{Row, scale_csv, scale_sections, scale_svg, scale_table};
 use diptych::report::simulation::{self, enough_nodes, simulation_csv, simulation_svg, simulation_table};
-use diptych::schedule::CostModel;
+use diptych::schedule::{CostModel, Network};
 use diptych::trace::frames::record_devices;
 
 use super::failure::Failure;
@@ -106,6 +106,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         say!("{}", serde_json::json!({ "event": "result", "rows": rows, "simulated": simulated }));
     } else if !options.quiet {
         say!("{}", scale_table(rows).text().trim_end());
+        let Network { latency_ms, ms_per_byte, .. } = model.network;
+        if latency_ms > 0.0 {
+            let gbps = if ms_per_byte > 0.0 { format!(", {:.1} Gbit/s", 8e-6 / ms_per_byte) } else { String::new() };
+            say!("from rank to rank: {:.0} µs{gbps}", latency_ms * 1e3);
+        }
         if !simulated.is_empty() {
             say!("{}", simulation_table(simulated).text().trim_end());
             enough_nodes(simulated).iter().for_each(|said| say!("{said}"));

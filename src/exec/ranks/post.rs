@@ -74,10 +74,11 @@ const LOADED: u32 = 24;
 const LOAD_BYTES: usize = 1 << 20;
 const SIGNS: Duration = Duration::from_millis(10);
 
-/// How long it rests before it looks for packets: while frames are made, and long after anything has come.
-const SHORT_REST: Duration = Duration::from_micros(100);
+/// How long it rests before it looks for packets: this part of the time since a frame's last one, as far as that is
+/// between the two. Devices on the same cores would pay for more haste.
+const REST_PART: u32 = 8;
+const SHORT_REST: Duration = Duration::from_micros(50);
 const LONG_REST: Duration = Duration::from_millis(1);
-const LONG_AFTER: Duration = Duration::from_millis(100);
 
 /// What is known of another rank.
 #[derive(Default)]
@@ -150,8 +151,7 @@ impl<L: Link> Post<L> {
             }
             any |= self.pass_on();
             while let Some((from, bytes)) = self.link.receive() {
-                any = true;
-                self.take(from, bytes);
+                any |= self.take(from, bytes);
             }
             self.link.is_sent();
             self.keep_in_touch();
@@ -189,13 +189,18 @@ impl<L: Link> Post<L> {
         any
     }
 
-    /// A packet has come. Those of crews that have ended are dropped.
-    fn take(&mut self, from: usize, bytes: Vec<u8>) {
+    /// A packet has come. Those of crews that have ended are dropped. Returns whether it is one of many that may follow
+    /// one another closely.
+    fn take(&mut self, from: usize, bytes: Vec<u8>) -> bool {
         self.peers[from].silent = Duration::ZERO;
         let packet = match Packet::decode(bytes) {
             Ok(packet) => packet,
-            Err(what) => return self.lose(from, &what),
+            Err(what) => {
+                self.lose(from, &what);
+                return false;
+            }
         };
+        let is_lone = matches!(packet, Packet::Signs { .. } | Packet::Ping { .. } | Packet::Pong { .. });
         match packet {
             Packet::Command { crew, device, command } => {
                 if let Some(crew) = self.crews.get(&crew) {
@@ -228,6 +233,7 @@ impl<L: Link> Post<L> {
                 let _ = self.letters.send((from, letter));
             }
         }
+        !is_lone
     }
 
     fn learn(&mut self, from: usize, sent_ms: f64, there_ms: f64, bytes: usize) {
@@ -305,9 +311,8 @@ impl<L: Link> Post<L> {
         let mut select = Select::new();
         select.recv(&self.controls);
         self.crews.values().for_each(|crew| crew.watch(&mut select));
-        let is_long = self.active.elapsed() > LONG_AFTER;
         // What is ready is found at the next turn.
-        let _ = select.ready_timeout(if is_long { LONG_REST } else { SHORT_REST });
+        let _ = select.ready_timeout((self.active.elapsed() / REST_PART).clamp(SHORT_REST, LONG_REST));
     }
 
     /// Ends once all is sent.
