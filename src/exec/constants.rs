@@ -5,8 +5,9 @@ use std::ops::Range;
 use super::RenderSettings;
 use crate::image::Extent;
 use crate::quality::Quality;
+use crate::scene::optics::Optics;
 use crate::scene::rig::{Eye, Rig};
-use crate::stages::{SceneTables, layout};
+use crate::stages::{SceneTables, StageSettings, layout};
 
 /// Which samples of its pixels' sequences a frame takes.
 pub enum Samples {
@@ -36,8 +37,12 @@ pub fn constants(
     };
     let spp = samples.end - samples.start;
     let layers = stages.foveation.as_ref().map(|f| f.describe(stages.extent, time_s, quality.fovea));
+    let optics = rig.optics.as_ref().filter(|_| stages.rectified.is_some());
     let view = |eye: Eye| {
-        let view = layout::View::new(&rig.view(time_s, eye), aspect);
+        let mut view = layout::View::new(&rig.view(time_s, eye), aspect);
+        if let Some(optics) = optics {
+            [view.tan_half_x, view.tan_half_y] = optics.rendered_tan_half(stages.grid()).map(|tan| tan as f32);
+        }
         stages.polar.as_ref().map_or(view, |polar| polar.look(eye as usize, time_s, view, stages.extent))
     };
     let mut frame = layout::Frame {
@@ -46,6 +51,7 @@ pub fn constants(
             centre: stages.centre(index, spp),
             width,
             height,
+            shown: optics.map(|optics| Eye::ALL.map(|eye| shown(optics, eye, stages))).unwrap_or_default(),
             log_polar: stages.polar.as_ref().map(|polar| polar.constants(stages.extent)).unwrap_or_default(),
         },
         sampling: layout::Sampling {
@@ -68,6 +74,13 @@ pub fn constants(
     };
     tables.describe(&mut frame);
     frame
+}
+
+/// Where an eye's rectified image has what the eye shows.
+fn shown(optics: &Optics, eye: Eye, stages: &StageSettings) -> layout::Shown {
+    let columns = optics.homography(eye, stages.extent, stages.grid());
+    let [across, down, corner] = [columns.x_axis, columns.y_axis, columns.z_axis].map(|column| column.as_vec3());
+    layout::Shown { across, down, corner, ..Default::default() }
 }
 
 /// The fractional part of the golden ratio, times 2^32.

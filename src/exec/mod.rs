@@ -116,6 +116,7 @@ impl RenderSettings {
             has_surfaces,
             moving: stages.moving.clone(),
             screen: stages.polar.as_ref().map(|_| stages.extent),
+            shown: stages.rectified.map(|_| stages.extent),
             ..FrameSpec::new(stages.grid(), devices)
         }
     }

@@ -13,6 +13,7 @@ use super::worker_pool::WorkerPool;
 use super::{ExecError, Fault, FrameReport, InjectedFaults, RenderSettings, costs, quality};
 use crate::device::{DeviceFailure, DeviceInfo, GpuDevice, Traversal};
 use crate::graph::{FrameGraph, Resource};
+use crate::image::Extent;
 use crate::quality::{Denoiser, Quality};
 use crate::scene::rig::Rig;
 use crate::scene::shot::Gaze;
@@ -135,6 +136,11 @@ impl Renderer {
     /// Images around the gaze, if images are.
     pub fn polar(&self) -> Option<&Polar> {
         self.settings.stages.polar.as_ref()
+    }
+
+    /// Columns and rows of the rectified images, where eyes show others.
+    pub fn rectified(&self) -> Option<Extent> {
+        self.settings.stages.rectified
     }
 
     /// Where both eyes look from the next frame on, fractions of each one's image from the top left. Of no use without

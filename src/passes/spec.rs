@@ -21,6 +21,8 @@ pub struct FrameSpec {
     pub extent: Extent,
     /// Of the screen, where those images are polar and mapped to it; else they are of the screen itself.
     pub screen: Option<Extent>,
+    /// Of the images that the eyes show, where those that are traced are rectified and resampled to them.
+    pub shown: Option<Extent>,
     pub devices: usize,
     pub views: Views,
     /// Whether only listed pixels are path traced.
@@ -46,6 +48,7 @@ impl FrameSpec {
         Self {
             extent,
             screen: None,
+            shown: None,
             devices,
             views: Views::Reprojected,
             sparse: false,
