@@ -194,6 +194,7 @@ pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool
         scale: options.scale,
         indirect_clamp: options.clamp.unwrap_or(0.0),
         exposure_ev: loaded.shot.exposure_ev,
+        later: None,
         max_dispatch_ms: options.max_dispatch_ms,
     })
 }

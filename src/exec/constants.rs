@@ -2,6 +2,8 @@
 
 use std::ops::Range;
 
+use glam::DVec3;
+
 use super::RenderSettings;
 use crate::image::Extent;
 use crate::quality::Quality;
@@ -31,6 +33,7 @@ pub fn constants(
     let aspect = f64::from(stages.extent.width) / f64::from(stages.extent.height);
     let Extent { width, height } = stages.grid();
     let rig = rig.at(time_s).relative_to(tables.origin());
+    let later = settings.later.as_ref().map_or(rig.clone(), |later| later.relative_to(tables.origin()));
     let (samples, curve_shift) = match samples {
         Samples::First(spp) => (0..*spp, curve_shift(stages.grid(), *spp)),
         Samples::Own(samples) => (samples.clone(), layout::NO_CURVE),
@@ -51,7 +54,9 @@ pub fn constants(
             centre: stages.centre(index, spp),
             width,
             height,
-            shown: optics.map(|optics| Eye::ALL.map(|eye| shown(optics, eye, stages))).unwrap_or_default(),
+            shown: optics
+                .map(|optics| Eye::ALL.map(|eye| shown(optics, eye, stages, [&rig, &later])))
+                .unwrap_or_default(),
             log_polar: stages.polar.as_ref().map(|polar| polar.constants(stages.extent)).unwrap_or_default(),
         },
         sampling: layout::Sampling {
@@ -76,11 +81,16 @@ pub fn constants(
     frame
 }
 
-/// Where an eye's rectified image has what the eye shows.
-fn shown(optics: &Optics, eye: Eye, stages: &StageSettings) -> layout::Shown {
-    let columns = optics.homography(eye, stages.extent, stages.grid());
+/// Where an eye's image, rendered from the first rig, has what the eye shows from the second.
+fn shown(optics: &Optics, eye: Eye, stages: &StageSettings, rigs: [&Rig; 2]) -> layout::Shown {
+    let sizes = [stages.extent, stages.grid()];
+    let (columns, moved) = if stages.is_late {
+        optics.later_homography(eye, sizes, rigs)
+    } else {
+        (optics.homography(eye, sizes[0], sizes[1]), DVec3::ZERO)
+    };
     let [across, down, corner] = [columns.x_axis, columns.y_axis, columns.z_axis].map(|column| column.as_vec3());
-    layout::Shown { across, down, corner, ..Default::default() }
+    layout::Shown { across, down, corner, moved: moved.as_vec3(), ..Default::default() }
 }
 
 /// The fractional part of the golden ratio, times 2^32.

@@ -143,6 +143,12 @@ impl Renderer {
         self.settings.stages.rectified
     }
 
+    /// Has frames that are begun from here on shown from where this rig is at `time_s`; none: from where they are rendered.
+    /// Of use with [`crate::stages::StageSettings::is_late`].
+    pub fn set_later(&mut self, later: Option<(&Rig, f64)>) {
+        self.settings.later = later.map(|(rig, time_s)| rig.at(time_s));
+    }
+
     /// Where both eyes look from the next frame on, fractions of each one's image from the top left. Of no use without
     /// foveation.
     pub fn set_gaze(&mut self, [x, y]: [f64; 2]) {

@@ -163,14 +163,14 @@ impl Declarations {
 /// The passes of frames that together have every stage.
 fn all_passes() -> impl Iterator<Item = Pass> {
     let other = Some(Extent::new(1, 1));
-    let kinds = Denoiser::CHOICES.into_iter().flat_map(move |filter| {
-        [(None, None), (other, None), (None, other)].map(|(screen, shown)| (filter, screen, shown))
-    });
-    kinds.flat_map(|(filter, screen, shown)| {
+    let ways = [(None, None, false), (other, None, false), (None, other, false), (None, other, true)];
+    let kinds = Denoiser::CHOICES.into_iter().flat_map(move |filter| ways.map(|way| (filter, way)));
+    kinds.flat_map(|(filter, (screen, shown, is_late))| {
         let (seam, aovs) = (Seam::Filter, vec![Aov::Albedo]);
         let moving = Some(Moving { triangles: 1, nodes: 1, levels: vec![1], ..Moving::default() });
         let small = FrameSpec::new(Extent::new(1, 1), 2);
-        declare(&FrameSpec { screen, shown, sparse: true, filter, iterations: 1, seam, aovs, moving, ..small }).passes
+        declare(&FrameSpec { screen, shown, is_late, sparse: true, filter, iterations: 1, seam, aovs, moving, ..small })
+            .passes
     })
 }
 

@@ -23,6 +23,8 @@ pub struct FrameSpec {
     pub screen: Option<Extent>,
     /// Of the images that the eyes show, where those that are traced are rectified and resampled to them.
     pub shown: Option<Extent>,
+    /// Whether that is as from another place, by the depth of surfaces.
+    pub is_late: bool,
     pub devices: usize,
     pub views: Views,
     /// Whether only listed pixels are path traced.
@@ -49,6 +51,7 @@ impl FrameSpec {
             extent,
             screen: None,
             shown: None,
+            is_late: false,
             devices,
             views: Views::Reprojected,
             sparse: false,

@@ -8,7 +8,7 @@
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::rig::Eye;
+use super::rig::{Eye, Rig};
 use crate::image::Extent;
 
 /// The angles at which a field of view ends, radians from the eye's axis, to the right and upwards above 0: those of
@@ -170,6 +170,13 @@ impl Lens {
         self.axes * DVec3::new(across, upward, 1.0)
     }
 
+    /// The directions [`Self::ray`] of points (x, y, 1).
+    fn rays(&self, size: Extent) -> DMat3 {
+        let at = |x, y| self.ray([x, y], size);
+        let corner = at(0.0, 0.0);
+        DMat3::from_cols(at(1.0, 0.0) - corner, at(0.0, 1.0) - corner, corner)
+    }
+
     /// The least that a step of one pixel of the eye's image, in whatever direction, takes along the tangents of the
     /// rectified frame where the eye looks straight ahead, or if it does not see that, in the middle of its image.
     fn least_step(&self, size: Extent) -> f64 {
@@ -221,14 +228,41 @@ impl Optics {
         [0, 1].map(|i| self.tan_half[i] * sides[i] / (sides[i] - 2.0 * MARGIN_PX).max(1.0))
     }
 
+    /// Of a rig without optics, whose images have this size: they are rendered with so many degrees more on all sides, which
+    /// are there to be shown when the head turns.
+    pub fn with_border(rig: &Rig, size: Extent, border_deg: f64) -> Self {
+        let tan_y = (rig.yfov_rad / 2.0).tan();
+        let tan = [tan_y * f64::from(size.width) / f64::from(size.height), tan_y];
+        let lens = Lens { axes: DMat3::IDENTITY, tan: Fov { left: -tan[0], right: tan[0], up: tan[1], down: -tan[1] } };
+        Self { lenses: [lens; 2], tan_half: tan }.widened(border_deg)
+    }
+
+    /// With so many degrees more on all sides, as far as a plane holds them.
+    pub fn widened(self, border_deg: f64) -> Self {
+        let wider = |tan: f64| (tan.atan() + border_deg.to_radians()).min(WIDEST_DEG.to_radians()).tan().max(tan);
+        Self { tan_half: self.tan_half.map(wider), ..self }
+    }
+
     /// From a point (x, y, 1) of the image of `size` pixels that an eye shows to the point (x, y) / z of its rectified image,
     /// in pixels from the top left; z is the distance along the rig's forward of what is 1 away along the eye's.
     pub fn homography(&self, eye: Eye, size: Extent, grid: Extent) -> DMat3 {
-        let lens = &self.lenses[eye as usize];
-        let at = |x, y| lens.ray([x, y], size);
-        let corner = at(0.0, 0.0);
-        let rays = DMat3::from_cols(at(1.0, 0.0) - corner, at(0.0, 1.0) - corner, corner);
-        self.rectified_points(grid) * rays
+        self.rectified_points(grid) * self.lenses[eye as usize].rays(size)
+    }
+
+    /// The same from what the eye shows when the rig has moved on from `rendered` to `later`, each of one key; and where the
+    /// later eye itself is, times its distance: a point that is t away along the later eye's axis is t times the first plus
+    /// the second.
+    pub fn later_homography(
+        &self,
+        eye: Eye,
+        [size, grid]: [Extent; 2],
+        [rendered, later]: [&Rig; 2],
+    ) -> (DMat3, DVec3) {
+        let [(from, before), (to, now)] = [rendered, later].map(|rig| rig.pose(0.0, eye));
+        let rendered_from_world = DMat3::from_cols(before[0], before[1], before[2]).transpose();
+        let turned = rendered_from_world * DMat3::from_cols(now[0], now[1], now[2]);
+        let points = self.rectified_points(grid);
+        (points * turned * self.lenses[eye as usize].rays(size), points * (rendered_from_world * (to - from)))
     }
 
     /// From a point relative to an eye, in its rig's right, up and forward, to its place in the rectified image, times its

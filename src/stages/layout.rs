@@ -61,7 +61,9 @@ shared_structs! {
     }
 
     /// Where the rectified image of an eye has what the eye shows at a point (x, y) of its own image, in pixels: at (a, b) / c
-    /// for (a, b, c) = x · `across` + y · `down` + `corner`. All is 0 where images are shown as they are rendered.
+    /// for (a, b, c) = x · `across` + y · `down` + `corner`, if it is seen from where the image is rendered. From a later
+    /// place, what is t away along the eye's axis is where t · (a, b, c) + `moved` says. All is 0 where images are shown as
+    /// they are rendered.
     pub struct Shown {
         pub across: Vec3,
         pub pad0: u32,
@@ -69,6 +71,8 @@ shared_structs! {
         pub pad1: u32,
         pub corner: Vec3,
         pub pad2: u32,
+        pub moved: Vec3,
+        pub pad3: u32,
     }
 
     /// What is seen, on how many pixels.

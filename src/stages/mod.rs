@@ -75,6 +75,8 @@ pub struct StageSettings {
     /// Columns and rows of the rectified images that are traced, where eyes show others: of a rig with
     /// [`optics`](crate::scene::rig::Rig::optics), which go with no images around the gaze.
     pub rectified: Option<Extent>,
+    /// Whether rectified images may be shown as from another place than they are rendered from.
+    pub is_late: bool,
     pub aovs: Vec<Aov>,
     /// What of the scene moves, if anything does, as its tables say.
     pub moving: Option<Moving>,
@@ -101,6 +103,7 @@ impl StageSettings {
             foveation: None,
             polar: None,
             rectified: None,
+            is_late: false,
             aovs: Vec::new(),
             moving: None,
             declarations: Declarations::default(),
