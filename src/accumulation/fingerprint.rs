@@ -44,6 +44,7 @@ const SHADERS: [&str; 3] = ["gbuffer", "path_trace", "tonemap"];
 impl Fingerprint {
     pub fn of(subject: &Subject<'_>) -> Self {
         let camera = Eye::ALL.map(|eye| subject.rig.view(subject.time_s, eye));
+        let optics = subject.rig.optics;
         let text = |value: &dyn std::fmt::Debug| format!("{value:?}").to_lowercase();
         let traversal = subject.traversal;
         let access = SceneAccess { traversal, ..Default::default() };
@@ -61,7 +62,9 @@ impl Fingerprint {
             ("shaders", hash(|h| SHADERS.iter().try_for_each(|s| h.write_str(&shader_text_of(s, access))))),
         ];
         let special = (traversal != Traversal::Compute).then(|| (TRAVERSAL, traversal.name().to_owned()));
-        Self(entries.into_iter().chain(special).map(|(name, value)| (name.to_owned(), value)).collect())
+        let shown =
+            optics.map(|optics| ("eyes", hash(|h| write!(h, "{optics:?}{}", shader_text_of("to_eye", access)))));
+        Self(entries.into_iter().chain(special).chain(shown).map(|(name, value)| (name.to_owned(), value)).collect())
     }
 
     /// A name for files: 16 hexadecimal digits.

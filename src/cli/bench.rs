@@ -7,6 +7,7 @@ mod grid;
 mod journal;
 mod judge;
 mod koskela;
+mod late;
 mod leria;
 mod page;
 mod peres;

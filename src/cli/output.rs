@@ -89,7 +89,7 @@ pub fn tags(rig: &Rig, exposure_ev: f32, extent: Extent, time_s: f64, frame: u32
         Tags {
             world_to_camera: Some(matrices.world_to_camera),
             world_to_ndc: Some(matrices.world_to_ndc),
-            yfov_deg: Some(rig.yfov_rad.to_degrees() as f32),
+            yfov_deg: rig.optics.is_none().then(|| rig.yfov_rad.to_degrees() as f32),
             eye: Some(eye.to_string()),
             frame: i32::try_from(frame).ok(),
             time_s: Some(time_s),

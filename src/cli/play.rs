@@ -16,7 +16,7 @@ use diptych::passes::tonemap::{DISPLAY, LINEAR};
 use diptych::quality::Denoiser;
 use diptych::report::frames::FrameLine;
 use diptych::report::play::{Play, PlaySummary};
-use diptych::report::run::{FrameRow, RunReport};
+use diptych::report::run::{FrameRow, RectifiedFrame, RunReport};
 use diptych::scene::head::Recording;
 use diptych::scene::rig::Rig;
 
@@ -111,6 +111,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, rows);
     report.warm_up_s = warm_up_s;
     report.faults = renderer.faults().to_vec();
+    report.rectified = renderer.rectified().map(|frame| RectifiedFrame::new(frame, options.size));
     let budget = args.options.budget_ms;
     let play = Play {
         budget_ms: [budget.lo_ms(), budget.hi_ms()],
@@ -241,6 +242,9 @@ fn conclude(args: &Args, options: &RenderOptions, report: &RunReport) {
         if report.frames.iter().filter_map(|f| f.control.as_ref()).any(|c| !c.fits) {
             say!("at times no rung was expected to fit the budget: the cheapest was held");
         }
+    }
+    if let Some(rectified) = &report.rectified {
+        say!("{rectified}");
     }
     say!("{}the last picture, run.json, frames.csv and ladder.toml: {out}", and_page(args.report));
     if let Some(trace) = &options.trace {

@@ -7,7 +7,7 @@ use diptych::image::RgbImage;
 use diptych::passes::Aov;
 use diptych::quality::{Denoiser, Quality};
 use diptych::report::frames::FrameLine;
-use diptych::report::run::{FrameRow, ReferenceRow, RunReport};
+use diptych::report::run::{FrameRow, RectifiedFrame, ReferenceRow, RunReport};
 use diptych::scene::rig::Rig;
 use diptych::trace::frames::record_devices;
 
@@ -110,6 +110,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     for warning in &loaded.scene.warnings {
         eprintln!("warning: {warning}");
     }
+    if args.overlay && loaded.shot.rig.optics.is_some() {
+        let what =
+            "--overlay does not go with eyes that --motion describes: stripes are rows of what they are resampled from";
+        return Err(Failure::Input(anyhow::anyhow!(what)));
+    }
     let last_s = time_s(options, options.frames - 1);
     if let Some(warning) = setup::beyond_path(&loaded.shot.rig, options.time, last_s) {
         progress.warn(&warning);
@@ -148,6 +153,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     report.warm_up_frames = warm_up_frames;
     report.references = rows.references;
     report.faults = renderer.faults().to_vec();
+    report.rectified = renderer.rectified().map(|frame| RectifiedFrame::new(frame, options.size));
     FrameLine::csv_of(&report.frames).write(&options.out.join("frames.csv"))?;
     report.write(&options.out.join("run.json"))?;
     stale.remove(options.quiet)?;
@@ -372,6 +378,9 @@ fn conclude(options: &RenderOptions, report: &RunReport) {
         }
         if let Some(right_eye) = report.frames.last().and_then(|frame| frame.right_eye.as_ref()) {
             say!("right eye{}: {right_eye}", if report.frames.len() > 1 { " of the last frame" } else { "" });
+        }
+        if let Some(rectified) = &report.rectified {
+            say!("{rectified}");
         }
         say!("pictures, run.json and frames.csv: {}", options.out.display());
         if let Some(trace) = &options.trace {

@@ -4,17 +4,20 @@ use std::borrow::Cow;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
+use anyhow::anyhow;
 use diptych::accel::{Accel, Layout};
 use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
 use diptych::exec::ranks::{Devices, Load, Loading};
 use diptych::exec::{FrameReport, RenderSettings, Renderer};
-use diptych::passes::Moving;
+use diptych::image::Extent;
+use diptych::passes::{Aov, Moving};
 use diptych::quality::Quality;
 use diptych::scene::folder::Source;
 use diptych::scene::head::{HeadMotion, Space};
 use diptych::scene::needs::SceneNeeds;
+use diptych::scene::optics::Optics;
 use diptych::scene::rig::Rig;
-use diptych::scene::shot::{Gaze, Shot};
+use diptych::scene::shot::Shot;
 use diptych::scene::{Scene, SceneError};
 use diptych::schedule::{Even, Heft, Measured, Policy, Static};
 use diptych::stages::{SceneTables, StageSettings};
@@ -22,6 +25,7 @@ use diptych::trace::frames::{FrameControl, record_frame};
 use diptych::trace::{Recorder, TraceFile};
 
 use super::failure::Failure;
+use super::foveation::FoveationMode;
 use super::options::{Balance, HaloOption, RenderOptions, RunOptions};
 use super::ranks;
 
@@ -56,6 +60,7 @@ pub fn load(options: &RunOptions) -> Result<Loaded, Failure> {
     if let Some(path) = &options.motion {
         let motion = HeadMotion::read(path, &options.scene.budget())?;
         let invalid = |what| SceneError::Invalid { path: path.display().to_string(), what };
+        loaded.space = motion.space(&loaded.shot.rig).map_err(invalid)?;
         loaded.shot.rig = motion.rig(&loaded.shot.rig).map_err(invalid)?;
         loaded.shot.gaze = motion.gaze().unwrap_or(loaded.shot.gaze);
     }
@@ -144,11 +149,9 @@ pub fn open_here(options: &RunOptions, virtual_devices: usize) -> Result<Vec<Gpu
     Ok(device::open(&selection(options, virtual_devices))?)
 }
 
-/// The policy that the options ask for.
-pub fn policy(options: &RenderOptions, devices: usize) -> Result<Box<dyn Policy>, Failure> {
-    let size = options.size;
-    let polar = options.foveated.polar(&Gaze::default());
-    let height = polar.map_or(size, |polar| polar.grid(size)).height;
+/// The policy that the options ask for, of traced images of this size.
+pub fn policy(options: &RenderOptions, grid: Extent, devices: usize) -> Result<Box<dyn Policy>, Failure> {
+    let height = grid.height;
     Ok(match options.balance() {
         Balance::Even => Box::new(Even::new(height, devices)),
         Balance::Static => Box::new(Static::new(height, devices, &options.ratios)?),
@@ -170,9 +173,9 @@ pub fn varying_renderer(
     origin: Instant,
     mixes_spp: bool,
 ) -> Result<Renderer, Failure> {
-    let policy = policy(options, gpus.len())?;
     let injected = options.faults.injected(gpus.len())?;
-    let settings = render_settings(options, loaded, mixes_spp);
+    let settings = render_settings(options, loaded, mixes_spp)?;
+    let policy = policy(options, settings.stages.grid(), gpus.len())?;
     let _span = tracing::info_span!("start renderer").entered();
     let mut renderer = Renderer::new(gpus, Arc::clone(&loaded.tables), settings, policy, origin)?;
     renderer.set_injected_faults(injected);
@@ -182,8 +185,26 @@ pub fn varying_renderer(
     Ok(renderer)
 }
 
+/// Pixels of rectified frames over those of the eyes, along each axis, where these look straight ahead.
+const DENSITY: f64 = 1.25;
+
+/// Columns and rows of the rectified images of these eyes, for images of this size that they show.
+pub fn rectified(optics: &Optics, size: Extent) -> Result<Extent, Failure> {
+    optics.grid(size, DENSITY).map_err(|what| Failure::Input(anyhow!("--motion: {what}")))
+}
+
 /// What the options ask of all frames.
-pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool) -> RenderSettings {
+pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool) -> Result<RenderSettings, Failure> {
+    let optics = loaded.shot.rig.optics.as_ref();
+    if optics.is_some() && options.foveated.foveation != FoveationMode::None {
+        let what = "--foveation does not go with eyes that --motion describes: their images are resampled";
+        return Err(Failure::Input(anyhow!(what)));
+    }
+    if optics.is_some() && options.aov.contains(&Aov::Motion) {
+        let what =
+            "--aov motion does not go with eyes that --motion describes: its pixels are not those that are shown";
+        return Err(Failure::Input(anyhow!(what)));
+    }
     let quality = options.quality();
     let needs =
         if options.no_skip { SceneNeeds { gloss: loaded.needs.gloss, ..SceneNeeds::ALL } } else { loaded.needs };
@@ -199,13 +220,14 @@ pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool
         sparse: options.scale < 1.0,
         foveation: options.foveated.layers(&loaded.shot.gaze),
         polar: options.foveated.polar(&loaded.shot.gaze),
+        rectified: optics.map(|optics| rectified(optics, options.size)).transpose()?,
         aovs: options.aovs(),
         frames_in_flight: usize::from(options.frames_in_flight),
         checks: options.shader_checks,
         moving: loaded.tables.moving().map(|moving| Moving { hardware, ..moving }),
         ..StageSettings::new(options.size, needs)
     };
-    RenderSettings {
+    Ok(RenderSettings {
         stages,
         seam: options.seam(),
         adapts_halo: options.halo == HaloOption::Cost,
@@ -214,8 +236,9 @@ pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool
         scale: options.scale,
         indirect_clamp: options.clamp.unwrap_or(0.0),
         exposure_ev: loaded.shot.exposure_ev,
+        later: None,
         max_dispatch_ms: options.max_dispatch_ms,
-    }
+    })
 }
 
 /// The trace-file of a run and the zero of its times.

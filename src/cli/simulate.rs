@@ -125,7 +125,7 @@ const SETTLING_FRAMES: u32 = 32;
 
 /// A frame once its stripes have settled.
 pub fn predict(options: &RenderOptions, model: &CostModel) -> Result<(FrameGraph, Prediction), Failure> {
-    let mut policy = setup::policy(options, model.spec().devices)?;
+    let mut policy = setup::policy(options, model.spec().extent, model.spec().devices)?;
     let mut assignment = policy.assign(model);
     for _ in 0..SETTLING_FRAMES {
         let next = policy.assign(model);

@@ -2,11 +2,14 @@
 
 use std::ops::Range;
 
+use glam::DVec3;
+
 use super::RenderSettings;
 use crate::image::Extent;
 use crate::quality::Quality;
+use crate::scene::optics::Optics;
 use crate::scene::rig::{Eye, Rig};
-use crate::stages::{SceneTables, layout};
+use crate::stages::{SceneTables, StageSettings, layout};
 
 /// Which samples of its pixels' sequences a frame takes.
 pub enum Samples {
@@ -30,14 +33,19 @@ pub fn constants(
     let aspect = f64::from(stages.extent.width) / f64::from(stages.extent.height);
     let Extent { width, height } = stages.grid();
     let rig = rig.at(time_s).relative_to(tables.origin());
+    let later = settings.later.as_ref().map_or(rig.clone(), |later| later.relative_to(tables.origin()));
     let (samples, curve_shift) = match samples {
         Samples::First(spp) => (0..*spp, curve_shift(stages.grid(), *spp)),
         Samples::Own(samples) => (samples.clone(), layout::NO_CURVE),
     };
     let spp = samples.end - samples.start;
     let layers = stages.foveation.as_ref().map(|f| f.describe(stages.extent, time_s, quality.fovea));
+    let optics = rig.optics.as_ref().filter(|_| stages.rectified.is_some());
     let view = |eye: Eye| {
-        let view = layout::View::new(&rig.view(time_s, eye), aspect);
+        let mut view = layout::View::new(&rig.view(time_s, eye), aspect);
+        if let Some(optics) = optics {
+            [view.tan_half_x, view.tan_half_y] = optics.rendered_tan_half(stages.grid()).map(|tan| tan as f32);
+        }
         stages.polar.as_ref().map_or(view, |polar| polar.look(eye as usize, time_s, view, stages.extent))
     };
     let mut frame = layout::Frame {
@@ -46,6 +54,9 @@ pub fn constants(
             centre: stages.centre(index, spp),
             width,
             height,
+            shown: optics
+                .map(|optics| Eye::ALL.map(|eye| shown(optics, eye, stages, [&rig, &later])))
+                .unwrap_or_default(),
             log_polar: stages.polar.as_ref().map(|polar| polar.constants(stages.extent)).unwrap_or_default(),
         },
         sampling: layout::Sampling {
@@ -68,6 +79,18 @@ pub fn constants(
     };
     tables.describe(&mut frame);
     frame
+}
+
+/// Where an eye's image, rendered from the first rig, has what the eye shows from the second.
+fn shown(optics: &Optics, eye: Eye, stages: &StageSettings, rigs: [&Rig; 2]) -> layout::Shown {
+    let sizes = [stages.extent, stages.grid()];
+    let (columns, moved) = if stages.is_late {
+        optics.later_homography(eye, sizes, rigs)
+    } else {
+        (optics.homography(eye, sizes[0], sizes[1]), DVec3::ZERO)
+    };
+    let [across, down, corner] = [columns.x_axis, columns.y_axis, columns.z_axis].map(|column| column.as_vec3());
+    layout::Shown { across, down, corner, moved: moved.as_vec3(), ..Default::default() }
 }
 
 /// The fractional part of the golden ratio, times 2^32.

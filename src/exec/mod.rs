@@ -42,6 +42,7 @@ use crate::image::Extent;
 use crate::passes::{FrameSpec, Views};
 use crate::scene::Scene;
 use crate::scene::needs::SceneNeeds;
+use crate::scene::rig::Rig;
 use crate::stages::{SceneTables, StageError, StageSettings};
 
 #[derive(Debug, thiserror::Error)]
@@ -83,6 +84,10 @@ pub struct RenderSettings {
     /// Upper bound of indirect radiance; 0: none.
     pub indirect_clamp: f32,
     pub exposure_ev: f32,
+    /// Where the head is when frames are shown, as a rig of one key; none: where it is when they are rendered. Of use with
+    /// [`StageSettings::is_late`], and not sent to other ranks, which get what follows from it with each frame.
+    #[serde(skip)]
+    pub later: Option<Rig>,
     /// How long a submission may be predicted to take; none: as long as each device's kind may.
     pub max_dispatch_ms: Option<f64>,
 }
@@ -101,6 +106,7 @@ impl RenderSettings {
             scale: 1.0,
             indirect_clamp: 0.0,
             exposure_ev: 0.0,
+            later: None,
             max_dispatch_ms: None,
         }
     }
@@ -119,6 +125,8 @@ impl RenderSettings {
             has_surfaces,
             moving: stages.moving.clone(),
             screen: stages.polar.as_ref().map(|_| stages.extent),
+            shown: stages.rectified.map(|_| stages.extent),
+            is_late: stages.is_late,
             ..FrameSpec::new(stages.grid(), devices)
         }
     }

@@ -14,6 +14,7 @@ use super::worker_pool::WorkerPool;
 use super::{ExecError, Fault, FrameReport, InjectedFaults, RenderSettings, costs, quality};
 use crate::device::{DeviceFailure, DeviceInfo, Traversal};
 use crate::graph::{FrameGraph, Resource};
+use crate::image::Extent;
 use crate::quality::Quality;
 use crate::scene::rig::Rig;
 use crate::scene::shot::Gaze;
@@ -134,6 +135,17 @@ impl Renderer {
     /// Images around the gaze, if images are.
     pub fn polar(&self) -> Option<&Polar> {
         self.settings.stages.polar.as_ref()
+    }
+
+    /// Columns and rows of the rectified images, where eyes show others.
+    pub fn rectified(&self) -> Option<Extent> {
+        self.settings.stages.rectified
+    }
+
+    /// Has frames that are begun from here on shown from where this rig is at `time_s`; none: from where they are rendered.
+    /// Of use with [`crate::stages::StageSettings::is_late`].
+    pub fn set_later(&mut self, later: Option<(&Rig, f64)>) {
+        self.settings.later = later.map(|(rig, time_s)| rig.at(time_s));
     }
 
     /// Where both eyes look from the next frame on, fractions of each one's image from the top left. Of no use without

@@ -8,11 +8,12 @@ use crate::image::Extent;
 use crate::scene::rig::Eye;
 
 /// The stages of auxiliary images, whose time does not count as time of the frame: the images themselves, and from
-/// polar ones to the screen.
-pub const STAGES: [Stage; 2] = [Stage("aov"), Stage("aov_to_screen")];
+/// polar ones to the screen and rectified ones to what eyes show.
+pub const STAGES: [Stage; 3] = [Stage("aov"), Stage("aov_to_screen"), Stage("aov_to_eye")];
 
-/// Those of polar images.
+/// Those of polar and of rectified images.
 const POLAR: Resource = Resource::image("polar_aov", 16);
+const RECTIFIED: Resource = Resource::image("rectified_aov", 16);
 
 /// The `index`th auxiliary image of a frame.
 pub const fn image(index: u8) -> Resource {
@@ -36,13 +37,17 @@ const KERNEL: Kernel = Kernel::with_scene("aov").with(&[
 
 /// The passes of an auxiliary image.
 pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov) -> Vec<Pass> {
-    let Some(screen) = spec.screen else { return vec![pass(view, index, aov, image(index), spec.extent)] };
-    let (polar, grid) = (POLAR.numbered(index), polar::screen(screen));
-    let map = Pass::new(STAGES[1], view, CUT, Kernel::new("aov_to_screen"))
+    let (source, extent, stage, kernel) = match (spec.screen, spec.shown) {
+        (Some(screen), _) => (POLAR, screen, STAGES[1], Kernel::new("aov_to_screen")),
+        (None, Some(shown)) => (RECTIFIED, shown, STAGES[2], Kernel::new("aov_to_eye")),
+        (None, None) => return vec![pass(view, index, aov, image(index), spec.extent)],
+    };
+    let (source, grid) = (source.numbered(index), polar::screen(extent));
+    let map = Pass::new(stage, view, CUT, kernel)
         .index(index.into())
         .on(grid)
-        .uses([Use::read(polar).reaching(Reach::All), Use::write(image(index).on(grid))]);
-    vec![pass(view, index, aov, polar, screen), map]
+        .uses([Use::read(source).reaching(Reach::All), Use::write(image(index).on(grid))]);
+    vec![pass(view, index, aov, source, spec.screen.unwrap_or(spec.extent)), map]
 }
 
 fn pass(view: Eye, index: u8, aov: Aov, target: Resource, screen: Extent) -> Pass {

@@ -10,6 +10,7 @@ pub mod path_trace;
 mod polar;
 mod reproject;
 mod select;
+mod shown;
 mod spec;
 mod tally;
 pub mod tonemap;
@@ -104,6 +105,7 @@ fn finish(spec: &FrameSpec, denoiser: &dyn denoise::Denoise, view: Eye, light: &
     }
     frame.passes.extend(denoiser.finish(spec, view, light));
     frame.passes.extend(polar::passes(spec, view));
+    frame.passes.extend(shown::pass(spec, view));
     frame.add(tally::pass(view));
     for (index, aov) in (0..).zip(&spec.aovs) {
         frame.passes.extend(aov::passes(spec, view, index, *aov));
@@ -160,13 +162,15 @@ impl Declarations {
 
 /// The passes of frames that together have every stage.
 fn all_passes() -> impl Iterator<Item = Pass> {
-    let kinds =
-        Denoiser::CHOICES.into_iter().flat_map(|filter| [None, Some(Extent::new(1, 1))].map(|screen| (filter, screen)));
-    kinds.flat_map(|(filter, screen)| {
+    let other = Some(Extent::new(1, 1));
+    let ways = [(None, None, false), (other, None, false), (None, other, false), (None, other, true)];
+    let kinds = Denoiser::CHOICES.into_iter().flat_map(move |filter| ways.map(|way| (filter, way)));
+    kinds.flat_map(|(filter, (screen, shown, is_late))| {
         let (seam, aovs) = (Seam::Filter, vec![Aov::Albedo]);
         let moving = Some(Moving { triangles: 1, nodes: 1, levels: vec![1], ..Moving::default() });
         let small = FrameSpec::new(Extent::new(1, 1), 2);
-        declare(&FrameSpec { screen, sparse: true, filter, iterations: 1, seam, aovs, moving, ..small }).passes
+        declare(&FrameSpec { screen, shown, is_late, sparse: true, filter, iterations: 1, seam, aovs, moving, ..small })
+            .passes
     })
 }
 

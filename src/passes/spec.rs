@@ -21,6 +21,10 @@ pub struct FrameSpec {
     pub extent: Extent,
     /// Of the screen, where those images are polar and mapped to it; else they are of the screen itself.
     pub screen: Option<Extent>,
+    /// Of the images that the eyes show, where those that are traced are rectified and resampled to them.
+    pub shown: Option<Extent>,
+    /// Whether that is as from another place, by the depth of surfaces.
+    pub is_late: bool,
     pub devices: usize,
     pub views: Views,
     /// Whether only listed pixels are path traced.
@@ -46,6 +50,8 @@ impl FrameSpec {
         Self {
             extent,
             screen: None,
+            shown: None,
+            is_late: false,
             devices,
             views: Views::Reprojected,
             sparse: false,

@@ -101,10 +101,23 @@ fn with_hardware_traversal_structures_are_built_instead_of_refitted_trees() {
 #[test]
 fn groups_are_those_that_can_be_named() {
     let names: Vec<&str> = cut_groups().iter().map(|g| g.0).collect();
-    assert_eq!(names, ["gbuffer", "path_trace", "reproject", "tonemap", "to_screen", "atrous"]);
+    assert_eq!(names, ["gbuffer", "path_trace", "reproject", "tonemap", "to_screen", "to_eye", "atrous"]);
 }
 
 /// They come last, and what the filter leaves is no output.
+#[test]
+fn rectified_images_are_resampled_to_what_eyes_show() {
+    let shown = Extent::new(72, 80);
+    let rectified = FrameSpec { shown: Some(shown), iterations: 0, aovs: Vec::new(), ..spec(2, Seam::Filter) };
+    assert!(stages(&rectified).ends_with(&["tonemap", "to_eye", "tally"]), "{:?}", stages(&rectified));
+    let program = Declarations::default().program(&rectified);
+    let extent = |name| {
+        let image = program.images().iter().find(|image| image.resource.name == name).unwrap();
+        image.resource.extent(rectified.extent)
+    };
+    assert_eq!([extent("linear"), extent("display"), extent("rectified")], [shown, shown, rectified.extent]);
+}
+
 #[test]
 fn polar_images_are_mapped_to_the_screen() {
     let screen = Extent::new(96, 270);

@@ -1,7 +1,7 @@
 //! Multiplies light by albedo (remodulation) and encodes it for display.
 
 use super::gbuffer::{ALBEDO, EMISSION, TALLY};
-use super::{FrameSpec, polar};
+use super::{FrameSpec, polar, shown};
 use crate::graph::{CutGroup, Image, Kernel, Pass, Resource, Stage, Use};
 use crate::scene::rig::Eye;
 
@@ -13,9 +13,13 @@ pub const LINEAR: Resource = Resource::image("linear", 16).output();
 pub const DISPLAY: Resource = Resource::image("display", 4).output();
 
 /// The images that what follows the filter writes: scene-referred and encoded. Polar ones are mapped to those of the
-/// screen.
+/// screen, and rectified ones to what the eyes show.
 pub fn finished(spec: &FrameSpec) -> [Resource; 2] {
-    if spec.screen.is_some() { [polar::LINEAR, polar::DISPLAY] } else { [LINEAR, DISPLAY] }
+    match (spec.screen, spec.shown) {
+        (Some(_), _) => [polar::LINEAR, polar::DISPLAY],
+        (None, Some(_)) => [shown::LINEAR, shown::DISPLAY],
+        (None, None) => [LINEAR, DISPLAY],
+    }
 }
 
 /// `light` is demodulated, that is, divided by albedo.

@@ -9,6 +9,7 @@ pub mod html;
 mod json;
 pub mod koskela;
 pub mod lanes;
+pub mod late;
 pub mod leria;
 pub mod peers;
 pub mod peres;

@@ -12,8 +12,8 @@ use crate::accumulation::Noise;
 use crate::device::DeviceInfo;
 use crate::exec::{Fault, FrameReport, RightEye, Stereo, TaskTiming, TimedTask};
 use crate::graph::{Seam, Stage};
-use crate::image::ImageError;
 use crate::image::file::atomic_write;
+use crate::image::{Extent, ImageError};
 use crate::passes::AOVS;
 use crate::passes::path_trace::CUT;
 use crate::quality::{FrameQuality, Quality};
@@ -222,7 +222,8 @@ pub struct FrameRow {
 impl FrameRow {
     /// The row of a frame that `rig` sees at `time_s`.
     pub fn new(frame: &FrameReport, quality: &Quality, rig: &Rig, time_s: f64) -> Self {
-        let matrices = |eye| rig.matrices(time_s, eye, frame.spec.screen.unwrap_or(frame.spec.extent));
+        let matrices =
+            |eye| rig.matrices(time_s, eye, frame.spec.shown.or(frame.spec.screen).unwrap_or(frame.spec.extent));
         let rows_of = |group, view| {
             let stripes = frame.assignment.stripes(group, view);
             (0..stripes.devices()).map(|d| stripes.rows(d).len() as u32).collect::<Vec<u32>>()
@@ -296,6 +297,36 @@ pub struct RunReport {
     /// Says how the budget was kept.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub play: Option<PlaySummary>,
+    /// What eyes are resampled from. It is absent where they show what is rendered.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rectified: Option<RectifiedFrame>,
+}
+
+/// The frame that both eyes share where what they show is resampled from it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[cfg_attr(test, derive(schemars::JsonSchema))]
+pub struct RectifiedFrame {
+    pub width: u32,
+    pub height: u32,
+    /// Its pixels over those that an eye shows.
+    pub pixels_ratio: f64,
+}
+
+impl RectifiedFrame {
+    pub fn new(rendered: Extent, shown: Extent) -> Self {
+        let pixels_ratio = rendered.area() as f64 / shown.area() as f64;
+        Self { width: rendered.width, height: rendered.height, pixels_ratio }
+    }
+}
+
+impl fmt::Display for RectifiedFrame {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { width, height, pixels_ratio } = self;
+        write!(
+            f,
+            "eyes are resampled from a frame that they share, {width}x{height}: {pixels_ratio:.2} times their pixels"
+        )
+    }
 }
 
 impl RunReport {
@@ -320,6 +351,7 @@ impl RunReport {
             faults: Vec::new(),
             references: Vec::new(),
             play: None,
+            rectified: None,
         }
     }
 

@@ -1,7 +1,7 @@
 //! Head motion: where a viewer's head was at which time, as a file says it, and as a run leaves it for later ones.
 //!
-//! A file has a JSON value in each line: first `{"diptych_motion": 1}`, the version, then samples in the order of their
-//! times, such as `{"time_s": 0.5, "position_m": [0, 0, 0], "orientation": [0, 0, 0, 1]}`. Axes are those of OpenXR: x
+//! A file has a JSON value in each line: first `{"diptych_motion": 1}`, the version, which may also have the head's
+//! [`eyes`](HeadEyes), then samples in the order of their times, such as `{"time_s": 0.5, "position_m": [0, 0, 0], "orientation": [0, 0, 0, 1]}`. Axes are those of OpenXR: x
 //! to the right, y up, −z ahead; orientations are unit quaternions (x, y, z, w) that turn from the head's axes to those
 //! of the [`Space`].
 
@@ -14,6 +14,7 @@ use serde::{Deserialize, Serialize};
 use super::SceneError;
 use super::budget::Budget;
 use super::folder::{self, Access};
+use super::optics::{HeadEyes, Rectified};
 use super::rig::{Rig, RigKey, Turning};
 use super::shot::Gaze;
 use super::shot::allowed::fits_f32;
@@ -34,6 +35,8 @@ struct Header {
     /// What it is, for people.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     about: Option<String>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    eyes: Option<HeadEyes>,
 }
 
 /// A line of a file.
@@ -68,7 +71,7 @@ impl Sample {
     }
 }
 
-/// What a head's positions and orientations are relative to: upright, it stands where a shot's eyes are at first and looks
+/// What a head's positions and orientations are relative to, and the eyes that it has: upright, it stands where a shot's eyes are at first and looks
 /// where they look, but level. Its units are metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Space {
@@ -76,6 +79,8 @@ pub struct Space {
     origin: DVec3,
     world_from_space: DQuat,
     metres_per_unit: f64,
+    /// In the head; without any, the eyes are as the shot has them.
+    eyes: Option<(HeadEyes, Rectified)>,
 }
 
 impl Space {
@@ -85,19 +90,41 @@ impl Space {
         let (up, [right, ..]) = (first.up.normalize(), first.axes());
         let axes = DMat3::from_cols(right, up, right.cross(up));
         let world_from_space = DQuat::from_mat3(&axes).normalize();
-        Self { origin: first.position, world_from_space, metres_per_unit: rig.metres_per_unit }
+        Self { origin: first.position, world_from_space, metres_per_unit: rig.metres_per_unit, eyes: None }
+    }
+
+    /// Where the rig is in the head: metres, and turned.
+    fn head_from_rig(&self) -> (DVec3, DQuat) {
+        let eyes = self.eyes.as_ref();
+        eyes.map_or((DVec3::ZERO, DQuat::IDENTITY), |(_, shared)| (shared.position_m, shared.orientation))
+    }
+
+    /// A rig with these keys, and what else the head's eyes or the shot's are.
+    fn rig_of(&self, keys: Vec<RigKey>, shot: &Rig) -> Rig {
+        let rig = Rig { keys, turning: Turning::Spherical, ..shot.clone() };
+        match &self.eyes {
+            None => rig,
+            Some((_, Rectified { optics, baseline_m, .. })) => {
+                let yfov_rad = 2.0 * optics.tan_half[1].atan();
+                Rig { yfov_rad, baseline_m: *baseline_m, optics: Some(*optics), ..rig }
+            }
+        }
     }
 
     fn key(&self, sample: &Sample) -> RigKey {
-        let position = self.origin + self.world_from_space * (DVec3::from(sample.position_m) / self.metres_per_unit);
-        let orientation = self.world_from_space * DQuat::from_array(sample.orientation).normalize();
-        RigKey::turned(sample.time_s, position, orientation)
+        let (between_m, turned) = self.head_from_rig();
+        let head = DQuat::from_array(sample.orientation).normalize();
+        let position_m = DVec3::from(sample.position_m) + head * between_m;
+        let position = self.origin + self.world_from_space * (position_m / self.metres_per_unit);
+        RigKey::turned(sample.time_s, position, self.world_from_space * head * turned)
     }
 
     fn sample(&self, time_s: f64, key: &RigKey, gaze: Option<[f64; 2]>) -> Sample {
+        let (between_m, turned) = self.head_from_rig();
         let space_from_world = self.world_from_space.conjugate();
-        let position_m = space_from_world * (key.position - self.origin) * self.metres_per_unit;
-        let orientation = space_from_world * key.orientation();
+        let orientation = (space_from_world * key.orientation() * turned.conjugate()).normalize();
+        let position_m =
+            space_from_world * (key.position - self.origin) * self.metres_per_unit - orientation * between_m;
         Sample { time_s, position_m: position_m.into(), orientation: orientation.into(), gaze }
     }
 }
@@ -107,6 +134,7 @@ impl Space {
 pub struct HeadMotion {
     /// One at least; their times rise.
     samples: Vec<Sample>,
+    eyes: Option<HeadEyes>,
 }
 
 impl HeadMotion {
@@ -128,7 +156,7 @@ impl HeadMotion {
         let lines = text.split(|byte| *byte == b'\n').map(<[u8]>::trim_ascii);
         let mut lines = (1..).zip(lines).filter(|(_, line)| !line.is_empty());
         let (number, line) = lines.next().ok_or("it is empty: its first line must be {\"diptych_motion\": 1}")?;
-        let Header { diptych_motion: version, .. } = from_line(number, line)?;
+        let Header { diptych_motion: version, eyes, .. } = from_line(number, line)?;
         if version != VERSION {
             return Err(format!("line {number}: it is of version {version}, and this program reads {VERSION}"));
         }
@@ -143,20 +171,31 @@ impl HeadMotion {
             }
             samples.push(sample);
         }
-        if samples.is_empty() { Err("it has no sample".to_owned()) } else { Ok(Self { samples }) }
+        if samples.is_empty() { Err("it has no sample".to_owned()) } else { Ok(Self { samples, eyes }) }
     }
 
-    /// The rig of a shot, moved as the head is, in the shot's space. It turns spherically between samples.
+    /// The space of a shot, with the eyes that the file describes.
     ///
     /// # Errors
-    /// A sentence, if the head gets so far that the numbers do not hold where it is, or where it looks from there.
+    /// A sentence, if they are no pair of eyes.
+    pub fn space(&self, shot: &Rig) -> Result<Space, String> {
+        let eyes = self.eyes.map(|eyes| Ok::<_, String>((eyes, eyes.rectified()?))).transpose()?;
+        Ok(Space { eyes, ..Space::of(shot) })
+    }
+
+    /// The rig of a shot, moved as the head is, in the shot's space. It turns spherically between samples. With eyes that
+    /// the file describes, it is that of the frame that they share.
+    ///
+    /// # Errors
+    /// Those of [`Self::space`], and a sentence, if the head gets so far that the numbers do not hold where it is, or where it
+    /// looks from there.
     pub fn rig(&self, shot: &Rig) -> Result<Rig, String> {
-        let space = Space::of(shot);
+        let space = self.space(shot)?;
         let keys: Vec<RigKey> = self.samples.iter().map(|sample| space.key(sample)).collect();
         let is_far = |key: &&RigKey| key.is_degenerate() || !key.position.to_array().into_iter().all(fits_f32);
         match keys.iter().find(is_far) {
             Some(key) => Err(format!("position_m at {} s is too far from the scene", key.time_s)),
-            None => Ok(Rig { keys, turning: Turning::Spherical, ..shot.clone() }),
+            None => Ok(space.rig_of(keys, shot)),
         }
     }
 
@@ -201,7 +240,8 @@ impl Recording {
     pub fn write(&self, path: &Path) -> Result<(), ImageError> {
         atomic_write(path, |out| {
             let mut line = |value: serde_json::Result<String>| writeln!(out, "{}", value.map_err(io::Error::from)?);
-            line(serde_json::to_string(&Header { diptych_motion: VERSION, about: None }))?;
+            let eyes = self.space.eyes.map(|(eyes, _)| eyes);
+            line(serde_json::to_string(&Header { diptych_motion: VERSION, about: None, eyes }))?;
             self.samples.iter().try_for_each(|sample| line(serde_json::to_string(sample)))
         })
     }

@@ -6,6 +6,7 @@
 pub mod budget;
 pub mod complete;
 pub mod folder;
+pub mod optics;
 pub mod rig;
 pub mod projection;
 pub mod motion;

@@ -1,8 +1,9 @@
 //! Where points of the world are in an eye's image, as the matrices that files have.
 
-use glam::DVec4;
+use glam::{DMat3, DVec4};
 use serde::Serialize;
 
+use super::optics::Fov;
 use super::rig::{Eye, Rig};
 use crate::image::Extent;
 
@@ -19,14 +20,19 @@ pub struct Matrices {
 }
 
 impl Rig {
-    /// Of an eye's image of this size at `time_s`.
+    /// Of the image of this size that an eye shows at `time_s`.
     pub fn matrices(&self, time_s: f64, eye: Eye, extent: Extent) -> Matrices {
         let (origin, axes) = self.pose(time_s, eye);
-        let [x, y, z] = axes.map(|axis| axis.extend(-axis.dot(origin)));
-        let tan_half_y = (self.yfov_rad / 2.0).tan();
-        let tan_half_x = tan_half_y * f64::from(extent.width) / f64::from(extent.height);
-        let across = 0.5 * (z + x / tan_half_x);
-        let down = 0.5 * (z - y / tan_half_y);
+        let tan_y = (self.yfov_rad / 2.0).tan();
+        let tan_x = tan_y * f64::from(extent.width) / f64::from(extent.height);
+        let (turned, Fov { left, right, up, down }) = match &self.optics {
+            None => (DMat3::IDENTITY, Fov { left: -tan_x, right: tan_x, up: tan_y, down: -tan_y }),
+            Some(optics) => (optics.lenses[eye as usize].axes, optics.lenses[eye as usize].tan),
+        };
+        let own = DMat3::from_cols_array_2d(&axes.map(Into::into)) * turned;
+        let [x, y, z] = [own.x_axis, own.y_axis, own.z_axis].map(|axis| axis.extend(-axis.dot(origin)));
+        let across = (x - z * left) / (right - left);
+        let down = (z * up - y) / (up - down);
         Matrices {
             world_to_camera: from_columns([x, y, z, DVec4::W]),
             world_to_ndc: from_columns([across, down, DVec4::W, z]),

@@ -8,6 +8,7 @@ use std::fmt;
 use glam::{DMat3, DQuat, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
+use super::optics::Optics;
 use super::{Bounds, Camera};
 use crate::image::Extent;
 
@@ -124,6 +125,9 @@ pub struct Rig {
     /// At least one; times strictly increase.
     pub keys: Vec<RigKey>,
     pub turning: Turning,
+    /// What the eyes show, where that is not what is rendered: `yfov_rad` and the keys are those of the frame that the eyes
+    /// share.
+    pub optics: Option<Optics>,
 }
 
 /// One eye's pinhole. `right`, `up`, `forward` are orthonormal, `up = cross(right, forward)`.
@@ -157,6 +161,7 @@ impl Rig {
             metres_per_unit: 1.0,
             keys,
             turning: Turning::Linear,
+            optics: None,
         }
     }
 

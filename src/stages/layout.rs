@@ -60,6 +60,21 @@ shared_structs! {
         pub pad1: u32,
     }
 
+    /// Where the rectified image of an eye has what the eye shows at a point (x, y) of its own image, in pixels: at (a, b) / c
+    /// for (a, b, c) = x · `across` + y · `down` + `corner`, if it is seen from where the image is rendered. From a later
+    /// place, what is t away along the eye's axis is where t · (a, b, c) + `moved` says. All is 0 where images are shown as
+    /// they are rendered.
+    pub struct Shown {
+        pub across: Vec3,
+        pub pad0: u32,
+        pub down: Vec3,
+        pub pad1: u32,
+        pub corner: Vec3,
+        pub pad2: u32,
+        pub moved: Vec3,
+        pub pad3: u32,
+    }
+
     /// What is seen, on how many pixels.
     pub struct Camera {
         /// Of the left and the right eye.
@@ -70,6 +85,8 @@ shared_structs! {
         pub width: u32,
         pub height: u32,
         pub log_polar: LogPolar,
+        /// Of the left and the right eye.
+        pub shown: [Shown; 2],
     }
 
     /// Which random numbers a frame draws, of which pixels and for how long paths.

@@ -72,6 +72,11 @@ pub struct StageSettings {
     pub foveation: Option<Foveation>,
     /// None: images are those of the screen.
     pub polar: Option<Polar>,
+    /// Columns and rows of the rectified images that are traced, where eyes show others: of a rig with
+    /// [`optics`](crate::scene::rig::Rig::optics), which go with no images around the gaze.
+    pub rectified: Option<Extent>,
+    /// Whether rectified images may be shown as from another place than they are rendered from.
+    pub is_late: bool,
     pub aovs: Vec<Aov>,
     /// What of the scene moves, if anything does, as its tables say.
     pub moving: Option<Moving>,
@@ -98,6 +103,8 @@ impl StageSettings {
             sparse: false,
             foveation: None,
             polar: None,
+            rectified: None,
+            is_late: false,
             aovs: Vec::new(),
             moving: None,
             declarations: Declarations::default(),
@@ -108,12 +115,13 @@ impl StageSettings {
 
     /// The columns and rows of the images that are traced.
     pub fn grid(&self) -> Extent {
-        self.polar.as_ref().map_or(self.extent, |polar| polar.grid(self.extent))
+        let own = self.rectified.unwrap_or(self.extent);
+        self.polar.as_ref().map_or(own, |polar| polar.grid(own))
     }
 
     /// How many pixels the image of an eye has.
     pub(crate) fn pixels(&self, view: &layout::View) -> u64 {
-        self.polar.as_ref().map_or(self.extent.area() as u64, |polar| polar.pixels(view, self.extent))
+        self.polar.as_ref().map_or(self.grid().area() as u64, |polar| polar.pixels(view, self.extent))
     }
 
     /// Whether the samples of a frame of `spp` are spread over the pixel: one alone goes through its centre.

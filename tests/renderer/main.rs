@@ -5,6 +5,7 @@ mod common;
 mod cuts;
 mod display;
 mod energy;
+mod eyes;
 mod faults;
 mod foveation;
 mod gbuffer;

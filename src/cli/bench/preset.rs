@@ -5,7 +5,7 @@
 use anyhow::anyhow;
 use clap::ValueEnum;
 
-use super::{Args, andersson, bmfr, koskela, leria, peres};
+use super::{Args, andersson, bmfr, koskela, late, leria, peres};
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
 use crate::cli::options::RunOptions;
@@ -27,6 +27,8 @@ enum Experiment {
     Andersson,
     /// Tables 4 and 5 of Peres: foveated sampling and denoising in layers
     Peres,
+    /// Frames shown 1, 2 and 4 frames after their pose was taken from --motion, as they are and corrected
+    Late,
 }
 
 impl Experiment {
@@ -37,6 +39,7 @@ impl Experiment {
             Self::Koskela => koskela::run(args),
             Self::Andersson => andersson::run(args),
             Self::Peres => peres::run(args),
+            Self::Late => late::run(args),
         }
     }
 
@@ -48,6 +51,7 @@ impl Experiment {
             Self::Koskela => koskela::REFUSES,
             Self::Andersson => andersson::REFUSES,
             Self::Peres => peres::REFUSES,
+            Self::Late => late::REFUSES,
         }
     }
 }
@@ -58,14 +62,14 @@ pub struct PresetOptions {
     /// Repeat a published experiment instead of measuring the grid
     #[arg(long, value_name = "NAME", conflicts_with_all = ["seams", "spp", "bounces", "denoiser", "iterations", "reference"])]
     preset: Option<Experiment>,
-    /// With --preset bmfr, koskela or andersson: several shots; with peres what stands for the thesis's scenes, in their order: Pink Room, Sponza,
+    /// With --preset bmfr, koskela, andersson or late: several shots; with peres what stands for the thesis's scenes, in their order: Pink Room, Sponza,
     /// Forest [default: of peres builtin:checker,builtin:atrium,builtin:forest]
     #[arg(long, value_name = "SHOT,…", value_delimiter = ',', requires = "preset")]
     pub shots: Vec<String>,
     /// With --preset peres: factor on the thesis's widths and heights
     #[arg(long, value_name = "F", requires = "preset", default_value_t = 0.25, value_parser = size_factor)]
     pub size_factor: f64,
-    /// With --preset peres or andersson: instants along each shot's path
+    /// With --preset peres, andersson or late: instants along each shot's path or the motion
     #[arg(long, value_name = "N", requires = "preset", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub instants: u32,
     /// With --preset leria: frames along the shot's path

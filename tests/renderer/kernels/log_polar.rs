@@ -108,7 +108,8 @@ impl Image {
             ..self.eye.view()
         };
         let (width, height) = (self.width(), self.rows());
-        let camera = Camera { views: [view; 2], centre: Vec2::splat(0.5), width, height, log_polar };
+        let shown = Default::default();
+        let camera = Camera { views: [view; 2], centre: Vec2::splat(0.5), width, height, log_polar, shown };
         Frame { camera, ..Default::default() }
     }
 

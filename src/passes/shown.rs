@@ -1,0 +1,29 @@
+//! From a rectified image to what an eye shows.
+
+use super::FrameSpec;
+use super::gbuffer::EMISSION;
+use super::polar::screen;
+use super::tonemap;
+use crate::graph::{CutGroup, Kernel, Pass, Reach, Resource, Stage, Use};
+use crate::scene::rig::Eye;
+
+const CUT: CutGroup = CutGroup("to_eye");
+
+/// The finished rectified image, scene-referred RGB, and encoded, which nothing reads.
+pub const LINEAR: Resource = Resource::image("rectified", 16);
+pub const DISPLAY: Resource = Resource::image("rectified_display", 4);
+
+const LATER: Kernel = Kernel::new("to_later_eye");
+
+/// The pass after those that finish a view's image, if that is not what is shown.
+pub fn pass(spec: &FrameSpec, view: Eye) -> Option<Pass> {
+    let grid = screen(spec.shown?);
+    let (stage, kernel) = if spec.is_late { ("to_later_eye", LATER) } else { ("to_eye", Kernel::new("to_eye")) };
+    let pass = Pass::new(Stage(stage), view, CUT, kernel).on(grid).uses([
+        Use::read(LINEAR).reaching(Reach::All),
+        Use::write(tonemap::LINEAR.on(grid)),
+        Use::write(tonemap::DISPLAY.on(grid)),
+    ]);
+    // Which has the distance of surfaces.
+    Some(if spec.is_late { pass.uses([Use::read(EMISSION).reaching(Reach::All)]) } else { pass })
+}
