@@ -147,6 +147,8 @@ fn experiments_refuse_what_does_not_go_with_them() {
     refused(&["bmfr", "--frames", "3"], &["--preset bmfr", "--frames"]);
     refused(&["bmfr", "builtin:cornell", "--shots", "builtin:checker"], &["SHOT", "--shots"]);
     refused(&["koskela", "--instants", "3"], &["--preset koskela", "--instants"]);
+    refused(&["late"], &["--motion"]);
+    refused(&["late", "--repeats", "2"], &["--preset late", "--repeats"]);
     refused(&["peres", "builtin:cornell"], &["--preset peres", "SHOT"]);
     refused(&["peres", "--size", "32x20"], &["--preset peres", "--size"]);
     refused(&["nobody"], &["nobody", "leria", "bmfr", "koskela", "peres"]);
