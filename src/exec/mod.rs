@@ -125,6 +125,7 @@ impl RenderSettings {
             has_surfaces,
             moving: stages.moving.clone(),
             screen: stages.polar.as_ref().map(|_| stages.extent),
+            blurs: stages.polar.as_ref().is_some_and(|polar| polar.space.blurs()),
             shown: stages.rectified.map(|_| stages.extent),
             is_late: stages.is_late,
             ..FrameSpec::new(stages.grid(), devices)

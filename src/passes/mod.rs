@@ -104,7 +104,7 @@ fn finish(spec: &FrameSpec, denoiser: &dyn denoise::Denoise, view: Eye, light: &
         *light = smoothed;
     }
     frame.passes.extend(denoiser.finish(spec, view, light));
-    frame.passes.extend(polar::passes(spec, view));
+    polar::show(spec, view, frame);
     frame.passes.extend(shown::pass(spec, view));
     frame.add(tally::pass(view));
     for (index, aov) in (0..).zip(&spec.aovs) {

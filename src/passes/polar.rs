@@ -1,7 +1,7 @@
 //! From a polar image to the screen.
 
-use super::FrameSpec;
 use super::tonemap;
+use super::{Declared, FrameSpec};
 use crate::graph::{CutGroup, Grid, Kernel, Pass, Projection, Reach, Resource, Size, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
@@ -25,19 +25,20 @@ pub fn screen(extent: Extent) -> Grid {
     Grid { size: Size::Fixed(extent), projection: Projection::Perspective }
 }
 
-/// The passes after those that finish a view's image, if it is polar.
-pub fn passes(spec: &FrameSpec, view: Eye) -> Vec<Pass> {
-    let Some(extent) = spec.screen else { return Vec::new() };
+/// Adds what follows the passes that finish a view's image, if it is polar.
+pub fn show(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
+    let Some(extent) = spec.screen else { return };
     let reach = blur_reach(spec.extent.height);
     let blur = |axis, read: Use, target| {
         let pass = Pass::new(Stage("polar_blur"), view, tonemap::CUT, Kernel::new("polar_blur"));
         pass.index(axis).uses([read, Use::write(target)]).args([axis, reach, 0])
     };
+    let blurs = [blur(0, Use::read(LINEAR), AROUND), blur(1, Use::read(AROUND).halo(spec.halo(reach)), BLURRED)];
+    blurs.map(|blur| frame.add_if(spec.blurs, "polar images are not blurred", blur));
     let grid = screen(extent);
-    let map = Pass::new(Stage("to_screen"), view, CUT, Kernel::new("to_screen")).on(grid).uses([
-        Use::read(BLURRED).reaching(Reach::All),
+    frame.add(Pass::new(Stage("to_screen"), view, CUT, Kernel::new("to_screen")).on(grid).uses([
+        Use::read(if spec.blurs { BLURRED } else { LINEAR }).reaching(Reach::All),
         Use::write(tonemap::LINEAR.on(grid)),
         Use::write(tonemap::DISPLAY.on(grid)),
-    ]);
-    vec![blur(0, Use::read(LINEAR), AROUND), blur(1, Use::read(AROUND).halo(spec.halo(reach)), BLURRED), map]
+    ]));
 }

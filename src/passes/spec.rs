@@ -21,6 +21,8 @@ pub struct FrameSpec {
     pub extent: Extent,
     /// Of the screen, where those images are polar and mapped to it; else they are of the screen itself.
     pub screen: Option<Extent>,
+    /// Whether polar images are blurred away from the gaze.
+    pub blurs: bool,
     /// Of the images that the eyes show, where those that are traced are rectified and resampled to them.
     pub shown: Option<Extent>,
     /// Whether that is as from another place, by the depth of surfaces.
@@ -50,6 +52,7 @@ impl FrameSpec {
         Self {
             extent,
             screen: None,
+            blurs: true,
             shown: None,
             is_late: false,
             devices,

@@ -102,6 +102,14 @@ impl PolarSpace {
             Self::Log(_) => "log-polar",
         }
     }
+
+    /// Whether images are blurred away from the gaze.
+    pub fn blurs(&self) -> bool {
+        match self {
+            Self::Visual => true,
+            Self::Log(map) => map.blur,
+        }
+    }
 }
 
 impl Display for PolarSpace {

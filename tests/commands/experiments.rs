@@ -188,9 +188,11 @@ fn experiments_refuse_what_does_not_go_with_them() {
     refused(&["bmfr", "builtin:cornell", "--shots", "builtin:checker"], &["SHOT", "--shots"]);
     refused(&["koskela", "--instants", "3"], &["--preset koskela", "--instants"]);
     refused(&["andersson", "--frames", "3"], &["--preset andersson", "--frames"]);
+    refused(&["late"], &["--motion"]);
+    refused(&["late", "--repeats", "2"], &["--preset late", "--repeats"]);
     refused(&["peres", "builtin:cornell"], &["--preset peres", "SHOT"]);
     refused(&["peres", "--size", "32x20"], &["--preset peres", "--size"]);
-    refused(&["nobody"], &["nobody", "leria", "bmfr", "koskela", "andersson", "peres"]);
+    refused(&["nobody"], &["nobody", "leria", "bmfr", "koskela", "andersson", "peres", "late"]);
     let output = diptych(&["bench", "--out", "unused", "--frames", "3"]);
     assert!(output.status.code() == Some(2) && String::from_utf8_lossy(&output.stderr).contains("--preset"));
 }
