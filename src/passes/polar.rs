@@ -33,8 +33,9 @@ pub fn show(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
         let pass = Pass::new(Stage("polar_blur"), view, tonemap::CUT, Kernel::new("polar_blur"));
         pass.index(axis).uses([read, Use::write(target)]).args([axis, reach, 0])
     };
-    let blurs = [blur(0, Use::read(LINEAR), AROUND), blur(1, Use::read(AROUND).halo(spec.halo(reach)), BLURRED)];
-    blurs.map(|blur| frame.add_if(spec.blurs, "polar images are not blurred", blur));
+    for pass in [blur(0, Use::read(LINEAR), AROUND), blur(1, Use::read(AROUND).halo(spec.halo(reach)), BLURRED)] {
+        frame.add_if(spec.blurs, "the polar image is not blurred", pass);
+    }
     let grid = screen(extent);
     frame.add(Pass::new(Stage("to_screen"), view, CUT, Kernel::new("to_screen")).on(grid).uses([
         Use::read(if spec.blurs { BLURRED } else { LINEAR }).reaching(Reach::All),

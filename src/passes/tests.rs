@@ -123,6 +123,8 @@ fn polar_images_are_mapped_to_the_screen() {
     let screen = Extent::new(96, 270);
     let polar = FrameSpec { screen: Some(screen), iterations: 0, aovs: Vec::new(), ..spec(2, Seam::Filter) };
     assert!(stages(&polar).ends_with(&["tonemap", "polar_blur", "to_screen", "tally"]), "{:?}", stages(&polar));
+    let sharp = FrameSpec { blurs: false, ..polar.clone() };
+    assert!(stages(&sharp).ends_with(&["tonemap", "to_screen", "tally"]), "{:?}", stages(&sharp));
     let program = Declarations::default().program(&polar);
     let outputs: Vec<_> = program.outputs().map(|number| program.images()[number].resource).collect();
     let extents = |name| outputs.iter().find(|image| image.name == name).map(|image| image.extent(program.extent));
