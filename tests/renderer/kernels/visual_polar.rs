@@ -20,7 +20,7 @@ fn acuity(degrees: f64) -> f64 {
 
 /// The integral of acuity over the disc within an eccentricity, by Simpson's rule.
 fn acuity_within(degrees: f64) -> f64 {
-    const STEPS: u32 = 2000;
+    const STEPS: u32 = 200;
     let step = (degrees - FOVEA_DEG) / f64::from(STEPS);
     let at = |i: u32| {
         let e = FOVEA_DEG + step * f64::from(i);
@@ -90,7 +90,7 @@ impl Polar {
         }
         let sum = FOVEA_AREA * (2.0 * row / self.fovea_rows - 1.0);
         let (mut low, mut high) = (FOVEA_DEG, 120.0);
-        for _ in 0..50 {
+        for _ in 0..40 {
             let middle = 0.5 * (low + high);
             if acuity_within(middle) < sum { low = middle } else { high = middle }
         }
