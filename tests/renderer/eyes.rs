@@ -126,7 +126,7 @@ fn what_is_shown_late_is_corrected_on_any_number_of_devices() {
     subject.rig.optics = Some(optics);
     let mut settings = subject.settings(size.width, size.height);
     (settings.stages.rectified, settings.stages.is_late) = (Some(optics.grid(size, 1.25).unwrap()), true);
-    settings.stages.spp = 64;
+    settings.stages.spp = 24;
     let [now_s, later_s] = [first.time_s, first.time_s + 1.0];
     let shown = |devices, at_s, is_late: bool| {
         let mut stage = Stage::even(&subject, &settings, devices);
