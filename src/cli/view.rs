@@ -66,7 +66,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         scene: loaded.shot.name.clone(),
         eye: options.size,
         band_ms: [args.options.budget_ms.lo_ms(), args.options.budget_ms.hi_ms()],
-        devices: gpus.iter().map(|gpu| format!("dev{} {}", gpu.info.index, gpu.info.name)).collect(),
+        devices: gpus.infos().iter().map(|info| format!("dev{} {}", info.index, info.name)).collect(),
         is_foveated: options.foveated.is_on(),
     };
     let shared = Arc::new(Shared::default());
