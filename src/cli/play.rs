@@ -16,7 +16,8 @@ use diptych::passes::tonemap::{DISPLAY, LINEAR};
 use diptych::quality::Denoiser;
 use diptych::report::frames::FrameLine;
 use diptych::report::play::{Play, PlaySummary};
-use diptych::report::run::{FrameRow, RectifiedFrame, RunReport};
+use diptych::report::rectified::RectifiedFrame;
+use diptych::report::run::{FrameRow, RunReport};
 use diptych::scene::head::Recording;
 use diptych::scene::rig::Rig;
 

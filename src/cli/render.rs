@@ -7,7 +7,8 @@ use diptych::image::RgbImage;
 use diptych::passes::Aov;
 use diptych::quality::{Denoiser, Quality};
 use diptych::report::frames::FrameLine;
-use diptych::report::run::{FrameRow, RectifiedFrame, ReferenceRow, RunReport};
+use diptych::report::rectified::RectifiedFrame;
+use diptych::report::run::{FrameRow, ReferenceRow, RunReport};
 use diptych::scene::rig::Rig;
 use diptych::trace::frames::record_devices;
 

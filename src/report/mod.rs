@@ -17,6 +17,7 @@ pub mod pictures;
 pub mod play;
 pub mod plot;
 pub mod program;
+pub mod rectified;
 pub mod rings;
 pub mod run;
 pub mod scale;

@@ -12,8 +12,8 @@ use crate::accumulation::Noise;
 use crate::device::DeviceInfo;
 use crate::exec::{Fault, FrameReport, RightEye, Stereo, TaskTiming, TimedTask};
 use crate::graph::{Seam, Stage};
+use crate::image::ImageError;
 use crate::image::file::atomic_write;
-use crate::image::{Extent, ImageError};
 use crate::passes::AOVS;
 use crate::passes::path_trace::CUT;
 use crate::quality::{FrameQuality, Quality};
@@ -27,6 +27,7 @@ use crate::trace::intervals;
 use super::json::Lines;
 use super::lanes::round;
 use super::play::{ControlRow, PlaySummary};
+use super::rectified::RectifiedFrame;
 use super::{median, median_of, once};
 
 /// The depth in the file of a frame's sums and tasks, each of which has a line.
@@ -300,33 +301,6 @@ pub struct RunReport {
     /// What eyes are resampled from. It is absent where they show what is rendered.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rectified: Option<RectifiedFrame>,
-}
-
-/// The frame that both eyes share where what they show is resampled from it.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
-pub struct RectifiedFrame {
-    pub width: u32,
-    pub height: u32,
-    /// Its pixels over those that an eye shows.
-    pub pixels_ratio: f64,
-}
-
-impl RectifiedFrame {
-    pub fn new(rendered: Extent, shown: Extent) -> Self {
-        let pixels_ratio = rendered.area() as f64 / shown.area() as f64;
-        Self { width: rendered.width, height: rendered.height, pixels_ratio }
-    }
-}
-
-impl fmt::Display for RectifiedFrame {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { width, height, pixels_ratio } = self;
-        write!(
-            f,
-            "eyes are resampled from a frame that they share, {width}x{height}: {pixels_ratio:.2} times their pixels"
-        )
-    }
 }
 
 impl RunReport {

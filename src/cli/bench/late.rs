@@ -11,7 +11,7 @@ use diptych::metrics::Pair;
 use diptych::quality::Quality;
 use diptych::report::Table;
 use diptych::report::late::{BORDER_DEG, Instant, LATENCIES, NOTE, Row, late_csv, late_table};
-use diptych::report::run::RectifiedFrame;
+use diptych::report::rectified::RectifiedFrame;
 use diptych::scene::optics::Optics;
 use diptych::scene::rig::{Eye, Rig};
 
