@@ -14,7 +14,7 @@ use crate::scene::optics::HeadEyes;
 #[derive(Debug)]
 pub enum Next {
     /// A frame, which is to be rendered and shown.
-    Frame(HeadsetFrame),
+    Frame(Box<HeadsetFrame>),
     /// Nobody sees a frame now.
     Idle,
     Ended,

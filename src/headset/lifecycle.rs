@@ -166,7 +166,7 @@ mod tests {
     fn no_more_states_are_kept_than_are_of_use() {
         let mut lifecycle = Lifecycle::default();
         for _ in 0..REMEMBERED {
-            [Visible, Focused].map(|state| lifecycle.enter(state));
+            assert_eq!([Visible, Focused].map(|state| lifecycle.enter(state)), [Step::Nothing; 2]);
         }
         lifecycle.enter(Exiting);
         assert!(lifecycle.has_ended() && lifecycle.states().len() == REMEMBERED);

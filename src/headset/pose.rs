@@ -8,7 +8,7 @@ use crate::scene::optics::{Fov, HeadEye, HeadEyes};
 use crate::scene::rig::Eye;
 
 /// Eyes that differ by less are the same: metres, radians, and parts of unit quaternions.
-pub const SLACK: f64 = 1e-4;
+const SLACK: f64 = 1e-4;
 
 /// Of unit length, or none where the runtime has told no orientation.
 pub fn head_pose(pose: &Posef) -> Option<HeadPose> {
@@ -59,7 +59,7 @@ pub fn are_alike(a: &HeadEyes, b: &HeadEyes) -> bool {
             [x, y, z, a, b, c, d, fov.left, fov.right, fov.up, fov.down]
         })
     };
-    let [a, b] = [a, b].map(|eyes| numbers(eyes));
+    let [a, b] = [a, b].map(numbers);
     a.as_flattened().iter().zip(b.as_flattened()).all(|(a, b)| (a - b).abs() <= SLACK)
 }
 

@@ -107,7 +107,7 @@ impl Headset {
         self.lifecycle.state() == Some(State::LossPending)
     }
 
-    /// Asks the runtime to end the session, which [`Self::next`] tells.
+    /// Asks the runtime to end the session, which [`Self::next_frame`] tells.
     ///
     /// # Errors
     /// What the runtime says.
@@ -122,7 +122,7 @@ impl Headset {
     ///
     /// # Errors
     /// What the runtime says.
-    pub fn next(&mut self) -> Result<Next, HeadsetError> {
+    pub fn next_frame(&mut self) -> Result<Next, HeadsetError> {
         self.follow()?;
         if self.lifecycle.has_ended() || self.is_to_end && !self.lifecycle.runs() {
             return Ok(Next::Ended);
@@ -147,7 +147,8 @@ impl Headset {
         let sampled = self.runtime.now();
         let input = self.controls.read(&self.session, &self.head, display)?;
         let gaze = self.gaze(&input, &eyes, display_s);
-        Ok(Next::Frame(HeadsetFrame { display, sampled, display_s, period_ms, head, eyes, missed, input, gaze }))
+        let frame = HeadsetFrame { display, sampled, display_s, period_ms, head, eyes, missed, input, gaze };
+        Ok(Next::Frame(Box::new(frame)))
     }
 
     /// In the images of eyes.
@@ -182,6 +183,11 @@ impl Headset {
             self.eyes = Some(told);
         }
         Ok(head_pose(&at.pose).zip(self.eyes))
+    }
+
+    /// Counts times and missed periods from the next frame on.
+    pub fn begin_anew(&mut self) {
+        self.pacing = Pacing::default();
     }
 
     /// Ends a frame in which nothing is shown.

@@ -13,6 +13,8 @@ use super::run::FrameRow;
 pub struct HeadsetRow {
     /// The instant for which the runtime predicted its display, seconds since that of the first frame.
     pub display_s: f64,
+    /// The period of the display, which a runtime may stretch for programs that take longer.
+    pub period_ms: f64,
     /// The predicted time from motion to photon: from when the pose was taken that the frame is shown at to its display. It is
     /// `null` where the runtime does not tell the time.
     pub motion_to_photon_ms: Option<f64>,
@@ -30,7 +32,7 @@ pub struct HeadsetSummary {
     pub headset: String,
     /// The size of each eye that the runtime recommends.
     pub recommended_size: String,
-    /// The period of the display.
+    /// The period of the display at first.
     pub period_ms: f64,
     /// Whether the distance of what is seen was handed over as well.
     pub depth: bool,
@@ -68,7 +70,7 @@ impl fmt::Display for HeadsetSummary {
         if let (Some(p50), Some(p95)) = (self.motion_to_photon_ms_p50, self.motion_to_photon_ms_p95) {
             write!(f, "motion to photon, predicted, ms: median {p50:.1}, 95 % {p95:.1}; ")?;
         }
-        let Self { late_frames, missed, period_ms, .. } = self;
-        write!(f, "{late_frames} frames came after their display, which missed {missed} periods of {period_ms:.1} ms")
+        let Self { late_frames, missed, .. } = self;
+        write!(f, "{late_frames} frames came after their predicted display; {missed} of its periods were missed")
     }
 }

@@ -75,6 +75,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let world = World::new(&mut loaded, first.eyes, prepared.render.size)?;
     tell(&headset, &prepared, first.period_ms, &progress);
     let mut session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
+    headset.begin_anew();
     let outputs = [DISPLAY, aov_image(0)];
     session.renderer.set_outputs(if headset.takes_depth() { &outputs } else { &outputs[..1] });
     let motion = Recording::new(world.space);
@@ -100,12 +101,12 @@ fn budget(period_ms: f64) -> Result<Budget, Failure> {
 }
 
 /// Of eyes that are known; none if the session ended before. Nothing is shown in it.
-fn first_frame(headset: &mut Headset) -> Result<Option<HeadsetFrame>, Failure> {
+fn first_frame(headset: &mut Headset) -> Result<Option<Box<HeadsetFrame>>, Failure> {
     loop {
         if interrupt::is_set() {
             headset.ask_to_end()?;
         }
-        match headset.next()? {
+        match headset.next_frame()? {
             Next::Frame(frame) => {
                 headset.skip(&frame)?;
                 return Ok(Some(frame));
@@ -210,7 +211,7 @@ impl Show {
             if is_over {
                 self.headset.ask_to_end()?;
             }
-            match self.headset.next()? {
+            match self.headset.next_frame()? {
                 Next::Ended => return Ok(()),
                 Next::Idle => {}
                 Next::Frame(frame) if is_over => self.headset.skip(&frame)?,
@@ -242,9 +243,9 @@ impl Show {
         let distances = distances.as_ref().map(|distances| (distances, rig.metres_per_unit));
         let shown = headset.show(frame, &Picture { images: &images, distances, panel })?;
         let motion_to_photon_ms = frame.motion_to_photon_ms();
-        let display_s = frame.display_s;
-        row.headset =
-            Some(HeadsetRow { display_s, motion_to_photon_ms, ahead_ms: shown.ahead_ms, missed: frame.missed });
+        let HeadsetFrame { display_s, period_ms, missed, .. } = *frame;
+        let ahead_ms = shown.ahead_ms;
+        row.headset = Some(HeadsetRow { display_s, period_ms, motion_to_photon_ms, ahead_ms, missed });
         if let Some(ms) = motion_to_photon_ms {
             let series = [("predicted", ms), ("missed periods", frame.missed.into())];
             session.tracing.recorder.counter("motion to photon (ms)", 1e3 * report.begin_ms, &series);
