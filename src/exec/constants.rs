@@ -2,14 +2,14 @@
 
 use std::ops::Range;
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 use super::RenderSettings;
 use crate::image::Extent;
 use crate::quality::Quality;
 use crate::scene::optics::Optics;
 use crate::scene::rig::{Eye, Rig};
-use crate::stages::{SceneTables, StageSettings, layout};
+use crate::stages::{SceneTables, layout};
 
 /// Which samples of its pixels' sequences a frame takes.
 pub enum Samples {
@@ -54,9 +54,10 @@ pub fn constants(
             centre: stages.centre(index, spp),
             width,
             height,
-            shown: optics
-                .map(|optics| Eye::ALL.map(|eye| shown(optics, eye, stages, [&rig, &later])))
-                .unwrap_or_default(),
+            shown: optics.map_or_else(Default::default, |optics| {
+                let sizes = [stages.extent, stages.grid()];
+                if stages.is_late { shown_later(optics, sizes, [&rig, &later]) } else { shown(optics, sizes) }
+            }),
             log_polar: stages.polar.as_ref().map(|polar| polar.constants(stages.extent)).unwrap_or_default(),
         },
         sampling: layout::Sampling {
@@ -81,14 +82,20 @@ pub fn constants(
     frame
 }
 
-/// Where an eye's image, rendered from the first rig, has what the eye shows from the second.
-fn shown(optics: &Optics, eye: Eye, stages: &StageSettings, rigs: [&Rig; 2]) -> layout::Shown {
-    let sizes = [stages.extent, stages.grid()];
-    let (columns, moved) = if stages.is_late {
-        optics.later_homography(eye, sizes, rigs)
-    } else {
-        (optics.homography(eye, sizes[0], sizes[1]), DVec3::ZERO)
-    };
+/// Where rectified images have what the eyes show; `sizes` are those of what is shown and of the rectified image.
+fn shown(optics: &Optics, [size, grid]: [Extent; 2]) -> [layout::Shown; 2] {
+    Eye::ALL.map(|eye| shown_where(optics.homography(eye, size, grid), DVec3::ZERO))
+}
+
+/// Where rectified images, rendered from the first rig, have what the eyes show from the second, each of one key.
+pub fn shown_later(optics: &Optics, sizes: [Extent; 2], rigs: [&Rig; 2]) -> [layout::Shown; 2] {
+    Eye::ALL.map(|eye| {
+        let (columns, moved) = optics.later_homography(eye, sizes, rigs);
+        shown_where(columns, moved)
+    })
+}
+
+fn shown_where(columns: DMat3, moved: DVec3) -> layout::Shown {
     let [across, down, corner] = [columns.x_axis, columns.y_axis, columns.z_axis].map(|column| column.as_vec3());
     layout::Shown { across, down, corner, moved: moved.as_vec3(), ..Default::default() }
 }

@@ -8,6 +8,7 @@ mod costs;
 mod faults;
 mod frames;
 mod history;
+mod late;
 mod ledger;
 mod messages;
 mod output;
@@ -34,6 +35,7 @@ pub mod protocol {
 }
 
 pub use faults::{Fault, InjectedFaults, InjectedKind, Injection};
+pub use late::{PoseSource, SampledPose};
 pub use renderer::Renderer;
 pub use report::{FrameReport, RightEye, Stereo, Tally, TaskTiming, TimedTask};
 

@@ -1,6 +1,7 @@
 //! Auxiliary images.
 
 use super::gbuffer::{ALBEDO, EMISSION, HIT, TALLY};
+use super::shown::LATE_CUT;
 use super::tonemap::CUT;
 use super::{FrameSpec, PREVIOUS_VIEWS, polar};
 use crate::graph::{Kernel, Pass, Reach, Resource, Stage, Use};
@@ -9,7 +10,7 @@ use crate::scene::rig::Eye;
 
 /// The stages of auxiliary images, whose time does not count as time of the frame: the images themselves, and from
 /// polar ones to the screen and rectified ones to what eyes show.
-pub const STAGES: [Stage; 3] = [Stage("aov"), Stage("aov_to_screen"), Stage("aov_to_eye")];
+pub const STAGES: [Stage; 4] = [Stage("aov"), Stage("aov_to_screen"), Stage("aov_to_eye"), Stage("aov_to_later_eye")];
 
 /// Those of polar and of rectified images.
 const POLAR: Resource = Resource::image("polar_aov", 16);
@@ -39,14 +40,17 @@ const KERNEL: Kernel = Kernel::with_scene("aov").with(&[
 pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov) -> Vec<Pass> {
     let (source, extent, stage, kernel) = match (spec.screen, spec.shown) {
         (Some(screen), _) => (POLAR, screen, STAGES[1], Kernel::new("aov_to_screen")),
+        (None, Some(shown)) if spec.is_late => (RECTIFIED, shown, STAGES[3], Kernel::new("aov_to_later_eye")),
         (None, Some(shown)) => (RECTIFIED, shown, STAGES[2], Kernel::new("aov_to_eye")),
         (None, None) => return vec![pass(view, index, aov, image(index), spec.extent)],
     };
     let (source, grid) = (source.numbered(index), polar::screen(extent));
-    let map = Pass::new(stage, view, CUT, kernel)
+    let cut = if stage == STAGES[3] { LATE_CUT } else { CUT };
+    let map = Pass::new(stage, view, cut, kernel)
         .index(index.into())
         .on(grid)
-        .uses([Use::read(source).reaching(Reach::All), Use::write(image(index).on(grid))]);
+        .uses([Use::read(source).reaching(Reach::All), Use::write(image(index).on(grid))])
+        .uses((cut == LATE_CUT).then_some(Use::read(EMISSION).reaching(Reach::All)));
     vec![pass(view, index, aov, source, spec.screen.unwrap_or(spec.extent)), map]
 }
 

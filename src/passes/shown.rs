@@ -8,6 +8,8 @@ use crate::graph::{CutGroup, Kernel, Pass, Reach, Resource, Stage, Use};
 use crate::scene::rig::Eye;
 
 const CUT: CutGroup = CutGroup("to_eye");
+/// Of what shows frames as from a later place: the last passes of a frame, of both eyes.
+pub const LATE_CUT: CutGroup = CutGroup("to_later_eye");
 
 /// The finished rectified image, scene-referred RGB, and encoded, which nothing reads.
 pub const LINEAR: Resource = Resource::image("rectified", 16);
@@ -18,8 +20,9 @@ const LATER: Kernel = Kernel::new("to_later_eye");
 /// The pass after those that finish a view's image, if that is not what is shown.
 pub fn pass(spec: &FrameSpec, view: Eye) -> Option<Pass> {
     let grid = screen(spec.shown?);
-    let (stage, kernel) = if spec.is_late { ("to_later_eye", LATER) } else { ("to_eye", Kernel::new("to_eye")) };
-    let pass = Pass::new(Stage(stage), view, CUT, kernel).on(grid).uses([
+    let (stage, cut, kernel) =
+        if spec.is_late { ("to_later_eye", LATE_CUT, LATER) } else { ("to_eye", CUT, Kernel::new("to_eye")) };
+    let pass = Pass::new(Stage(stage), view, cut, kernel).on(grid).uses([
         Use::read(LINEAR).reaching(Reach::All),
         Use::write(tonemap::LINEAR.on(grid)),
         Use::write(tonemap::DISPLAY.on(grid)),

@@ -1,5 +1,5 @@
 use super::*;
-use crate::graph::{HaloPlan, Scope};
+use crate::graph::{Assignment, FrameGraph, HaloPlan, Scope, Stripes, Task};
 
 /// A frame of 64x180 with à-trous, reprojection and an auxiliary image.
 pub fn spec(devices: usize, seam: Seam) -> FrameSpec {
@@ -16,7 +16,9 @@ pub fn all_specs() -> Vec<FrameSpec> {
                 for history_rows in [None, Some(4)] {
                     let frame = FrameSpec { filter, views, sparse, history_rows, ..spec(2, seam) };
                     let polar = FrameSpec { screen: Some(Extent::new(96, 270)), ..frame.clone() };
-                    specs.extend([frame, polar]);
+                    let shown = FrameSpec { shown: Some(Extent::new(48, 135)), ..frame.clone() };
+                    let late = FrameSpec { is_late: true, ..shown.clone() };
+                    specs.extend([frame, polar, shown, late]);
                 }
             }
         }
@@ -101,7 +103,10 @@ fn with_hardware_traversal_structures_are_built_instead_of_refitted_trees() {
 #[test]
 fn groups_are_those_that_can_be_named() {
     let names: Vec<&str> = cut_groups().iter().map(|g| g.0).collect();
-    assert_eq!(names, ["gbuffer", "path_trace", "reproject", "tonemap", "to_screen", "to_eye", "atrous"]);
+    assert_eq!(
+        names,
+        ["gbuffer", "path_trace", "reproject", "tonemap", "to_screen", "to_eye", "to_later_eye", "atrous"]
+    );
 }
 
 /// They come last, and what the filter leaves is no output.
@@ -116,6 +121,38 @@ fn rectified_images_are_resampled_to_what_eyes_show() {
         image.resource.extent(rectified.extent)
     };
     assert_eq!([extent("linear"), extent("display"), extent("rectified")], [shown, shown, rectified.extent]);
+}
+
+/// Of both eyes, whatever else a frame does; a source of poses is asked for one before them.
+#[test]
+fn what_is_shown_late_is_shown_last() {
+    let shown = Some(Extent::new(72, 80));
+    let late = FrameSpec { shown, is_late: true, ..spec(2, Seam::Filter) };
+    let passes = declare(&late).passes;
+    let (first, last) = passes.split_at(passes.len() - 4);
+    let names: Vec<_> = last.iter().map(|pass| (pass.stage.name(), pass.view)).collect();
+    let of = |view| [("to_later_eye", view), ("aov_to_later_eye", view)];
+    assert_eq!(names, [of(Eye::Left), of(Eye::Right)].concat());
+    assert!(first.iter().all(|pass| pass.cut_group != LATE_CUT) && last.iter().all(|pass| pass.cut_group == LATE_CUT));
+}
+
+/// Without others' rows of what is shown, and with all rows that it is made of.
+#[test]
+fn what_is_gathered_is_computed_by_the_primary_alone() {
+    let late = FrameSpec { shown: Some(Extent::new(72, 80)), is_late: true, ..spec(3, Seam::Filter) };
+    let even = Assignment::uniform(Stripes::even(180, 2)).renumbered(&[1, 2], 3);
+    let mut gathered = even.clone();
+    gathered.gather(LATE_CUT);
+    let program = Declarations::default().program(&late);
+    let devices = |assignment: &Assignment| {
+        let graph = FrameGraph::build(&program, assignment, None);
+        let is_late = |task: &&Task| graph.pass(task).is_some_and(|linked| linked.pass.cut_group == LATE_CUT);
+        let mut devices: Vec<_> = graph.dag.node_weights().filter(is_late).map(|task| task.device).collect();
+        devices.sort_unstable();
+        devices.dedup();
+        devices
+    };
+    assert_eq!([devices(&even), devices(&gathered)], [vec![1, 2], vec![1]]);
 }
 
 #[test]

@@ -4,14 +4,16 @@
 //! As `exec/README.md` says, each device takes its tasks in the order of their keys. Stages run one after another on
 //! its queue. Transfers take its host thread, which waits for the queue before it sends rows, and for the rows of
 //! others before it hands them to the queue; later stages are held up meanwhile. Rows that go from one machine to another
-//! come later by what the network takes, which counts as part of the upload that waits for it. Where exec would look for rows of
-//! others between two downloads, here all downloads go first, so uploads may be predicted a little late.
+//! come later by what the network takes, one after the other where they share a link. That counts as part of the upload
+//! that waits for them. Where exec would look for rows of others between two downloads, here all downloads go first, so
+//! uploads may be predicted a little late.
 
 use petgraph::Direction;
 use petgraph::graph::NodeIndex;
 
 use super::cost::CostModel;
 use super::effort::Effort;
+use super::network::Traffic;
 use crate::graph::{FrameGraph, Stage, Task, TaskKind};
 use crate::scene::rig::Eye;
 
@@ -154,6 +156,7 @@ struct Play<'a> {
     played: Vec<Option<Played>>,
     busy_ms: Vec<f64>,
     transfer_ms: f64,
+    traffic: Traffic,
 }
 
 impl<'a> Play<'a> {
@@ -165,16 +168,18 @@ impl<'a> Play<'a> {
         let devices = graph.devices();
         let clocks = (0..devices).map(clock).collect();
         let played = vec![None; graph.dag.node_count()];
-        Self { graph, model, effort, clocks, played, busy_ms: vec![0.0; devices], transfer_ms: 0.0 }
+        let (busy_ms, traffic) = (vec![0.0; devices], Traffic::default());
+        Self { graph, model, effort, clocks, played, busy_ms, transfer_ms: 0.0, traffic }
     }
 
     /// The time at which the rows of an upload have come from the device that had them, and when they left it.
-    fn come(&self, node: NodeIndex) -> Option<(Free, f64)> {
+    fn come(&mut self, node: NodeIndex) -> Option<(Free, f64)> {
         let download = self.graph.dag.neighbors_directed(node, Direction::Incoming).next()?;
         let (from, task) = (self.graph.dag[download].device, &self.graph.dag[node]);
-        let way_ms = self.model.network.ms(from, task.device, self.graph.bytes(task));
-        let sent = self.played[download.index()]?;
-        Some((Free { at_ms: sent.end_ms + way_ms, cause: Some(download) }, sent.end_ms))
+        let sent_ms = self.played[download.index()]?.end_ms;
+        let bytes = self.graph.bytes(task);
+        let at_ms = self.model.network.arrival_ms(&mut self.traffic, from, task.device, bytes, sent_ms);
+        Some((Free { at_ms, cause: Some(download) }, sent_ms))
     }
 
     fn play(&mut self, node: NodeIndex) -> Result<(), Stuck> {

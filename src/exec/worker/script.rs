@@ -8,6 +8,10 @@ pub enum Step {
     Dispatch,
     /// A dispatch that is spread over several submissions.
     CutDispatch,
+    /// A dispatch that shows the frame from a pose that is asked for when the device has done all before.
+    LateDispatch {
+        is_cut: bool,
+    },
     /// Rows leave for device `to`.
     Download {
         transfer: u32,
@@ -34,6 +38,8 @@ pub(super) enum Operation {
     /// Put a dispatch or a copy of rows into the command encoder, by the number of the task.
     Record(usize),
     RecordTimestamps,
+    /// Ask for the pose that the frame is shown from.
+    Ask,
     /// End the command encoder.
     Close,
     /// Submit what is recorded, with copies of these rows.
@@ -80,6 +86,14 @@ impl Script {
                     builder.write();
                     builder.record(Operation::Record(i));
                 }
+                Step::LateDispatch { is_cut } => {
+                    builder.hold_back();
+                    if is_cut {
+                        builder.write();
+                        builder.ask();
+                    }
+                    builder.record(Operation::Record(i));
+                }
                 Step::Download { transfer, to } => {
                     builder.record(Operation::Record(i));
                     builder.copies.push(Outgoing { ticket, transfer, to });
@@ -94,7 +108,7 @@ impl Script {
         if own.is_empty() {
             builder.operations.extend(injected.map(Operation::Inject));
         }
-        if own.iter().any(|step| matches!(step, Step::Dispatch | Step::CutDispatch)) {
+        if own.iter().any(|step| matches!(step, Step::Dispatch | Step::CutDispatch | Step::LateDispatch { .. })) {
             builder.record(Operation::RecordTimestamps);
         }
         builder.submit();
@@ -120,6 +134,17 @@ struct Builder {
     copies: Vec<Outgoing>,
     /// Behind the last submission, and before the next one.
     writes: Vec<Operation>,
+    pose: Pose,
+}
+
+/// Whether the frame has been asked for the pose that it is shown from.
+#[derive(Clone, Copy, Default, PartialEq)]
+enum Pose {
+    #[default]
+    NotNeeded,
+    /// By what is recorded.
+    Needed,
+    Asked,
 }
 
 impl Builder {
@@ -132,10 +157,26 @@ impl Builder {
         self.operations.append(&mut self.writes);
     }
 
+    /// What is recorded from here on sees the pose, and nothing before waits for it.
+    fn hold_back(&mut self) {
+        if self.pose == Pose::NotNeeded {
+            self.submit();
+            self.pose = Pose::Needed;
+        }
+    }
+
+    fn ask(&mut self) {
+        if self.pose == Pose::Needed {
+            self.operations.push(Operation::Ask);
+            self.pose = Pose::Asked;
+        }
+    }
+
     fn submit(&mut self) {
         if std::mem::take(&mut self.has_recorded) {
             self.operations.push(Operation::Close);
             self.write();
+            self.ask();
             self.operations.push(Operation::Submit(std::mem::take(&mut self.copies)));
         }
     }
@@ -143,7 +184,7 @@ impl Builder {
 
 #[cfg(test)]
 mod tests {
-    use super::Operation::{Begin, Close, Inject, Record, RecordTimestamps, Submit, Write};
+    use super::Operation::{Ask, Begin, Close, Inject, Record, RecordTimestamps, Submit, Write};
     use super::*;
 
     const TICKET: u64 = 7;
@@ -172,6 +213,25 @@ mod tests {
         let own = [Step::Upload { transfer: 6 }, Step::Dispatch, Step::CutDispatch];
         let expected = [Begin, Record(1), Write { task: 0, transfer: 6 }, Record(2), RecordTimestamps, Close];
         assert_eq!(operations(&own, None), [&expected[..], &[Submit(vec![])]].concat());
+    }
+
+    /// ... and rows that it reads have been waited for.
+    #[test]
+    fn a_pose_is_asked_for_once_when_all_else_is_submitted() {
+        let late = |is_cut| Step::LateDispatch { is_cut };
+        let upload = |transfer| Step::Upload { transfer };
+        let write = |task, transfer| Write { task, transfer };
+        let first = [Begin, Record(0), Close, Submit(vec![])];
+        let end = |last| [RecordTimestamps, Close, last, Submit(vec![])];
+        let both = [Step::Dispatch, upload(6), late(false), late(false)];
+        let held = [&first[..], &[Record(2), Record(3), RecordTimestamps, Close, write(1, 6), Ask, Submit(vec![])]];
+        assert_eq!(operations(&both, None), held.concat());
+        let apart = [Step::Dispatch, late(false), upload(6), late(false)];
+        let shown = [Record(1), Close, Ask, Submit(vec![]), Record(3)];
+        assert_eq!(operations(&apart, None), [&first[..], &shown, &end(write(2, 6))].concat());
+        let cut = [Step::Dispatch, upload(6), late(true), late(true)];
+        let shown = [write(1, 6), Ask, Record(2), Record(3), RecordTimestamps, Close, Submit(vec![])];
+        assert_eq!(operations(&cut, None), [&first[..], &shown].concat());
     }
 
     #[test]
