@@ -221,6 +221,7 @@ pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool
         foveation: options.foveated.layers(&loaded.shot.gaze),
         polar: options.foveated.polar(&loaded.shot.gaze),
         rectified: optics.map(|optics| rectified(optics, options.size)).transpose()?,
+        is_late: options.is_late,
         aovs: options.aovs(),
         frames_in_flight: usize::from(options.frames_in_flight),
         checks: options.shader_checks,

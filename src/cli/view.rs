@@ -45,9 +45,20 @@ pub struct Args {
     /// program built with `--features xr`]
     #[arg(long, help_heading = super::options::SCENE)]
     xr: bool,
+    /// With --xr: degrees that are rendered on all sides beside what is shown, so that a frame can be corrected, by the depth of
+    /// surfaces, to where the head is when all else of it is done; 0: frames are shown from where they are rendered
+    #[cfg(feature = "xr")]
+    #[arg(long, default_value_t = 2.0, value_name = "DEG", value_parser = late_border, help_heading = super::options::SCENE)]
+    late_border: f64,
     /// Write what was shown last as a PNG
     #[arg(long, value_name = "FILE", help_heading = super::options::OUTPUT)]
     screenshot: Option<PathBuf>,
+}
+
+#[cfg(feature = "xr")]
+fn late_border(text: &str) -> Result<f64, String> {
+    let degrees = text.parse().ok().filter(|degrees| (0.0..=30.0).contains(degrees));
+    degrees.ok_or_else(|| format!("'{text}' is no number of degrees from 0 to 30"))
 }
 
 impl Args {

@@ -32,6 +32,17 @@ impl Pacing {
     }
 }
 
+/// When a frame is shown that was predicted for a time and is not there before another one: at the first of the display's next
+/// times.
+pub fn shown_at(display: Time, period_ns: i64, ready: Time) -> Time {
+    let late_ns = ready.as_nanos().saturating_sub(display.as_nanos());
+    if late_ns <= 0 || period_ns <= 0 {
+        return display;
+    }
+    let periods = (late_ns - 1) / period_ns + 1;
+    Time::from_nanos(display.as_nanos().saturating_add(periods.saturating_mul(period_ns)))
+}
+
 /// From one time to another, ms.
 pub fn between_ms(from: Time, to: Time) -> f64 {
     to.as_nanos().saturating_sub(from.as_nanos()) as f64 / 1e6
@@ -54,6 +65,15 @@ mod tests {
         assert_eq!(pacing.missed(Time::from_nanos(begin + 1000 * PERIOD), PERIOD), 0, "nobody saw what was missed");
         let [at, none] = [2 * PERIOD, 0].map(|ns| pacing.since_first_s(Time::from_nanos(begin + ns)));
         assert!((at - 2.0 * PERIOD as f64 / 1e9).abs() < 1e-12 && none == 0.0);
+    }
+
+    #[test]
+    fn a_late_frame_is_shown_at_the_displays_next_time() {
+        let at = |ready| shown_at(Time::from_nanos(1000), 10, Time::from_nanos(ready)).as_nanos();
+        assert_eq!([0, 999, 1000, 1001, 1010, 1011, 1995].map(at), [1000, 1000, 1000, 1010, 1010, 1020, 2000]);
+        assert_eq!(shown_at(Time::from_nanos(5), 0, Time::from_nanos(50)), Time::from_nanos(5));
+        let never = Time::from_nanos(i64::MAX);
+        assert_eq!(shown_at(Time::from_nanos(i64::MIN), 1, never), never);
     }
 
     #[test]

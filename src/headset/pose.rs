@@ -10,12 +10,16 @@ use crate::scene::rig::Eye;
 /// Eyes that differ by less are the same: metres, radians, and parts of unit quaternions.
 const SLACK: f64 = 1e-4;
 
+/// Nobody walks further than that.
+const FURTHEST_M: f64 = 1e5;
+
 /// Of unit length, or none where the runtime has told no orientation.
 pub fn head_pose(pose: &Posef) -> Option<HeadPose> {
     let Posef { orientation: Quaternionf { x, y, z, w }, position } = *pose;
     let orientation = DQuat::from_array([x, y, z, w].map(f64::from));
     let position_m = DVec3::from_array([position.x, position.y, position.z].map(f64::from));
-    let is_pose = orientation.length() > 0.5 && position_m.is_finite() && orientation.is_finite();
+    let is_near = position_m.abs().cmplt(DVec3::splat(FURTHEST_M)).all();
+    let is_pose = is_near && orientation.length() > 0.5 && orientation.is_finite();
     is_pose.then(|| HeadPose { position_m, orientation: orientation.normalize() })
 }
 
@@ -118,8 +122,10 @@ mod tests {
         let mut views = canted();
         views[1].pose.orientation = Quaternionf { x: 0.0, y: 0.0, z: 0.0, w: 0.0 };
         assert_eq!(head_eyes([&views[0], &views[1]]), None);
-        let far = Posef { position: Vector3f { x: f32::NAN, y: 0.0, z: 0.0 }, ..Posef::IDENTITY };
-        assert_eq!(head_pose(&far), None);
+        for x in [f32::NAN, f32::INFINITY, -1e30] {
+            let far = Posef { position: Vector3f { x, y: 0.0, z: 0.0 }, ..Posef::IDENTITY };
+            assert_eq!(head_pose(&far), None, "{x}");
+        }
     }
 
     #[test]

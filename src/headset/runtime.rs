@@ -86,9 +86,14 @@ impl Runtime {
         })
     }
 
+    /// If it tells the time.
+    pub(super) fn clock(&self) -> Option<&Instance> {
+        self.tells_time.then_some(&self.xr)
+    }
+
     /// By its clock, where it tells.
     pub(super) fn now(&self) -> Option<Time> {
-        self.tells_time.then(|| self.xr.now().ok()).flatten()
+        self.clock()?.now().ok()
     }
 }
 

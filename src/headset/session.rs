@@ -1,10 +1,11 @@
 //! A session: frames are paced by the runtime, of the instants and poses that it predicts, and handed over to it.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use openxr::{
     CompositionLayerBase, CompositionLayerProjection, CompositionLayerProjectionView, Event, EventDataBuffer,
-    FrameStream, FrameWaiter, Posef, ReferenceSpaceType, Session, Space, Time, Vulkan, sys,
+    FrameStream, FrameWaiter, Posef, ReferenceSpaceType, Session, Time, Vulkan, sys,
 };
 
 use super::chain::{COLOURS, Chain, offered};
@@ -13,10 +14,11 @@ use super::error::{HeadsetError, Told};
 use super::frame::{HeadsetFrame, Next, Picture, Shown};
 use super::gaze::{GazeFilter, in_image};
 use super::input::{Controls, Input};
+use super::late::{HeadSample, Locator, Spaces};
 use super::lifecycle::{Lifecycle, State, Step};
-use super::pacing::{Pacing, between_ms};
+use super::pacing::Pacing;
 use super::panel::Panel;
-use super::pose::{are_alike, eye_view, head_eyes, head_pose};
+use super::pose::{are_alike, eye_view, head_eyes};
 use super::runtime::{Runtime, STEREO};
 use crate::device::{GpuDevice, HeadsetDevice};
 use crate::image::Extent;
@@ -32,10 +34,7 @@ pub struct Headset {
     colour: Chain,
     depth: Option<Depth>,
     controls: Controls,
-    /// Relative to which poses are: level, where the headset was at first.
-    local: Space,
-    /// The head's own.
-    head: Space,
+    locator: Locator,
     stream: FrameStream<Vulkan>,
     waiter: FrameWaiter,
     session: Session<Vulkan>,
@@ -61,7 +60,8 @@ impl Headset {
         let device = HeadsetDevice::open(&runtime.xr, runtime.system)?;
         let (session, waiter, stream) = device.session(&runtime.xr, runtime.system).to("begin a session")?;
         let space = |kind| session.create_reference_space(kind, Posef::IDENTITY).to("say where the head is");
-        let (local, head) = (space(ReferenceSpaceType::LOCAL)?, space(ReferenceSpaceType::VIEW)?);
+        let spaces = Spaces { local: space(ReferenceSpaceType::LOCAL)?, head: space(ReferenceSpaceType::VIEW)? };
+        let locator = Locator { spaces: Arc::new(spaces), clock: runtime.clock().cloned() };
         let lacks = HeadsetError::Lacks { runtime: runtime.name.clone(), what: "images of eight bits, sRGB" };
         let format = offered(&session, &COLOURS)?.ok_or(lacks)?;
         let colour = Chain::new(&device, &session, format, extent, 2)?;
@@ -71,8 +71,7 @@ impl Headset {
             colour,
             depth,
             controls,
-            local,
-            head,
+            locator,
             stream,
             waiter,
             session,
@@ -136,19 +135,23 @@ impl Headset {
         self.stream.begin().to("begin a frame")?;
         let display = paced.predicted_display_time;
         let located = if paced.should_render { self.locate(display)? } else { None };
-        let Some((head, eyes)) = located else {
+        let Some((HeadSample { head, at: sampled }, eyes)) = located else {
             self.pacing.pause();
             self.stream.end(display, self.runtime.blend, &[]).to("end a frame")?;
             return Ok(Next::Idle);
         };
         let period_ns = paced.predicted_display_period.as_nanos();
         let missed = self.pacing.missed(display, period_ns);
-        let (display_s, period_ms) = (self.pacing.since_first_s(display), period_ns as f64 / 1e6);
-        let sampled = self.runtime.now();
-        let input = self.controls.read(&self.session, &self.head, display)?;
+        let display_s = self.pacing.since_first_s(display);
+        let input = self.controls.read(&self.session, &self.locator.spaces.head, display)?;
         let gaze = self.gaze(&input, &eyes, display_s);
-        let frame = HeadsetFrame { display, sampled, display_s, period_ms, head, eyes, missed, input, gaze };
+        let frame = HeadsetFrame { display, period_ns, sampled, display_s, head, eyes, missed, input, gaze };
         Ok(Next::Frame(Box::new(frame)))
+    }
+
+    /// What tells where the head will be when all else of a frame is done.
+    pub fn locator(&self) -> Locator {
+        self.locator.clone()
     }
 
     /// In the images of eyes.
@@ -174,15 +177,15 @@ impl Headset {
     }
 
     /// Where head and eyes will be; none where nothing is known of them.
-    fn locate(&mut self, display: Time) -> Result<Option<(HeadPose, HeadEyes)>, HeadsetError> {
-        let at = self.head.locate(&self.local, display).to("say where the head is")?;
-        let (_, views) = self.session.locate_views(STEREO, display, &self.head).to("say where the eyes are")?;
+    fn locate(&mut self, display: Time) -> Result<Option<(HeadSample, HeadEyes)>, HeadsetError> {
+        let head = &self.locator.spaces.head;
+        let (_, views) = self.session.locate_views(STEREO, display, head).to("say where the eyes are")?;
         let told = if let [left, right] = &views[..] { head_eyes([left, right]) } else { None };
         // They stay the same but for rounding.
         if let Some(told) = told.filter(|told| self.eyes.is_none_or(|eyes| !are_alike(&eyes, told))) {
             self.eyes = Some(told);
         }
-        Ok(head_pose(&at.pose).zip(self.eyes))
+        Ok(self.locator.at(display).zip(self.eyes))
     }
 
     /// Counts times and missed periods from the next frame on.
@@ -236,13 +239,13 @@ impl Headset {
                 })
             }
         });
-        let world = CompositionLayerProjection::new().space(&self.local).views(&views);
+        let world = CompositionLayerProjection::new().space(&self.locator.spaces.local).views(&views);
         let panel = picture.panel.map(|panel| (panel, panel.lock()));
-        let panel = panel.as_ref().map(|(panel, images)| panel.layer(images, &self.local));
+        let panel = panel.as_ref().map(|(panel, images)| panel.layer(images, &self.locator.spaces.local));
         let layers: [Option<&CompositionLayerBase<Vulkan>>; 2] = [Some(&world), panel.as_deref()];
         let layers: Vec<_> = layers.into_iter().flatten().collect();
         self.stream.end(frame.display, self.runtime.blend, &layers).to("take a frame")?;
-        Ok(Shown { ahead_ms: self.runtime.now().map(|now| between_ms(now, frame.display)) })
+        Ok(frame.shown(self.runtime.now()))
     }
 
     /// Takes all events in.

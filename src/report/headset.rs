@@ -15,9 +15,11 @@ pub struct HeadsetRow {
     pub display_s: f64,
     /// The period of the display, which a runtime may stretch for programs that take longer.
     pub period_ms: f64,
-    /// The predicted time from motion to photon: from when the pose was taken that the frame is shown at to its display. It is
-    /// `null` where the runtime does not tell the time.
+    /// The predicted time from motion to photon: from when the pose was taken that the frame is shown from to its display, or if
+    /// it came too late for that, to the next one. It is `null` where the runtime does not tell the time.
     pub motion_to_photon_ms: Option<f64>,
+    /// The time by which the pose that it is shown from is newer than the one that it was rendered at, where it was corrected.
+    pub corrected_ms: Option<f64>,
     /// The time from when the frame was handed over to its predicted display, negative if it came too late for that.
     pub ahead_ms: Option<f64>,
     /// Periods of the display between the frame before and this one, as the runtime predicts them, without a frame.
@@ -36,6 +38,8 @@ pub struct HeadsetSummary {
     pub period_ms: f64,
     /// Whether the distance of what is seen was handed over as well.
     pub depth: bool,
+    /// Whether frames were corrected to where the head was when all else of them was done.
+    pub late_poses: bool,
     /// The states that the session went through.
     pub states: Vec<String>,
     pub motion_to_photon_ms_p50: Option<f64>,

@@ -1,16 +1,17 @@
 //! `diptych view --xr`: the control loop in a headset, which says when a frame is due and from where it is seen.
 
 mod board;
+mod world;
 
-use std::time::Instant;
+use std::sync::Arc;
 
 use anyhow::anyhow;
 
 use diptych::control::Budget;
 use diptych::exec::Stereo;
-use diptych::headset::{Headset, HeadsetError, HeadsetFrame, Next, Picture, Runtime, Walk};
+use diptych::headset::{Headset, HeadsetError, HeadsetFrame, Next, Picture, Runtime, Shown};
 use diptych::image::display::{DisplayImage, write_png};
-use diptych::image::{Extent, Image, stereo};
+use diptych::image::{Image, stereo};
 use diptych::passes::tonemap::DISPLAY;
 use diptych::passes::{Aov, aov_image};
 use diptych::quality::Denoiser;
@@ -18,12 +19,10 @@ use diptych::report::headset::{HeadsetRow, HeadsetSummary};
 use diptych::report::play::{Play, PlaySummary};
 use diptych::report::rectified::RectifiedFrame;
 use diptych::report::run::{FrameRow, RunReport};
-use diptych::scene::head::{HeadPose, Recording, Space};
-use diptych::scene::optics::HeadEyes;
-use diptych::scene::rig::Rig;
+use diptych::scene::head::Recording;
 
 use super::Args;
-use super::renderer::{frame_news, speed_per_s};
+use super::renderer::frame_news;
 use super::shared::News;
 use super::window::Look;
 use crate::cli::failure::Failure;
@@ -33,9 +32,8 @@ use crate::cli::settings::{self, Given};
 use crate::cli::setup::{self, Loaded, Tracing};
 use crate::cli::{interrupt, output};
 use board::Board;
+use world::{Late, World};
 
-/// The time that passes for thumbsticks between two frames is at most this, however long they took.
-const LONGEST_STEP_S: f64 = 0.25;
 /// The least of a display's period that the devices are to use.
 const LEAST_SHARE: f64 = 0.55;
 
@@ -66,16 +64,19 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     progress.phase("waiting for the headset");
     let Some(first) = first_frame(&mut headset)? else { return ended(&headset) };
     if typed("budget_ms").is_none() {
-        prepared.options.budget_ms = budget(first.period_ms)?;
+        prepared.options.budget_ms = budget(first.period_ms())?;
     }
-    prepared.render.fps = 1e3 / first.period_ms;
+    prepared.render.fps = 1e3 / first.period_ms();
     if headset.takes_depth() {
         prepared.render.aov = vec![Aov::Depth];
     }
-    let world = World::new(&mut loaded, first.eyes, prepared.render.size)?;
-    tell(&headset, &prepared, first.period_ms, &progress);
+    let world = World::new(&mut loaded, first.eyes, prepared.render.size, args.late_border)?;
+    prepared.render.is_late = args.late_border > 0.0;
+    tell(&headset, &prepared, first.period_ms(), &progress);
     let mut session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
     headset.begin_anew();
+    let late = Late::new(headset.locator());
+    session.renderer.set_pose_source(prepared.render.is_late.then(|| late.source()));
     let outputs = [DISPLAY, aov_image(0)];
     session.renderer.set_outputs(if headset.takes_depth() { &outputs } else { &outputs[..1] });
     let motion = Recording::new(world.space);
@@ -87,10 +88,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         is_foveated: prepared.render.foveated.is_on(),
     };
     let (rows, last, news, board) = (Vec::new(), None, News::default(), None);
-    let mut show = Show { session, headset, world, motion, writes, rows, last, look, news, board };
+    let mut show = Show { session, headset, world, late, motion, writes, rows, last, look, news, board };
     // What there is by then is written, whatever ended it.
     let shown = show.frames(&prepared);
-    let finished = show.finish(args, &prepared, &loaded, first.period_ms);
+    let finished = show.finish(args, &prepared, &loaded, first.period_ms());
     shown.and(finished)
 }
 
@@ -142,54 +143,12 @@ fn tell(headset: &Headset, prepared: &Prepared, period_ms: f64, progress: &Progr
     ));
 }
 
-/// Where the session's space is in the scene.
-struct World {
-    shot: Rig,
-    space: Space,
-    eyes: HeadEyes,
-    size: Extent,
-    walk: Walk,
-    speed_m_per_s: f64,
-    before: Option<Instant>,
-}
-
-impl World {
-    /// Has the shot seen with these eyes.
-    fn new(loaded: &mut Loaded, eyes: HeadEyes, size: Extent) -> Result<Self, Failure> {
-        let space = loaded.space.with_eyes(eyes).map_err(HeadsetError::Eyes)?;
-        let shot = loaded.shot.rig.clone();
-        let speed_m_per_s = speed_per_s(&loaded.scene) * shot.metres_per_unit;
-        let world = Self { shot, space, eyes, size, walk: Walk::default(), speed_m_per_s, before: None };
-        loaded.space = space;
-        loaded.shot.rig = world.rig(Default::default());
-        Ok(world)
-    }
-
-    fn rig(&self, head: HeadPose) -> Rig {
-        self.space.rig_at(head, &self.shot).plain_at(self.size)
-    }
-
-    /// The rig of a frame, whose eyes may have been moved apart, from wherever thumbsticks have taken it.
-    fn rig_of(&mut self, frame: &HeadsetFrame) -> Result<Rig, Failure> {
-        let now = Instant::now();
-        let passed_s = self.before.replace(now).map_or(0.0, |before| (now - before).as_secs_f64().min(LONGEST_STEP_S));
-        self.walk.go(frame.head, frame.input.stick, self.speed_m_per_s, passed_s);
-        if frame.input.recentres {
-            self.walk.recentre(frame.head);
-        }
-        if frame.eyes != self.eyes {
-            self.space = self.space.with_eyes(frame.eyes).map_err(HeadsetError::Eyes)?;
-            self.eyes = frame.eyes;
-        }
-        Ok(self.rig(self.walk.placed(frame.head)))
-    }
-}
-
 /// A session in a headset.
 struct Show {
     session: Session,
     headset: Headset,
     world: World,
+    late: Arc<Late>,
     motion: Recording,
     /// Whether rows are kept.
     writes: bool,
@@ -224,33 +183,38 @@ impl Show {
     }
 
     fn frame(&mut self, frame: &HeadsetFrame, index: u32, begin_s: f64) -> Result<(), Failure> {
-        let Self { session, headset, world, motion, look, news, board, .. } = self;
+        let Self { session, headset, world, late, motion, look, news, board, .. } = self;
         let (rig, time_s) = (world.rig_of(frame)?, begin_s + frame.display_s);
         let decided = session.decide();
         if let Some(gaze) = frame.gaze {
             session.renderer.set_gaze(gaze);
         }
-        let late_ms = f64::from(frame.missed) * frame.period_ms;
+        let late_ms = f64::from(frame.missed) * frame.period_ms();
+        late.begin(index, frame, world);
         let (mut row, report) = session.render(decided, late_ms, &rig, time_s, index)?;
+        let answered = late.end();
+        let mut frame = *frame;
+        let shown_from = report.shown_from.as_ref().map_or(&rig, |pose| &pose.rig);
+        let corrected_ms = report.shown_from.as_ref().and(answered).and_then(|sample| frame.show_from(sample));
         let images = session.renderer.read_display()?;
         let distances = if headset.takes_depth() { Some(distances(session)?) } else { None };
         if frame.input.toggles_panel {
-            *board = if board.is_none() { Board::open(headset, frame)? } else { None };
+            *board = if board.is_none() { Board::open(headset, &frame)? } else { None };
         }
         news.add(frame_news(row.clone()));
         news.rungs = session.ladder.rungs().len();
         let panel = board.as_mut().map(|board| board.panel(headset, look, news)).transpose()?.flatten();
         let distances = distances.as_ref().map(|distances| (distances, rig.metres_per_unit));
-        let shown = headset.show(frame, &Picture { images: &images, distances, panel })?;
-        let motion_to_photon_ms = frame.motion_to_photon_ms();
-        let HeadsetFrame { display_s, period_ms, missed, .. } = *frame;
-        let ahead_ms = shown.ahead_ms;
-        row.headset = Some(HeadsetRow { display_s, period_ms, motion_to_photon_ms, ahead_ms, missed });
+        let shown = headset.show(&frame, &Picture { images: &images, distances, panel })?;
+        let Shown { ahead_ms, motion_to_photon_ms } = shown;
+        let HeadsetFrame { display_s, missed, .. } = frame;
+        let period_ms = frame.period_ms();
+        row.headset = Some(HeadsetRow { display_s, period_ms, motion_to_photon_ms, corrected_ms, ahead_ms, missed });
         if let Some(ms) = motion_to_photon_ms {
             let series = [("predicted", ms), ("missed periods", frame.missed.into())];
             session.tracing.recorder.counter("motion to photon (ms)", 1e3 * report.begin_ms, &series);
         }
-        motion.add(time_s, &rig, time_s, session.gaze(time_s));
+        motion.add(time_s, shown_from, time_s, session.gaze(time_s));
         if self.writes {
             self.rows.push(row);
         }
@@ -288,7 +252,7 @@ impl Show {
                 fit,
             };
             report.play = PlaySummary::of(&play, &report.frames);
-            let summary = summary(&headset, period_ms).with(&report.frames);
+            let summary = summary(&headset, period_ms, options.is_late).with(&report.frames);
             if !options.quiet && !options.json {
                 say!("{summary}");
             }
@@ -315,7 +279,7 @@ fn side_by_side(Stereo { left, right }: &Stereo<Image<[u8; 4]>>) -> Result<Displ
     Ok(stereo::side_by_side(&opaque(left), &opaque(right))?)
 }
 
-fn summary(headset: &Headset, period_ms: f64) -> HeadsetSummary {
+fn summary(headset: &Headset, period_ms: f64, is_late: bool) -> HeadsetSummary {
     let runtime = headset.runtime();
     HeadsetSummary {
         runtime: runtime.name.clone(),
@@ -323,6 +287,7 @@ fn summary(headset: &Headset, period_ms: f64) -> HeadsetSummary {
         recommended_size: runtime.recommended.to_string(),
         period_ms,
         depth: headset.takes_depth(),
+        late_poses: is_late,
         states: headset.states().iter().map(ToString::to_string).collect(),
         motion_to_photon_ms_p50: None,
         motion_to_photon_ms_p95: None,
