@@ -61,7 +61,7 @@ pub fn load(options: &RunOptions) -> Result<Loaded, Failure> {
         let motion = HeadMotion::read(path, &options.scene.budget())?;
         let invalid = |what| SceneError::Invalid { path: path.display().to_string(), what };
         loaded.space = motion.space(&loaded.shot.rig).map_err(invalid)?;
-        loaded.shot.rig = motion.rig(&loaded.shot.rig).map_err(invalid)?;
+        loaded.shot.rig = motion.rig(&loaded.shot.rig).map_err(invalid)?.plain_at(options.size);
         loaded.shot.gaze = motion.gaze().unwrap_or(loaded.shot.gaze);
     }
     Ok(loaded)

@@ -71,6 +71,24 @@ impl Sample {
     }
 }
 
+/// Where a head is, metres, and how it is turned: from its axes to those of the space that it is in.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct HeadPose {
+    pub position_m: DVec3,
+    /// Of unit length.
+    pub orientation: DQuat,
+}
+
+impl HeadPose {
+    /// Where something is that is there in the head.
+    pub fn then(self, own: Self) -> Self {
+        Self {
+            position_m: self.position_m + self.orientation * own.position_m,
+            orientation: (self.orientation * own.orientation).normalize(),
+        }
+    }
+}
+
 /// What a head's positions and orientations are relative to, and the eyes that it has: upright, it stands where a shot's eyes are at first and looks
 /// where they look, but level. Its units are metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -91,6 +109,24 @@ impl Space {
         let axes = DMat3::from_cols(right, up, right.cross(up));
         let world_from_space = DQuat::from_mat3(&axes).normalize();
         Self { origin: first.position, world_from_space, metres_per_unit: rig.metres_per_unit, eyes: None }
+    }
+
+    /// With a head that has these eyes. One that had others keeps the size of the frame that they shared.
+    ///
+    /// # Errors
+    /// A sentence, if they are no pair of eyes.
+    pub fn with_eyes(self, eyes: HeadEyes) -> Result<Self, String> {
+        let mut shared = eyes.rectified()?;
+        if let Some((_, before)) = self.eyes {
+            shared.optics.tan_half = before.optics.tan_half;
+        }
+        Ok(Self { eyes: Some((eyes, shared)), ..self })
+    }
+
+    /// A shot's rig where the head is there.
+    pub fn rig_at(&self, HeadPose { position_m, orientation }: HeadPose, shot: &Rig) -> Rig {
+        let sample = Sample { time_s: 0.0, position_m: position_m.into(), orientation: orientation.into(), gaze: None };
+        self.rig_of(vec![self.key(&sample)], shot)
     }
 
     /// Where the rig is in the head: metres, and turned.
@@ -179,8 +215,8 @@ impl HeadMotion {
     /// # Errors
     /// A sentence, if they are no pair of eyes.
     pub fn space(&self, shot: &Rig) -> Result<Space, String> {
-        let eyes = self.eyes.map(|eyes| Ok::<_, String>((eyes, eyes.rectified()?))).transpose()?;
-        Ok(Space { eyes, ..Space::of(shot) })
+        let space = Space::of(shot);
+        self.eyes.map_or(Ok(space), |eyes| space.with_eyes(eyes))
     }
 
     /// The rig of a shot, moved as the head is, in the shot's space. It turns spherically between samples. With eyes that
