@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::anyhow;
 use diptych::accel::{Accel, Layout};
 use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
-use diptych::exec::ranks::{Devices, Load, Loading};
+use diptych::exec::ranks::{Devices, Load, Loading, Recorded, Request};
 use diptych::exec::{FrameReport, RenderSettings, Renderer};
 use diptych::image::Extent;
 use diptych::passes::{Aov, Moving};
@@ -249,17 +249,36 @@ pub struct Tracing {
 }
 
 impl Tracing {
+    /// Other ranks record as well where this one does.
     pub fn start(options: &RunOptions) -> Result<Self, Failure> {
         let file = options.trace.as_deref().map(TraceFile::start).transpose()?;
+        if let Some(node) = ranks::others().filter(|_| file.is_some()) {
+            node.ask(|_| Request::Record).wait()?;
+        }
         let recorder = file.as_ref().map_or_else(Recorder::off, TraceFile::recorder);
         Ok(Self { file, recorder })
     }
 
     pub fn record(&self, quality: &Quality, control: Option<FrameControl>, frame: &FrameReport) {
+        self.take_recorded();
         record_frame(&self.recorder, frame, quality, control);
     }
 
+    /// What other ranks have recorded.
+    fn take_recorded(&self) {
+        let Some(node) = ranks::others().filter(|_| self.recorder.is_on()) else { return };
+        let epoch_us = self.recorder.time_us(node.epoch());
+        for Recorded { rank, zero_ms, residual_us, text } in node.recorded() {
+            self.recorder.rank_host(rank as u32, &node.host(rank), epoch_us + zero_ms * 1e3, &text);
+            self.recorder.note(&format!("clock_residual_us.rank_{rank}"), residual_us);
+        }
+    }
+
     pub fn finish(self) -> Result<(), Failure> {
+        if let Some(node) = ranks::others().filter(|_| self.file.is_some()) {
+            node.ask(|_| Request::Recorded).wait()?;
+            self.take_recorded();
+        }
         Ok(self.file.map_or(Ok(()), TraceFile::finish)?)
     }
 }

@@ -20,7 +20,7 @@ pub(crate) use adapters::MAX_DEVICES;
 pub use adapters::{AdapterReport, DeviceInfo, RankName, Selection, adapters, chosen_traversal, open};
 pub use checks::ShaderChecks;
 pub use clock::GpuClock;
-pub(crate) use clock::Offset as ClockOffset;
+pub(crate) use clock::{MOST_DRIFT, Offset as ClockOffset};
 pub use failure::{DeviceFailure, FailureKind, panic_text};
 #[cfg(feature = "xr")]
 pub use headset::HeadsetDevice;

@@ -247,7 +247,7 @@ impl Frames {
                     all.begin_ms = reply.begin_ms.min(all.begin_ms);
                     if device == primary {
                         all.end_ms = reply.end_ms;
-                        frame.report.shown_from = reply.shown_from;
+                        frame.report.shown_from = reply.shown_from.map(|pose| *pose);
                         let names = Output::of_frame(&frame.graph.program, &frame.inputs.reads);
                         all.images = names.into_iter().zip(reply.images).collect();
                     }

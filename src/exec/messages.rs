@@ -103,7 +103,7 @@ pub struct FrameReply {
     pub images: Vec<Pixels>,
     /// From the primary: the pose that it asked for. Those of other ranks ask for none.
     #[serde(skip)]
-    pub shown_from: Option<SampledPose>,
+    pub shown_from: Option<Box<SampledPose>>,
 }
 
 /// When a task ran.

@@ -72,15 +72,16 @@ fn told() -> (Arc<PoseSource>, Sender<Option<Rig>>) {
     (Arc::new(move |_| poses.lock().unwrap().recv_timeout(Duration::from_secs(20)).unwrap()), tell)
 }
 
-/// That of the last task but those that wait for it.
+/// When the last task ended that what is shown is made of, or that the primary has beside.
 fn others_ended_ms(frame: &Frame) -> f64 {
     let others = frame.report.tasks.iter().filter(|task| task.stage != "to_later_eye");
-    let gpu = others.filter(|task| matches!(task.kind, TimedTask::Gpu(_)));
+    let waited_for = others.filter(|task| task.device == 0 || task.stage == "tonemap");
+    let gpu = waited_for.filter(|task| matches!(task.kind, TimedTask::Gpu(_)));
     gpu.map(|task| task.end_ms).fold(0.0, f64::max)
 }
 
-/// A pose that is told when the frame has begun, as if it had been known before; it is asked for when all other tasks of all
-/// devices have ended.
+/// A pose that is told when the frame has begun gives what one does that was known before; it is asked for when all that the
+/// frame shows has been made.
 #[test]
 fn the_last_pose_is_the_one_that_frames_are_shown_from() {
     let seen = subject(1);

@@ -41,7 +41,7 @@ pub struct Part {
     stamped: Vec<(usize, u32, u32)>,
     /// Images on their way to the host.
     images: Vec<[ReadBack; 2]>,
-    shown_from: Option<SampledPose>,
+    shown_from: Option<Box<SampledPose>>,
 }
 
 impl Part {
@@ -134,7 +134,7 @@ impl Part {
         }
         if let Some((pose, shown)) = late.ask(device.now_ms()) {
             device.show(&shown);
-            self.shown_from = Some(pose);
+            self.shown_from = Some(Box::new(pose));
         }
         Ok(())
     }

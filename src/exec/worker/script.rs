@@ -68,18 +68,23 @@ impl Script {
     /// What is recorded is submitted as late as possible: when rows must be waited for, and at the end. Copies leave
     /// together, as soon as the last of a run of them is recorded. Rows are waited for once everything up to the next
     /// submission is recorded, at whose head they are written: the host records while the device is at the work before.
+    /// Late dispatches come last, so that all rows are there when a pose is asked for.
     pub fn new(ticket: u64, own: &[Step], stitch: &[Step], injected: Option<InjectedKind>) -> Self {
         let mut builder = Builder::default();
         builder.operations.push(Operation::Begin);
-        for (i, step) in own.iter().enumerate() {
-            if let Some(kind) = injected.filter(|_| i == own.len() / 2) {
+        let is_late = |(_, step): &(usize, &Step)| matches!(step, Step::LateDispatch { .. });
+        let (late, first): (Vec<_>, Vec<_>) = own.iter().enumerate().partition(is_late);
+        let begins_late = first.len();
+        for (at, (i, step)) in first.into_iter().chain(late).enumerate() {
+            if let Some(kind) = injected.filter(|_| at == own.len() / 2) {
                 builder.submit();
                 builder.write();
                 builder.operations.push(Operation::Inject(kind));
             }
-            if !builder.copies.is_empty() && !matches!(step, Step::Download { .. }) {
+            if at == begins_late || !builder.copies.is_empty() && !matches!(step, Step::Download { .. }) {
                 builder.submit();
             }
+            builder.asks |= at == begins_late;
             match *step {
                 Step::Dispatch => builder.record(Operation::Record(i)),
                 Step::CutDispatch => {
@@ -87,7 +92,6 @@ impl Script {
                     builder.record(Operation::Record(i));
                 }
                 Step::LateDispatch { is_cut } => {
-                    builder.hold_back();
                     if is_cut {
                         builder.write();
                         builder.ask();
@@ -134,17 +138,8 @@ struct Builder {
     copies: Vec<Outgoing>,
     /// Behind the last submission, and before the next one.
     writes: Vec<Operation>,
-    pose: Pose,
-}
-
-/// Whether the frame has been asked for the pose that it is shown from.
-#[derive(Clone, Copy, Default, PartialEq)]
-enum Pose {
-    #[default]
-    NotNeeded,
-    /// By what is recorded.
-    Needed,
-    Asked,
+    /// Whether what is recorded needs a pose that is not asked for yet.
+    asks: bool,
 }
 
 impl Builder {
@@ -157,18 +152,9 @@ impl Builder {
         self.operations.append(&mut self.writes);
     }
 
-    /// What is recorded from here on sees the pose, and nothing before waits for it.
-    fn hold_back(&mut self) {
-        if self.pose == Pose::NotNeeded {
-            self.submit();
-            self.pose = Pose::Needed;
-        }
-    }
-
     fn ask(&mut self) {
-        if self.pose == Pose::Needed {
+        if std::mem::take(&mut self.asks) {
             self.operations.push(Operation::Ask);
-            self.pose = Pose::Asked;
         }
     }
 
@@ -222,13 +208,12 @@ mod tests {
         let upload = |transfer| Step::Upload { transfer };
         let write = |task, transfer| Write { task, transfer };
         let first = [Begin, Record(0), Close, Submit(vec![])];
-        let end = |last| [RecordTimestamps, Close, last, Submit(vec![])];
         let both = [Step::Dispatch, upload(6), late(false), late(false)];
         let held = [&first[..], &[Record(2), Record(3), RecordTimestamps, Close, write(1, 6), Ask, Submit(vec![])]];
         assert_eq!(operations(&both, None), held.concat());
         let apart = [Step::Dispatch, late(false), upload(6), late(false)];
-        let shown = [Record(1), Close, Ask, Submit(vec![]), Record(3)];
-        assert_eq!(operations(&apart, None), [&first[..], &shown, &end(write(2, 6))].concat());
+        let held = [Record(1), Record(3), RecordTimestamps, Close, write(2, 6), Ask, Submit(vec![])];
+        assert_eq!(operations(&apart, None), [&first[..], &held].concat());
         let cut = [Step::Dispatch, upload(6), late(true), late(true)];
         let shown = [write(1, 6), Ask, Record(2), Record(3), RecordTimestamps, Close, Submit(vec![])];
         assert_eq!(operations(&cut, None), [&first[..], &shown].concat());
