@@ -13,7 +13,7 @@ mkdir -p "$2"
 diptych=$(realpath "$1")
 out=$(realpath "$2")
 service=""
-small="--size 32x36 --quiet --budget-ms 0.01..30000"
+small="--size 32x36 --budget-ms 0.01..30000"
 
 fail() {
     echo "test-xr: $*" >&2
@@ -69,7 +69,7 @@ trap end_service EXIT
 # Words of $small are options.
 # shellcheck disable=SC2086
 view() {
-    timeout 300 "$diptych" view "$@" --xr $small
+    timeout 300 "$diptych" view "$@" --xr --quiet $small
 }
 
 has() {
@@ -126,11 +126,21 @@ else
     echo "validation: SKIPPED, there is no layer for it (Debian: openxr-layer-corevalidation vulkan-validationlayers)"
 fi
 
+# A run in the background that is left as $job once it has shown frames; its files are $1.
+left_running() {
+    # shellcheck disable=SC2086
+    "$diptych" view builtin:checker --xr --json $small --out "$out/$1" --record-motion "$out/$1.jsonl" >"$out/$1.log" 2>&1 &
+    job=$!
+    tries=0
+    until grep -q '"event":"frame"' "$out/$1.log"; do
+        tries=$((tries + 1))
+        [ "$tries" -lt 1200 ] || fail "$1: no frame within two minutes: $(tail -n 5 "$out/$1.log")"
+        sleep 0.1
+    done
+}
+
 # Told to end, it ends with the session, with all files.
-# shellcheck disable=SC2086
-"$diptych" view builtin:checker --xr $small --out "$out/told" --record-motion "$out/told.jsonl" >"$out/told.log" 2>&1 &
-job=$!
-sleep 10
+left_running told
 kill -TERM "$job"
 status=0
 wait "$job" || status=$?
@@ -146,10 +156,7 @@ refused() {
     echo "$3: $(grep '^error: ' "$1")"
 }
 if [ -n "$manifest" ]; then
-    # shellcheck disable=SC2086
-    "$diptych" view builtin:checker --xr $small --out "$out/left" --record-motion "$out/left.jsonl" >"$out/left.log" 2>&1 &
-    job=$!
-    sleep 10
+    left_running left
     end_service
     status=0
     wait "$job" || status=$?
@@ -159,7 +166,7 @@ if [ -n "$manifest" ]; then
     XDG_RUNTIME_DIR=$(mktemp -d)
 fi
 status=0
-XR_RUNTIME_JSON=/nowhere.json "$diptych" view builtin:checker --xr $small >"$out/none.log" 2>&1 || status=$?
+XR_RUNTIME_JSON=/nowhere.json "$diptych" view builtin:checker --xr --quiet $small >"$out/none.log" 2>&1 || status=$?
 [ "$status" = 1 ] || fail "without a runtime: status $status"
 refused "$out/none.log" "no OpenXR runtime answers" "none"
 echo "all that was run in a headset is as it should be"
