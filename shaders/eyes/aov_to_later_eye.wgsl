@@ -14,7 +14,5 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }
-    let last = vec2<f32>(f32(frame.camera.width), f32(frame.camera.height)) - 1.0;
-    let nearest = vec2<u32>(clamp(floor(later_place(vec2<f32>(pixel) + 0.5).point), vec2<f32>(0.0), last));
-    aov[pixel.y * pass_.width + pixel.x] = rectified[nearest.y * frame.camera.width + nearest.x];
+    aov[pixel.y * pass_.width + pixel.x] = rectified[rectified_index(later_place(vec2<f32>(pixel) + 0.5).point)];
 }

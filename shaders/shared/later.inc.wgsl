@@ -7,11 +7,14 @@ const ITERATIONS: i32 = 8;
 
 // How far along the eye's axis the surface is that the image shows at a point of it; 0: the sky.
 fn depth_at(point: vec2<f32>) -> f32 {
-    let size = vec2<f32>(f32(frame.camera.width), f32(frame.camera.height));
-    let at = vec2<u32>(clamp(floor(point), vec2<f32>(0.0), size - 1.0));
-    let distance = emission_image[at.y * frame.camera.width + at.x].a;
-    let ray = pinhole_ray(pass_.view, vec2<f32>(at) + frame.camera.centre, size);
-    return distance * dot(ray, frame.camera.views[pass_.view].forward);
+    let size = vec2<f32>(rectified_size());
+    let corner = clamp(floor(point), vec2<f32>(0.0), size - 1.0);
+    var at = rectified_index(point);
+    if POLAR {
+        at = polar_index(corner + 0.5, size);
+    }
+    let ray = pinhole_ray(pass_.view, corner + frame.camera.centre, size);
+    return emission_image[at].a * dot(ray, frame.camera.views[pass_.view].forward);
 }
 
 fn later_place(at: vec2<f32>) -> ShownPlace {

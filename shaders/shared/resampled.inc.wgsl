@@ -1,4 +1,4 @@
-// Resamples a rectified image, which the shader binds as `rectified`. Pixels are means over their area: so that a shown pixel is that of the
+// Resamples a rectified image, which the shader binds as `rectified`, of `rectified_size`. Pixels are means over their area: so that a shown pixel is that of the
 // same light, each pixel of the image gets a parabola of its mean along each axis that does not overshoot, and what lies within
 // the shown pixel is summed up (Colella & Woodward 1984, section 1: the piecewise parabolic method). No light is lost.
 
@@ -30,7 +30,7 @@ fn part_of(begin: vec3<f32>, mean: vec3<f32>, end: vec3<f32>, low: f32, high: f3
 }
 
 fn light_at(column: i32, row: i32) -> vec3<f32> {
-    let last = vec2<i32>(i32(frame.camera.width), i32(frame.camera.height)) - 1;
+    let last = vec2<i32>(rectified_size()) - 1;
     let at = clamp(vec2<i32>(column, row), vec2<i32>(0), last);
     return rectified[at.y * (last.x + 1) + at.x].rgb;
 }
@@ -80,7 +80,7 @@ fn resampled(place: ShownPlace) -> vec3<f32> {
     let squares = place.across * place.across + place.down * place.down;
     let widths = clamp(sqrt(squares), vec2<f32>(NARROWEST), vec2<f32>(WIDEST));
     // Bounded, as drivers may turn what is no number into any.
-    let size = vec2<f32>(f32(frame.camera.width), f32(frame.camera.height));
+    let size = vec2<f32>(rectified_size());
     let centre = clamp(place.point, vec2<f32>(-4.0), size + 4.0);
     // Rounding may leave less than nothing.
     return max(mean_of(centre - 0.5 * widths, centre + 0.5 * widths), vec3<f32>(0.0));

@@ -10,7 +10,7 @@ use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
 use diptych::exec::ranks::{Devices, Load, Loading, Recorded, Request};
 use diptych::exec::{FrameReport, RenderSettings, Renderer};
 use diptych::image::Extent;
-use diptych::passes::{Aov, Moving};
+use diptych::passes::Moving;
 use diptych::quality::Quality;
 use diptych::scene::folder::Source;
 use diptych::scene::head::{HeadMotion, Space};
@@ -25,7 +25,6 @@ use diptych::trace::frames::{FrameControl, record_frame};
 use diptych::trace::{Recorder, TraceFile};
 
 use super::failure::Failure;
-use super::foveation::FoveationMode;
 use super::options::{Balance, HaloOption, RenderOptions, RunOptions};
 use super::ranks;
 
@@ -196,15 +195,6 @@ pub fn rectified(optics: &Optics, size: Extent) -> Result<Extent, Failure> {
 /// What the options ask of all frames.
 pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool) -> Result<RenderSettings, Failure> {
     let optics = loaded.shot.rig.optics.as_ref();
-    if optics.is_some() && options.foveated.foveation != FoveationMode::None {
-        let what = "--foveation does not go with eyes that --motion describes: their images are resampled";
-        return Err(Failure::Input(anyhow!(what)));
-    }
-    if optics.is_some() && options.aov.contains(&Aov::Motion) {
-        let what =
-            "--aov motion does not go with eyes that --motion describes: its pixels are not those that are shown";
-        return Err(Failure::Input(anyhow!(what)));
-    }
     let quality = options.quality();
     let needs =
         if options.no_skip { SceneNeeds { gloss: loaded.needs.gloss, ..SceneNeeds::ALL } } else { loaded.needs };

@@ -9,7 +9,7 @@ use crate::image::Extent;
 use crate::quality::Quality;
 use crate::scene::optics::Optics;
 use crate::scene::rig::{Eye, Rig};
-use crate::stages::{SceneTables, layout};
+use crate::stages::{SceneTables, StageSettings, layout};
 
 /// Which samples of its pixels' sequences a frame takes.
 pub enum Samples {
@@ -39,14 +39,18 @@ pub fn constants(
         Samples::Own(samples) => (samples.clone(), layout::NO_CURVE),
     };
     let spp = samples.end - samples.start;
-    let layers = stages.foveation.as_ref().map(|f| f.describe(stages.extent, time_s, quality.fovea));
+    let screen = stages.screen();
     let optics = rig.optics.as_ref().filter(|_| stages.rectified.is_some());
+    let rectified = optics.map(|optics| (optics, screen));
+    let layers = stages.foveation.as_ref().map(|f| f.describe(stages.extent, time_s, quality.fovea, rectified));
     let view = |eye: Eye| {
         let mut view = layout::View::new(&rig.view(time_s, eye), aspect);
         if let Some(optics) = optics {
-            [view.tan_half_x, view.tan_half_y] = optics.rendered_tan_half(stages.grid()).map(|tan| tan as f32);
+            [view.tan_half_x, view.tan_half_y] = optics.rendered_tan_half(screen).map(|tan| tan as f32);
         }
-        stages.polar.as_ref().map_or(view, |polar| polar.look(eye as usize, time_s, view, stages.extent))
+        let Some(polar) = &stages.polar else { return view };
+        let gaze = polar.gaze[eye as usize].at(time_s);
+        polar.look_at(optics.map_or(gaze, |optics| on_screen(optics, eye, stages, gaze)), view, screen)
     };
     let mut frame = layout::Frame {
         camera: layout::Camera {
@@ -55,10 +59,10 @@ pub fn constants(
             width,
             height,
             shown: optics.map_or_else(Default::default, |optics| {
-                let sizes = [stages.extent, stages.grid()];
+                let sizes = [stages.extent, screen];
                 if stages.is_late { shown_later(optics, sizes, [&rig, &later]) } else { shown(optics, sizes) }
             }),
-            log_polar: stages.polar.as_ref().map(|polar| polar.constants(stages.extent)).unwrap_or_default(),
+            log_polar: stages.polar.as_ref().map(|polar| polar.constants(screen)).unwrap_or_default(),
         },
         sampling: layout::Sampling {
             index,
@@ -80,6 +84,15 @@ pub fn constants(
     };
     tables.describe(&mut frame);
     frame
+}
+
+/// Where a rectified image has a point of its eye's, both in fractions.
+fn on_screen(optics: &Optics, eye: Eye, stages: &StageSettings, [x, y]: [f64; 2]) -> [f64; 2] {
+    let [shown, rectified] = [stages.extent, stages.screen()];
+    let sides = |extent: Extent| [f64::from(extent.width), f64::from(extent.height)];
+    let ([width, height], [columns, rows]) = (sides(shown), sides(rectified));
+    let ([x, y], _) = optics.rectified_point(eye, [shown, rectified], [x * width, y * height]);
+    [x / columns, y / rows]
 }
 
 /// Where rectified images have what the eyes show; `sizes` are those of what is shown and of the rectified image.

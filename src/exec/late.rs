@@ -71,7 +71,7 @@ impl Renderer {
     pub(super) fn late(&self, rig: &Rig, time_s: f64, index: u32) -> Option<Late> {
         let stages = &self.settings.stages;
         let source = self.pose_source.as_ref().filter(|_| stages.is_late)?;
-        Some(Late::new(source, index, &rig.at(time_s), self.tables.origin(), [stages.extent, stages.grid()]))
+        Some(Late::new(source, index, &rig.at(time_s), self.tables.origin(), [stages.extent, stages.screen()]))
     }
 }
 

@@ -126,7 +126,7 @@ impl RenderSettings {
             aovs: stages.aovs.clone(),
             has_surfaces,
             moving: stages.moving.clone(),
-            screen: stages.polar.as_ref().map(|_| stages.extent),
+            screen: stages.polar.as_ref().map(|_| stages.screen()),
             blurs: stages.polar.as_ref().is_some_and(|polar| polar.space.blurs()),
             shown: stages.rectified.map(|_| stages.extent),
             is_late: stages.is_late,

@@ -18,7 +18,8 @@ pub fn all_specs() -> Vec<FrameSpec> {
                     let polar = FrameSpec { screen: Some(Extent::new(96, 270)), ..frame.clone() };
                     let shown = FrameSpec { shown: Some(Extent::new(48, 135)), ..frame.clone() };
                     let late = FrameSpec { is_late: true, ..shown.clone() };
-                    specs.extend([frame, polar, shown, late]);
+                    let shown_polar = FrameSpec { shown: shown.shown, ..polar.clone() };
+                    specs.extend([frame, polar, shown, late, shown_polar]);
                 }
             }
         }
@@ -166,6 +167,15 @@ fn polar_images_are_mapped_to_the_screen() {
     let outputs: Vec<_> = program.outputs().map(|number| program.images()[number].resource).collect();
     let extents = |name| outputs.iter().find(|image| image.name == name).map(|image| image.extent(program.extent));
     assert_eq!([extents("linear"), extents("display"), extents("polar")], [Some(screen), Some(screen), None]);
+    // Which may be rectified.
+    let shown = FrameSpec { shown: Some(Extent::new(48, 135)), aovs: vec![Aov::Albedo], ..polar };
+    let last = ["tonemap", "polar_blur", "to_screen", "to_eye", "tally", "aov", "aov_to_screen", "aov_to_eye"];
+    assert!(stages(&shown).ends_with(&last), "{:?}", stages(&shown));
+    let program = Declarations::default().program(&shown);
+    let images = program.images().iter().map(|image| (image.resource.name, image.resource.extent(program.extent)));
+    let extents: Vec<_> = images.filter(|(name, _)| name.starts_with("rectified")).collect();
+    let rectified = ["rectified", "rectified_display", "rectified_aov"].map(|name| (name, screen));
+    assert_eq!(extents, rectified);
 }
 
 /// A fit reads whole blocks, which reach 31 rows beyond a stripe, and antialiasing has it fit one row more.

@@ -244,7 +244,10 @@ impl HeadMotion {
 
 /// A line as JSON.
 fn from_line<'a, T: Deserialize<'a>>(number: usize, line: &'a [u8]) -> Result<T, String> {
-    let place = |error: serde_json::Error| error.to_string().replace(" at line 1 column ", ", column ");
+    let place = |error: serde_json::Error| {
+        // Which may quote what the line has.
+        error.to_string().replace(" at line 1 column ", ", column ").replace(char::is_control, " ")
+    };
     serde_json::from_slice(line).map_err(|error| format!("line {number}: {}", place(error)))
 }
 

@@ -280,6 +280,17 @@ impl Optics {
         (points * turned * self.lenses[eye as usize].rays(size), points * (rendered_from_world * (to - from)))
     }
 
+    /// Where the rectified image has a point of the image of an eye, both in pixels from the top left, and how many pixels it
+    /// has there for one of the eye's, along an axis: the root of how many for its area.
+    pub fn rectified_point(&self, eye: Eye, [size, grid]: [Extent; 2], [x, y]: [f64; 2]) -> ([f64; 2], f64) {
+        let columns = self.homography(eye, size, grid);
+        let seen = columns * DVec3::new(x, y, 1.0);
+        let point = DVec2::new(seen.x, seen.y) / seen.z;
+        let step = |column: DVec3| (DVec2::new(column.x, column.y) - point * column.z) / seen.z;
+        let jacobian = DMat2::from_cols(step(columns.x_axis), step(columns.y_axis));
+        (point.to_array(), jacobian.determinant().abs().sqrt())
+    }
+
     /// From a point relative to an eye, in its rig's right, up and forward, to its place in the rectified image, times its
     /// distance along forward.
     pub fn rectified_points(&self, grid: Extent) -> DMat3 {
