@@ -17,7 +17,7 @@ use diptych::scene::head::{HeadMotion, Space};
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::optics::Optics;
 use diptych::scene::rig::Rig;
-use diptych::scene::shot::Shot;
+use diptych::scene::shot::{Gaze, Shot};
 use diptych::scene::{Scene, SceneError};
 use diptych::schedule::{Even, Heft, Measured, Policy, Static};
 use diptych::stages::{SceneTables, StageSettings};
@@ -32,6 +32,8 @@ use super::ranks;
 pub struct Loaded {
     /// With the head motion that was asked for.
     pub shot: Shot,
+    /// Where the left and the right eye look: the shot's, or that of the head motion.
+    pub gaze: [Gaze; 2],
     /// What head motion is relative to.
     pub space: Space,
     /// As it moves.
@@ -61,7 +63,8 @@ pub fn load(options: &RunOptions) -> Result<Loaded, Failure> {
         let invalid = |what| SceneError::Invalid { path: path.display().to_string(), what };
         loaded.space = motion.space(&loaded.shot.rig).map_err(invalid)?;
         loaded.shot.rig = motion.rig(&loaded.shot.rig).map_err(invalid)?.plain_at(options.size);
-        loaded.shot.gaze = motion.gaze().unwrap_or(loaded.shot.gaze);
+        loaded.gaze = motion.gaze().unwrap_or(loaded.gaze);
+        loaded.shot.gaze = loaded.gaze[0].clone();
     }
     Ok(loaded)
 }
@@ -104,7 +107,8 @@ pub fn load_here(options: &RunOptions, what: &Load, source: Source) -> Result<Lo
     };
     let tables = SceneTables::within(&scene, accel, &budget).map_err(|e| Failure::Input(e.into()))?;
     let needs = SceneNeeds { instances: tables.has_instances(), ..SceneNeeds::of(&scene) };
-    Ok(Loaded { shot, space, scene, needs, tables: Arc::new(tables) })
+    let gaze = [shot.gaze.clone(), shot.gaze.clone()];
+    Ok(Loaded { shot, gaze, space, scene, needs, tables: Arc::new(tables) })
 }
 
 /// Says where frames between these times are beyond the ends of the camera's path.
@@ -208,8 +212,8 @@ pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool
         iterations: quality.most_iterations(),
         reproject: options.reprojects(),
         sparse: options.scale < 1.0,
-        foveation: options.foveated.layers(&loaded.shot.gaze),
-        polar: options.foveated.polar(&loaded.shot.gaze),
+        foveation: options.foveated.layers(&loaded.gaze),
+        polar: options.foveated.polar(&loaded.gaze),
         rectified: optics.map(|optics| rectified(optics, options.size)).transpose()?,
         is_late: options.is_late,
         aovs: options.aovs(),

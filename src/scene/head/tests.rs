@@ -48,13 +48,13 @@ fn what_is_recorded_is_replayed() {
     let rig = motion.rig(&shot).unwrap();
     let mut recording = Recording::new(Space::of(&shot));
     for (i, at_s) in [0.9, 1.3, 2.2, 3.0].into_iter().enumerate() {
-        recording.add(0.1 * i as f64, &rig, at_s, Some([0.1, 0.9]));
+        recording.add(0.1 * i as f64, &rig, at_s, Some([[0.1, 0.9], [0.1, 0.1 * i as f64]]));
     }
     // The clock stood still.
     recording.add(0.3, &rig, 1.0, None);
     recording.write(&path).unwrap();
     let read = HeadMotion::read(&path, &Budget::unlimited()).unwrap();
-    assert_eq!(read.gaze().unwrap().at(0.2), [0.1, 0.9]);
+    assert_eq!(read.gaze().unwrap().map(|gaze| gaze.at(0.2)), [[0.1, 0.9], [0.1, 0.2]]);
     let again = read.rig(&shot).unwrap();
     for (i, at_s) in [0.9, 1.3, 2.2, 3.0].into_iter().enumerate() {
         let [a, b] = [rig.view(at_s, Eye::Left), again.view(0.1 * i as f64, Eye::Left)];
@@ -81,7 +81,8 @@ fn what_is_wrong_is_named_with_its_line() {
         ("0.2, 0, -0.1", "0.2, NaN, 0", "line 4: "),
         ("0, 0, 0, 1", "0, 0, 0, 2", "line 2: orientation [0.0, 0.0, 0.0, 2.0] has the length 2.000"),
         ("0, 0, 0, 1", "0, 0, 0, 0", "line 2: orientation"),
-        ("0.25, 0.5", "0.25, 1.5", "line 2: gaze"),
+        ("0.25, 0.5", "0.25, 1.5", "line 2: gaze must be two or four numbers from 0 to 1"),
+        ("0.25, 0.5", "0.25, 0.5, 0.5", "line 2: gaze"),
         ("gaze", "gazes", "line 2: unknown field `gazes`"),
     ] {
         let error = sample(from, to);
