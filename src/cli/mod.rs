@@ -172,7 +172,8 @@ fn run_command() -> u8 {
             return error.exit_code() as u8;
         }
     };
-    cli.command.run().map_or_else(
+    let checked = cli.command.run_options().map_or(Ok(()), |_| ranks::check_alone());
+    checked.and_then(|()| cli.command.run()).map_or_else(
         |failure| {
             eprint!("{}", failure.message());
             failure.exit_status()

@@ -2,11 +2,13 @@
 //! their devices.
 
 use std::sync::{Arc, OnceLock};
+use std::time::Instant;
 
 use diptych::device::GpuDevice;
 use diptych::exec::ranks::{Host, Load, Node};
 use diptych::scene::folder::Source;
 use diptych::stages::SceneTables;
+use diptych::trace::HostSpans;
 
 use super::failure::Failure;
 use super::interrupt;
@@ -18,7 +20,7 @@ static NODE: OnceLock<Arc<Node>> = OnceLock::new();
 /// Joins the other processes that were started together with this one, if any were.
 pub fn join() -> Result<(), Failure> {
     #[cfg(feature = "mpi")]
-    if diptych::exec::ranks::MpiLink::is_wanted() {
+    if diptych::exec::ranks::started_as().is_some() {
         let node = Node::join(diptych::exec::ranks::MpiLink::new, interrupt::raise);
         let node = node.map_err(|what| Failure::Run(anyhow::anyhow!("cannot join the other ranks: {what}")))?;
         let node = NODE.get_or_init(|| node);
@@ -26,6 +28,24 @@ pub fn join() -> Result<(), Failure> {
             node.meet()?;
         }
     }
+    Ok(())
+}
+
+/// A program without MPI cannot share its work out: each of several processes would write the same files.
+#[cfg(not(feature = "mpi"))]
+pub fn check_alone() -> Result<(), Failure> {
+    let Some(number) = diptych::exec::ranks::started_as() else { return Ok(()) };
+    // One of them says it, and the others end with it.
+    if number > 0 {
+        std::thread::sleep(std::time::Duration::from_secs(1));
+    }
+    let what = "this is one of several processes that were started together, and this program has no MPI: build it with \
+                `--features mpi`, or start one process";
+    Err(Failure::Run(anyhow::anyhow!(what)))
+}
+
+#[cfg(feature = "mpi")]
+pub fn check_alone() -> Result<(), Failure> {
     Ok(())
 }
 
@@ -43,7 +63,7 @@ pub fn others() -> Option<&'static Arc<Node>> {
 pub fn serve(options: Option<&RunOptions>) -> Result<u8, Failure> {
     let Some(node) = NODE.get() else { return Ok(0) };
     interrupt::watch()?;
-    match diptych::exec::ranks::serve(node, &mut Here { options }) {
+    match diptych::exec::ranks::serve(node, &mut Here { options, spans: None }) {
         Ok(status) => Ok(status),
         Err(lost) => {
             // One rank says it, and the others end with it.
@@ -65,6 +85,8 @@ pub fn end(status: u8) {
 /// This process, by its own command line.
 struct Here<'a> {
     options: Option<&'a RunOptions>,
+    /// None: nothing is recorded.
+    spans: Option<HostSpans>,
 }
 
 impl Here<'_> {
@@ -81,6 +103,15 @@ impl Host for Here<'_> {
     fn load(&mut self, what: &Load) -> Result<Arc<SceneTables>, String> {
         let source = what.files.as_ref().map_or(Source::Disk, Source::Sent);
         setup::load_here(self.options()?, what, source).map(|loaded| loaded.tables).map_err(|failure| failure.line())
+    }
+
+    fn record(&mut self, zero: Instant) -> Result<(), String> {
+        self.spans = Some(HostSpans::install(zero).map_err(|e| e.to_string())?);
+        Ok(())
+    }
+
+    fn recorded(&mut self) -> Vec<u8> {
+        self.spans.as_mut().map_or_else(Vec::new, HostSpans::take)
     }
 
     fn interrupted(&self) -> Option<i32> {

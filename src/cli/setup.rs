@@ -7,7 +7,7 @@ use std::time::Instant;
 use anyhow::anyhow;
 use diptych::accel::{Accel, Layout};
 use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
-use diptych::exec::ranks::{Devices, Load, Loading};
+use diptych::exec::ranks::{Devices, Load, Loading, Recorded, Request};
 use diptych::exec::{FrameReport, RenderSettings, Renderer};
 use diptych::image::Extent;
 use diptych::passes::Moving;
@@ -17,7 +17,7 @@ use diptych::scene::head::{HeadMotion, Space};
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::optics::Optics;
 use diptych::scene::rig::Rig;
-use diptych::scene::shot::Shot;
+use diptych::scene::shot::{Gaze, Shot};
 use diptych::scene::{Scene, SceneError};
 use diptych::schedule::{Even, Heft, Measured, Policy, Static};
 use diptych::stages::{SceneTables, StageSettings};
@@ -32,6 +32,8 @@ use super::ranks;
 pub struct Loaded {
     /// With the head motion that was asked for.
     pub shot: Shot,
+    /// Where the left and the right eye look: the shot's, or that of the head motion.
+    pub gaze: [Gaze; 2],
     /// What head motion is relative to.
     pub space: Space,
     /// As it moves.
@@ -60,8 +62,9 @@ pub fn load(options: &RunOptions) -> Result<Loaded, Failure> {
         let motion = HeadMotion::read(path, &options.scene.budget())?;
         let invalid = |what| SceneError::Invalid { path: path.display().to_string(), what };
         loaded.space = motion.space(&loaded.shot.rig).map_err(invalid)?;
-        loaded.shot.rig = motion.rig(&loaded.shot.rig).map_err(invalid)?;
-        loaded.shot.gaze = motion.gaze().unwrap_or(loaded.shot.gaze);
+        loaded.shot.rig = motion.rig(&loaded.shot.rig).map_err(invalid)?.plain_at(options.size);
+        loaded.gaze = motion.gaze().unwrap_or(loaded.gaze);
+        loaded.shot.gaze = loaded.gaze[0].clone();
     }
     Ok(loaded)
 }
@@ -104,7 +107,8 @@ pub fn load_here(options: &RunOptions, what: &Load, source: Source) -> Result<Lo
     };
     let tables = SceneTables::within(&scene, accel, &budget).map_err(|e| Failure::Input(e.into()))?;
     let needs = SceneNeeds { instances: tables.has_instances(), ..SceneNeeds::of(&scene) };
-    Ok(Loaded { shot, space, scene, needs, tables: Arc::new(tables) })
+    let gaze = [shot.gaze.clone(), shot.gaze.clone()];
+    Ok(Loaded { shot, gaze, space, scene, needs, tables: Arc::new(tables) })
 }
 
 /// Says where frames between these times are beyond the ends of the camera's path.
@@ -208,9 +212,10 @@ pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool
         iterations: quality.most_iterations(),
         reproject: options.reprojects(),
         sparse: options.scale < 1.0,
-        foveation: options.foveated.layers(&loaded.shot.gaze),
-        polar: options.foveated.polar(&loaded.shot.gaze),
+        foveation: options.foveated.layers(&loaded.gaze),
+        polar: options.foveated.polar(&loaded.gaze),
         rectified: optics.map(|optics| rectified(optics, options.size)).transpose()?,
+        is_late: options.is_late,
         aovs: options.aovs(),
         frames_in_flight: usize::from(options.frames_in_flight),
         checks: options.shader_checks,
@@ -238,17 +243,36 @@ pub struct Tracing {
 }
 
 impl Tracing {
+    /// Other ranks record as well where this one does.
     pub fn start(options: &RunOptions) -> Result<Self, Failure> {
         let file = options.trace.as_deref().map(TraceFile::start).transpose()?;
+        if let Some(node) = ranks::others().filter(|_| file.is_some()) {
+            node.ask(|_| Request::Record).wait()?;
+        }
         let recorder = file.as_ref().map_or_else(Recorder::off, TraceFile::recorder);
         Ok(Self { file, recorder })
     }
 
     pub fn record(&self, quality: &Quality, control: Option<FrameControl>, frame: &FrameReport) {
+        self.take_recorded();
         record_frame(&self.recorder, frame, quality, control);
     }
 
+    /// What other ranks have recorded.
+    fn take_recorded(&self) {
+        let Some(node) = ranks::others().filter(|_| self.recorder.is_on()) else { return };
+        let epoch_us = self.recorder.time_us(node.epoch());
+        for Recorded { rank, zero_ms, residual_us, text } in node.recorded() {
+            self.recorder.rank_host(rank as u32, &node.host(rank), epoch_us + zero_ms * 1e3, &text);
+            self.recorder.note(&format!("clock_residual_us.rank_{rank}"), residual_us);
+        }
+    }
+
     pub fn finish(self) -> Result<(), Failure> {
+        if let Some(node) = ranks::others().filter(|_| self.file.is_some()) {
+            node.ask(|_| Request::Recorded).wait()?;
+            self.take_recorded();
+        }
         Ok(self.file.map_or(Ok(()), TraceFile::finish)?)
     }
 }

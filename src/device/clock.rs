@@ -12,7 +12,7 @@ use std::time::{Duration, Instant};
 
 use super::{DeviceFailure, GpuDevice};
 use counter::Counter;
-pub use offset::Offset;
+pub use offset::{MOST_DRIFT, Offset};
 
 const TRIES: usize = 24;
 

@@ -145,14 +145,14 @@ impl Renderer {
         self.settings.stages.rectified
     }
 
-    /// Where both eyes look from the next frame on, fractions of each one's image from the top left. Of no use without
-    /// foveation.
-    pub fn set_gaze(&mut self, [x, y]: [f64; 2]) {
+    /// Where the left and the right eye look from the next frame on, fractions of each one's image from the top left. Of no use
+    /// without foveation.
+    pub fn set_gaze(&mut self, eyes: [[f64; 2]; 2]) {
         let stages = &mut self.settings.stages;
         let of_layers = stages.foveation.as_mut().map(|layers| &mut layers.gaze);
         let of_polar = stages.polar.as_mut().map(|polar| &mut polar.gaze);
         for gaze in of_layers.into_iter().chain(of_polar) {
-            *gaze = [0, 1].map(|_| Gaze { path: vec![[0.0, x, y]] });
+            *gaze = eyes.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] });
         }
     }
 

@@ -84,7 +84,7 @@ impl Worker {
                 spans.frame = Some(tracing::info_span!("device frame", frame = frame(ticket)).entered())
             }
             Action::Receive { ticket, transfer } => {
-                let span = tracing::info_span!("wait for rows of others", frame = frame(ticket), transfer);
+                let span = tracing::info_span!("wait for rows of others", frame = frame(ticket), ticket, transfer);
                 spans.rows = Some(span.entered());
             }
             Action::Write { .. } | Action::Answer { .. } => spans.rows = None,
@@ -111,8 +111,10 @@ impl Worker {
             Action::SubmitUploads { ticket } => part_of(parts, ticket)?.submit_uploads(device),
             Action::Inject { kind } => device.inject(kind),
             Action::Send(Outgoing { ticket, transfer, to }) => {
+                let part = part_of(parts, ticket)?;
+                let _span = tracing::info_span!("send rows", frame = part.frame(), ticket, transfer).entered();
                 let send = |rows| transport.send(to, Message::Rows { ticket, transfer, rows });
-                part_of(parts, ticket)?.send(device, transfer, || transport.heartbeat().beat(), send)?;
+                part.send(device, transfer, || transport.heartbeat().beat(), send)?;
             }
             Action::Receive { .. } => {}
             Action::AwaitMessage => {

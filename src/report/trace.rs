@@ -3,6 +3,7 @@
 use super::text_table;
 use crate::trace::Lane;
 use crate::trace::compare::{Change, Comparison};
+use crate::trace::passages::PassageSummary;
 use crate::trace::summary::{DeviceSummary, FrameDetail, PathShare, Summary, median};
 
 /// Parts of the critical path below this share are combined into one.
@@ -14,7 +15,7 @@ pub fn summary_text(summary: &Summary) -> String {
         text += "\ncritical path, mean of frames\n";
         text += &path_table(summary);
     }
-    text + &notes(&summary.warnings)
+    text + &passages_text(summary) + &notes(&summary.warnings)
 }
 
 pub fn frame_text(detail: &FrameDetail) -> String {
@@ -37,7 +38,7 @@ pub fn frame_text(detail: &FrameDetail) -> String {
     text += &text_table(&["at ms", "ms", "device", "what", "rows"], &rows);
     text += "\ncritical path, summed\n";
     text += &path_table(summary);
-    text + &notes(&summary.warnings)
+    text + &passages_text(summary) + &notes(&summary.warnings)
 }
 
 pub fn comparison_text(comparison: &Comparison) -> String {
@@ -117,6 +118,28 @@ fn path_table(summary: &Summary) -> String {
     text_table(&["what", "device", "ms", "share"], &rows)
 }
 
+/// How rows went from rank to rank, if any did.
+fn passages_text(summary: &Summary) -> String {
+    let Some(passages) = &summary.passages else { return String::new() };
+    let PassageSummary { count, bytes, waited_ms, parts } = passages;
+    let rows: Vec<_> = parts
+        .iter()
+        .map(|part| {
+            let us = |value: f64| format!("{value:.1}");
+            let thread = if part.is_of_thread { "yes" } else { "" };
+            vec![part.what.clone(), us(part.median_us), us(part.most_us), ms(part.waited_ms), thread.to_owned()]
+        })
+        .collect();
+    let thread_ms = passages.thread_ms();
+    let share = if *waited_ms > 0.0 { thread_ms / waited_ms } else { 0.0 };
+    format!(
+        "\nrows from rank to rank: {count}, of {bytes} bytes; workers waited for them for {waited_ms:.3} ms\n{}\
+         MPI threads made workers wait for {thread_ms:.3} ms at most, {} of it\n",
+        text_table(&["rows", "median µs", "most µs", "waited ms", "MPI thread's"], &rows),
+        percent(share)
+    )
+}
+
 fn path_name(what: &str, lane: Option<Lane>) -> String {
     match lane {
         Some(lane) => format!("{what} {}", lane.name()),
@@ -165,6 +188,7 @@ mod tests {
             devices: [(10, Device { name: "gpu".to_owned(), clock_residual_us: Some(2.5) })].into(),
             tasks: vec![task(Lane::Left, "atrous", 2e3, 8e3), task(Lane::Upload, "linear", 9e3, 10e3)],
             frame_times: vec![FrameTime { frame: 4, begin_us: 0.0, end_us: 10e3, devices: None }],
+            passages: Vec::new(),
             warnings: vec!["odd".to_owned()],
         }
     }

@@ -228,6 +228,21 @@ impl Optics {
         [0, 1].map(|i| self.tan_half[i] * sides[i] / (sides[i] - 2.0 * MARGIN_PX).max(1.0))
     }
 
+    /// Whether what eyes show in images of this size is what is rendered for such a size, to a part of a pixel: both look the same
+    /// way and see all of a frame with square pixels.
+    pub fn is_plain(&self, size: Extent) -> bool {
+        let [x, y] = self.tan_half;
+        let (width, height) = (f64::from(size.width), f64::from(size.height));
+        let slack = [x / width, y / height].map(|pixel| 0.1 * pixel);
+        let sees_all = |Lens { axes, tan: Fov { left, right, up, down } }: &Lens| {
+            let off = [(left + x, 0), (right - x, 0), (up - y, 1), (down + y, 1)];
+            axes.abs_diff_eq(DMat3::IDENTITY, slack[0].min(slack[1]))
+                && off.iter().all(|(off, axis)| off.abs() < slack[*axis])
+        };
+        let is_square = (x * height - y * width).abs() < slack[0] * height;
+        is_square && self.lenses.iter().all(sees_all)
+    }
+
     /// Of a rig without optics, whose images have this size: they are rendered with so many degrees more on all sides, which
     /// are there to be shown when the head turns.
     pub fn with_border(rig: &Rig, size: Extent, border_deg: f64) -> Self {

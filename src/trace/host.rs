@@ -1,7 +1,8 @@
-//! Host spans: what `tracing` tells of this process, written down by `tracing-chrome` and taken over into the trace.
+//! Host spans: what `tracing` tells of a process, written down by `tracing-chrome` and taken over into the trace.
 //!
 //! That crate's thread writes the text of a JSON list, a record per line, with times since a moment that it does not
-//! tell. Here it writes to a channel, and puts our own time and the span's number where a record has its category.
+//! tell. Here it writes to a channel, and puts our own time and the span's number where a record has its category. The
+//! text of another process comes from there, and times in it are on that process's clock.
 
 use std::collections::HashMap;
 use std::io::{self, Write};
@@ -14,13 +15,12 @@ use tracing_subscriber::Registry;
 use tracing_subscriber::layer::SubscriberExt;
 
 use super::event::{Arg, Event, Kind, Track};
-use super::{FRAMES_TRACK, FRAMES_TRACKS, HOST_PID, TraceError};
+use super::{FRAMES_TRACK, FRAMES_TRACKS, TraceError};
 
 /// Host spans that are being recorded.
 pub struct HostSpans {
     guard: FlushGuard,
     text: Receiver<Piece>,
-    spans: Spans,
 }
 
 /// Some of the text, or none where all of it has been flushed.
@@ -49,25 +49,14 @@ impl HostSpans {
         let (layer, guard) = layer.category_fn(Box::new(stamp)).writer(Pieces(sender)).build();
         let subscriber = tracing_subscriber::registry().with(layer);
         tracing::subscriber::set_global_default(subscriber).map_err(|_| TraceError::SubscriberTaken)?;
-        Ok(HostSpans { guard, text, spans: Spans::default() })
+        Ok(HostSpans { guard, text })
     }
 
-    /// What has been recorded since the last call; of spans, those that have ended.
-    pub fn take(&mut self) -> Vec<Event> {
+    /// The text of what has been recorded since the last call, for the [`super::Recorder`] of this process or another.
+    pub fn take(&mut self) -> Vec<u8> {
         self.guard.flush();
         let pieces: Vec<Vec<u8>> = self.text.iter().map_while(|piece| piece).collect();
-        self.spans.events_from(&pieces.concat())
-    }
-
-    /// Stops recording. Spans still open end at `now_us` and carry `unfinished`.
-    pub fn end(mut self, now_us: f64) -> Vec<Event> {
-        let mut events = self.take();
-        for (_, mut event) in self.spans.open {
-            event.kind = Kind::Complete { duration_us: (now_us - event.time_us).max(0.0) };
-            event.args.insert("unfinished".to_owned(), 1.0.into());
-            events.push(event);
-        }
-        events
+        pieces.concat()
     }
 }
 
@@ -100,23 +89,43 @@ struct Record {
     args: HashMap<String, String>,
 }
 
-/// Joins begins with their ends.
-#[derive(Default)]
-struct Spans {
-    /// By the span's number and the thread's.
+/// Joins begins with their ends, of one process.
+pub(super) struct Spans {
+    pid: u32,
+    /// Of the latest text.
+    zero_us: f64,
+    /// Times are those of the text. By the span's number and the thread's.
     open: HashMap<(u64, u32), Event>,
 }
 
 impl Spans {
-    /// `text` ends where a record does.
-    fn events_from(&mut self, text: &[u8]) -> Vec<Event> {
+    pub fn of(pid: u32) -> Self {
+        Self { pid, zero_us: 0.0, open: HashMap::new() }
+    }
+
+    /// Of spans, those that have ended. `text` ends where a record does; its times are since `zero_us`.
+    pub fn events_from(&mut self, text: &[u8], zero_us: f64) -> Vec<Event> {
+        self.zero_us = zero_us;
         let lines = text.split(|&byte| byte == b'\n').map(|line| line.strip_suffix(b",").unwrap_or(line));
         // What is no record is a bracket of the list, or what lies between two flushes.
-        lines.filter_map(|line| serde_json::from_slice(line).ok()).filter_map(|record| self.event(record)).collect()
+        let records = lines.filter_map(|line| serde_json::from_slice(line).ok());
+        let events = records.filter_map(|record| self.event(record));
+        events.map(|event| Event { time_us: event.time_us + zero_us, ..event }).collect()
+    }
+
+    /// Spans that are still open, which end at `now_us` and carry `unfinished`.
+    pub fn unfinished(self, now_us: f64) -> impl Iterator<Item = Event> {
+        let zero_us = self.zero_us;
+        self.open.into_values().map(move |mut event| {
+            event.time_us += zero_us;
+            event.kind = Kind::Complete { duration_us: (now_us - event.time_us).max(0.0) };
+            event.args.insert("unfinished".to_owned(), 1.0.into());
+            event
+        })
     }
 
     fn event(&mut self, mut record: Record) -> Option<Event> {
-        let track = Track { pid: HOST_PID, tid: FRAMES_TRACK.tid + FRAMES_TRACKS + record.tid };
+        let track = Track { pid: self.pid, tid: (FRAMES_TRACK.tid + FRAMES_TRACKS).checked_add(record.tid)? };
         if record.ph == "M" {
             return Some(Event::thread_name(track, record.args.get("name")?));
         }
@@ -153,15 +162,16 @@ fn arg(text: String) -> Arg {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::trace::HOST_PID;
 
     /// The events of a text that comes in two parts.
     fn events(spans: &mut Spans, [a, b]: [&str; 2]) -> Vec<Event> {
-        [a, b].iter().flat_map(|text| spans.events_from(text.as_bytes())).collect()
+        [a, b].iter().flat_map(|text| spans.events_from(text.as_bytes(), 0.0)).collect()
     }
 
     #[test]
     fn begins_meet_their_ends_whatever_lies_between() {
-        let mut spans = Spans::default();
+        let mut spans = Spans::of(HOST_PID);
         let first = r#"[
 {"args":{"name":"main"},"name":"thread_name","ph":"M","pid":1,"tid":0},
 {"args":{"frame":"3"},"cat":"10000 1","name":"frame","ph":"B","pid":1,"tid":0,"ts":1.0},

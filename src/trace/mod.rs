@@ -11,6 +11,7 @@ mod file;
 pub mod frames;
 mod host;
 pub(crate) mod intervals;
+pub mod passages;
 pub mod read;
 mod recorder;
 pub mod summary;
@@ -21,12 +22,15 @@ use serde::{Deserialize, Serialize};
 use crate::image::ImageError;
 use event::Track;
 pub use file::TraceFile;
+pub use host::HostSpans;
 pub use recorder::Recorder;
 
 /// Process of host spans and of counters.
 pub const HOST_PID: u32 = 1;
 /// Device `i` is process `FIRST_DEVICE_PID + i`.
 pub const FIRST_DEVICE_PID: u32 = 10;
+/// Threads of rank `r` other than the one that records are shown as process `FIRST_RANK_PID + r`.
+pub const FIRST_RANK_PID: u32 = 100;
 /// Where frames are shown, from their plan to their images on the primary.
 pub const FRAMES_TRACK: Track = Track { pid: HOST_PID, tid: 1 };
 const FRAMES_NAME: &str = "frames";

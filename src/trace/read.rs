@@ -8,6 +8,8 @@ use std::path::Path;
 use serde_json::{Map, Value};
 
 use super::document::raw_trace_from_bytes;
+use super::passages::{HostSpan, passages};
+use super::recorder::RANK_HOST;
 use super::work::{Device, FrameTime, Order, Task, Trace};
 use super::{FIRST_DEVICE_PID, FRAMES_NAME, HOST_PID, Lane, TraceError};
 
@@ -88,17 +90,22 @@ impl Reader {
         self.check_balance()?;
         let spans = std::mem::take(&mut self.spans);
         let (mut device_spans, mut frame_times, mut foreign_pids) = (Vec::new(), Vec::new(), BTreeSet::new());
+        let mut host_spans = Vec::new();
         for span in spans {
             if let Some(lane) = self.device_lane(&span.track) {
                 device_spans.push((lane, span));
             } else if self.is_frame(&span) {
                 frame_times.extend(frame_time(&span).map_err(|what| (span.index, what))?);
+            } else if self.is_host(&span.track.0) {
+                let Span { name, begin_us, end_us, args, .. } = span;
+                host_spans.push(HostSpan { name, begin_us, end_us, args });
             } else {
                 foreign_pids.insert(span.track.0);
             }
         }
         let warnings = self.warnings(&foreign_pids);
-        Ok(Trace { devices: self.devices(), tasks: tasks(device_spans)?, frame_times, warnings })
+        let passages = passages(host_spans);
+        Ok(Trace { devices: self.devices(), tasks: tasks(device_spans)?, frame_times, passages, warnings })
     }
 
     fn event(&mut self, index: usize, mut event: Map<String, Value>) -> Result<(), String> {
@@ -190,6 +197,11 @@ impl Reader {
         Some((pid, lane))
     }
 
+    /// Whether threads of this process are those of a rank.
+    fn is_host(&self, pid: &str) -> bool {
+        pid == HOST_PID.to_string() || self.process_names.get(pid).is_some_and(|name| name.starts_with(RANK_HOST))
+    }
+
     fn is_frame(&self, span: &Span) -> bool {
         span.name == "frame"
             && span.track.0 == HOST_PID.to_string()
@@ -210,10 +222,8 @@ impl Reader {
 
     fn warnings(&self, foreign_pids: &BTreeSet<String>) -> Vec<String> {
         let mut warnings = Vec::new();
-        let host = HOST_PID.to_string();
-        let foreign: Vec<_> = foreign_pids.iter().filter(|pid| **pid != host).cloned().collect();
-        if !foreign.is_empty() {
-            let pids = foreign.join(", ");
+        if !foreign_pids.is_empty() {
+            let pids = foreign_pids.iter().cloned().collect::<Vec<_>>().join(", ");
             warnings.push(format!("spans that are no device lane's are left out: process {pids}"));
         }
         for (phase, count) in &self.unknown_phases {

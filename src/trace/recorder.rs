@@ -1,5 +1,6 @@
 //! Takes down device times, host spans, counters and arrows.
 
+use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
@@ -7,8 +8,11 @@ use serde_json::{Map, Value};
 
 use super::event::{Args, Event, FlowStep, Kind, Track, args_from};
 use super::file::Document;
-use super::host::HostSpans;
-use super::{FIRST_DEVICE_PID, FRAMES_NAME, FRAMES_TRACK, FRAMES_TRACKS, HOST_PID, Lane, TraceError};
+use super::host::{HostSpans, Spans};
+use super::{FIRST_DEVICE_PID, FIRST_RANK_PID, FRAMES_NAME, FRAMES_TRACK, FRAMES_TRACKS, HOST_PID, Lane, TraceError};
+
+/// What processes of other ranks are called, before their number.
+pub(super) const RANK_HOST: &str = "host of rank ";
 
 /// Writes to the trace of a run; clones write to the same one, from any thread.
 #[derive(Clone)]
@@ -24,6 +28,8 @@ pub(super) struct Log {
     document: Option<Document>,
     events: Vec<Event>,
     host: Option<HostSpans>,
+    /// Of this process and of other ranks, by process.
+    spans: BTreeMap<u32, Spans>,
     notes: Map<String, Value>,
     /// Events whose times were not finite or ran backwards.
     dropped_events: u64,
@@ -96,6 +102,17 @@ impl Recorder {
         self.span(lane.track(device), category, name, begin_us, end_us, args);
     }
 
+    /// What threads of another rank's process are at, as its [`HostSpans`] tell it, with times since `zero_us` here.
+    pub fn rank_host(&self, rank: u32, machine: &str, zero_us: f64, text: &[u8]) {
+        let Some(mut log) = self.lock() else { return };
+        let pid = FIRST_RANK_PID.saturating_add(rank);
+        if !log.spans.contains_key(&pid) {
+            log.push(Event::process_name(pid, &format!("{RANK_HOST}{rank} on {machine}")));
+            log.push(Event::process_sort_index(pid, pid));
+        }
+        log.push_spans(pid, zero_us, text);
+    }
+
     /// A frame, on the host's track for frames in this slot. `args` should hold its number as `frame`.
     pub fn frame(&self, slot: usize, begin_us: f64, end_us: f64, args: Args) {
         self.span(frames_track(slot as u32 % FRAMES_TRACKS), "frame", "frame", begin_us, end_us, args);
@@ -165,8 +182,10 @@ impl Recorder {
     pub(super) fn close(&self, is_complete: bool) -> Result<(), TraceError> {
         let now_us = self.time_us(Instant::now());
         let Some(mut log) = self.lock() else { return Ok(()) };
-        if let Some(host) = log.host.take() {
-            host.end(now_us).into_iter().for_each(|event| log.push(event));
+        log.take_spans();
+        log.host = None;
+        for spans in std::mem::take(&mut log.spans).into_values() {
+            spans.unfinished(now_us).for_each(|event| log.push(event));
         }
         log.write(is_complete);
         log.document = None;
@@ -198,9 +217,18 @@ impl Log {
         }
     }
 
+    fn take_spans(&mut self) {
+        let text = self.host.as_mut().map_or_else(Vec::new, HostSpans::take);
+        self.push_spans(HOST_PID, 0.0, &text);
+    }
+
+    fn push_spans(&mut self, pid: u32, zero_us: f64, text: &[u8]) {
+        let spans = self.spans.entry(pid).or_insert_with(|| Spans::of(pid));
+        spans.events_from(text, zero_us).into_iter().for_each(|event| self.push(event));
+    }
+
     fn write(&mut self, is_complete: bool) {
-        let spans = self.host.as_mut().map_or_else(Vec::new, HostSpans::take);
-        spans.into_iter().for_each(|event| self.push(event));
+        self.take_spans();
         let Some(document) = &mut self.document else { return };
         let mut other_data = self.notes.clone();
         other_data.insert("complete".to_owned(), is_complete.into());

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::critical::{What, critical_path};
 use super::intervals::{Interval, length, length_in_two_or_more, shared_length, union};
+use super::passages::PassageSummary;
 use super::work::{Device, Frame, FrameTime, Trace, extent};
 use super::{Lane, TraceError};
 
@@ -87,6 +88,9 @@ pub struct Summary {
     pub imbalance: Option<f64>,
     /// Longest first; together they are the frames.
     pub critical_path: Vec<PathShare>,
+    /// How rows went from rank to rank; none where none did.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub passages: Option<PassageSummary>,
     pub warnings: Vec<String>,
 }
 
@@ -176,6 +180,7 @@ fn sum_up(trace: &Trace, frames: &[Frame], warnings: Vec<String>) -> Summary {
         hidden_transfer_share: (transfer_ms > 0.0).then(|| hidden_ms / transfer_ms),
         imbalance: imbalance(&devices),
         critical_path: path_shares(frames),
+        passages: PassageSummary::of(&trace.passages, |frame| frames.iter().any(|f| f.time.frame == frame)),
         devices,
         warnings,
     }

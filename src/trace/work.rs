@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use super::intervals::Interval;
+use super::passages::Passage;
 use super::{FIRST_DEVICE_PID, Lane};
 
 /// One piece of device work.
@@ -71,6 +72,8 @@ pub struct Trace {
     pub tasks: Vec<Task>,
     /// Frames that say when they began and ended.
     pub frame_times: Vec<FrameTime>,
+    /// Of rows from rank to rank.
+    pub passages: Vec<Passage>,
     /// What is odd about the trace but no error, each said once.
     pub warnings: Vec<String>,
 }

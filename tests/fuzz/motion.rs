@@ -127,7 +127,7 @@ fn no_motion_is_refused_in_a_line_and_motion_is_seen() {
             }
         }
         if let Some(gaze) = motion.gaze() {
-            assert!(gaze.at(0.2).iter().all(|v| (0.0..=1.0).contains(v)));
+            assert!(gaze.iter().flat_map(|eye| eye.at(0.2)).all(|v| (0.0..=1.0).contains(&v)));
         }
         let (Some(optics), size) = (rig.optics, Extent::new(64, 48)) else { return };
         let Ok(grid) = optics.grid(size, 1.25) else { return };

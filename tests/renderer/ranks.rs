@@ -2,7 +2,7 @@
 //! their links is what MPI's processes run.
 
 use std::collections::VecDeque;
-use std::sync::Arc;
+use std::sync::{Arc, LazyLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
@@ -10,15 +10,22 @@ use crate::common::{Stage, Subject, devices, is_thorough};
 use crate::reference::scenes::moving;
 use crate::same_bytes::{HEIGHT, Script, WIDTH, assert_same, ratios};
 use diptych::device::GpuDevice;
-use diptych::exec::ranks::{ChannelLink, Devices, Host, Link, Load, Loading, Node, channel_links, serve};
+use diptych::exec::ranks::{ChannelLink, Devices, Host, Link, Load, Loading, Node, Request, channel_links, serve};
 use diptych::exec::{InjectedFaults, RenderSettings};
 use diptych::quality::{Denoiser, LogPolar, PolarSpace};
 use diptych::scene::shot::Gaze;
 use diptych::schedule::{Even, Measured, Policy};
 use diptych::stages::{Foveation, Polar, SceneTables};
 
+/// Before all ranks are.
+static BEGIN: LazyLock<Instant> = LazyLock::new(Instant::now);
+
 /// A rank of the tests: it has subjects by their names.
-struct Here(Vec<(String, Arc<SceneTables>)>);
+struct Here {
+    subjects: Vec<(String, Arc<SceneTables>)>,
+    /// Of its times; none where nothing is recorded.
+    zero: Option<Instant>,
+}
 
 impl Host for Here {
     fn open(&mut self, count: usize) -> Result<Vec<GpuDevice>, String> {
@@ -26,8 +33,18 @@ impl Host for Here {
     }
 
     fn load(&mut self, what: &Load) -> Result<Arc<SceneTables>, String> {
-        let found = self.0.iter().find(|(name, _)| *name == what.shot);
+        let found = self.subjects.iter().find(|(name, _)| *name == what.shot);
         found.map(|(_, tables)| Arc::clone(tables)).ok_or_else(|| format!("there is no {}", what.shot))
+    }
+
+    fn record(&mut self, zero: Instant) -> Result<(), String> {
+        self.zero = Some(zero);
+        Ok(())
+    }
+
+    /// When the zero of its clock was, nanoseconds after [`BEGIN`].
+    fn recorded(&mut self) -> Vec<u8> {
+        self.zero.map_or_else(Vec::new, |zero| zero.duration_since(*BEGIN).as_nanos().to_le_bytes().to_vec())
     }
 
     fn interrupted(&self) -> Option<i32> {
@@ -66,7 +83,7 @@ impl Link for Slow {
         is_due.then(|| self.held.pop_front()).flatten().map(|(_, packet)| packet)
     }
 
-    fn is_sent(&mut self) -> bool {
+    fn is_settled(&mut self) -> bool {
         true
     }
 
@@ -88,13 +105,14 @@ impl Ranks {
 
     /// Packets take so long from one to another.
     fn apart(by: Duration, count: usize, subjects: &[&Subject]) -> Self {
+        LazyLock::force(&BEGIN);
         let links = channel_links(count).into_iter();
         let mut links = links.map(|link| Slow { link, by, held: VecDeque::new() });
         let first = links.next().unwrap();
         let node = Node::join(move || Ok(first), |_| ()).unwrap();
         let subjects: Vec<_> = subjects.iter().map(|s| (s.name.clone(), Arc::clone(&s.tables))).collect();
         let other = |link: Slow| {
-            let mut host = Here(subjects.clone());
+            let mut host = Here { subjects: subjects.clone(), zero: None };
             std::thread::spawn(move || {
                 let node = Node::join(move || Ok(link), |_| ()).unwrap();
                 let status = serve(&node, &mut host).unwrap();
@@ -230,6 +248,29 @@ fn ranks_with_another_scene_are_refused() {
     assert!(refused.starts_with("rank 1 on thread 1: its scene"), "{refused}");
     let refused = joined.load(&Subject { name: "nowhere".to_owned(), ..checker }).unwrap_err();
     assert_eq!(refused, "rank 1 on thread 1: there is no nowhere");
+    joined.end();
+}
+
+/// All ranks have one clock here, whose true zeros are known.
+#[test]
+fn clocks_of_ranks_are_known_as_well_as_is_said() {
+    let joined = Ranks::new(3, &[]);
+    joined.node.ask(|_| Request::Record).wait().unwrap();
+    let mut residuals_us = Vec::new();
+    for _ in 0..30 {
+        std::thread::sleep(Duration::from_millis(100));
+        joined.node.ask(|_| Request::Recorded).wait().unwrap();
+        for told in joined.node.recorded() {
+            let nanos = u128::from_le_bytes(told.text.try_into().unwrap());
+            let here_ms = joined.node.epoch().duration_since(*BEGIN).as_secs_f64() * 1e3;
+            let wrong_us = (told.zero_ms + here_ms - nanos as f64 * 1e-6).abs() * 1e3;
+            let Some(residual_us) = told.residual_us else { continue };
+            println!("rank {}: {wrong_us:.1} µs wrong, said to be {residual_us:.1} at most", told.rank);
+            assert!(wrong_us <= residual_us + 1.0, "rank {}: {wrong_us} µs, not {residual_us}", told.rank);
+            residuals_us.push(residual_us);
+        }
+    }
+    assert!(residuals_us.len() >= 40, "{residuals_us:?}");
     joined.end();
 }
 

@@ -3,7 +3,7 @@
 use std::ops::Range;
 
 /// By how much the two clocks' rates differ at most: each one's crystal is within 100 ppm.
-const MOST_DRIFT: f64 = 200e-6;
+pub const MOST_DRIFT: f64 = 200e-6;
 
 /// What is added to times of the device to have the host's, and the bounds of it. All are milliseconds.
 #[derive(Clone, Debug)]
@@ -12,11 +12,14 @@ pub struct Offset {
     /// What `value` lies within, at a time of the device.
     bounds: Range<f64>,
     at_ms: f64,
+    /// It grows by no less and no more each millisecond.
+    rate: Range<f64>,
 }
 
 impl Default for Offset {
     fn default() -> Self {
-        Self { value: 0.0, bounds: f64::NEG_INFINITY..f64::INFINITY, at_ms: 0.0 }
+        let bounds = f64::NEG_INFINITY..f64::INFINITY;
+        Self { value: 0.0, bounds, at_ms: 0.0, rate: -MOST_DRIFT..MOST_DRIFT }
     }
 }
 
@@ -32,14 +35,44 @@ impl Offset {
         if !(bracket.start <= bracket.end || !is_known && bracket.start.is_finite() && bracket.end.is_finite()) {
             return;
         }
-        let drift = MOST_DRIFT * (device_ms.end - self.at_ms).abs();
-        let both = (self.bounds.start - drift).max(bracket.start)..(self.bounds.end + drift).min(bracket.end);
+        let (value, before) = self.moved_to(device_ms.end);
+        let both = before.start.max(bracket.start)..before.end.min(bracket.end);
         // Else one of the clocks has jumped in between.
         let agrees = is_known && both.start <= both.end;
         self.bounds = if agrees { both } else { bracket };
         let middle = 0.5 * (self.bounds.start + self.bounds.end);
-        self.value = if agrees { self.value.clamp(self.bounds.start, self.bounds.end) } else { middle };
+        self.value = if agrees { value.clamp(self.bounds.start, self.bounds.end) } else { middle };
         self.at_ms = device_ms.end;
+    }
+
+    /// The offset and its bounds at another time of the device. It is taken to grow as little as it may.
+    fn moved_to(&self, device_ms: f64) -> (f64, Range<f64>) {
+        let elapsed = device_ms - self.at_ms;
+        let (a, b) = (self.rate.start * elapsed, self.rate.end * elapsed);
+        let least = if a * b < 0.0 {
+            0.0
+        } else if a.abs() < b.abs() {
+            a
+        } else {
+            b
+        };
+        (self.value + least, self.bounds.start + a.min(b)..self.bounds.end + a.max(b))
+    }
+
+    /// What is known of how fast it grows: by no less and no more each millisecond.
+    pub fn set_rate(&mut self, rate: Range<f64>) {
+        self.rate = rate;
+    }
+
+    /// What it lay within at the latest time of the device at which it was narrowed; that time comes first.
+    pub fn bounds(&self) -> (f64, Range<f64>) {
+        (self.at_ms, self.bounds.clone())
+    }
+
+    /// What it is expected to be at a time of the device, and how wrong that is at most.
+    pub fn at(&self, device_ms: f64) -> (f64, f64) {
+        let (value, bounds) = self.moved_to(device_ms);
+        (value, (value - bounds.start).abs().max((bounds.end - value).abs()))
     }
 
     pub fn value(&self) -> f64 {

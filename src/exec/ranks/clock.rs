@@ -1,40 +1,85 @@
 //! Other ranks' clocks on rank 0's, by round trips (Cristian, "Probabilistic Clock Synchronization", 1989): what another
-//! rank read of its clock was between the question and the answer.
+//! rank read of its clock was between the question and the answer. How much faster one clock runs than the other is
+//! learned from bounds that are some time apart, so that what a short round trip has told stays of use.
 
+use std::collections::VecDeque;
 use std::ops::Range;
 
-use crate::device::ClockOffset;
+use crate::device::{ClockOffset, MOST_DRIFT};
 use crate::exec::messages::{Answer, Reply};
 
 /// The clock of one other rank.
 #[derive(Default)]
 pub struct RankClock {
     offset: ClockOffset,
+    /// What the offset lay within at earlier times of that clock, oldest first.
+    marks: VecDeque<(f64, Range<f64>)>,
     /// Of round trips of small packets, a running mean, milliseconds.
     pub round_trip_ms: Option<f64>,
     /// Of those of large ones beyond that, per byte.
     pub ms_per_byte: Option<f64>,
 }
 
-/// Share of a new round trip in the means.
-const LEARNING_RATE: f64 = 0.2;
+/// Share of a new round trip in the means, if it is shorter and if it is longer: what else is on the link adds to it.
+const LEARNING_RATES: [f64; 2] = [0.3, 0.05];
+
+/// The closest bounds of each such time are kept, of so many.
+const MARK_MS: f64 = 1e3;
+const MARKS: usize = 16;
+/// By how much the rates of two clocks change while bounds are kept: that of a crystal changes by about 1 ppm with each
+/// kelvin or two.
+const WANDER: f64 = 2e-6;
 
 fn learned(mean: Option<f64>, new: f64) -> Option<f64> {
-    Some(mean.map_or(new, |mean| mean + (new - mean) * LEARNING_RATE))
+    Some(mean.map_or(new, |mean| mean + (new - mean) * LEARNING_RATES[usize::from(new > mean)]))
 }
 
 impl RankClock {
     /// Takes in a round trip that began and ended at these times here, and in which the other clock was `there_ms`. So
-    /// many bytes went there.
-    pub fn learn(&mut self, here_ms: Range<f64>, there_ms: f64, bytes: usize) {
+    /// many bytes went there, if it is one by which the link is judged: one that came as packets of frames come.
+    pub fn learn(&mut self, here_ms: Range<f64>, there_ms: f64, bytes: Option<usize>) {
         let trip_ms = here_ms.end - here_ms.start;
-        match self.round_trip_ms {
-            Some(small_ms) if bytes > 0 => {
+        match (self.round_trip_ms, bytes) {
+            (Some(small_ms), Some(bytes @ 1..)) => {
                 self.ms_per_byte = learned(self.ms_per_byte, (trip_ms - small_ms).max(0.0) / bytes as f64);
             }
-            mean => self.round_trip_ms = learned(mean, trip_ms),
+            (mean, Some(_)) => self.round_trip_ms = learned(mean, trip_ms),
+            (_, None) => {}
         }
         self.offset.narrow(&(there_ms..there_ms), &here_ms);
+        self.learn_rate();
+    }
+
+    /// Between two times the offset has moved by no less than its bounds then and now allow, and by no more.
+    fn learn_rate(&mut self) {
+        let (at_ms, now) = self.offset.bounds();
+        let mut rate = -MOST_DRIFT..MOST_DRIFT;
+        for (then_ms, then) in &self.marks {
+            let elapsed = (at_ms - then_ms).max(f64::MIN_POSITIVE);
+            rate.start = rate.start.max((now.start - then.end) / elapsed - WANDER);
+            rate.end = rate.end.min((now.end - then.start) / elapsed + WANDER);
+        }
+        if rate.start > rate.end {
+            // One of the clocks has jumped.
+            self.marks.clear();
+            rate = -MOST_DRIFT..MOST_DRIFT;
+        }
+        self.offset.set_rate(rate);
+        let width = |bounds: &Range<f64>| bounds.end - bounds.start;
+        match self.marks.back_mut() {
+            Some(last) if at_ms - last.0 < MARK_MS => {
+                if width(&now) < width(&last.1) {
+                    *last = (at_ms, now);
+                }
+            }
+            _ => self.marks.push_back((at_ms, now)),
+        }
+        self.marks.drain(..self.marks.len().saturating_sub(MARKS));
+    }
+
+    /// The other clock's zero on the clock here, by what is known of it now.
+    pub fn zero_ms(&self) -> f64 {
+        self.offset.value()
     }
 
     /// How wrong times are at most; none before a round trip.
@@ -46,14 +91,17 @@ impl RankClock {
     /// `origin_ms` here.
     pub fn translate(&self, reply: &mut Reply, origin_ms: f64) {
         let Ok(Answer::Frame(frame)) = &mut reply.answer else { return };
-        let shift_ms = self.offset.value() - origin_ms;
+        let (offset_ms, error_ms) = self.offset.at(frame.end_ms);
+        let shift_ms = offset_ms - origin_ms;
         for time in &mut frame.times {
             time.begin_ms += shift_ms;
             time.end_ms += shift_ms;
         }
         frame.begin_ms += shift_ms;
         frame.end_ms += shift_ms;
-        frame.clock_residual_us += self.residual_us().unwrap_or(0.0);
+        if error_ms.is_finite() {
+            frame.clock_residual_us += error_ms * 1e3;
+        }
     }
 }
 
@@ -61,22 +109,83 @@ impl RankClock {
 mod tests {
     use super::*;
 
-    /// An hour of round trips of 0.1 to 1.1 ms, of which the way back takes a tenth to nine tenths, with a clock that runs
-    /// 40 ppm too fast.
+    /// A clock that runs so many ppm too fast, and round trips of it.
+    struct Fake {
+        ppm: f64,
+        random: u32,
+    }
+
+    impl Fake {
+        fn there_ms(&self, here_ms: f64) -> f64 {
+            5e6 + here_ms * (1.0 + self.ppm * 1e-6)
+        }
+
+        /// From 0 to 1.
+        fn random(&mut self) -> f64 {
+            self.random = self.random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            f64::from(self.random) / f64::from(u32::MAX)
+        }
+
+        /// A round trip of so long, of which the way back takes a tenth to nine tenths. Returns how wrong times are
+        /// after it, µs.
+        fn trip(&mut self, clock: &mut RankClock, sent_ms: f64, trip_ms: f64) -> f64 {
+            let read_ms = sent_ms + trip_ms * (0.1 + 0.8 * self.random());
+            let there_ms = self.there_ms(read_ms);
+            clock.learn(sent_ms..sent_ms + trip_ms, there_ms, Some(0));
+            (there_ms + clock.offset.value() - read_ms).abs() * 1e3
+        }
+    }
+
+    /// An hour of round trips of 0.1 to 1.1 ms.
     #[test]
     fn a_clock_that_drifts_is_followed_within_its_residual() {
-        let mut clock = RankClock::default();
-        let there = |here_ms: f64| 5e6 + here_ms * (1.0 + 40e-6);
+        let (mut fake, mut clock) = (Fake { ppm: 40.0, random: 1 }, RankClock::default());
         for i in 0..18_000u32 {
-            let sent_ms = f64::from(i) * 200.0;
-            let trip_ms = 0.1 + f64::from(i.wrapping_mul(2_654_435_761) >> 16) / 65_536.0;
-            let way = 0.1 + 0.8 * f64::from(i.wrapping_mul(40_503) & 0xffff) / 65_536.0;
-            let read_ms = sent_ms + trip_ms * way;
-            clock.learn(sent_ms..sent_ms + trip_ms, there(read_ms), 0);
-            let wrong_us = (there(read_ms) + clock.offset.value() - read_ms).abs() * 1e3;
+            let trip_ms = 0.1 + fake.random();
+            let wrong_us = fake.trip(&mut clock, f64::from(i) * 200.0, trip_ms);
             let residual_us = clock.residual_us().unwrap();
             assert!(wrong_us <= residual_us + 1e-3, "{i}: {wrong_us} µs, said to be at most {residual_us}");
-            assert!(residual_us < 1200.0, "{i}: {residual_us}");
+            assert!(residual_us < if i < 100 { 1200.0 } else { 250.0 }, "{i}: {residual_us}");
+        }
+    }
+
+    /// One round trip in fifty is short, the others take long as the machine is at something else. The clock's rate
+    /// changes by 1 ppm a minute.
+    #[test]
+    fn what_short_round_trips_tell_stays_of_use() {
+        let (mut fake, mut clock) = (Fake { ppm: 0.0, random: 7 }, RankClock::default());
+        let mut residuals_us = Vec::new();
+        // Where the other clock would be if its rate were what it is now: times are continuous.
+        let (mut lead_ms, mut ppm) = (0.0, -30.0);
+        for i in 0..9_000u32 {
+            ppm += 200.0 / 60e3;
+            lead_ms += 200.0 * ppm * 1e-6;
+            let sent_ms = f64::from(i) * 200.0;
+            let (trip_ms, at) = (if i % 50 == 0 { 0.02 } else { 3.0 }, fake.random());
+            let read_ms = sent_ms + trip_ms * at;
+            let there_ms = 7e5 + read_ms + lead_ms;
+            clock.learn(sent_ms..sent_ms + trip_ms, there_ms, Some(0));
+            let wrong_us = (there_ms + clock.offset.value() - read_ms).abs() * 1e3;
+            let residual_us = clock.residual_us().unwrap();
+            assert!(wrong_us <= residual_us + 1e-3, "{i}: {wrong_us} µs, said to be at most {residual_us}");
+            residuals_us.push(residual_us);
+        }
+        let most_us = residuals_us[500..].iter().copied().fold(0.0, f64::max);
+        assert!(most_us < 150.0, "{most_us}");
+    }
+
+    #[test]
+    fn clocks_that_jump_are_followed_at_once() {
+        let (mut fake, mut clock) = (Fake { ppm: 20.0, random: 3 }, RankClock::default());
+        for i in 0..100 {
+            fake.trip(&mut clock, f64::from(i) * 200.0, 0.05);
+        }
+        let jumped = |ms: f64| 5e6 + 3_000.0 + ms;
+        for i in 100..110 {
+            let sent_ms = f64::from(i) * 200.0;
+            clock.learn(sent_ms..sent_ms + 0.05, jumped(sent_ms + 0.02), Some(0));
+            let wrong_us = (jumped(sent_ms) + clock.offset.value() - sent_ms).abs() * 1e3;
+            assert!(wrong_us <= clock.residual_us().unwrap() + 1e-3 && wrong_us < 100.0, "{i}: {wrong_us}");
         }
     }
 }

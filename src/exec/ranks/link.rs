@@ -18,8 +18,8 @@ pub trait Link {
     /// A packet that has come, if there is one, and the rank that it comes from.
     fn receive(&mut self) -> Option<(usize, Vec<u8>)>;
 
-    /// Whether all that was sent is on its way.
-    fn is_sent(&mut self) -> bool;
+    /// Whether all that was sent is on its way, and all that has begun to come is here.
+    fn is_settled(&mut self) -> bool;
 
     /// Leaves the others, which all ranks must do; waits for them where that is needed.
     fn leave(&mut self);
@@ -64,7 +64,7 @@ impl Link for ChannelLink {
         self.inbox.try_recv().ok()
     }
 
-    fn is_sent(&mut self) -> bool {
+    fn is_settled(&mut self) -> bool {
         true
     }
 

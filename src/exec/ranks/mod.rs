@@ -12,6 +12,9 @@ mod node;
 mod packet;
 mod post;
 mod server;
+mod shared;
+#[cfg(all(feature = "mpi", target_os = "linux"))]
+mod slices;
 mod transport;
 
 pub(super) use devices::Others;
@@ -22,6 +25,32 @@ pub use mpi::MpiLink;
 pub use node::{Asked, Node};
 pub use packet::{Load, Request, Response};
 pub use server::{Host, serve};
+
+/// What starters of MPI programs tell each process: how many they start together, and which of them this one is.
+const SIZES: [&str; 4] = ["OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS", "SLURM_STEP_NUM_TASKS"];
+const NUMBERS: [&str; 3] = ["OMPI_COMM_WORLD_RANK", "PMI_RANK", "SLURM_PROCID"];
+
+fn told(names: &[&str]) -> Option<u32> {
+    names.iter().filter_map(|name| std::env::var(name).ok()?.parse().ok()).max()
+}
+
+/// The number of this process among several that were started together, as far as is known before MPI is initialised; none
+/// where it was started alone.
+pub fn started_as() -> Option<u32> {
+    told(&SIZES).filter(|&size| size > 1).map(|_| told(&NUMBERS).unwrap_or(0))
+}
+
+/// What the threads of another rank were at, as it has recorded it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Recorded {
+    pub rank: usize,
+    /// The zero of its times, milliseconds after [`Node::epoch`] here.
+    pub zero_ms: f64,
+    /// How wrong that is at most; none where its clock is not known yet.
+    pub residual_us: Option<f64>,
+    /// As [`Host::recorded`] has it there.
+    pub text: Vec<u8>,
+}
 
 /// Why ranks cannot go on together.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]

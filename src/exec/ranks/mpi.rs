@@ -1,48 +1,67 @@
 //! The link of MPI: non-blocking point-to-point messages of the world's communicator, driven by one thread
 //! (`MPI_THREAD_FUNNELED`), the one that initialises MPI.
 
+use std::collections::VecDeque;
+
 use mpi::environment::Universe;
-use mpi::point_to_point::MatchedReceiveVec;
 use mpi::request::{Request, StaticScope};
 use mpi::topology::SimpleCommunicator;
-use mpi::traits::{Communicator, Destination, Source};
+use mpi::traits::{Communicator, Destination, Equivalence, Source};
 use mpi::{Rank, Threading};
 
 use super::link::Link;
 
-/// What starters of MPI programs tell each process, by which the number of them is known before MPI is initialised.
-const SIZES: [&str; 4] = ["OMPI_COMM_WORLD_SIZE", "PMI_SIZE", "MPI_LOCALNRANKS", "SLURM_STEP_NUM_TASKS"];
-
 pub struct MpiLink {
-    /// Messages on their way.
-    sent: Vec<Sent>,
+    /// Messages on their way to others.
+    sent: Vec<OnItsWay>,
+    /// Messages on their way here, with the ranks that they come from, in the order in which they began to come.
+    coming: VecDeque<(usize, OnItsWay)>,
     world: SimpleCommunicator,
     /// None: it has left.
     universe: Option<Universe>,
 }
 
-/// A message and the memory that it is sent from.
-struct Sent {
+/// A message and the memory that it is sent from, or comes to.
+struct OnItsWay {
     request: Request<'static, [u8], StaticScope>,
     packet: *mut [u8],
 }
 
-impl MpiLink {
-    /// Whether several processes were started together.
-    pub fn is_wanted() -> bool {
-        let size = |name| std::env::var(name).ok().and_then(|text| text.parse().ok());
-        SIZES.into_iter().filter_map(size).any(|size: u32| size > 1)
+impl OnItsWay {
+    /// The packet, once MPI is done with it.
+    fn end(self) -> Result<Box<[u8]>, Self> {
+        let Self { request, packet } = self;
+        match request.test() {
+            // SAFETY: it is from a box, and nobody else reads or writes it any more.
+            Ok(_) => Ok(unsafe { Box::from_raw(packet) }),
+            Err(request) => Err(Self { request, packet }),
+        }
     }
+}
 
+impl MpiLink {
     /// # Errors
     /// That MPI is not there, or cannot be driven by one of several threads.
     pub fn new() -> Result<Self, String> {
+        #[cfg(target_os = "linux")]
+        super::slices::ask_for_short_ones();
         let (universe, threading) =
             mpi::initialize_with_threading(Threading::Funneled).ok_or("MPI is initialised already")?;
         if threading < Threading::Funneled {
             return Err(format!("this MPI has no support for threads: it offers {threading:?}"));
         }
-        Ok(Self { sent: Vec::new(), world: universe.world(), universe: Some(universe) })
+        let (sent, coming) = (Vec::new(), VecDeque::new());
+        Ok(Self { sent, coming, world: universe.world(), universe: Some(universe) })
+    }
+
+    fn test_sent(&mut self) {
+        self.sent = self.sent.drain(..).filter_map(|message| message.end().err()).collect();
+    }
+
+    /// What is on its way stays where it is; its requests must not be dropped.
+    fn give_up(&mut self) {
+        std::mem::forget(std::mem::take(&mut self.sent));
+        std::mem::forget(std::mem::take(&mut self.coming));
     }
 }
 
@@ -64,36 +83,48 @@ impl Link for MpiLink {
         // SAFETY: the memory is given back only once the message is sent.
         let bytes: &'static [u8] = unsafe { &*packet };
         let request = self.world.process_at_rank(to as Rank).immediate_send(StaticScope, bytes);
-        self.sent.push(Sent { request, packet });
-        self.is_sent();
+        self.sent.push(OnItsWay { request, packet });
+        self.test_sent();
     }
 
     fn receive(&mut self) -> Option<(usize, Vec<u8>)> {
-        let (packet, status) = self.world.any_process().immediate_matched_probe()?.matched_receive_vec();
-        Some((status.source_rank() as usize, packet))
+        while let Some((message, status)) = self.world.any_process().immediate_matched_probe() {
+            let size = usize::try_from(status.count(u8::equivalent_datatype())).unwrap_or(0);
+            let packet = Box::into_raw(vec![0; size].into_boxed_slice());
+            // SAFETY: nobody reads the memory before the message is there.
+            let bytes: &'static mut [u8] = unsafe { &mut *packet };
+            let request = message.immediate_matched_receive_into(StaticScope, bytes);
+            self.coming.push_back((status.source_rank() as usize, OnItsWay { request, packet }));
+        }
+        // Small messages may be there before large ones that were sent earlier.
+        let mut awaited = Vec::new();
+        for at in 0..self.coming.len() {
+            let from = self.coming[at].0;
+            if awaited.contains(&from) {
+                continue;
+            }
+            let (from, message) = self.coming.remove(at)?;
+            match message.end() {
+                Ok(packet) => return Some((from, packet.into_vec())),
+                Err(message) => self.coming.insert(at, (from, message)),
+            }
+            awaited.push(from);
+        }
+        None
     }
 
-    fn is_sent(&mut self) -> bool {
-        let mut on_their_way = Vec::new();
-        for Sent { request, packet } in self.sent.drain(..) {
-            match request.test() {
-                // SAFETY: it is from a box, and nobody reads it any more.
-                Ok(_) => drop(unsafe { Box::from_raw(packet) }),
-                Err(request) => on_their_way.push(Sent { request, packet }),
-            }
-        }
-        self.sent = on_their_way;
-        self.sent.is_empty()
+    fn is_settled(&mut self) -> bool {
+        self.test_sent();
+        self.sent.is_empty() && self.coming.is_empty()
     }
 
     fn leave(&mut self) {
-        // What could not be sent stays where it is; its requests must not be dropped.
-        std::mem::forget(std::mem::take(&mut self.sent));
+        self.give_up();
         self.universe = None;
     }
 
     fn abort(&mut self, status: u8) {
-        std::mem::forget(std::mem::take(&mut self.sent));
+        self.give_up();
         self.world.abort(i32::from(status));
     }
 }

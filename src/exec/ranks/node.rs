@@ -7,12 +7,13 @@ use std::time::{Duration, Instant};
 
 use crossbeam::channel::{Receiver, Sender, bounded, unbounded};
 
-use super::RankError;
 use super::agree::Identity;
 use super::link::Link;
 use super::packet::{Letter, Request, Response};
-use super::post::{Control, Post, Shared};
+use super::post::Post;
+use super::shared::{Control, Shared};
 use super::transport::Crew;
+use super::{RankError, Recorded};
 use crate::schedule::Network;
 
 /// How long ranks are waited for at the start.
@@ -26,7 +27,6 @@ pub struct Node {
     controls: Sender<Control>,
     letters: Mutex<Receiver<(usize, Letter)>>,
     shared: Arc<Shared>,
-    /// The zero of the post's clock.
     pub(super) epoch: Instant,
     /// The last number of a request, and of a crew or a set.
     requests: AtomicU64,
@@ -102,6 +102,16 @@ impl Node {
     /// A rank that is gone.
     pub fn lost(&self) -> Option<RankError> {
         self.shared.lost()
+    }
+
+    /// The zero of this rank's clock.
+    pub fn epoch(&self) -> Instant {
+        self.epoch
+    }
+
+    /// What other ranks have recorded and nobody has taken yet.
+    pub fn recorded(&self) -> Vec<Recorded> {
+        std::mem::take(&mut *self.shared.recorded.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     /// Bytes of rows that have left this rank.

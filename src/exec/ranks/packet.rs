@@ -23,11 +23,27 @@ pub enum Packet {
     /// Signs of life of a rank's workers, by device; none where a worker has ended.
     Signs { crew: u32, signs: Vec<(usize, Option<LifeSign>)> },
     /// What the clock of the sender is, milliseconds since its post began; to be answered at once.
-    Ping { sent_ms: f64, load: Bytes },
+    /// If it is `followed` by another, that comes as soon as the answer is there.
+    Ping { sent_ms: f64, load: Bytes, followed: bool },
     /// The answer, with the clock of the rank that gives it, and how many bytes came with the question.
     Pong { sent_ms: f64, here_ms: f64, bytes: usize },
     /// What its thread is to know that does not carry packets.
     Letter(Letter),
+}
+
+/// Rows in a packet, as traces tell them from others.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct RowsName {
+    pub ticket: u64,
+    pub transfer: u32,
+    pub bytes: usize,
+}
+
+impl RowsName {
+    /// As spans have them: ticket, transfer, bytes.
+    pub fn fields(self) -> (Option<u64>, Option<u32>, Option<usize>) {
+        (Some(self.ticket), Some(self.transfer), Some(self.bytes))
+    }
 }
 
 /// What ranks tell one another beside frames.
@@ -48,6 +64,8 @@ pub enum Letter {
     Interrupted {
         signal: i32,
     },
+    /// To rank 0: what the sender's threads were at, as [`super::Recorded`] has it.
+    Spans(Bytes),
     /// Rank 0 ends, with this exit status.
     End {
         status: u8,
@@ -77,6 +95,10 @@ pub enum Request {
         set: u32,
     },
     Load(Load),
+    /// Record what its threads are at, and send it now and then.
+    Record,
+    /// Send what has been recorded, before the response.
+    Recorded,
     /// Start the workers of a crew, on the first so many devices of a set.
     Start(Box<Start>),
     /// End them; their devices go back to the set.
@@ -146,6 +168,20 @@ const OTHER: u8 = 2;
 const HEADER_BYTES: usize = 4 + 4 + 8 + 4;
 
 impl Packet {
+    pub fn rows(&self) -> Option<RowsName> {
+        match self {
+            Self::Message { message: Message::Rows { ticket, transfer, rows }, .. } => {
+                Some(RowsName { ticket: *ticket, transfer: *transfer, bytes: rows.len() })
+            }
+            _ => None,
+        }
+    }
+
+    /// Whether it tells of life and clocks alone: no other packet follows closely.
+    pub fn is_sign(&self) -> bool {
+        matches!(self, Self::Signs { .. } | Self::Ping { .. } | Self::Pong { .. })
+    }
+
     pub fn encode(&self) -> Result<Vec<u8>, String> {
         if let Self::Message { crew, device, message: Message::Rows { ticket, transfer, rows } } = self {
             let mut bytes = Vec::with_capacity(rows.len() + HEADER_BYTES + 1);

@@ -1,63 +1,20 @@
 //! The thread of a rank that carries packets. It is the only one that has the link, and nobody waits for it.
 
 use std::collections::HashMap;
-use std::sync::atomic::{AtomicU64, Ordering};
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::atomic::Ordering;
+use std::sync::{Arc, PoisonError};
 use std::time::{Duration, Instant};
 
 use crossbeam::channel::{Receiver, Select, Sender, TryRecvError};
+use tracing::span::EnteredSpan;
 
-use super::RankError;
 use super::clock::RankClock;
 use super::link::Link;
-use super::packet::{Letter, Packet};
+use super::packet::{Letter, Packet, RowsName};
+use super::shared::{Control, Shared};
 use super::transport::Crew;
-use crate::exec::messages::{Bytes, Message};
-
-/// What the rank's other threads have the post do.
-pub enum Control {
-    Send {
-        to: usize,
-        letter: Letter,
-    },
-    Attach {
-        number: u32,
-        crew: Box<Crew>,
-    },
-    Detach {
-        number: u32,
-    },
-    /// Leave the other ranks, and end.
-    Leave,
-    /// End the processes of all ranks.
-    Abort {
-        status: u8,
-    },
-}
-
-/// What the post tells the rank's other threads.
-#[derive(Default)]
-pub struct Shared {
-    /// A rank that is gone.
-    pub lost: Mutex<Option<RankError>>,
-    /// By rank.
-    pub hosts: Mutex<Vec<String>>,
-    /// Bytes of rows that have left for other ranks.
-    pub row_bytes: AtomicU64,
-    /// By rank, what a packet takes to it, milliseconds, and each byte of a large one; rank 0 knows it.
-    pub links: Mutex<Vec<(f64, f64)>>,
-}
-
-impl Shared {
-    pub fn lost(&self) -> Option<RankError> {
-        self.lost.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-
-    pub fn host(&self, rank: usize) -> String {
-        let hosts = self.hosts.lock().unwrap_or_else(PoisonError::into_inner);
-        hosts.get(rank).cloned().unwrap_or_default()
-    }
-}
+use super::{RankError, Recorded};
+use crate::exec::messages::Bytes;
 
 /// After so long without a packet from rank 0, or from another rank there, it is lost. Time is counted in steps, so that
 /// a process that was stopped loses one at most.
@@ -66,12 +23,18 @@ const STEP: Duration = Duration::from_millis(500);
 /// How long the rank's other threads have to end a run whose rank is lost.
 const GRACE: Duration = Duration::from_secs(3);
 
-const PINGS: Duration = Duration::from_millis(200);
-/// Round trips that follow one another at the start, to align clocks.
-const FIRST_PINGS: u32 = 16;
-/// One of so many has a load, of so many bytes.
+/// How often rank 0 calls another; more often at the start, of which so many calls count.
+const CALLS: Duration = Duration::from_millis(200);
+const FIRST_CALLS: (u32, Duration) = (50, Duration::from_millis(20));
+/// Round trips of a call, which follow one another for so long at most. Meanwhile neither end rests: clocks are the better
+/// aligned the shorter the shortest of them is.
+const TRIPS: u32 = 8;
+const TRIPS_TIME: Duration = Duration::from_micros(400);
+/// One call of so many has a load instead, that takes about so long: as much as large rows, and no more than frames can
+/// wait for.
 const LOADED: u32 = 24;
-const LOAD_BYTES: usize = 1 << 20;
+const LOAD_MS: f64 = 4.0;
+const LOAD_BYTES: [usize; 2] = [1 << 16, 1 << 20];
 const SIGNS: Duration = Duration::from_millis(10);
 
 /// How long it rests before it looks for packets: this part of the time since a frame's last one, as far as that is
@@ -84,7 +47,10 @@ const LONG_REST: Duration = Duration::from_millis(1);
 #[derive(Default)]
 struct Peer {
     clock: RankClock,
-    pings: u32,
+    calls: u32,
+    /// When the last one began, and round trips of it that are to come.
+    called_ms: f64,
+    trips: u32,
     silent: Duration,
 }
 
@@ -97,7 +63,14 @@ pub struct Post<L> {
     peers: Vec<Peer>,
     /// Its clock's zero.
     epoch: Instant,
-    pinged: Instant,
+    /// The rank that was called last, and when.
+    called: (usize, Instant),
+    /// Until when it does not rest.
+    alert: Instant,
+    /// When it last found no packet.
+    looked: Instant,
+    /// For traces: it has nothing to do, but to give signs of life.
+    idle: Option<EnteredSpan>,
     signed: Instant,
     stepped: Instant,
     active: Instant,
@@ -116,21 +89,22 @@ impl<L: Link> Post<L> {
     ) -> Self {
         let peers = (0..link.ranks()).map(|_| Peer::default()).collect();
         let now = Instant::now();
-        let (pinged, signed, stepped, active) = (now, now, now, now);
-        let (crews, lost_for) = (HashMap::new(), Duration::ZERO);
         Self {
             link,
             controls,
             letters,
             shared,
-            crews,
+            crews: HashMap::new(),
             peers,
             epoch,
-            pinged,
-            signed,
-            stepped,
-            active,
-            lost_for,
+            called: (0, now),
+            alert: now,
+            looked: now,
+            idle: None,
+            signed: now,
+            stepped: now,
+            active: now,
+            lost_for: Duration::ZERO,
             on_interrupt,
         }
     }
@@ -153,39 +127,40 @@ impl<L: Link> Post<L> {
             while let Some((from, bytes)) = self.link.receive() {
                 any |= self.take(from, bytes);
             }
-            self.link.is_sent();
+            self.looked = Instant::now();
+            self.link.is_settled();
             self.keep_in_touch();
             if any {
-                self.active = Instant::now();
+                self.active = self.looked;
             } else {
+                self.idle.get_or_insert_with(|| tracing::info_span!("idle").entered());
                 self.rest();
             }
         }
     }
 
     fn send(&mut self, to: usize, packet: &Packet) {
-        match packet.encode() {
-            Ok(bytes) => self.link.send(to, bytes),
-            Err(what) => self.lose(to, &format!("a packet for it could not be made: {what}")),
+        match self.outlet().send(to, packet) {
+            Ok(()) => {}
+            Err(what) => self.lose(to, &what),
         }
     }
 
+    fn outlet(&mut self) -> Outlet<'_, L> {
+        Outlet { link: &mut self.link, idle: &mut self.idle }
+    }
+
     fn pass_on(&mut self) -> bool {
-        let Self { link, crews, shared, .. } = self;
+        let Self { link, idle, crews, shared, .. } = self;
+        let mut outlet = Outlet { link, idle };
         let mut failed = Vec::new();
         let mut send = |to: usize, packet: Packet| {
-            if let Packet::Message { message: Message::Rows { rows, .. }, .. } = &packet {
-                shared.row_bytes.fetch_add(rows.len() as u64, Ordering::Relaxed);
-            }
-            match packet.encode() {
-                Ok(bytes) => link.send(to, bytes),
-                Err(what) => failed.push((to, what)),
-            }
+            let bytes = packet.rows().map_or(0, |rows| rows.bytes);
+            shared.row_bytes.fetch_add(bytes as u64, Ordering::Relaxed);
+            failed.extend(outlet.send(to, &packet).err().map(|what| (to, what)));
         };
         let any = crews.values_mut().fold(false, |any, crew| crew.pass_on(&mut send) | any);
-        for (to, what) in failed {
-            self.lose(to, &format!("a packet for it could not be made: {what}"));
-        }
+        failed.into_iter().for_each(|(to, what)| self.lose(to, &what));
         any
     }
 
@@ -200,7 +175,13 @@ impl<L: Link> Post<L> {
                 return false;
             }
         };
-        let is_lone = matches!(packet, Packet::Signs { .. } | Packet::Ping { .. } | Packet::Pong { .. });
+        let is_sign = packet.is_sign();
+        let _span = (!is_sign).then(|| {
+            self.idle = None;
+            let (ticket, transfer, bytes) = packet.rows().map(RowsName::fields).unwrap_or_default();
+            let rested_us = self.looked.elapsed().as_micros() as u64;
+            tracing::info_span!("receive from rank", from, ticket, transfer, bytes, rested_us).entered()
+        });
         match packet {
             Packet::Command { crew, device, command } => {
                 if let Some(crew) = self.crews.get(&crew) {
@@ -222,41 +203,66 @@ impl<L: Link> Post<L> {
             Packet::Signs { crew, signs } => {
                 self.crews.get_mut(&crew).into_iter().for_each(|c| c.take_signs(&signs));
             }
-            Packet::Ping { sent_ms, load } => {
+            Packet::Ping { sent_ms, load, followed } => {
                 let (here_ms, bytes) = (self.now_ms(), load.len());
+                if followed {
+                    self.alert = Instant::now() + TRIPS_TIME;
+                }
                 self.send(from, &Packet::Pong { sent_ms, here_ms, bytes });
             }
             Packet::Pong { sent_ms, here_ms, bytes } => self.learn(from, sent_ms, here_ms, bytes),
             Packet::Letter(Letter::Interrupted { signal }) => (self.on_interrupt)(signal),
+            Packet::Letter(Letter::Spans(text)) => self.keep(from, text.to_vec()),
             Packet::Letter(letter) => {
                 // Nobody reads them any more if the run has ended.
                 let _ = self.letters.send((from, letter));
             }
         }
-        !is_lone
+        !is_sign
+    }
+
+    fn keep(&mut self, rank: usize, text: Vec<u8>) {
+        let clock = &self.peers[rank].clock;
+        let recorded = Recorded { rank, zero_ms: clock.zero_ms(), residual_us: clock.residual_us(), text };
+        self.shared.recorded.lock().unwrap_or_else(PoisonError::into_inner).push(recorded);
     }
 
     fn learn(&mut self, from: usize, sent_ms: f64, there_ms: f64, bytes: usize) {
         let now_ms = self.now_ms();
         let peer = &mut self.peers[from];
-        peer.clock.learn(sent_ms..now_ms, there_ms, bytes);
+        let is_first = sent_ms == peer.called_ms;
+        peer.clock.learn(sent_ms..now_ms, there_ms, is_first.then_some(bytes));
         let RankClock { round_trip_ms, ms_per_byte, .. } = peer.clock;
         let mut links = self.shared.links.lock().unwrap_or_else(PoisonError::into_inner);
         links.resize(self.peers.len(), (0.0, 0.0));
         links[from] = (0.5 * round_trip_ms.unwrap_or(0.0), ms_per_byte.unwrap_or(0.0));
         drop(links);
-        if self.peers[from].pings < FIRST_PINGS {
-            self.ping(from);
+        let peer = &self.peers[from];
+        if peer.trips > 0 && now_ms - peer.called_ms < TRIPS_TIME.as_secs_f64() * 1e3 {
+            self.ping(from, now_ms, 0);
         }
     }
 
-    /// Asks for a sign of life, now and then with a load, by which it is seen how long large packets take.
-    fn ping(&mut self, to: usize) {
+    /// Asks for signs of life, now and then with a load, by which it is seen how long large packets take.
+    fn call(&mut self, to: usize) {
+        let now_ms = self.now_ms();
         let peer = &mut self.peers[to];
-        peer.pings += 1;
-        let bytes = if peer.pings % LOADED == LOADED / 2 { LOAD_BYTES } else { 0 };
-        let sent_ms = self.now_ms();
-        self.send(to, &Packet::Ping { sent_ms, load: Bytes::Owned(vec![0; bytes]) });
+        peer.calls += 1;
+        let has_load = peer.calls == 2 || peer.calls.is_multiple_of(LOADED);
+        let [least, most] = LOAD_BYTES;
+        let load = peer.clock.ms_per_byte.map_or(least, |ms| (LOAD_MS / ms) as usize).clamp(least, most);
+        (peer.called_ms, peer.trips) = (now_ms, if has_load { 1 } else { TRIPS });
+        self.ping(to, now_ms, if has_load { load } else { 0 });
+    }
+
+    fn ping(&mut self, to: usize, sent_ms: f64, bytes: usize) {
+        let peer = &mut self.peers[to];
+        peer.trips -= 1;
+        let followed = peer.trips > 0;
+        if bytes == 0 {
+            self.alert = Instant::now() + TRIPS_TIME;
+        }
+        self.send(to, &Packet::Ping { sent_ms, load: Bytes::Owned(vec![0; bytes]), followed });
     }
 
     /// Milliseconds since its begin.
@@ -268,9 +274,16 @@ impl<L: Link> Post<L> {
     fn keep_in_touch(&mut self) {
         let now = Instant::now();
         let is_first = self.link.rank() == 0;
-        if is_first && now - self.pinged >= PINGS {
-            self.pinged = now;
-            (1..self.peers.len()).for_each(|rank| self.ping(rank));
+        // One after the other, so that they do not hold one another up.
+        let others = self.peers.len() as u32 - 1;
+        if is_first && others > 0 {
+            let (last, at) = self.called;
+            let next = last % others as usize + 1;
+            let pause = if self.peers[next].calls < FIRST_CALLS.0 { FIRST_CALLS.1 } else { CALLS };
+            if now - at >= pause / others {
+                self.called = (next, now);
+                self.call(next);
+            }
         }
         if !is_first && now - self.signed >= SIGNS {
             self.signed = now;
@@ -308,6 +321,9 @@ impl<L: Link> Post<L> {
 
     /// Until there is something to pass on, or it is time to look for packets.
     fn rest(&self) {
+        if Instant::now() < self.alert {
+            return std::hint::spin_loop();
+        }
         let mut select = Select::new();
         select.recv(&self.controls);
         self.crews.values().for_each(|crew| crew.watch(&mut select));
@@ -318,10 +334,32 @@ impl<L: Link> Post<L> {
     /// Ends once all is sent.
     fn leave(mut self) {
         let begin = Instant::now();
-        while !self.link.is_sent() && begin.elapsed() < GRACE {
+        self.idle = None;
+        while !self.link.is_settled() && begin.elapsed() < GRACE {
             while self.link.receive().is_some() {}
             std::thread::sleep(SHORT_REST);
         }
         self.link.leave();
+    }
+}
+
+/// Where packets leave.
+struct Outlet<'a, L> {
+    link: &'a mut L,
+    idle: &'a mut Option<EnteredSpan>,
+}
+
+impl<L: Link> Outlet<'_, L> {
+    /// # Errors
+    /// Why there is no such packet.
+    fn send(&mut self, to: usize, packet: &Packet) -> Result<(), String> {
+        let _span = (!packet.is_sign()).then(|| {
+            *self.idle = None;
+            let (ticket, transfer, bytes) = packet.rows().map(RowsName::fields).unwrap_or_default();
+            tracing::info_span!("send to rank", to, ticket, transfer, bytes).entered()
+        });
+        let bytes = packet.encode().map_err(|what| format!("a packet for it could not be made: {what}"))?;
+        self.link.send(to, bytes);
+        Ok(())
     }
 }

@@ -11,6 +11,7 @@ use super::packet::{DeviceCard, Letter, Load, Request, Response, Start};
 use super::transport::Crew;
 use crate::device::{GpuDevice, RankName};
 use crate::exec::channels::channels;
+use crate::exec::messages::Bytes;
 use crate::exec::planner::Graphs;
 use crate::exec::worker::Worker;
 use crate::exec::worker::device::WorkerDevice;
@@ -29,12 +30,24 @@ pub trait Host {
     /// Why it could not, in one line.
     fn load(&mut self, what: &Load) -> Result<Arc<SceneTables>, String>;
 
+    /// Begins to record what this process's threads are at. Times are counted from `zero`.
+    ///
+    /// # Errors
+    /// Why it could not, in one line.
+    fn record(&mut self, zero: Instant) -> Result<(), String>;
+
+    /// What has been recorded since the last call; empty where nothing is recorded.
+    fn recorded(&mut self) -> Vec<u8>;
+
     /// The signal that told this rank to end.
     fn interrupted(&self) -> Option<i32>;
 }
 
 /// How long a wait for letters lasts before it is seen whether there was a signal.
 const SLICE: Duration = Duration::from_millis(20);
+
+/// How often what was recorded is sent.
+const RECORDS: Duration = Duration::from_millis(250);
 
 /// Scenes that are kept: a run may have several in turns.
 const SCENES: usize = 2;
@@ -62,7 +75,7 @@ struct Server<'a> {
 /// [`RankError::Lost`] if it is lost.
 pub fn serve(node: &Arc<Node>, host: &mut dyn Host) -> Result<u8, RankError> {
     let mut server = Server { node, host, sets: HashMap::new(), crews: HashMap::new(), scenes: Vec::new() };
-    let mut is_told = false;
+    let (mut is_told, mut recorded) = (false, Instant::now());
     loop {
         match node.letter(SLICE) {
             Some((0, Letter::Request { number, request })) => {
@@ -71,6 +84,10 @@ pub fn serve(node: &Arc<Node>, host: &mut dyn Host) -> Result<u8, RankError> {
             }
             Some((0, Letter::End { status })) => return Ok(status),
             _ => {}
+        }
+        if recorded.elapsed() > RECORDS {
+            recorded = Instant::now();
+            server.send_recorded();
         }
         if let Some(signal) = server.host.interrupted().filter(|_| !is_told) {
             is_told = true;
@@ -105,8 +122,20 @@ impl Server<'_> {
                 }
                 Ok(Response::Loaded(fingerprint))
             }
+            Request::Record => self.host.record(self.node.epoch).map(|()| Response::Done),
+            Request::Recorded => {
+                self.send_recorded();
+                Ok(Response::Done)
+            }
             Request::Start(start) => self.start(*start),
             Request::End { crew } => Ok(Response::Left(self.end(crew))),
+        }
+    }
+
+    fn send_recorded(&mut self) {
+        let text = self.host.recorded();
+        if !text.is_empty() {
+            self.node.tell(0, Letter::Spans(Bytes::Owned(text)));
         }
     }
 

@@ -1,0 +1,209 @@
+//! How rows went from rank to rank, from hand to hand, and for which of these hands a worker stood still: by the spans of
+//! workers and of the thread of each rank that carries packets.
+
+use std::collections::HashMap;
+
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+use super::intervals::Interval;
+use super::summary::median;
+
+/// What a thread of a rank was at.
+pub struct HostSpan {
+    pub name: String,
+    pub begin_us: f64,
+    pub end_us: f64,
+    pub args: Value,
+}
+
+/// Rows on their way from a worker of one rank to one of another. Times are microseconds.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Passage {
+    pub frame: Option<u64>,
+    pub bytes: u64,
+    /// When the worker handed them over, when its rank's thread took them and when MPI had them, when the other rank's
+    /// thread found them and when it had passed them on.
+    pub at_us: [f64; 5],
+    /// For how long that thread had not looked before it found them.
+    pub rested_us: f64,
+    /// When the worker that they are for waited for them.
+    pub waited_us: Option<Interval>,
+}
+
+/// A part of all passages.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PassagePart {
+    pub what: String,
+    pub median_us: f64,
+    pub most_us: f64,
+    /// Of workers for whom rows came too late: how long they waited in this part.
+    pub waited_ms: f64,
+    /// Whether the rows were with a thread that carries packets, or would have been if that had looked for them.
+    pub is_of_thread: bool,
+}
+
+/// Passages summed up.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct PassageSummary {
+    pub count: usize,
+    pub bytes: u64,
+    /// How long workers waited for them.
+    pub waited_ms: f64,
+    /// In the order in which they follow one another. What a thread rested is within the part before.
+    pub parts: Vec<PassagePart>,
+}
+
+/// Ticket and transfer of rows, which the spans of all who have a hand in it carry.
+type Key = (u64, u64);
+
+/// What the spans are called. Their text stands in `exec`.
+const HANDED: &str = "send rows";
+const SENT: &str = "send to rank";
+const FOUND: &str = "receive from rank";
+const WAITED: &str = "wait for rows of others";
+
+fn whole(span: &HostSpan, name: &str) -> Option<u64> {
+    span.args[name].as_f64().filter(|number| *number >= 0.0).map(|number| number as u64)
+}
+
+/// Those whose both ends are there. A run may have several renderers that count tickets anew: what belongs together is
+/// what is nearest in time.
+pub fn passages(mut spans: Vec<HostSpan>) -> Vec<Passage> {
+    spans.retain(|span| [HANDED, SENT, FOUND, WAITED].contains(&&*span.name));
+    spans.sort_by(|a, b| a.begin_us.total_cmp(&b.begin_us));
+    let mut by_key: HashMap<Key, Vec<&HostSpan>> = HashMap::new();
+    for span in &spans {
+        if let Some(key) = whole(span, "ticket").zip(whole(span, "transfer")) {
+            by_key.entry(key).or_default().push(span);
+        }
+    }
+    let mut passages: Vec<Passage> = by_key.values().flat_map(|spans| passages_of(spans)).collect();
+    passages.sort_by(|a, b| a.at_us[0].total_cmp(&b.at_us[0]));
+    passages
+}
+
+/// Of spans of one ticket and transfer, in order of begin.
+fn passages_of<'a>(spans: &'a [&HostSpan]) -> impl Iterator<Item = Passage> + 'a {
+    let of = |name: &'static str| spans.iter().copied().filter(move |span| span.name == name);
+    let nearest = move |name, at_us: f64, end: fn(&HostSpan) -> f64| {
+        of(name).min_by(|a, b| (end(a) - at_us).abs().total_cmp(&(end(b) - at_us).abs()))
+    };
+    of(SENT).filter_map(move |sent| {
+        let handed = nearest(HANDED, sent.begin_us, |span| span.end_us)?;
+        let found = nearest(FOUND, sent.end_us, |span| span.begin_us)?;
+        let waited = nearest(WAITED, found.end_us, |span| span.end_us);
+        Some(Passage {
+            frame: whole(handed, "frame"),
+            bytes: whole(sent, "bytes").unwrap_or(0),
+            at_us: [handed.end_us, sent.begin_us, sent.end_us, found.begin_us, found.end_us],
+            rested_us: found.args["rested_us"].as_f64().unwrap_or(0.0),
+            waited_us: waited.map(|span| (span.begin_us, span.end_us)),
+        })
+    })
+}
+
+impl Passage {
+    /// What happens to the rows, one after the other, but that what a thread rested is within the part before it; last, how
+    /// long the worker that waits for them is still at something else, as at sending its own. Where clocks are not aligned
+    /// well enough, a part may have a negative length.
+    fn parts(&self) -> [(&'static str, bool, Interval); 6] {
+        let [handed, taken, sent, found, passed] = self.at_us;
+        let (waits, goes_on) = self.waited_us.map_or((passed, passed), |(begin, end)| (begin.max(passed), end));
+        [
+            ("until the MPI thread takes them", true, (handed, taken)),
+            ("until MPI has them", true, (taken, sent)),
+            ("until the other MPI thread finds them", false, (sent, found)),
+            ("of which it had not looked", true, ((found - self.rested_us).max(sent), found)),
+            ("until they are passed on", true, (found, passed)),
+            ("until the worker goes on", false, (waits, goes_on.max(waits))),
+        ]
+    }
+}
+
+impl PassageSummary {
+    /// Of the frames that are `shown`; none where no rows went from rank to rank.
+    pub fn of(passages: &[Passage], shown: impl Fn(u64) -> bool) -> Option<Self> {
+        let passages: Vec<&Passage> = passages.iter().filter(|p| p.frame.is_none_or(&shown)).collect();
+        let first = passages.first()?;
+        let waited_us = |passage: &Passage, (begin, end): Interval| {
+            passage.waited_us.map_or(0.0, |(from, to)| (end.min(to) - begin.max(from)).max(0.0))
+        };
+        let part = |(number, (what, is_of_thread, _)): (usize, (&'static str, bool, Interval))| {
+            let all: Vec<(&Passage, Interval)> = passages.iter().map(|p| (*p, p.parts()[number].2)).collect();
+            let lengths_us: Vec<f64> = all.iter().map(|(_, (begin, end))| end - begin).collect();
+            PassagePart {
+                what: what.to_owned(),
+                most_us: lengths_us.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+                median_us: median(lengths_us).unwrap_or(0.0),
+                waited_ms: all.into_iter().map(|(p, part)| waited_us(p, part)).sum::<f64>() / 1e3,
+                is_of_thread,
+            }
+        };
+        Some(Self {
+            count: passages.len(),
+            bytes: passages.iter().map(|p| p.bytes).sum(),
+            waited_ms: passages.iter().filter_map(|p| p.waited_us).map(|(begin, end)| end - begin).sum::<f64>() / 1e3,
+            parts: first.parts().into_iter().enumerate().map(part).collect(),
+        })
+    }
+
+    /// How long workers waited at most because of threads that carry packets.
+    pub fn thread_ms(&self) -> f64 {
+        self.parts.iter().filter(|part| part.is_of_thread).map(|part| part.waited_ms).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    fn span(name: &str, begin_us: f64, end_us: f64, ticket: u64, more: Value) -> HostSpan {
+        let mut args = json!({ "ticket": ticket, "transfer": 7 });
+        args.as_object_mut().unwrap().extend(more.as_object().unwrap().clone());
+        HostSpan { name: name.to_owned(), begin_us, end_us, args }
+    }
+
+    /// Rows of one ticket that a worker waits for, and of two renderers that have another ticket in common.
+    fn spans() -> Vec<HostSpan> {
+        let other = |at_us: f64| {
+            let at = move |name, begin, end, more| span(name, at_us + begin, at_us + end, 2, more);
+            [
+                at(HANDED, 0.0, 1.0, json!({ "frame": 5 })),
+                at(SENT, 1.0, 2.0, json!({ "bytes": 10 })),
+                at(FOUND, 4.0, 5.0, json!({})),
+            ]
+        };
+        let mut all = vec![
+            span(WAITED, 90.0, 180.0, 1, json!({ "frame": 4 })),
+            span(FOUND, 160.0, 170.0, 1, json!({ "rested_us": 15.5 })),
+            span(SENT, 110.0, 130.0, 1, json!({ "bytes": 300 })),
+            span(HANDED, 60.0, 100.0, 1, json!({ "frame": 4 })),
+            span(HANDED, 200.0, 300.0, 3, json!({ "frame": 4 })),
+            HostSpan { name: "idle".to_owned(), begin_us: 0.0, end_us: 1.0, args: Value::Null },
+        ];
+        all.extend(other(1000.0).into_iter().chain(other(5000.0)));
+        all
+    }
+
+    #[test]
+    fn rows_are_followed_from_hand_to_hand() {
+        let found = passages(spans());
+        let first = Passage {
+            frame: Some(4),
+            bytes: 300,
+            at_us: [100.0, 110.0, 130.0, 160.0, 170.0],
+            rested_us: 15.5,
+            waited_us: Some((90.0, 180.0)),
+        };
+        assert_eq!((found.len(), &found[0]), (3, &first));
+        assert_eq!(found[2].at_us, [5001.0, 5001.0, 5002.0, 5004.0, 5005.0]);
+        let summary = PassageSummary::of(&found, |frame| frame == 4).unwrap();
+        let waited_us: Vec<f64> = summary.parts.iter().map(|part| (part.waited_ms * 1e3).round()).collect();
+        assert_eq!(waited_us, [10.0, 20.0, 30.0, 16.0, 10.0, 10.0]);
+        assert_eq!((summary.count, summary.bytes, summary.waited_ms), (1, 300, 0.09));
+        assert!((summary.thread_ms() - 0.0555).abs() < 1e-9, "{}", summary.thread_ms());
+        assert_eq!(PassageSummary::of(&found, |frame| frame == 6), None);
+    }
+}
