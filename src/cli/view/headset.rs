@@ -42,11 +42,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if let Some(option) = typed("motion").or_else(|| typed("fps")) {
         return Err(Failure::Input(anyhow!("{option} does not go with --xr: the headset says when and from where")));
     }
-    let mut prepared = Prepared::new(&args.options, args.frames)?;
+    // Which may be where motion is recorded to.
     let writes = typed("out").is_some();
     if writes {
-        output::prepare(&prepared.render.out, "--out")?;
+        output::prepare(&args.options.run.out, "--out")?;
     }
+    let mut prepared = Prepared::new(&args.options, args.frames)?;
     interrupt::watch()?;
     let runtime = Runtime::open()?;
     if typed("size").is_none() {
