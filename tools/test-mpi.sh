@@ -106,6 +106,14 @@ same_files "$out/whole" "$out/loss" "a device that rank 1 loses changes bytes"
 grep -q "device 3" "$out/loss.log" || fail "nothing says that device 3 is lost"
 echo "loss: a device of rank 1 is lost, same bytes"
 
+on 4 1 render builtin:checker --frames 4 --trace "$out/trace.json" --out "$out/traced"
+for rank in 1 2 3; do
+    grep -q "\"host of rank $rank on " "$out/trace.json" || fail "the trace has no threads of rank $rank"
+done
+"$diptych" trace "$out/trace.json" >"$out/trace.log" || fail "the trace of 4 ranks is not one"
+said=$(grep "^MPI threads made workers wait" "$out/trace.log") || fail "nothing says what MPI threads made workers wait"
+echo "trace: threads of all ranks; $said"
+
 # The process of rank $1, of the job that is being run. Ranks are started in their order.
 rank_of() {
     pgrep -f "^$diptych render .*$out/ended" | sort -n | sed -n "$(($1 + 1))p"

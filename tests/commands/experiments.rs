@@ -182,7 +182,7 @@ fn log_polar_images_stand_beside_every_pixel_by_rings() {
 fn late_frames_are_off_and_corrected_ones_hardly() {
     let folder = tempfile::tempdir().unwrap();
     let head = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/head.jsonl");
-    let small = ["--size", "40x30", "--instants", "2", "--reference-spp", "8", "--report"];
+    let small = ["--size", "40x30", "--instants", "2", "--reference-spp", "16", "--report"];
     let rows = rows(folder.path(), &[&["late", "builtin:cornell", "--motion", head], &small[..]].concat());
     assert_eq!(rows.iter().map(|row| row["latency_frames"].clone()).collect::<Vec<_>>(), [1, 2, 4]);
     for row in &rows {

@@ -20,10 +20,10 @@ pub struct RankClock {
     pub ms_per_byte: Option<f64>,
 }
 
-/// Share of a new round trip in the means.
-const LEARNING_RATE: f64 = 0.2;
+/// Share of a new round trip in the means, if it is shorter and if it is longer: what else is on the link adds to it.
+const LEARNING_RATES: [f64; 2] = [0.3, 0.05];
 
-/// Bounds are kept at such distances, for so long.
+/// The closest bounds of each such time are kept, of so many.
 const MARK_MS: f64 = 1e3;
 const MARKS: usize = 16;
 /// By how much the rates of two clocks change while bounds are kept: that of a crystal changes by about 1 ppm with each
@@ -31,7 +31,7 @@ const MARKS: usize = 16;
 const WANDER: f64 = 2e-6;
 
 fn learned(mean: Option<f64>, new: f64) -> Option<f64> {
-    Some(mean.map_or(new, |mean| mean + (new - mean) * LEARNING_RATE))
+    Some(mean.map_or(new, |mean| mean + (new - mean) * LEARNING_RATES[usize::from(new > mean)]))
 }
 
 impl RankClock {
@@ -65,10 +65,16 @@ impl RankClock {
             rate = -MOST_DRIFT..MOST_DRIFT;
         }
         self.offset.set_rate(rate);
-        if self.marks.back().is_none_or(|(last_ms, _)| at_ms - last_ms >= MARK_MS) {
-            self.marks.push_back((at_ms, now));
-            self.marks.drain(..self.marks.len().saturating_sub(MARKS));
+        let width = |bounds: &Range<f64>| bounds.end - bounds.start;
+        match self.marks.back_mut() {
+            Some(last) if at_ms - last.0 < MARK_MS => {
+                if width(&now) < width(&last.1) {
+                    *last = (at_ms, now);
+                }
+            }
+            _ => self.marks.push_back((at_ms, now)),
         }
+        self.marks.drain(..self.marks.len().saturating_sub(MARKS));
     }
 
     /// The other clock's zero on the clock here, by what is known of it now.

@@ -13,6 +13,8 @@ mod packet;
 mod post;
 mod server;
 mod shared;
+#[cfg(all(feature = "mpi", target_os = "linux"))]
+mod slices;
 mod transport;
 
 pub(super) use devices::Others;

@@ -43,6 +43,8 @@ impl MpiLink {
     /// # Errors
     /// That MPI is not there, or cannot be driven by one of several threads.
     pub fn new() -> Result<Self, String> {
+        #[cfg(target_os = "linux")]
+        super::slices::ask_for_short_ones();
         let (universe, threading) =
             mpi::initialize_with_threading(Threading::Funneled).ok_or("MPI is initialised already")?;
         if threading < Threading::Funneled {

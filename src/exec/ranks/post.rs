@@ -30,9 +30,11 @@ const FIRST_CALLS: (u32, Duration) = (50, Duration::from_millis(20));
 /// aligned the shorter the shortest of them is.
 const TRIPS: u32 = 8;
 const TRIPS_TIME: Duration = Duration::from_micros(400);
-/// One call of so many has a load instead, of so many bytes.
+/// One call of so many has a load instead, that takes about so long: as much as large rows, and no more than frames can
+/// wait for.
 const LOADED: u32 = 24;
-const LOAD_BYTES: usize = 1 << 20;
+const LOAD_MS: f64 = 4.0;
+const LOAD_BYTES: [usize; 2] = [1 << 16, 1 << 20];
 const SIGNS: Duration = Duration::from_millis(10);
 
 /// How long it rests before it looks for packets: this part of the time since a frame's last one, as far as that is
@@ -247,8 +249,10 @@ impl<L: Link> Post<L> {
         let peer = &mut self.peers[to];
         peer.calls += 1;
         let has_load = peer.calls == 2 || peer.calls.is_multiple_of(LOADED);
+        let [least, most] = LOAD_BYTES;
+        let load = peer.clock.ms_per_byte.map_or(least, |ms| (LOAD_MS / ms) as usize).clamp(least, most);
         (peer.called_ms, peer.trips) = (now_ms, if has_load { 1 } else { TRIPS });
-        self.ping(to, now_ms, if has_load { LOAD_BYTES } else { 0 });
+        self.ping(to, now_ms, if has_load { load } else { 0 });
     }
 
     fn ping(&mut self, to: usize, sent_ms: f64, bytes: usize) {
