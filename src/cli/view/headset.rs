@@ -75,6 +75,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     prepared.render.is_late = args.late_border > 0.0;
     tell(&headset, &prepared, first.period_ms(), &progress);
     let mut session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
+    if let Some(rectified) = session.renderer.rectified().filter(|_| !prepared.render.quiet && !prepared.render.json) {
+        session.progress.tell(&RectifiedFrame::new(rectified, prepared.render.size).to_string());
+    }
     headset.begin_anew();
     let late = Late::new(headset.locator());
     session.renderer.set_pose_source(prepared.render.is_late.then(|| late.source()));
