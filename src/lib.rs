@@ -62,6 +62,8 @@ pub mod control;
 pub mod device;
 pub mod stages;
 pub mod exec;
+#[cfg(feature = "xr")]
+pub mod headset;
 pub mod metrics;
 pub mod accumulation;
 pub mod trace;

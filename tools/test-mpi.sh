@@ -160,9 +160,51 @@ ended stopped-rank-1 STOP 1 10 "" 1
 ended killed-rank-1 KILL 1 10 "" 1
 ended killed-rank-0 KILL 0 10 "" 0
 
+# Many small frames with one setting, whose last has a history of all others; memory is looked at every few seconds.
 if [ -n "${SOAK:-}" ]; then
+    cat >"$out/soak.toml" <<'RUNG'
+[origin]
+shot = "builtin:checker"
+size = "32x18"
+exposure_ev = 0.0
+measure = "estimate"
+devices = []
+version = "0.1.0"
+
+[[rung]]
+estimated = true
+estimated_ms = 1.0
+estimated_error = 0.1
+
+[rung.knobs]
+spp = 1
+bounces = 3
+denoiser = "svgf"
+iterations = 2
+scale = 1.0
+RUNG
     small="--size 32x18 --quiet --threads-per-device 1"
-    timeout 7200 "$mpirun" -n 4 "$diptych" play builtin:checker $small --frames "$SOAK" --budget-ms 1..1000 --fps 1000 --out "$out/soak"
-    echo "soak: $SOAK frames on 4 ranks"
+    set -- play builtin:checker --frames "$SOAK" --ladder "$out/soak.toml" --budget-ms 1..1000 --fps 1000
+    # shellcheck disable=SC2086
+    timeout 14400 "$mpirun" -n 4 "$diptych" "$@" $small --out "$out/soak" &
+    soak=$!
+    while kill -0 "$soak" 2>/dev/null; do
+        pids=$(pgrep -f "^$diptych play .*--out $out/soak\$" | tr '\n' ',')
+        # Until all ranks have begun, and when the first has ended.
+        [ "$(echo "$pids" | tr -cd , | wc -c)" -lt 4 ] || ps -o rss= -p "${pids%,}" | awk '{ s += $1 } END { print s }' >>"$out/soak.kib"
+        sleep 5
+    done
+    wait "$soak" || fail "the soak ended with status $?"
+    # Of the last tenth against the second, in which all is warm.
+    awk '{ kib[NR] = $1 } END {
+        tenth = int(NR / 10); if (tenth < 1) exit
+        for (i = 1; i <= tenth; i++) { first += kib[tenth + i]; last += kib[NR - i] }
+        printf "soak: %d MiB on all ranks in the second tenth of its time, %d MiB in the last\n", first / tenth / 1024, last / tenth / 1024
+        exit (last > 1.05 * first)
+    }' "$out/soak.kib" || fail "memory has grown: $out/soak.kib"
+    # shellcheck disable=SC2086
+    "$diptych" "$@" $small --out "$out/soak.1"
+    same_files "$out/soak.1" "$out/soak" "the last frame of the soak has other bytes than on one rank"
+    echo "soak: $SOAK frames on 4 ranks, and the last has the bytes of one"
 fi
 echo "all that was run on ranks is as it should be"

@@ -5,6 +5,24 @@
 @group(1) @binding(0) var<storage, read> rectified: array<vec4<f32>>;
 @group(1) @binding(1) var<storage, read_write> aov: array<vec4<f32>>;
 
+// The point of the shown image that has a point of the rectified one.
+fn shown_point(point: vec2<f32>) -> vec2<f32> {
+    let shown = frame.camera.shown[pass_.view];
+    let at = vec3<f32>(point, 1.0);
+    // Up to the determinant, which is in all three.
+    let scaled = vec3<f32>(
+        dot(cross(shown.down, shown.corner), at),
+        dot(cross(shown.corner, shown.across), at),
+        dot(cross(shown.across, shown.down), at),
+    );
+    return scaled.xy / scaled.z;
+}
+
+// By how much the shown image moves where the rectified one does.
+fn shown_motion(point: vec2<f32>, motion: vec4<f32>) -> vec4<f32> {
+    return vec4<f32>(shown_point(point + motion.xy) - shown_point(point), 0.0, motion.a);
+}
+
 @compute @workgroup_size(8, 8)
 fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
@@ -12,7 +30,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }
-    let last = vec2<f32>(f32(frame.camera.width), f32(frame.camera.height)) - 1.0;
-    let nearest = vec2<u32>(clamp(floor(shown_place(vec2<f32>(pixel) + 0.5).point), vec2<f32>(0.0), last));
-    aov[pixel.y * pass_.width + pixel.x] = rectified[nearest.y * frame.camera.width + nearest.x];
+    let point = shown_place(vec2<f32>(pixel) + 0.5).point;
+    let value = rectified[rectified_index(point)];
+    aov[pixel.y * pass_.width + pixel.x] = select(value, shown_motion(point, value), pass_.args[2] != 0u);
 }

@@ -13,9 +13,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
         return;
     }
-    let eye = frame.camera.views[pass_.view];
-    let point = polar_point(vec2<f32>(pixel) + 0.5);
-    let row = clamp(i32(floor(point.y)), 0, i32(eye.rows) - 1);
-    let column = column_held(eye.fovea_rows, row, i32(floor(column_in(row, point.x, eye.fovea_rows))));
-    aov[pixel.y * pass_.width + pixel.x] = polar[u32(row) * frame.camera.width + u32(column)];
+    let size = vec2<f32>(f32(pass_.width), f32(pass_.height));
+    aov[pixel.y * pass_.width + pixel.x] = polar[polar_index(vec2<f32>(pixel) + 0.5, size)];
 }

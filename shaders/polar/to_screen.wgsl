@@ -59,7 +59,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         return;
     }
     let centre = vec2<f32>(pixel) + 0.5;
-    let point = polar_point(centre);
+    let point = polar_point(centre, vec2<f32>(f32(pass_.width), f32(pass_.height)));
     var color: vec3<f32>;
     if is_in_square(frame.camera.views[pass_.view].fovea_rows, i32(floor(point.y))) {
         let there = vec2<u32>(floor(point));

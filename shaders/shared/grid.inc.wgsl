@@ -267,13 +267,22 @@ fn pinhole_point(v: vec3<f32>, eye: View, size: vec2<f32>) -> vec3<f32> {
     return vec3<f32>((ndc * 0.5 + 0.5) * size, z);
 }
 
-// The point of the pass's view of a polar image that shows a point of the screen, whose grid is the pass's.
-fn polar_point(at: vec2<f32>) -> vec2<f32> {
+// The point of the pass's view of a polar image that shows a point of the screen, which has this size.
+fn polar_point(at: vec2<f32>, size: vec2<f32>) -> vec2<f32> {
     let eye = frame.camera.views[pass_.view];
     if LOG_POLAR {
         return log_polar_point(at, eye);
     }
-    return visual_polar_point(pinhole_ray(pass_.view, at, vec2<f32>(f32(pass_.width), f32(pass_.height))), eye);
+    return visual_polar_point(pinhole_ray(pass_.view, at, size), eye);
+}
+
+// ... and the number of the pixel there, or of the nearest.
+fn polar_index(at: vec2<f32>, size: vec2<f32>) -> u32 {
+    let eye = frame.camera.views[pass_.view];
+    let point = polar_point(at, size);
+    let row = clamp(i32(floor(point.y)), 0, i32(eye.rows) - 1);
+    let column = column_held(eye.fovea_rows, row, i32(floor(column_in(row, point.x, eye.fovea_rows))));
+    return u32(row) * frame.camera.width + u32(column);
 }
 
 // Where an eye sees `p`: image point, and distance along its view direction, or of visual-polar images from the eye.

@@ -8,6 +8,17 @@ struct ShownPlace {
     down: vec2<f32>,
 }
 
+// Columns and rows of the rectified image, which passes that show it have as arguments.
+fn rectified_size() -> vec2<u32> {
+    return vec2<u32>(pass_.args[0], pass_.args[1]);
+}
+
+// The number of the rectified image's pixel at a point of it, or of the nearest.
+fn rectified_index(point: vec2<f32>) -> u32 {
+    let nearest = vec2<u32>(clamp(floor(point), vec2<f32>(0.0), vec2<f32>(rectified_size()) - 1.0));
+    return nearest.y * rectified_size().x + nearest.x;
+}
+
 // For a point of the shown image.
 fn shown_place(at: vec2<f32>) -> ShownPlace {
     let shown = frame.camera.shown[pass_.view];

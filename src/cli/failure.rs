@@ -80,6 +80,13 @@ impl From<diptych::exec::ExecError> for Failure {
     }
 }
 
+#[cfg(feature = "xr")]
+impl From<diptych::headset::HeadsetError> for Failure {
+    fn from(error: diptych::headset::HeadsetError) -> Self {
+        Self::Run(error.into())
+    }
+}
+
 impl From<diptych::exec::ranks::RankError> for Failure {
     fn from(error: diptych::exec::ranks::RankError) -> Self {
         Self::Run(error.into())

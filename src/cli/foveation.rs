@@ -116,22 +116,22 @@ impl FoveationOptions {
     }
 
     /// Where the eyes look.
-    fn gaze(&self, shot: &Gaze) -> [Gaze; 2] {
+    fn gaze(&self, shot: &[Gaze; 2]) -> [Gaze; 2] {
         match self.gaze {
-            None => [shot.clone(), shot.clone()],
+            None => shot.clone(),
             Some(GazeOption(eyes)) => eyes.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] }),
         }
     }
 
     /// Layers, if they are asked for.
-    pub fn layers(&self, shot: &Gaze) -> Option<Foveation> {
+    pub fn layers(&self, shot: &[Gaze; 2]) -> Option<Foveation> {
         let usual = Foveation::new(self.gaze(shot), self.layer_iterations());
         let unsampled_share = self.unsampled_share.unwrap_or(usual.unsampled_share);
         self.radii().map(|radii| Foveation { radii, unsampled_share, ..usual })
     }
 
     /// Images around the gaze, if they are asked for.
-    pub fn polar(&self, shot: &Gaze) -> Option<Polar> {
+    pub fn polar(&self, shot: &[Gaze; 2]) -> Option<Polar> {
         self.space().map(|space| Polar { gaze: self.gaze(shot), space })
     }
 

@@ -226,6 +226,9 @@ pub struct RenderOptions {
     /// Auxiliary images to write
     #[arg(long, value_delimiter = ',', value_name = "LIST", help_heading = OUTPUT)]
     pub aov: Vec<Aov>,
+    /// Whether frames are shown from another pose than they are rendered at.
+    #[arg(skip)]
+    pub is_late: bool,
 }
 
 impl Deref for RenderOptions {
@@ -255,7 +258,7 @@ impl RenderOptions {
         let Quality { spp, bounces, denoiser, scale, .. } = *quality;
         let foveated = FoveationOptions::for_quality(quality);
         let (frames, fps, frames_in_flight, aov) = (1, 1.0, 1, Vec::new());
-        Self { run, spp, bounces, scale, denoiser, foveated, frames, fps, frames_in_flight, aov }
+        Self { run, spp, bounces, scale, denoiser, foveated, frames, fps, frames_in_flight, aov, is_late: false }
     }
 
     /// What every frame is rendered with: without iterations there is no denoiser.

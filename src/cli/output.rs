@@ -17,6 +17,7 @@ use diptych::metrics::heatmap::number_colour;
 use diptych::passes::Aov;
 use diptych::passes::aov_image;
 use diptych::passes::tonemap::{DISPLAY, LINEAR};
+use diptych::scene::optics::Optics;
 use diptych::scene::rig::{Eye, Rig};
 use diptych::stages::{Foveation, Polar};
 
@@ -106,6 +107,18 @@ pub fn tags(rig: &Rig, exposure_ev: f32, extent: Extent, time_s: f64, frame: u32
 const STRIPES: [u8; 3] = [255, 160, 0];
 const FOVEA: [u8; 3] = [0, 220, 255];
 
+/// What eyes show other images of than are rendered, and the size of those that are.
+pub type Rectified<'a> = Option<(&'a Optics, Extent)>;
+
+/// Where what is rendered has the pixels of an image that an eye shows, row by row, and how many of its own it has there for
+/// one of them, along an axis.
+fn rendered_points(eye: Eye, extent: Extent, rectified: Rectified) -> impl Iterator<Item = ([f64; 2], f64)> {
+    (0..extent.area() as u32).map(move |i| {
+        let centre = [i % extent.width, i / extent.width].map(|side| f64::from(side) + 0.5);
+        rectified.map_or((centre, 1.0), |(optics, grid)| optics.rectified_point(eye, [extent, grid], centre))
+    })
+}
+
 impl FrameImages {
     /// What [`Self::read`] reads.
     pub fn on_devices(aovs: &[Aov]) -> Vec<Resource> {
@@ -132,26 +145,27 @@ impl FrameImages {
         })
     }
 
-    /// Draws a line at each of `edges` on the display images.
-    pub fn overlay(&mut self, edges: &[u32]) {
-        for image in [&mut self.display.left, &mut self.display.right] {
+    /// Draws a line at each of `edges`, which are between rows of what is rendered, on the display images.
+    pub fn overlay(&mut self, edges: &[u32], rectified: Rectified) {
+        for (eye, image) in Eye::ALL.into_iter().zip([&mut self.display.left, &mut self.display.right]) {
             let width = image.extent.width as usize;
-            for &edge in edges.iter().filter(|e| **e < image.extent.height) {
-                let row = edge as usize * width;
-                image.pixels[row..row + width].fill(STRIPES);
+            let rows: Vec<f64> = rendered_points(eye, image.extent, rectified).map(|([_, row], _)| row).collect();
+            let stripe = |i: usize| edges.iter().filter(|&&edge| rows[i] >= f64::from(edge)).count();
+            for i in (width..rows.len()).filter(|i| stripe(*i) != stripe(i - width)) {
+                image.pixels[i] = STRIPES;
             }
         }
     }
 
     /// Draws where the inner and the middle layer end.
-    pub fn overlay_layers(&mut self, foveation: &Foveation, time_s: f64) {
-        for (eye, image) in [&mut self.display.left, &mut self.display.right].into_iter().enumerate() {
-            let Extent { width, height } = image.extent;
-            let (radii, [x, y]) = foveation.circles(eye, time_s, width, height);
-            for (i, pixel) in image.pixels.iter_mut().enumerate() {
-                let (column, row) = (i % width as usize, i / width as usize);
-                let distance = f64::hypot(column as f64 + 0.5 - x, row as f64 + 0.5 - y);
-                if radii.iter().any(|r| (distance - r).abs() < 0.75) {
+    pub fn overlay_layers(&mut self, foveation: &Foveation, time_s: f64, rectified: Rectified) {
+        for (eye, image) in Eye::ALL.into_iter().zip([&mut self.display.left, &mut self.display.right]) {
+            let (radii, gaze) = foveation.circles_rendered(foveation.radii, time_s, image.extent, rectified);
+            let [x, y] = gaze[eye as usize];
+            let points = rendered_points(eye, image.extent, rectified);
+            for (pixel, ([column, row], density)) in image.pixels.iter_mut().zip(points) {
+                let distance = f64::hypot(column - x, row - y);
+                if radii.iter().any(|r| (distance - r).abs() < 0.75 * density) {
                     *pixel = FOVEA;
                 }
             }

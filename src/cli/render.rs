@@ -111,9 +111,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     for warning in &loaded.scene.warnings {
         eprintln!("warning: {warning}");
     }
-    if args.overlay && loaded.shot.rig.optics.is_some() {
+    if args.overlay && loaded.shot.rig.optics.is_some() && options.foveated.space().is_some() {
         let what =
-            "--overlay does not go with eyes that --motion describes: stripes are rows of what they are resampled from";
+            "--overlay does not go with eyes that --motion describes and images around the gaze: leave one of them out";
         return Err(Failure::Input(anyhow::anyhow!(what)));
     }
     let last_s = time_s(options, options.frames - 1);
@@ -193,12 +193,13 @@ impl Run<'_> {
             }
             self.tracing.record(&options.quality(), None, &frame);
             if self.args.overlay {
+                let rectified = shot.rig.optics.as_ref().zip(self.renderer.rectified());
                 match self.renderer.polar() {
                     Some(polar) => images.overlay_rings(polar, &shot.rig, time_s, frame.stripe_edges()),
-                    None => images.overlay(frame.stripe_edges()),
+                    None => images.overlay(frame.stripe_edges(), rectified),
                 }
                 if let Some(foveation) = self.renderer.foveation() {
-                    images.overlay_layers(foveation, time_s);
+                    images.overlay_layers(foveation, time_s, rectified);
                 }
             }
             let tags = output::tags(&shot.rig, shot.exposure_ev, options.size, time_s, frame.index);
@@ -317,7 +318,8 @@ fn reference_frame(
     }
     if let Some(report) = done.report {
         if args.overlay {
-            images.overlay(report.stripe_edges());
+            let rectified = shot.rig.optics.as_ref().zip(renderer.rectified());
+            images.overlay(report.stripe_edges(), rectified);
         }
         let quality = Quality { spp: done.row.spp, ..options.quality() };
         rows.frames.push(args.row(&report, &quality, &shot.rig, plan.time_s(index)));

@@ -10,14 +10,14 @@ use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
 use diptych::exec::ranks::{Devices, Load, Loading, Recorded, Request};
 use diptych::exec::{FrameReport, RenderSettings, Renderer};
 use diptych::image::Extent;
-use diptych::passes::{Aov, Moving};
+use diptych::passes::Moving;
 use diptych::quality::Quality;
 use diptych::scene::folder::Source;
 use diptych::scene::head::{HeadMotion, Space};
 use diptych::scene::needs::SceneNeeds;
 use diptych::scene::optics::Optics;
 use diptych::scene::rig::Rig;
-use diptych::scene::shot::Shot;
+use diptych::scene::shot::{Gaze, Shot};
 use diptych::scene::{Scene, SceneError};
 use diptych::schedule::{Even, Heft, Measured, Policy, Static};
 use diptych::stages::{SceneTables, StageSettings};
@@ -25,7 +25,6 @@ use diptych::trace::frames::{FrameControl, record_frame};
 use diptych::trace::{Recorder, TraceFile};
 
 use super::failure::Failure;
-use super::foveation::FoveationMode;
 use super::options::{Balance, HaloOption, RenderOptions, RunOptions};
 use super::ranks;
 
@@ -33,6 +32,8 @@ use super::ranks;
 pub struct Loaded {
     /// With the head motion that was asked for.
     pub shot: Shot,
+    /// Where the left and the right eye look: the shot's, or that of the head motion.
+    pub gaze: [Gaze; 2],
     /// What head motion is relative to.
     pub space: Space,
     /// As it moves.
@@ -61,8 +62,9 @@ pub fn load(options: &RunOptions) -> Result<Loaded, Failure> {
         let motion = HeadMotion::read(path, &options.scene.budget())?;
         let invalid = |what| SceneError::Invalid { path: path.display().to_string(), what };
         loaded.space = motion.space(&loaded.shot.rig).map_err(invalid)?;
-        loaded.shot.rig = motion.rig(&loaded.shot.rig).map_err(invalid)?;
-        loaded.shot.gaze = motion.gaze().unwrap_or(loaded.shot.gaze);
+        loaded.shot.rig = motion.rig(&loaded.shot.rig).map_err(invalid)?.plain_at(options.size);
+        loaded.gaze = motion.gaze().unwrap_or(loaded.gaze);
+        loaded.shot.gaze = loaded.gaze[0].clone();
     }
     Ok(loaded)
 }
@@ -105,7 +107,8 @@ pub fn load_here(options: &RunOptions, what: &Load, source: Source) -> Result<Lo
     };
     let tables = SceneTables::within(&scene, accel, &budget).map_err(|e| Failure::Input(e.into()))?;
     let needs = SceneNeeds { instances: tables.has_instances(), ..SceneNeeds::of(&scene) };
-    Ok(Loaded { shot, space, scene, needs, tables: Arc::new(tables) })
+    let gaze = [shot.gaze.clone(), shot.gaze.clone()];
+    Ok(Loaded { shot, gaze, space, scene, needs, tables: Arc::new(tables) })
 }
 
 /// Says where frames between these times are beyond the ends of the camera's path.
@@ -196,15 +199,6 @@ pub fn rectified(optics: &Optics, size: Extent) -> Result<Extent, Failure> {
 /// What the options ask of all frames.
 pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool) -> Result<RenderSettings, Failure> {
     let optics = loaded.shot.rig.optics.as_ref();
-    if optics.is_some() && options.foveated.foveation != FoveationMode::None {
-        let what = "--foveation does not go with eyes that --motion describes: their images are resampled";
-        return Err(Failure::Input(anyhow!(what)));
-    }
-    if optics.is_some() && options.aov.contains(&Aov::Motion) {
-        let what =
-            "--aov motion does not go with eyes that --motion describes: its pixels are not those that are shown";
-        return Err(Failure::Input(anyhow!(what)));
-    }
     let quality = options.quality();
     let needs =
         if options.no_skip { SceneNeeds { gloss: loaded.needs.gloss, ..SceneNeeds::ALL } } else { loaded.needs };
@@ -218,9 +212,10 @@ pub fn render_settings(options: &RenderOptions, loaded: &Loaded, mixes_spp: bool
         iterations: quality.most_iterations(),
         reproject: options.reprojects(),
         sparse: options.scale < 1.0,
-        foveation: options.foveated.layers(&loaded.shot.gaze),
-        polar: options.foveated.polar(&loaded.shot.gaze),
+        foveation: options.foveated.layers(&loaded.gaze),
+        polar: options.foveated.polar(&loaded.gaze),
         rectified: optics.map(|optics| rectified(optics, options.size)).transpose()?,
+        is_late: options.is_late,
         aovs: options.aovs(),
         frames_in_flight: usize::from(options.frames_in_flight),
         checks: options.shader_checks,

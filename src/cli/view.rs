@@ -4,6 +4,8 @@
 //! render are on a thread of their own, so that neither waits for the other.
 
 mod camera;
+#[cfg(feature = "xr")]
+mod headset;
 mod layout;
 mod overlay;
 mod present;
@@ -27,17 +29,40 @@ use renderer::Start;
 use shared::Shared;
 use window::{App, Look, Wake};
 
+/// A window leaves nothing else.
+const OUT: &str = "With --xr: where run.json goes; made if it is not there";
+
 #[derive(clap::Args, Clone, Debug)]
-#[command(mut_arg("out", |out| out.required(false).default_value(".").hide(true)))]
+#[command(mut_arg("out", |out| out.required(false).default_value(".").hide(!cfg!(feature = "xr")).help(OUT)))]
 pub struct Args {
     #[command(flatten)]
     options: LoopOptions,
     /// Close after so many frames
     #[arg(long, help_heading = super::options::SCENE, value_parser = clap::value_parser!(u32).range(1..))]
     frames: Option<u32>,
-    /// Write what the window showed last as a PNG
+    /// Into a headset, by the system's OpenXR runtime, instead of a window. Frames are of the instants and poses that it
+    /// predicts, --size is what it recommends and the budget the period of its display, unless they are given [needs a
+    /// program built with `--features xr`]
+    #[arg(long, help_heading = super::options::SCENE)]
+    xr: bool,
+    /// With --xr: degrees that are rendered on all sides beside what is shown, so that a frame can be corrected, by the depth of
+    /// surfaces, to where the head is when all else of it is done; 0: frames are shown from where they are rendered
+    #[cfg(feature = "xr")]
+    #[arg(long, default_value_t = 2.0, value_name = "DEG", value_parser = late_border, help_heading = super::options::SCENE)]
+    late_border: f64,
+    /// With --xr: show frame times and settings on a panel from the begin; a button shows and hides it
+    #[cfg(feature = "xr")]
+    #[arg(long, requires = "xr", help_heading = super::options::SCENE)]
+    panel: bool,
+    /// Write what was shown last as a PNG
     #[arg(long, value_name = "FILE", help_heading = super::options::OUTPUT)]
     screenshot: Option<PathBuf>,
+}
+
+#[cfg(feature = "xr")]
+fn late_border(text: &str) -> Result<f64, String> {
+    let degrees = text.parse().ok().filter(|degrees| (0.0..=30.0).contains(degrees));
+    degrees.ok_or_else(|| format!("'{text}' is no number of degrees from 0 to 30"))
 }
 
 impl Args {
@@ -47,6 +72,9 @@ impl Args {
 }
 
 pub fn run(args: &Args) -> Result<(), Failure> {
+    if args.xr {
+        return into_headset(args);
+    }
     let prepared = Prepared::new(&args.options, args.frames)?;
     let options = &prepared.render;
     interrupt::watch()?;
@@ -78,4 +106,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         diptych::image::display::write_png(path, &picture)?;
     }
     interrupt::check()
+}
+
+#[cfg(feature = "xr")]
+use headset::run as into_headset;
+
+#[cfg(not(feature = "xr"))]
+fn into_headset(_: &Args) -> Result<(), Failure> {
+    let how =
+        "--xr: this diptych was built without headsets: `cargo build --release --features xr` builds it with them";
+    Err(Failure::Input(anyhow!(how)))
 }

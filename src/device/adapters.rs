@@ -92,9 +92,13 @@ pub struct Selection {
 pub(super) fn new_instance() -> wgpu::Instance {
     let mut descriptor = wgpu::InstanceDescriptor::new_without_display_handle();
     descriptor.backends = if cfg!(target_os = "linux") { wgpu::Backends::VULKAN } else { wgpu::Backends::PRIMARY };
-    // Validation of indirect dispatches costs a pass each; hole-filling's counts are bounded where they are made.
-    descriptor.flags = if cfg!(debug_assertions) { wgpu::InstanceFlags::DEBUG } else { wgpu::InstanceFlags::empty() };
+    descriptor.flags = instance_flags();
     wgpu::Instance::new(descriptor)
+}
+
+/// Validation of indirect dispatches costs a pass each; hole-filling's counts are bounded where they are made.
+pub(super) fn instance_flags() -> wgpu::InstanceFlags {
+    if cfg!(debug_assertions) { wgpu::InstanceFlags::DEBUG } else { wgpu::InstanceFlags::empty() }
 }
 
 fn enumerate(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {

@@ -8,6 +8,8 @@ mod checks;
 mod choice;
 mod clock;
 mod failure;
+#[cfg(feature = "xr")]
+mod headset;
 mod pipelines;
 mod quirks;
 #[cfg(feature = "view")]
@@ -20,6 +22,8 @@ pub use checks::ShaderChecks;
 pub use clock::GpuClock;
 pub(crate) use clock::{MOST_DRIFT, Offset as ClockOffset};
 pub use failure::{DeviceFailure, FailureKind, panic_text};
+#[cfg(feature = "xr")]
+pub use headset::HeadsetDevice;
 pub use pipelines::{Pipeline, PipelineKey};
 pub use quirks::{Quirks, Tables};
 #[cfg(feature = "view")]
@@ -52,6 +56,9 @@ pub enum DeviceError {
     #[cfg(feature = "view")]
     #[error("no graphics adapter can draw into the window: {}", adapters::INSTALL_HINT)]
     NoScreen(#[from] wgpu::RequestAdapterError),
+    #[cfg(feature = "xr")]
+    #[error("the headset's runtime gave no device: {0}")]
+    Headset(String),
     #[error("{0} devices are more than the 64 that one run can drive")]
     TooMany(usize),
     #[error("{given} thread counts for {devices} devices: give one per device, or one for all")]

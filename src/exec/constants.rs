@@ -2,7 +2,7 @@
 
 use std::ops::Range;
 
-use glam::DVec3;
+use glam::{DMat3, DVec3};
 
 use super::RenderSettings;
 use crate::image::Extent;
@@ -39,14 +39,18 @@ pub fn constants(
         Samples::Own(samples) => (samples.clone(), layout::NO_CURVE),
     };
     let spp = samples.end - samples.start;
-    let layers = stages.foveation.as_ref().map(|f| f.describe(stages.extent, time_s, quality.fovea));
+    let screen = stages.screen();
     let optics = rig.optics.as_ref().filter(|_| stages.rectified.is_some());
+    let rectified = optics.map(|optics| (optics, screen));
+    let layers = stages.foveation.as_ref().map(|f| f.describe(stages.extent, time_s, quality.fovea, rectified));
     let view = |eye: Eye| {
         let mut view = layout::View::new(&rig.view(time_s, eye), aspect);
         if let Some(optics) = optics {
-            [view.tan_half_x, view.tan_half_y] = optics.rendered_tan_half(stages.grid()).map(|tan| tan as f32);
+            [view.tan_half_x, view.tan_half_y] = optics.rendered_tan_half(screen).map(|tan| tan as f32);
         }
-        stages.polar.as_ref().map_or(view, |polar| polar.look(eye as usize, time_s, view, stages.extent))
+        let Some(polar) = &stages.polar else { return view };
+        let gaze = polar.gaze[eye as usize].at(time_s);
+        polar.look_at(optics.map_or(gaze, |optics| on_screen(optics, eye, stages, gaze)), view, screen)
     };
     let mut frame = layout::Frame {
         camera: layout::Camera {
@@ -54,10 +58,11 @@ pub fn constants(
             centre: stages.centre(index, spp),
             width,
             height,
-            shown: optics
-                .map(|optics| Eye::ALL.map(|eye| shown(optics, eye, stages, [&rig, &later])))
-                .unwrap_or_default(),
-            log_polar: stages.polar.as_ref().map(|polar| polar.constants(stages.extent)).unwrap_or_default(),
+            shown: optics.map_or_else(Default::default, |optics| {
+                let sizes = [stages.extent, screen];
+                if stages.is_late { shown_later(optics, sizes, [&rig, &later]) } else { shown(optics, sizes) }
+            }),
+            log_polar: stages.polar.as_ref().map(|polar| polar.constants(screen)).unwrap_or_default(),
         },
         sampling: layout::Sampling {
             index,
@@ -81,14 +86,29 @@ pub fn constants(
     frame
 }
 
-/// Where an eye's image, rendered from the first rig, has what the eye shows from the second.
-fn shown(optics: &Optics, eye: Eye, stages: &StageSettings, rigs: [&Rig; 2]) -> layout::Shown {
-    let sizes = [stages.extent, stages.grid()];
-    let (columns, moved) = if stages.is_late {
-        optics.later_homography(eye, sizes, rigs)
-    } else {
-        (optics.homography(eye, sizes[0], sizes[1]), DVec3::ZERO)
-    };
+/// Where a rectified image has a point of its eye's, both in fractions.
+fn on_screen(optics: &Optics, eye: Eye, stages: &StageSettings, [x, y]: [f64; 2]) -> [f64; 2] {
+    let [shown, rectified] = [stages.extent, stages.screen()];
+    let sides = |extent: Extent| [f64::from(extent.width), f64::from(extent.height)];
+    let ([width, height], [columns, rows]) = (sides(shown), sides(rectified));
+    let ([x, y], _) = optics.rectified_point(eye, [shown, rectified], [x * width, y * height]);
+    [x / columns, y / rows]
+}
+
+/// Where rectified images have what the eyes show; `sizes` are those of what is shown and of the rectified image.
+fn shown(optics: &Optics, [size, grid]: [Extent; 2]) -> [layout::Shown; 2] {
+    Eye::ALL.map(|eye| shown_where(optics.homography(eye, size, grid), DVec3::ZERO))
+}
+
+/// Where rectified images, rendered from the first rig, have what the eyes show from the second, each of one key.
+pub fn shown_later(optics: &Optics, sizes: [Extent; 2], rigs: [&Rig; 2]) -> [layout::Shown; 2] {
+    Eye::ALL.map(|eye| {
+        let (columns, moved) = optics.later_homography(eye, sizes, rigs);
+        shown_where(columns, moved)
+    })
+}
+
+fn shown_where(columns: DMat3, moved: DVec3) -> layout::Shown {
     let [across, down, corner] = [columns.x_axis, columns.y_axis, columns.z_axis].map(|column| column.as_vec3());
     layout::Shown { across, down, corner, moved: moved.as_vec3(), ..Default::default() }
 }

@@ -6,6 +6,7 @@ use std::time::{Duration, Instant};
 
 use obvhs::aabb::Aabb;
 
+use super::late::Late;
 use super::messages::{Answer, FrameJob, Order, Pixels, Stop};
 use super::output::Output;
 use super::planner::Plan;
@@ -40,6 +41,8 @@ pub struct Inputs {
     pub reads: Arc<[Output]>,
     /// The images that end up whole on the primary; none: all.
     pub outputs: Option<Arc<[Output]>>,
+    /// Where the pose is asked for that it is shown from; none: its constants have it.
+    pub late: Option<Late>,
 }
 
 impl Inputs {
@@ -184,8 +187,9 @@ impl Frames {
             injections.extend(injected.map(|kind| Injection { kind, device, frame: index }));
             let Inputs { constants, previous, place, ref reads, .. } = inputs;
             let (reads, update) = (reads.to_vec(), inputs.update.clone());
-            let cuts = cuts(device);
-            let job = FrameJob { plan: plan.clone(), constants, previous, update, place, reads, cuts, runs, injected };
+            let (cuts, plan) = (cuts(device), plan.clone());
+            let late = inputs.late.clone().filter(|_| device == plan.assignment.primary());
+            let job = FrameJob { plan, constants, previous, update, place, reads, cuts, late, runs, injected };
             orders.push((device, Order::Frame(Box::new(job))));
         }
         let limit = self.limit(&inputs);
@@ -243,6 +247,7 @@ impl Frames {
                     all.begin_ms = reply.begin_ms.min(all.begin_ms);
                     if device == primary {
                         all.end_ms = reply.end_ms;
+                        frame.report.shown_from = reply.shown_from.map(|pose| *pose);
                         let names = Output::of_frame(&frame.graph.program, &frame.inputs.reads);
                         all.images = names.into_iter().zip(reply.images).collect();
                     }

@@ -7,6 +7,7 @@ use std::time::Duration;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
 use super::faults::InjectedKind;
+use super::late::{Late, SampledPose};
 use super::output::Output;
 use super::planner::Plan;
 use super::staging::Mapped;
@@ -54,6 +55,9 @@ pub struct FrameJob {
     pub reads: Vec<Output>,
     /// Where submissions of this device end, beside those that transfers end.
     pub cuts: Vec<Cut>,
+    /// Where the primary asks for the pose that it is shown from. It is not sent to other ranks.
+    #[serde(skip)]
+    pub late: Option<Late>,
     /// How often dispatches run; more than once only to simulate slow devices.
     pub runs: u32,
     /// The fault that is injected half-way.
@@ -97,6 +101,9 @@ pub struct FrameReply {
     pub end_ms: f64,
     /// From the primary: the row tallies of the whole frame, then what was to be read.
     pub images: Vec<Pixels>,
+    /// From the primary: the pose that it asked for. Those of other ranks ask for none.
+    #[serde(skip)]
+    pub shown_from: Option<Box<SampledPose>>,
 }
 
 /// When a task ran.
@@ -203,6 +210,7 @@ pub(super) mod tests {
             place: Place { slot: 2, turn: 1 },
             reads: vec![LINEAR.into(), DISPLAY.into(), aov_image(3).into()],
             cuts: vec![Cut { task: 4, at: Position { run: 1, row: 16 } }],
+            late: None,
             runs: 2,
             injected: Some(InjectedKind::Hang),
         }
@@ -228,7 +236,7 @@ pub(super) mod tests {
         let reply = |answer| Reply { ticket: 3, device: 63, answer };
         let times = vec![TaskTime { task: 4, begin_ms: 0.1, end_ms: 1e9 + 0.3, bytes: Some(1 << 40), submissions: 3 }];
         let images = vec![[vec![0, 255], vec![7]], [vec![], vec![1]]];
-        let done = FrameReply { times, clock_residual_us: 0.2, begin_ms: -0.0, end_ms: 0.7, images };
+        let done = FrameReply { times, clock_residual_us: 0.2, begin_ms: -0.0, end_ms: 0.7, images, shown_from: None };
         let done = [Answer::Frame(done), Answer::Pixels([vec![1, 2], vec![3, 4]])];
         let kinds = [FailureKind::Loss, FailureKind::Hang, FailureKind::Oom, FailureKind::Error];
         let failure = |kind| Stop::Device(DeviceFailure { kind, what: "it \"fell\"\n".to_owned() });

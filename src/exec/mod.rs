@@ -8,6 +8,7 @@ mod costs;
 mod faults;
 mod frames;
 mod history;
+mod late;
 mod ledger;
 mod messages;
 mod output;
@@ -34,6 +35,7 @@ pub mod protocol {
 }
 
 pub use faults::{Fault, InjectedFaults, InjectedKind, Injection};
+pub use late::{PoseSource, SampledPose};
 pub use renderer::Renderer;
 pub use report::{FrameReport, RightEye, Stereo, Tally, TaskTiming, TimedTask};
 
@@ -124,7 +126,7 @@ impl RenderSettings {
             aovs: stages.aovs.clone(),
             has_surfaces,
             moving: stages.moving.clone(),
-            screen: stages.polar.as_ref().map(|_| stages.extent),
+            screen: stages.polar.as_ref().map(|_| stages.screen()),
             blurs: stages.polar.as_ref().is_some_and(|polar| polar.space.blurs()),
             shown: stages.rectified.map(|_| stages.extent),
             is_late: stages.is_late,

@@ -9,7 +9,7 @@ use super::frames::Inputs;
 use super::output::Output;
 use super::{RenderSettings, wire};
 use crate::graph::{Assignment, FrameGraph, Program, ProgramError, Resource, Seam};
-use crate::passes::{Declarations, FrameSpec, ROW_TALLY};
+use crate::passes::{Declarations, FrameSpec, LATE_CUT, ROW_TALLY};
 use crate::quality::Denoiser;
 use crate::scene::rig::Eye;
 use crate::schedule::{CostModel, Policy, choose_halo};
@@ -165,7 +165,11 @@ impl Planner {
         let iterations = inputs.quality.most_iterations();
         costs.set_quality(iterations, &inputs.effort);
         self.plan_halo(costs, left);
-        let assignment = self.policy.assign(&costs.of_devices(left)).renumbered(left, self.devices);
+        let mut assignment = self.policy.assign(&costs.of_devices(left)).renumbered(left, self.devices);
+        if inputs.late.is_some() {
+            // Of one pose, which one device asks for.
+            assignment.gather(LATE_CUT);
+        }
         let outputs = inputs.outputs.as_ref().map(|outputs| outputs.to_vec());
         let plan = Plan { seam: self.seam, iterations, assignment, history, outputs };
         let graph = self.graphs.of(&plan);

@@ -7,6 +7,7 @@ use std::time::{Duration, Instant};
 use super::constants::{Samples, constants};
 use super::frames::{Attempt, Finished, Frames, InFlight, Inputs, Whole};
 use super::history::history_rows;
+use super::late::PoseSource;
 use super::output::Output;
 use super::planner::{Graphs, History, Plan, Planner};
 use super::ranks::Devices;
@@ -28,7 +29,7 @@ pub struct Renderer {
     pub(super) quality: Quality,
     /// What stages of that quality cost, held against other qualities.
     pub(super) effort: Effort,
-    tables: Arc<SceneTables>,
+    pub(super) tables: Arc<SceneTables>,
     devices: Vec<DeviceInfo>,
     /// How long a submission of each may be predicted to take.
     max_dispatch_ms: Vec<Option<f64>>,
@@ -41,6 +42,7 @@ pub struct Renderer {
     last: Option<Inputs>,
     /// The images that frames bring to the primary; none: all.
     outputs: Option<Vec<Output>>,
+    pub(super) pose_source: Option<Arc<PoseSource>>,
     begun: u64,
     /// The next frame is not to build on those before.
     begins_anew: bool,
@@ -89,6 +91,7 @@ impl Renderer {
             frames: Frames::new(workers, frames_in_flight, origin),
             last: None,
             outputs: None,
+            pose_source: None,
             begun: 0,
             begins_anew: false,
         })
@@ -142,20 +145,14 @@ impl Renderer {
         self.settings.stages.rectified
     }
 
-    /// Has frames that are begun from here on shown from where this rig is at `time_s`; none: from where they are rendered.
-    /// Of use with [`crate::stages::StageSettings::is_late`].
-    pub fn set_later(&mut self, later: Option<(&Rig, f64)>) {
-        self.settings.later = later.map(|(rig, time_s)| rig.at(time_s));
-    }
-
-    /// Where both eyes look from the next frame on, fractions of each one's image from the top left. Of no use without
-    /// foveation.
-    pub fn set_gaze(&mut self, [x, y]: [f64; 2]) {
+    /// Where the left and the right eye look from the next frame on, fractions of each one's image from the top left. Of no use
+    /// without foveation.
+    pub fn set_gaze(&mut self, eyes: [[f64; 2]; 2]) {
         let stages = &mut self.settings.stages;
         let of_layers = stages.foveation.as_mut().map(|layers| &mut layers.gaze);
         let of_polar = stages.polar.as_mut().map(|polar| &mut polar.gaze);
         for gaze in of_layers.into_iter().chain(of_polar) {
-            *gaze = [0, 1].map(|_| Gaze { path: vec![[0.0, x, y]] });
+            *gaze = eyes.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] });
         }
     }
 
@@ -233,7 +230,9 @@ impl Renderer {
         let reads: Arc<[Output]> = reads.iter().map(|image| Output::from(*image)).collect();
         let (quality, effort) = (self.quality, self.effort.clone());
         let outputs = self.outputs.as_ref().map(|outputs| outputs.iter().chain(&*reads).cloned().collect());
-        let inputs = Inputs { constants, quality, effort, previous, update, moved, time_s, place, reads, outputs };
+        let late = self.late(rig, time_s, index);
+        let inputs =
+            Inputs { constants, quality, effort, previous, update, moved, time_s, place, reads, outputs, late };
         self.last = Some(inputs.clone());
         self.hand_out(inputs, None);
         Ok(())
@@ -320,6 +319,8 @@ impl Renderer {
         let attempt = again.unwrap_or_else(|| self.frames.first_attempt(now_ms));
         let overlapped = self.frames.in_flight() > 0;
         let left = self.frames.devices_left();
+        // Which has the source.
+        inputs.late = inputs.late.filter(|_| left.first().is_some_and(|&primary| self.is_here(primary)));
         let planned = self.planned.take().map(|(plan, _)| plan);
         let before = match again {
             None => planned.map(|plan| plan.assignment).filter(|_| !std::mem::take(&mut self.begins_anew)),
@@ -354,6 +355,7 @@ impl Renderer {
             spec: self.planner.spec(&plan),
             program: Arc::clone(&graph.program),
             pixel_centre: inputs.constants.camera.centre.to_array(),
+            shown_from: None,
         };
         let stages = &self.settings.stages;
         let spp = inputs.constants.sampling.spp;
@@ -367,6 +369,11 @@ impl Renderer {
         let predicted = known.then(|| simulate(&graph, &self.costs).ok()).flatten();
         self.frames.predict_last(predicted.map(|p| p.makespan_ms));
         self.planned = Some((plan, graph));
+    }
+
+    /// Whether a device is on the rank that has the renderer.
+    fn is_here(&self, device: usize) -> bool {
+        self.devices[device].rank.as_ref().is_none_or(|rank| rank.number == 0)
     }
 
     /// How many rows up and down a frame looks for the history of its surfaces; none if there is none.

@@ -6,6 +6,7 @@ use std::fmt;
 use std::ops::Range;
 use std::sync::Arc;
 
+use super::late::SampledPose;
 use super::messages::TaskTime;
 use crate::graph::{Assignment, FrameGraph, Program, Stage, TaskKind};
 use crate::passes::path_trace::CUT;
@@ -111,9 +112,16 @@ pub struct FrameReport {
     pub program: Arc<Program>,
     /// The point of each pixel, from its top left corner, that its auxiliary images are of.
     pub pixel_centre: [f32; 2],
+    /// The pose that it was shown from, where that was asked for at the end.
+    pub shown_from: Option<SampledPose>,
 }
 
 impl FrameReport {
+    /// From when the pose was asked for that it was shown from to its end, milliseconds.
+    pub fn pose_age_ms(&self) -> Option<f64> {
+        self.shown_from.as_ref().map(|pose| self.begin_ms + self.makespan_ms - pose.at_ms)
+    }
+
     /// Rows at which one device's part of the left eye's path tracing ends and the next one's begins.
     pub fn stripe_edges(&self) -> &[u32] {
         self.assignment.stripes(CUT, Eye::Left).inner_edges()

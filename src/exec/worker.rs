@@ -105,6 +105,7 @@ impl Worker {
             Action::Begin { ticket } => part_of(parts, ticket)?.begin(device),
             Action::Record { ticket, task } => part_of(parts, ticket)?.record(device, task),
             Action::RecordTimestamps { ticket } => part_of(parts, ticket)?.record_stamps(device),
+            Action::Ask { ticket } => part_of(parts, ticket)?.ask(device)?,
             Action::Close { ticket } => part_of(parts, ticket)?.close(),
             Action::Submit { ticket } => part_of(parts, ticket)?.submit(device),
             Action::SubmitUploads { ticket } => part_of(parts, ticket)?.submit_uploads(device),

@@ -93,6 +93,13 @@ impl Assignment {
         }
     }
 
+    /// Has the primary compute all rows of a group.
+    pub fn gather(&mut self, group: CutGroup) {
+        let edge = |device: usize| if device <= self.primary { 0 } else { self.height() };
+        let stripes = Stripes::from_edges(self.height(), &(1..self.devices()).map(edge).collect::<Vec<_>>());
+        Eye::ALL.into_iter().for_each(|view| self.set(group, view, stripes.clone()));
+    }
+
     pub fn stripes(&self, group: CutGroup, view: Eye) -> &Stripes {
         let key = (group, view);
         self.own.iter().find(|(k, _)| *k == key).map_or(&self.common, |(_, own)| own)

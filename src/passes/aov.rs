@@ -1,15 +1,17 @@
 //! Auxiliary images.
 
 use super::gbuffer::{ALBEDO, EMISSION, HIT, TALLY};
+use super::polar::screen;
+use super::shown::{self, LATE_CUT};
 use super::tonemap::CUT;
-use super::{FrameSpec, PREVIOUS_VIEWS, polar};
+use super::{FrameSpec, PREVIOUS_VIEWS};
 use crate::graph::{Kernel, Pass, Reach, Resource, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
 
 /// The stages of auxiliary images, whose time does not count as time of the frame: the images themselves, and from
 /// polar ones to the screen and rectified ones to what eyes show.
-pub const STAGES: [Stage; 3] = [Stage("aov"), Stage("aov_to_screen"), Stage("aov_to_eye")];
+pub const STAGES: [Stage; 4] = [Stage("aov"), Stage("aov_to_screen"), Stage("aov_to_eye"), Stage("aov_to_later_eye")];
 
 /// Those of polar and of rectified images.
 const POLAR: Resource = Resource::image("polar_aov", 16);
@@ -37,17 +39,31 @@ const KERNEL: Kernel = Kernel::with_scene("aov").with(&[
 
 /// The passes of an auxiliary image.
 pub fn passes(spec: &FrameSpec, view: Eye, index: u8, aov: Aov) -> Vec<Pass> {
-    let (source, extent, stage, kernel) = match (spec.screen, spec.shown) {
-        (Some(screen), _) => (POLAR, screen, STAGES[1], Kernel::new("aov_to_screen")),
-        (None, Some(shown)) => (RECTIFIED, shown, STAGES[2], Kernel::new("aov_to_eye")),
-        (None, None) => return vec![pass(view, index, aov, image(index), spec.extent)],
+    let [polar, rectified, last] = [POLAR.numbered(index), RECTIFIED.numbered(index), image(index)];
+    let rectified_size = shown::rectified(spec);
+    let map = |stage: Stage, from: Resource, to: Resource| {
+        Pass::new(stage, view, CUT, Kernel::new(stage.name()))
+            .index(index.into())
+            .on(to.grid)
+            .uses([Use::read(from).reaching(Reach::All), Use::write(to)])
     };
-    let (source, grid) = (source.numbered(index), polar::screen(extent));
-    let map = Pass::new(stage, view, CUT, kernel)
-        .index(index.into())
-        .on(grid)
-        .uses([Use::read(source).reaching(Reach::All), Use::write(image(index).on(grid))]);
-    vec![pass(view, index, aov, source, spec.screen.unwrap_or(spec.extent)), map]
+    let to_screen = |to: Resource| spec.screen.map(|size| map(STAGES[1], polar, to.on(screen(size))));
+    let Some(shown) = spec.shown else {
+        let first = if spec.screen.is_some() { polar } else { last };
+        return std::iter::once(pass(view, index, aov, first, rectified_size)).chain(to_screen(last)).collect();
+    };
+    let first = if spec.screen.is_some() { polar } else { rectified };
+    let (from, to) = (rectified.on(screen(rectified_size)), last.on(screen(shown)));
+    let args = [rectified_size.width, rectified_size.height, u32::from(aov == Aov::Motion)];
+    let to_eye = match spec.is_late {
+        false => map(STAGES[2], from, to),
+        true => {
+            let late = Pass { cut_group: LATE_CUT, ..map(STAGES[3], from, to) };
+            late.uses([Use::read(EMISSION).reaching(Reach::All)])
+        }
+    };
+    let first = pass(view, index, aov, first, rectified_size);
+    std::iter::once(first).chain(to_screen(rectified)).chain([to_eye.args(args)]).collect()
 }
 
 fn pass(view: Eye, index: u8, aov: Aov, target: Resource, screen: Extent) -> Pass {

@@ -21,6 +21,7 @@ use std::sync::Arc;
 pub use aov::{Aov, STAGES as AOVS, image as aov_image};
 pub use moving::Moving;
 pub use reproject::HOLES;
+pub use shown::LATE_CUT;
 pub use spec::{FrameSpec, Views};
 pub use tally::{HoleReason, ROW_TALLY, RowTally, SKIPPED};
 
@@ -92,7 +93,9 @@ pub fn declare(spec: &FrameSpec) -> Declared {
             }
         }
     }
-    frame
+    // As late as can be, and both eyes from one pose.
+    let (first, last): (Vec<_>, Vec<_>) = frame.passes.into_iter().partition(|pass| pass.cut_group != LATE_CUT);
+    Declared { passes: [first, last].concat(), ..frame }
 }
 
 /// Adds what follows the filter of a view.

@@ -1,7 +1,6 @@
 //! From a polar image to the screen.
 
-use super::tonemap;
-use super::{Declared, FrameSpec};
+use super::{Declared, FrameSpec, shown, tonemap};
 use crate::graph::{CutGroup, Grid, Kernel, Pass, Projection, Reach, Resource, Size, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
@@ -37,9 +36,13 @@ pub fn show(spec: &FrameSpec, view: Eye, frame: &mut Declared) {
         frame.add_if(spec.blurs, "the polar image is not blurred", pass);
     }
     let grid = screen(extent);
+    let [linear, display] = match spec.shown {
+        None => [tonemap::LINEAR, tonemap::DISPLAY],
+        Some(_) => [shown::LINEAR, shown::DISPLAY],
+    };
     frame.add(Pass::new(Stage("to_screen"), view, CUT, Kernel::new("to_screen")).on(grid).uses([
         Use::read(if spec.blurs { BLURRED } else { LINEAR }).reaching(Reach::All),
-        Use::write(tonemap::LINEAR.on(grid)),
-        Use::write(tonemap::DISPLAY.on(grid)),
+        Use::write(linear.on(grid)),
+        Use::write(display.on(grid)),
     ]));
 }

@@ -5,9 +5,12 @@ use super::gbuffer::EMISSION;
 use super::polar::screen;
 use super::tonemap;
 use crate::graph::{CutGroup, Kernel, Pass, Reach, Resource, Stage, Use};
+use crate::image::Extent;
 use crate::scene::rig::Eye;
 
 const CUT: CutGroup = CutGroup("to_eye");
+/// Of what shows frames as from a later place: the last passes of a frame, of both eyes.
+pub const LATE_CUT: CutGroup = CutGroup("to_later_eye");
 
 /// The finished rectified image, scene-referred RGB, and encoded, which nothing reads.
 pub const LINEAR: Resource = Resource::image("rectified", 16);
@@ -15,12 +18,19 @@ pub const DISPLAY: Resource = Resource::image("rectified_display", 4);
 
 const LATER: Kernel = Kernel::new("to_later_eye");
 
+/// The columns and rows of the rectified image.
+pub fn rectified(spec: &FrameSpec) -> Extent {
+    spec.screen.unwrap_or(spec.extent)
+}
+
 /// The pass after those that finish a view's image, if that is not what is shown.
 pub fn pass(spec: &FrameSpec, view: Eye) -> Option<Pass> {
     let grid = screen(spec.shown?);
-    let (stage, kernel) = if spec.is_late { ("to_later_eye", LATER) } else { ("to_eye", Kernel::new("to_eye")) };
-    let pass = Pass::new(Stage(stage), view, CUT, kernel).on(grid).uses([
-        Use::read(LINEAR).reaching(Reach::All),
+    let (stage, cut, kernel) =
+        if spec.is_late { ("to_later_eye", LATE_CUT, LATER) } else { ("to_eye", CUT, Kernel::new("to_eye")) };
+    let Extent { width, height } = rectified(spec);
+    let pass = Pass::new(Stage(stage), view, cut, kernel).on(grid).args([width, height, 0]).uses([
+        Use::read(LINEAR.on(screen(rectified(spec)))).reaching(Reach::All),
         Use::write(tonemap::LINEAR.on(grid)),
         Use::write(tonemap::DISPLAY.on(grid)),
     ]);

@@ -19,11 +19,12 @@ pub enum Views {
 pub struct FrameSpec {
     /// Of the images that are traced and filtered.
     pub extent: Extent,
-    /// Of the screen, where those images are polar and mapped to it; else they are of the screen itself.
+    /// Of the screen, where those images are polar and mapped to it; else they are of the screen itself, which is rectified
+    /// where eyes show other images.
     pub screen: Option<Extent>,
     /// Whether polar images are blurred away from the gaze.
     pub blurs: bool,
-    /// Of the images that the eyes show, where those that are traced are rectified and resampled to them.
+    /// Of the images that the eyes show, where those of the screen are rectified and resampled to them.
     pub shown: Option<Extent>,
     /// Whether that is as from another place, by the depth of surfaces.
     pub is_late: bool,

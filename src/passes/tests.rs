@@ -1,5 +1,5 @@
 use super::*;
-use crate::graph::{HaloPlan, Scope};
+use crate::graph::{Assignment, FrameGraph, HaloPlan, Scope, Stripes, Task};
 
 /// A frame of 64x180 with à-trous, reprojection and an auxiliary image.
 pub fn spec(devices: usize, seam: Seam) -> FrameSpec {
@@ -16,7 +16,10 @@ pub fn all_specs() -> Vec<FrameSpec> {
                 for history_rows in [None, Some(4)] {
                     let frame = FrameSpec { filter, views, sparse, history_rows, ..spec(2, seam) };
                     let polar = FrameSpec { screen: Some(Extent::new(96, 270)), ..frame.clone() };
-                    specs.extend([frame, polar]);
+                    let shown = FrameSpec { shown: Some(Extent::new(48, 135)), ..frame.clone() };
+                    let late = FrameSpec { is_late: true, ..shown.clone() };
+                    let shown_polar = FrameSpec { shown: shown.shown, ..polar.clone() };
+                    specs.extend([frame, polar, shown, late, shown_polar]);
                 }
             }
         }
@@ -101,7 +104,10 @@ fn with_hardware_traversal_structures_are_built_instead_of_refitted_trees() {
 #[test]
 fn groups_are_those_that_can_be_named() {
     let names: Vec<&str> = cut_groups().iter().map(|g| g.0).collect();
-    assert_eq!(names, ["gbuffer", "path_trace", "reproject", "tonemap", "to_screen", "to_eye", "atrous"]);
+    assert_eq!(
+        names,
+        ["gbuffer", "path_trace", "reproject", "tonemap", "to_screen", "to_eye", "to_later_eye", "atrous"]
+    );
 }
 
 /// They come last, and what the filter leaves is no output.
@@ -118,6 +124,38 @@ fn rectified_images_are_resampled_to_what_eyes_show() {
     assert_eq!([extent("linear"), extent("display"), extent("rectified")], [shown, shown, rectified.extent]);
 }
 
+/// Of both eyes, whatever else a frame does; a source of poses is asked for one before them.
+#[test]
+fn what_is_shown_late_is_shown_last() {
+    let shown = Some(Extent::new(72, 80));
+    let late = FrameSpec { shown, is_late: true, ..spec(2, Seam::Filter) };
+    let passes = declare(&late).passes;
+    let (first, last) = passes.split_at(passes.len() - 4);
+    let names: Vec<_> = last.iter().map(|pass| (pass.stage.name(), pass.view)).collect();
+    let of = |view| [("to_later_eye", view), ("aov_to_later_eye", view)];
+    assert_eq!(names, [of(Eye::Left), of(Eye::Right)].concat());
+    assert!(first.iter().all(|pass| pass.cut_group != LATE_CUT) && last.iter().all(|pass| pass.cut_group == LATE_CUT));
+}
+
+/// Without others' rows of what is shown, and with all rows that it is made of.
+#[test]
+fn what_is_gathered_is_computed_by_the_primary_alone() {
+    let late = FrameSpec { shown: Some(Extent::new(72, 80)), is_late: true, ..spec(3, Seam::Filter) };
+    let even = Assignment::uniform(Stripes::even(180, 2)).renumbered(&[1, 2], 3);
+    let mut gathered = even.clone();
+    gathered.gather(LATE_CUT);
+    let program = Declarations::default().program(&late);
+    let devices = |assignment: &Assignment| {
+        let graph = FrameGraph::build(&program, assignment, None);
+        let is_late = |task: &&Task| graph.pass(task).is_some_and(|linked| linked.pass.cut_group == LATE_CUT);
+        let mut devices: Vec<_> = graph.dag.node_weights().filter(is_late).map(|task| task.device).collect();
+        devices.sort_unstable();
+        devices.dedup();
+        devices
+    };
+    assert_eq!([devices(&even), devices(&gathered)], [vec![1, 2], vec![1]]);
+}
+
 #[test]
 fn polar_images_are_mapped_to_the_screen() {
     let screen = Extent::new(96, 270);
@@ -129,6 +167,15 @@ fn polar_images_are_mapped_to_the_screen() {
     let outputs: Vec<_> = program.outputs().map(|number| program.images()[number].resource).collect();
     let extents = |name| outputs.iter().find(|image| image.name == name).map(|image| image.extent(program.extent));
     assert_eq!([extents("linear"), extents("display"), extents("polar")], [Some(screen), Some(screen), None]);
+    // Which may be rectified.
+    let shown = FrameSpec { shown: Some(Extent::new(48, 135)), aovs: vec![Aov::Albedo], ..polar };
+    let last = ["tonemap", "polar_blur", "to_screen", "to_eye", "tally", "aov", "aov_to_screen", "aov_to_eye"];
+    assert!(stages(&shown).ends_with(&last), "{:?}", stages(&shown));
+    let program = Declarations::default().program(&shown);
+    let images = program.images().iter().map(|image| (image.resource.name, image.resource.extent(program.extent)));
+    let extents: Vec<_> = images.filter(|(name, _)| name.starts_with("rectified")).collect();
+    let rectified = ["rectified", "rectified_display", "rectified_aov"].map(|name| (name, screen));
+    assert_eq!(extents, rectified);
 }
 
 /// A fit reads whole blocks, which reach 31 rows beyond a stripe, and antialiasing has it fit one row more.

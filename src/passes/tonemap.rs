@@ -13,7 +13,7 @@ pub const LINEAR: Resource = Resource::image("linear", 16).output();
 pub const DISPLAY: Resource = Resource::image("display", 4).output();
 
 /// The images that what follows the filter writes: scene-referred and encoded. Polar ones are mapped to those of the
-/// screen, and rectified ones to what the eyes show.
+/// screen, and rectified ones, which these may be, to what the eyes show.
 pub fn finished(spec: &FrameSpec) -> [Resource; 2] {
     match (spec.screen, spec.shown) {
         (Some(_), _) => [polar::LINEAR, polar::DISPLAY],

@@ -5,6 +5,7 @@ pub mod bench;
 pub mod bmfr;
 pub mod csv;
 pub mod frames;
+pub mod headset;
 pub mod html;
 mod json;
 pub mod koskela;

@@ -24,6 +24,7 @@ use crate::scene::projection::Matrices;
 use crate::scene::rig::{Eye, Rig};
 use crate::trace::intervals;
 
+use super::headset::{HeadsetRow, HeadsetSummary};
 use super::json::Lines;
 use super::lanes::round;
 use super::play::{ControlRow, PlaySummary};
@@ -218,6 +219,9 @@ pub struct FrameRow {
     /// What the control loop did, for frames inside a budget.
     #[serde(flatten, skip_serializing_if = "Option::is_none")]
     pub control: Option<ControlRow>,
+    /// How it came to a headset, where it was shown in one.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub headset: Option<HeadsetRow>,
 }
 
 impl FrameRow {
@@ -264,6 +268,7 @@ impl FrameRow {
             stages: StageSum::of(&frame.tasks),
             tasks: Vec::new(),
             control: None,
+            headset: None,
         }
     }
 
@@ -301,6 +306,9 @@ pub struct RunReport {
     /// What eyes are resampled from. It is absent where they show what is rendered.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rectified: Option<RectifiedFrame>,
+    /// Of frames that were shown in a headset.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub headset: Option<HeadsetSummary>,
 }
 
 impl RunReport {
@@ -326,6 +334,7 @@ impl RunReport {
             references: Vec::new(),
             play: None,
             rectified: None,
+            headset: None,
         }
     }
 

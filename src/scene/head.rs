@@ -46,15 +46,40 @@ struct Sample {
     time_s: f64,
     position_m: [f64; 3],
     orientation: [f64; 4],
-    /// Of both eyes, fractions of their images from the top left.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    gaze: Option<[f64; 2]>,
+    gaze: Option<EyesGaze>,
+}
+
+/// Where the left and the right eye look, fractions of each one's image from the top left: in files two numbers for both, or
+/// four.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(try_from = "Vec<f64>", into = "Vec<f64>")]
+struct EyesGaze([[f64; 2]; 2]);
+
+impl TryFrom<Vec<f64>> for EyesGaze {
+    type Error = &'static str;
+
+    fn try_from(numbers: Vec<f64>) -> Result<Self, Self::Error> {
+        let eyes = match numbers[..] {
+            [x, y] => Some([[x, y]; 2]),
+            [left_x, left_y, right_x, right_y] => Some([[left_x, left_y], [right_x, right_y]]),
+            _ => None,
+        };
+        let are_within = numbers.iter().all(|v| (0.0..=1.0).contains(v));
+        eyes.filter(|_| are_within).map(Self).ok_or("gaze must be two or four numbers from 0 to 1")
+    }
+}
+
+impl From<EyesGaze> for Vec<f64> {
+    fn from(EyesGaze([left, right]): EyesGaze) -> Self {
+        if left == right { left.to_vec() } else { [left, right].concat() }
+    }
 }
 
 impl Sample {
     /// What is wrong with it, if anything is.
     fn fault(&self, last_s: Option<f64>) -> Option<String> {
-        let Self { time_s, position_m, orientation, gaze } = self;
+        let Self { time_s, position_m, orientation, .. } = self;
         let length = DQuat::from_array(*orientation).length();
         let is_finite = |values: &[f64]| values.iter().all(|v| v.is_finite());
         if !is_finite(&[*time_s]) || !is_finite(position_m) || !is_finite(orientation) {
@@ -63,11 +88,26 @@ impl Sample {
         if (length - 1.0).abs() > LENGTH_SLACK {
             return Some(format!("orientation {orientation:?} has the length {length:.3} and must have 1"));
         }
-        if gaze.is_some_and(|gaze| !gaze.iter().all(|v| (0.0..=1.0).contains(v))) {
-            return Some("gaze must be two numbers from 0 to 1".to_owned());
-        }
         let last_s = last_s.filter(|last_s| time_s <= last_s)?;
         Some(format!("time_s {time_s} is not after the {last_s} of the sample before"))
+    }
+}
+
+/// Where a head is, metres, and how it is turned: from its axes to those of the space that it is in.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct HeadPose {
+    pub position_m: DVec3,
+    /// Of unit length.
+    pub orientation: DQuat,
+}
+
+impl HeadPose {
+    /// Where something is that is there in the head.
+    pub fn then(self, own: Self) -> Self {
+        Self {
+            position_m: self.position_m + self.orientation * own.position_m,
+            orientation: (self.orientation * own.orientation).normalize(),
+        }
     }
 }
 
@@ -91,6 +131,24 @@ impl Space {
         let axes = DMat3::from_cols(right, up, right.cross(up));
         let world_from_space = DQuat::from_mat3(&axes).normalize();
         Self { origin: first.position, world_from_space, metres_per_unit: rig.metres_per_unit, eyes: None }
+    }
+
+    /// With a head that has these eyes. One that had others keeps the size of the frame that they shared.
+    ///
+    /// # Errors
+    /// A sentence, if they are no pair of eyes.
+    pub fn with_eyes(self, eyes: HeadEyes) -> Result<Self, String> {
+        let mut shared = eyes.rectified()?;
+        if let Some((_, before)) = self.eyes {
+            shared.optics.tan_half = before.optics.tan_half;
+        }
+        Ok(Self { eyes: Some((eyes, shared)), ..self })
+    }
+
+    /// A shot's rig where the head is there.
+    pub fn rig_at(&self, HeadPose { position_m, orientation }: HeadPose, shot: &Rig) -> Rig {
+        let sample = Sample { time_s: 0.0, position_m: position_m.into(), orientation: orientation.into(), gaze: None };
+        self.rig_of(vec![self.key(&sample)], shot)
     }
 
     /// Where the rig is in the head: metres, and turned.
@@ -119,13 +177,13 @@ impl Space {
         RigKey::turned(sample.time_s, position, self.world_from_space * head * turned)
     }
 
-    fn sample(&self, time_s: f64, key: &RigKey, gaze: Option<[f64; 2]>) -> Sample {
+    fn sample(&self, time_s: f64, key: &RigKey, gaze: Option<[[f64; 2]; 2]>) -> Sample {
         let (between_m, turned) = self.head_from_rig();
         let space_from_world = self.world_from_space.conjugate();
         let orientation = (space_from_world * key.orientation() * turned.conjugate()).normalize();
         let position_m =
             space_from_world * (key.position - self.origin) * self.metres_per_unit - orientation * between_m;
-        Sample { time_s, position_m: position_m.into(), orientation: orientation.into(), gaze }
+        Sample { time_s, position_m: position_m.into(), orientation: orientation.into(), gaze: gaze.map(EyesGaze) }
     }
 }
 
@@ -179,8 +237,8 @@ impl HeadMotion {
     /// # Errors
     /// A sentence, if they are no pair of eyes.
     pub fn space(&self, shot: &Rig) -> Result<Space, String> {
-        let eyes = self.eyes.map(|eyes| Ok::<_, String>((eyes, eyes.rectified()?))).transpose()?;
-        Ok(Space { eyes, ..Space::of(shot) })
+        let space = Space::of(shot);
+        self.eyes.map_or(Ok(space), |eyes| space.with_eyes(eyes))
     }
 
     /// The rig of a shot, moved as the head is, in the shot's space. It turns spherically between samples. With eyes that
@@ -199,16 +257,20 @@ impl HeadMotion {
         }
     }
 
-    /// Where both eyes look, if a sample says so.
-    pub fn gaze(&self) -> Option<Gaze> {
-        let path: Vec<_> = self.samples.iter().filter_map(|s| s.gaze.map(|[x, y]| [s.time_s, x, y])).collect();
-        (!path.is_empty()).then_some(Gaze { path })
+    /// Where the left and the right eye look, if a sample says so.
+    pub fn gaze(&self) -> Option<[Gaze; 2]> {
+        let told = || self.samples.iter().filter_map(|s| Some((s.time_s, s.gaze?.0)));
+        let path = |eye: usize| told().map(|(time_s, eyes)| [time_s, eyes[eye][0], eyes[eye][1]]).collect();
+        told().next().is_some().then(|| [0, 1].map(|eye| Gaze { path: path(eye) }))
     }
 }
 
 /// A line as JSON.
 fn from_line<'a, T: Deserialize<'a>>(number: usize, line: &'a [u8]) -> Result<T, String> {
-    let place = |error: serde_json::Error| error.to_string().replace(" at line 1 column ", ", column ");
+    let place = |error: serde_json::Error| {
+        // Which may quote what the line has.
+        error.to_string().replace(" at line 1 column ", ", column ").replace(char::is_control, " ")
+    };
     serde_json::from_slice(line).map_err(|error| format!("line {number}: {}", place(error)))
 }
 
@@ -227,7 +289,7 @@ impl Recording {
 
     /// Adds where the rig is at `at_s` as the sample of `time_s`, unless that is no later than the one before, or there
     /// are as many as files may have.
-    pub fn add(&mut self, time_s: f64, rig: &Rig, at_s: f64, gaze: Option<[f64; 2]>) {
+    pub fn add(&mut self, time_s: f64, rig: &Rig, at_s: f64, gaze: Option<[[f64; 2]; 2]>) {
         if self.samples.len() < MOST_SAMPLES && self.samples.last().is_none_or(|last| last.time_s < time_s) {
             self.samples.push(self.space.sample(time_s, &rig.key_at(at_s), gaze));
         }

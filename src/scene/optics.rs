@@ -228,6 +228,21 @@ impl Optics {
         [0, 1].map(|i| self.tan_half[i] * sides[i] / (sides[i] - 2.0 * MARGIN_PX).max(1.0))
     }
 
+    /// Whether what eyes show in images of this size is what is rendered for such a size, to a part of a pixel: both look the same
+    /// way and see all of a frame with square pixels.
+    pub fn is_plain(&self, size: Extent) -> bool {
+        let [x, y] = self.tan_half;
+        let (width, height) = (f64::from(size.width), f64::from(size.height));
+        let slack = [x / width, y / height].map(|pixel| 0.1 * pixel);
+        let sees_all = |Lens { axes, tan: Fov { left, right, up, down } }: &Lens| {
+            let off = [(left + x, 0), (right - x, 0), (up - y, 1), (down + y, 1)];
+            axes.abs_diff_eq(DMat3::IDENTITY, slack[0].min(slack[1]))
+                && off.iter().all(|(off, axis)| off.abs() < slack[*axis])
+        };
+        let is_square = (x * height - y * width).abs() < slack[0] * height;
+        is_square && self.lenses.iter().all(sees_all)
+    }
+
     /// Of a rig without optics, whose images have this size: they are rendered with so many degrees more on all sides, which
     /// are there to be shown when the head turns.
     pub fn with_border(rig: &Rig, size: Extent, border_deg: f64) -> Self {
@@ -263,6 +278,17 @@ impl Optics {
         let turned = rendered_from_world * DMat3::from_cols(now[0], now[1], now[2]);
         let points = self.rectified_points(grid);
         (points * turned * self.lenses[eye as usize].rays(size), points * (rendered_from_world * (to - from)))
+    }
+
+    /// Where the rectified image has a point of the image of an eye, both in pixels from the top left, and how many pixels it
+    /// has there for one of the eye's, along an axis: the root of how many for its area.
+    pub fn rectified_point(&self, eye: Eye, [size, grid]: [Extent; 2], [x, y]: [f64; 2]) -> ([f64; 2], f64) {
+        let columns = self.homography(eye, size, grid);
+        let seen = columns * DVec3::new(x, y, 1.0);
+        let point = DVec2::new(seen.x, seen.y) / seen.z;
+        let step = |column: DVec3| (DVec2::new(column.x, column.y) - point * column.z) / seen.z;
+        let jacobian = DMat2::from_cols(step(columns.x_axis), step(columns.y_axis));
+        (point.to_array(), jacobian.determinant().abs().sqrt())
     }
 
     /// From a point relative to an eye, in its rig's right, up and forward, to its place in the rectified image, times its

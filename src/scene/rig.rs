@@ -182,6 +182,12 @@ impl Rig {
         Rig { keys: vec![self.key_at(time_s)], ..*self }
     }
 
+    /// The same rig, without optics where images of this size need none.
+    pub fn plain_at(self, size: Extent) -> Rig {
+        let optics = self.optics.filter(|optics| !optics.is_plain(size));
+        Rig { optics, ..self }
+    }
+
     /// Where the eye is, and its right, up and forward vectors.
     pub(super) fn pose(&self, time_s: f64, eye: Eye) -> (DVec3, [DVec3; 3]) {
         let key = self.key_at(time_s);

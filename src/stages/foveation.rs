@@ -4,6 +4,8 @@ use glam::{Vec2, Vec4};
 
 use super::layout;
 use crate::image::Extent;
+use crate::scene::optics::Optics;
+use crate::scene::rig::Eye;
 use crate::scene::shot::Gaze;
 
 /// Sampling and filtering that follow the gaze (Peres, sections 4.2 and 4.4). The gaze may move with every frame.
@@ -61,11 +63,36 @@ impl Foveation {
         (radii.map(|r| r * f64::from(width)), [x * f64::from(width), y * f64::from(height)])
     }
 
-    /// The constants of a frame of so many pixels, but for the iterations. Without radii all of it is the inner layer.
-    pub(crate) fn describe(&self, extent: Extent, time_s: f64, radii: Option<[f64; 2]>) -> layout::Foveation {
+    /// Radii and gaze of both eyes where images of this size are rendered: where eyes show what is resampled from a frame with
+    /// this grid, circles in that frame, around where it has the gaze and as wide there as they are for either eye.
+    pub fn circles_rendered(
+        &self,
+        radii: [f64; 2],
+        time_s: f64,
+        extent: Extent,
+        rectified: Option<(&Optics, Extent)>,
+    ) -> ([f64; 2], [[f64; 2]; 2]) {
+        let [(left_radii, left), (right_radii, right)] = Eye::ALL.map(|eye| {
+            let (radii, gaze) = self.circles_of(radii, eye as usize, time_s, extent.width, extent.height);
+            rectified.map_or((radii, gaze), |(optics, grid)| {
+                let (gaze, density) = optics.rectified_point(eye, [extent, grid], gaze);
+                (radii.map(|radius| radius * density), gaze)
+            })
+        });
+        ([0, 1].map(|i| left_radii[i].max(right_radii[i])), [left, right])
+    }
+
+    /// The constants of a frame that eyes show at this size, but for the iterations. Without radii all of it is the inner
+    /// layer.
+    pub(crate) fn describe(
+        &self,
+        extent: Extent,
+        time_s: f64,
+        radii: Option<[f64; 2]>,
+        rectified: Option<(&Optics, Extent)>,
+    ) -> layout::Foveation {
         let radii = radii.unwrap_or(EVERYWHERE);
-        let circles = |eye| self.circles_of(radii, eye, time_s, extent.width, extent.height);
-        let [(radii, left), (_, right)] = [0, 1].map(circles);
+        let (radii, [left, right]) = self.circles_rendered(radii, time_s, extent, rectified);
         layout::Foveation {
             gaze: Vec4::from([left[0], left[1], right[0], right[1]].map(|c| c as f32)),
             unsampled_share: self.unsampled_share as f32,

@@ -72,8 +72,8 @@ pub struct StageSettings {
     pub foveation: Option<Foveation>,
     /// None: images are those of the screen.
     pub polar: Option<Polar>,
-    /// Columns and rows of the rectified images that are traced, where eyes show others: of a rig with
-    /// [`optics`](crate::scene::rig::Rig::optics), which go with no images around the gaze.
+    /// Columns and rows of the rectified images, where eyes show others: of a rig with
+    /// [`optics`](crate::scene::rig::Rig::optics).
     pub rectified: Option<Extent>,
     /// Whether rectified images may be shown as from another place than they are rendered from.
     pub is_late: bool,
@@ -113,15 +113,19 @@ impl StageSettings {
         }
     }
 
+    /// The columns and rows of the pinholes' images: what eyes show, or is rectified.
+    pub fn screen(&self) -> Extent {
+        self.rectified.unwrap_or(self.extent)
+    }
+
     /// The columns and rows of the images that are traced.
     pub fn grid(&self) -> Extent {
-        let own = self.rectified.unwrap_or(self.extent);
-        self.polar.as_ref().map_or(own, |polar| polar.grid(own))
+        self.polar.as_ref().map_or(self.screen(), |polar| polar.grid(self.screen()))
     }
 
     /// How many pixels the image of an eye has.
     pub(crate) fn pixels(&self, view: &layout::View) -> u64 {
-        self.polar.as_ref().map_or(self.grid().area() as u64, |polar| polar.pixels(view, self.extent))
+        self.polar.as_ref().map_or(self.grid().area() as u64, |polar| polar.pixels(view, self.screen()))
     }
 
     /// Whether the samples of a frame of `spp` are spread over the pixel: one alone goes through its centre.

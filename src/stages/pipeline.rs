@@ -1,13 +1,14 @@
 //! Tasks recorded with a device's pipelines.
 
 use std::collections::HashMap;
+use std::mem::offset_of;
 use std::ops::Range;
 use std::sync::Arc;
 
 use super::StageSettings;
 use super::compile::{Built, StageError, buffer_entry, build};
 use super::images::{Images, Place};
-use super::layout::{Frame, PassConstants, View};
+use super::layout::{Camera, Frame, PassConstants, Shown, View};
 use super::limits;
 use super::scene_tables::{SceneBuffers, SceneTables, SceneUpdate, changing_entries, layout_entries, scene_buffers};
 use super::task::{StageTask, Stamps};
@@ -149,6 +150,12 @@ impl DeviceStages {
             gpu.queue.write_buffer(input(&self.images, pose), 0, bytemuck::cast_slice(&update.pose));
         }
         self.scene.update(gpu, update);
+    }
+
+    /// Sets what the eyes show of the frame, for submissions from here on.
+    pub fn show(&self, gpu: &GpuDevice, shown: &[Shown; 2]) {
+        let at = offset_of!(Frame, camera) + offset_of!(Camera, shown);
+        gpu.queue.write_buffer(&self.frame, at as u64, bytemuck::cast_slice(shown));
     }
 
     pub fn extent(&self) -> Extent {

@@ -49,7 +49,11 @@ impl Polar {
 
     /// An eye's view with its gaze at `time_s`.
     pub(crate) fn look(&self, eye: usize, time_s: f64, view: View, screen: Extent) -> View {
-        let gaze = self.gaze[eye].at(time_s);
+        self.look_at(self.gaze[eye].at(time_s), view, screen)
+    }
+
+    /// An eye's view with this gaze, in fractions of its screen.
+    pub(crate) fn look_at(&self, gaze: [f64; 2], view: View, screen: Extent) -> View {
         let [x, y] = gaze;
         let (across, up) = (2.0 * x as f32 - 1.0, 1.0 - 2.0 * y as f32);
         let at = view.forward + view.right * (across * view.tan_half_x) + view.up * (up * view.tan_half_y);

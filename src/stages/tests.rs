@@ -22,7 +22,7 @@ fn every_pass_does_what_it_declares() {
             }
         }
     }
-    assert_eq!(verified.len(), 20);
+    assert_eq!(verified.len(), 24);
 }
 
 /// A struct's size and its members with their offsets, bytes, as the shader compiler lays it out.

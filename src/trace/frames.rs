@@ -160,6 +160,9 @@ fn record_counters(recorder: &Recorder, frame: &FrameReport, quality: &Quality, 
         recorder.counter("rung", at_us, &[("rung", rung as f64)]);
     }
     recorder.counter("frame time (ms)", at_us, &times);
+    if let Some(age_ms) = frame.pose_age_ms() {
+        recorder.counter("age of the pose (ms)", at_us, &[("age", age_ms)]);
+    }
     recorder.counter("spp", at_us, &[("spp", f64::from(quality.spp))]);
     recorder.counter("bounces", at_us, &[("bounces", f64::from(quality.bounces))]);
     recorder.counter("iterations", at_us, &[("iterations", f64::from(quality.most_iterations()))]);

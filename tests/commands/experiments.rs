@@ -177,6 +177,25 @@ fn log_polar_images_stand_beside_every_pixel_by_rings() {
     }
 }
 
+/// The longer a head has moved on, the further the picture is off, and the more a correction takes of that.
+#[test]
+fn late_frames_are_off_and_corrected_ones_hardly() {
+    let folder = tempfile::tempdir().unwrap();
+    let head = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/head.jsonl");
+    let small = ["--size", "40x30", "--instants", "2", "--reference-spp", "16", "--report"];
+    let rows = rows(folder.path(), &[&["late", "builtin:cornell", "--motion", head], &small[..]].concat());
+    assert_eq!(rows.iter().map(|row| row["latency_frames"].clone()).collect::<Vec<_>>(), [1, 2, 4]);
+    for row in &rows {
+        let [late, corrected, noise] = ["flip", "flip_corrected", "flip_noise"].map(|name| number(&row[name]));
+        assert!(noise > 0.0 && corrected < late && corrected < 1.5 * noise, "{row}");
+        assert!(number(&row["flip_most"]) >= late && number(&row["flip_corrected_most"]) >= corrected, "{row}");
+        assert!(row["instants"] == 2 && number(&row["turned_deg"]) > 0.0 && number(&row["moved_mm"]) > 0.0, "{row}");
+    }
+    assert!(number(&rows[2]["flip"]) > 1.3 * number(&rows[0]["flip"]), "{rows:?}");
+    assert_eq!(text(folder.path(), "late.csv").lines().count(), 1 + rows.len());
+    assert!(text(folder.path(), "report.html").contains("eyes are resampled from a frame that they share"));
+}
+
 #[test]
 fn experiments_refuse_what_does_not_go_with_them() {
     refused(&["leria", "builtin:cornell", "--devices", "0"], &["two devices", "--virtual 2"]);

@@ -75,3 +75,41 @@ fn replayed_motion_gives_the_same_bytes_on_one_to_three_devices() {
         assert!(rendered(devices) == one, "{devices} devices");
     }
 }
+
+/// The eyes of the guide, of a head that rests.
+const EYES: &str = concat!(
+    r#"{"diptych_motion": 1, "eyes": {"left": {"position_m": [-0.032, 0, 0], "orientation": [0, 0.0436, 0, 0.999], "#,
+    r#""fov": {"left": -0.9, "right": 0.7, "up": 0.75, "down": -0.85}}, "#,
+    r#""right": {"position_m": [0.032, 0, 0], "orientation": [0, -0.0436, 0, 0.999], "#,
+    r#""fov": {"left": -0.7, "right": 0.9, "up": 0.75, "down": -0.85}}}}"#,
+    "\n",
+    r#"{"time_s": 0, "position_m": [0, 0, 0], "orientation": [0, 0, 0, 1], "gaze": [0.3, 0.4]}"#,
+);
+
+/// Layers and what is drawn of them are where the eyes look, and images around the gaze are of their size.
+#[test]
+fn eyes_that_are_not_alike_have_a_gaze() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = |name: &str| folder.path().join(name).to_str().unwrap().to_owned();
+    let (motion, layers, polar) = (path("eyes.jsonl"), path("layers"), path("polar"));
+    std::fs::write(&motion, EYES).unwrap();
+    let run = ["render", "builtin:cornell", "--motion", &motion, "--size", "36x40", "--frames", "1", "--warm-up", "0"];
+    let with = |more: &[&'static str], out| [&run[..], more, &["--out", out]].concat();
+    ran(&with(&["--foveation", "layers", "--overlay", "--aov", "motion", "--virtual", "2"], &layers));
+    ran(&with(&["--foveation", "visual-polar"], &polar));
+    let drawn = image::open(Path::new(&layers).join("stereo.png")).unwrap().to_rgb8();
+    let of_colour = |colour: [u8; 3], columns: std::ops::Range<u32>| {
+        let all = drawn.enumerate_pixels().filter(|(x, _, pixel)| columns.contains(x) && pixel.0 == colour);
+        all.map(|(x, y, _)| [f64::from(x - columns.start), f64::from(y)]).collect::<Vec<_>>()
+    };
+    for columns in [0..36, 36..72] {
+        let circles = of_colour([0, 220, 255], columns.clone());
+        let mean = [0, 1].map(|i| circles.iter().map(|at| at[i]).sum::<f64>() / circles.len() as f64);
+        assert!(circles.len() > 20 && (mean[0] - 10.8).abs() < 3.0 && (mean[1] - 16.0).abs() < 3.0, "{mean:?}");
+        assert!(of_colour([255, 160, 0], columns).len() >= 20, "stripes meet somewhere");
+    }
+    assert!(run_json(Path::new(&polar))["rectified"]["pixels_ratio"].as_f64().unwrap() > 1.0);
+    let output = diptych(&with(&["--foveation", "visual-polar", "--overlay"], &polar));
+    let text = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(2) && text.contains("--overlay") && text.lines().count() == 1, "{text}");
+}

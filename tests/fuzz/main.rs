@@ -8,6 +8,7 @@ mod bytes;
 mod files;
 mod glb;
 mod images;
+mod motion;
 mod shots;
 
 use std::fmt::Debug;

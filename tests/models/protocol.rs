@@ -29,6 +29,7 @@ impl Worker {
                 Action::Begin { .. }
                 | Action::Record { .. }
                 | Action::RecordTimestamps { .. }
+                | Action::Ask { .. }
                 | Action::Close { .. }
                 | Action::Submit { .. }
                 | Action::SubmitUploads { .. }
@@ -40,8 +41,9 @@ impl Worker {
 }
 
 /// The tasks of a frame on a device: every device needs rows of every other, and the primary needs all of them for the
-/// stitch. If `in_order`, rows leave before others are waited for, as the common order of tasks has it.
-fn script(ticket: Ticket, device: Device, left: &[Device], submits_often: bool, in_order: bool) -> Arc<Script> {
+/// stitch, or, if it `asks` for a pose, to show the frame. If `in_order`, rows leave before others are waited for, as the common order of tasks has it.
+fn script(ticket: Ticket, device: Device, left: &[Device], rules: Rules) -> Arc<Script> {
+    let Rules { submits_often, in_order, asks, .. } = rules;
     let others = || left.iter().copied().filter(move |d| *d != device);
     let transfer = |round: u32, from: Device, to: Device| round * 100 + from as u32 * 10 + to as u32;
     let sends = others().map(|to| Step::Download { transfer: transfer(0, device, to), to });
@@ -55,7 +57,12 @@ fn script(ticket: Ticket, device: Device, left: &[Device], submits_often: bool, 
     }
     let mut stitch = Vec::new();
     if device == left[0] {
-        stitch.extend(others().map(|from| Step::Upload { transfer: transfer(1, from, device) }));
+        let last = others().map(|from| Step::Upload { transfer: transfer(1, from, device) });
+        if asks {
+            own.extend(last.chain([Step::LateDispatch { is_cut: false }; 2]));
+        } else {
+            stitch.extend(last);
+        }
         stitch.push(Step::Stitch);
     } else {
         own.extend([Step::Dispatch, Step::Download { transfer: transfer(1, device, left[0]), to: left[0] }]);
@@ -103,6 +110,8 @@ struct Rules {
     fresh_tickets: bool,
     /// Whether rows leave before others are waited for.
     in_order: bool,
+    /// Whether the primary asks for the pose that a frame is shown from.
+    asks: bool,
 }
 
 const RULES: Rules = Rules {
@@ -114,6 +123,7 @@ const RULES: Rules = Rules {
     submits_often: false,
     fresh_tickets: true,
     in_order: true,
+    asks: false,
 };
 
 #[derive(Debug, PartialEq)]
@@ -153,7 +163,7 @@ impl World {
         let asked = self.ledger.ask(self.left.clone());
         let told = if rules.fresh_tickets { asked } else { Ticket::from(frame) };
         for &device in &self.left {
-            let script = script(told, device, &self.left, rules.submits_often, rules.in_order);
+            let script = script(told, device, &self.left, rules);
             self.workers[device].commands.push_back((told, script));
         }
         self.attempts.push_back(Attempt { asked, told, frame, answers: None });
@@ -326,8 +336,8 @@ fn explore(rules: Rules) -> Result<usize, Wrong> {
 fn every_order_of_events_ends() {
     let cases = [(1, 2, 1, 1), (2, 3, 1, 0), (2, 2, 1, 2), (3, 1, 1, 1), (1, 3, 2, 1), (2, 3, 2, 0), (2, 2, 2, 1)];
     for (devices, frames, in_flight, faults) in cases {
-        for (submit_blocks, submits_often) in [(true, true), (false, false)] {
-            let rules = Rules { devices, frames, in_flight, faults, submit_blocks, submits_often, ..RULES };
+        for (submit_blocks, submits_often, asks) in [(true, true, false), (false, false, false), (false, false, true)] {
+            let rules = Rules { devices, frames, in_flight, faults, submit_blocks, submits_often, asks, ..RULES };
             let states = explore(rules);
             let states = states.unwrap_or_else(|e| panic!("{e:?} of {devices} devices after {faults} faults"));
             println!("{devices} devices, {frames} frames, {in_flight} in flight, {faults} faults: {states} states");

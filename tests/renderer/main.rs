@@ -11,6 +11,7 @@ mod foveation;
 mod gbuffer;
 mod instances;
 mod kernels;
+mod late;
 mod lights;
 mod loss;
 mod moving;

@@ -217,7 +217,7 @@ fn with_moving_gaze(
     let mut before: [Option<([Pair; 2], Viewing)>; ARRANGEMENTS.len()] = Default::default();
     for i in 0..all {
         let gaze = turned(from, tan_half(loaded, options), GAZE_DEG_PER_S * f64::from(i + 1) / FPS);
-        turns.renderers.iter_mut().for_each(|renderer| renderer.set_gaze(gaze));
+        turns.renderers.iter_mut().for_each(|renderer| renderer.set_gaze([gaze; 2]));
         turns.render(options.time, all + i)?;
         if i < warm_up {
             continue;

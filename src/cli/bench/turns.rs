@@ -12,6 +12,7 @@ use diptych::trace::frames::record_devices;
 use super::grid::FRAMES_MAX;
 use crate::cli::failure::Failure;
 use crate::cli::faults::refuse_faults;
+use crate::cli::foveation::FoveationMode;
 use crate::cli::interrupt;
 use crate::cli::options::RenderOptions;
 use crate::cli::progress::Progress;
@@ -38,6 +39,10 @@ impl<'a> Turns<'a> {
     /// Adds a renderer, under a name of its own, with devices that are its alone.
     pub fn add(&mut self, name: String, options: RenderOptions, gpus: Devices) -> Result<(), Failure> {
         let begin = Instant::now();
+        if self.loaded.shot.rig.optics.is_some() && options.foveated.foveation != FoveationMode::None {
+            let what = "--motion: the experiment compares pixels around the gaze of eyes that are alike, and it describes others";
+            return Err(Failure::Input(anyhow::anyhow!(what)));
+        }
         let renderer = setup::renderer(&options, self.loaded, gpus, self.tracing.recorder.origin())?;
         self.warm_up_s += begin.elapsed().as_secs_f64();
         record_devices(&self.tracing.recorder, renderer.devices());

@@ -94,11 +94,11 @@ impl Session {
         Decided { decision, decide_ms: begin.elapsed().as_secs_f64() * 1e3 }
     }
 
-    /// Where both eyes look in the frame of that time, if that matters.
-    pub fn gaze(&self, time_s: f64) -> Option<[f64; 2]> {
-        let of_layers = self.renderer.foveation().map(|layers| &layers.gaze[0]);
-        let of_polar = self.renderer.polar().map(|polar| &polar.gaze[0]);
-        of_layers.or(of_polar).map(|gaze| gaze.at(time_s))
+    /// Where the left and the right eye look in the frame of that time, if that matters.
+    pub fn gaze(&self, time_s: f64) -> Option<[[f64; 2]; 2]> {
+        let of_layers = self.renderer.foveation().map(|layers| &layers.gaze);
+        let of_polar = self.renderer.polar().map(|polar| &polar.gaze);
+        of_layers.or(of_polar).map(|eyes| eyes.each_ref().map(|gaze| gaze.at(time_s)))
     }
 
     /// Radii of the foveal layers that a frame has.

@@ -21,6 +21,8 @@ pub struct Painted {
 pub struct Parts {
     pub panel: bool,
     pub help: bool,
+    /// Where there are keys, which one lists them.
+    pub hint: bool,
 }
 
 pub struct Overlay {
@@ -100,7 +102,7 @@ impl Overlay {
             }
             if parts.help {
                 area(ui, "help", Align2::RIGHT_TOP, help);
-            } else if parts.panel {
+            } else if parts.panel && parts.hint {
                 area(ui, "hint", Align2::RIGHT_TOP, |ui| {
                     ui.label(RichText::new("H: keys").color(DIM));
                 });

@@ -50,7 +50,7 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
         let passed_s = (now - std::mem::replace(&mut before, now)).as_secs_f64().min(LONGEST_STEP_S);
         let (rig, time_s) = camera.step(&input, passed_s);
         if let Some(gaze) = input.gaze {
-            session.renderer.set_gaze(gaze);
+            session.renderer.set_gaze([gaze; 2]);
         }
         let (row, _) = session.render(decided, late_ms, &rig, time_s, index)?;
         motion.add(time_s, &rig, time_s, session.gaze(time_s));
@@ -73,13 +73,13 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
 }
 
 /// A tenth of the scene's diagonal.
-fn speed_per_s(scene: &Scene) -> f64 {
+pub fn speed_per_s(scene: &Scene) -> f64 {
     let bounds = scene.bounds();
     let diagonal = f64::from((bounds.max - bounds.min).length());
     if diagonal.is_finite() && diagonal > 0.0 { diagonal / 10.0 } else { 1.0 }
 }
 
-fn frame_news(row: FrameRow) -> FrameNews {
+pub fn frame_news(row: FrameRow) -> FrameNews {
     FrameNews {
         at: Instant::now(),
         makespan_ms: row.makespan_ms,

@@ -68,6 +68,17 @@ pub struct FrameNews {
     pub stripes: Vec<u32>,
 }
 
+impl News {
+    pub fn add(&mut self, frame: FrameNews) {
+        self.count += 1;
+        self.in_band += u64::from(frame.in_band);
+        if self.frames.len() == REMEMBERED {
+            self.frames.pop_front();
+        }
+        self.frames.push_back(frame);
+    }
+}
+
 fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
@@ -89,14 +100,8 @@ impl Shared {
     pub fn show(&self, picture: EyeImages, frame: FrameNews, change: impl FnOnce(&mut News)) {
         let mut output = locked(&self.output);
         output.picture = Some(picture);
-        let news = &mut output.news;
-        news.count += 1;
-        news.in_band += u64::from(frame.in_band);
-        if news.frames.len() == REMEMBERED {
-            news.frames.pop_front();
-        }
-        news.frames.push_back(frame);
-        change(news);
+        output.news.add(frame);
+        change(&mut output.news);
     }
 
     /// The newest picture, if it was not taken before, and what there is to tell.

@@ -101,7 +101,7 @@ impl App {
             news: News::default(),
             drawing: Drawing::default(),
             layout: Layout::default(),
-            parts: Parts { panel: true, help: false },
+            parts: Parts { panel: true, help: false, hint: true },
             held: HashSet::new(),
             pointer: [0.0; 2],
             drags: false,

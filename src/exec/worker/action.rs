@@ -45,6 +45,10 @@ pub enum Action<B> {
     RecordTimestamps {
         ticket: u64,
     },
+    /// Wait until the device has done what was submitted, and ask for the pose that the frame is shown from.
+    Ask {
+        ticket: u64,
+    },
     /// End the command encoder, which is what takes the host's time.
     Close {
         ticket: u64,

@@ -12,7 +12,7 @@ use crate::exec::{ExecError, InjectedKind};
 use crate::graph::{Bound, Program, Task, TaskKind};
 use crate::scene::rig::Eye;
 use crate::schedule::Position;
-use crate::stages::{DeviceStages, Place, SceneTables, StageSettings, StageTask, Stamps};
+use crate::stages::{DeviceStages, Place, SceneTables, StageSettings, StageTask, Stamps, layout};
 
 pub struct WorkerDevice {
     pub gpu: GpuDevice,
@@ -75,6 +75,11 @@ impl WorkerDevice {
     pub fn begin(&mut self, job: &FrameJob, program: &Arc<Program>) {
         self.stamps.reset();
         self.stages.set_frame(&self.gpu, program, &job.constants, &job.previous, &job.update, job.place);
+    }
+
+    /// Changes what the eyes show of the frame, as its submissions from here on see it.
+    pub fn show(&self, shown: &[layout::Shown; 2]) {
+        self.stages.show(&self.gpu, shown);
     }
 
     pub fn encoder(&self) -> wgpu::CommandEncoder {

@@ -6,11 +6,13 @@ use std::sync::Arc;
 use super::device::WorkerDevice;
 use super::script::{Script, Step};
 use crate::device::DeviceFailure;
+use crate::exec::late::SampledPose;
 use crate::exec::messages::{Bytes, FrameJob, FrameReply, TaskTime};
 use crate::exec::output::Output;
 use crate::exec::planner::Graphs;
 use crate::exec::staging::{ReadBack, Recorded};
 use crate::graph::{FrameGraph, Task, TaskKind};
+use crate::passes::LATE_CUT;
 use crate::schedule::parts;
 
 /// What a worker knows of a frame until it has answered. Tasks go by their numbers among those of the device.
@@ -39,6 +41,7 @@ pub struct Part {
     stamped: Vec<(usize, u32, u32)>,
     /// Images on their way to the host.
     images: Vec<[ReadBack; 2]>,
+    shown_from: Option<Box<SampledPose>>,
 }
 
 impl Part {
@@ -60,6 +63,7 @@ impl Part {
             times: Vec::new(),
             stamped: Vec::new(),
             images: Vec::new(),
+            shown_from: None,
         }
     }
 
@@ -71,8 +75,10 @@ impl Part {
     /// What is to be done for it.
     pub fn script(&self, ticket: u64) -> Script {
         let is_cut = |number: usize| self.job.cuts.iter().any(|cut| cut.task == number);
-        let steps =
-            |tasks: &[Task]| tasks.iter().enumerate().map(|(i, task)| step(task, is_cut(i))).collect::<Vec<_>>();
+        let shows = |task: &Task| self.graph.pass(task).is_some_and(|linked| linked.pass.cut_group == LATE_CUT);
+        let is_late = |task: &Task| self.job.late.is_some() && shows(task);
+        let step = |(i, task): (usize, &Task)| step(task, is_cut(i), is_late(task));
+        let steps = |tasks: &[Task]| tasks.iter().enumerate().map(step).collect::<Vec<_>>();
         let (own, stitch) = self.graph.parts_of(self.device);
         Script::new(ticket, &steps(own), &steps(stitch), self.job.injected)
     }
@@ -114,6 +120,23 @@ impl Part {
     pub fn close(&mut self) {
         let _span = tracing::info_span!("encode").entered();
         self.commands = self.encoder.take().map(wgpu::CommandEncoder::finish);
+    }
+
+    /// Waits until the device has done what was submitted, then asks for the pose that the frame is shown from, which the
+    /// next submission sees.
+    ///
+    /// # Errors
+    /// What went wrong on the device, or that it took too long.
+    pub fn ask(&mut self, device: &WorkerDevice) -> Result<(), DeviceFailure> {
+        let Some(late) = &self.job.late else { return Ok(()) };
+        if let Some(last) = &self.last {
+            device.has_ended(last, true, self.frame())?;
+        }
+        if let Some((pose, shown)) = late.ask(device.now_ms()) {
+            device.show(&shown);
+            self.shown_from = Some(Box::new(pose));
+        }
+        Ok(())
     }
 
     /// Submits what is recorded.
@@ -216,13 +239,15 @@ impl Part {
         let images = self.images.drain(..).map(|back| device.take(back)).collect::<Result<_, _>>()?;
         let times = std::mem::take(&mut self.times);
         let clock_residual_us = device.clock_residual_us();
-        Ok(Some(FrameReply { times, clock_residual_us, begin_ms: self.begin_ms, end_ms: self.end_ms, images }))
+        let (begin_ms, end_ms, shown_from) = (self.begin_ms, self.end_ms, self.shown_from.take());
+        Ok(Some(FrameReply { times, clock_residual_us, begin_ms, end_ms, images, shown_from }))
     }
 }
 
 /// A task, as far as the order of actions depends on it.
-fn step(task: &Task, is_cut: bool) -> Step {
+fn step(task: &Task, is_cut: bool, is_late: bool) -> Step {
     match task.kind {
+        TaskKind::Dispatch { .. } if is_late => Step::LateDispatch { is_cut },
         TaskKind::Dispatch { .. } if is_cut => Step::CutDispatch,
         TaskKind::Dispatch { .. } => Step::Dispatch,
         TaskKind::Download { transfer, to, .. } => Step::Download { transfer, to },

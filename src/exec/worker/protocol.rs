@@ -220,6 +220,9 @@ impl<B> Protocol<B> {
         let action = match script.own.get(at) {
             Some(Operation::Write { task, transfer }) => return self.receive(ticket, *task, *transfer),
             Some(Operation::Submit(_)) if self.submit_blocks && !self.outgoing.is_empty() => return self.send(),
+            // Others need not wait meanwhile.
+            Some(Operation::Ask) if !self.outgoing.is_empty() => return self.send(),
+            Some(Operation::Ask) => Some(Action::Ask { ticket }),
             Some(Operation::Submit(copies)) => {
                 self.outgoing.extend(copies);
                 self.at = At::Oldest { waits: false };

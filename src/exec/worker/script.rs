@@ -8,6 +8,10 @@ pub enum Step {
     Dispatch,
     /// A dispatch that is spread over several submissions.
     CutDispatch,
+    /// A dispatch that shows the frame from a pose that is asked for when the device has done all before.
+    LateDispatch {
+        is_cut: bool,
+    },
     /// Rows leave for device `to`.
     Download {
         transfer: u32,
@@ -34,6 +38,8 @@ pub(super) enum Operation {
     /// Put a dispatch or a copy of rows into the command encoder, by the number of the task.
     Record(usize),
     RecordTimestamps,
+    /// Ask for the pose that the frame is shown from.
+    Ask,
     /// End the command encoder.
     Close,
     /// Submit what is recorded, with copies of these rows.
@@ -62,22 +68,34 @@ impl Script {
     /// What is recorded is submitted as late as possible: when rows must be waited for, and at the end. Copies leave
     /// together, as soon as the last of a run of them is recorded. Rows are waited for once everything up to the next
     /// submission is recorded, at whose head they are written: the host records while the device is at the work before.
+    /// Late dispatches come last, so that all rows are there when a pose is asked for.
     pub fn new(ticket: u64, own: &[Step], stitch: &[Step], injected: Option<InjectedKind>) -> Self {
         let mut builder = Builder::default();
         builder.operations.push(Operation::Begin);
-        for (i, step) in own.iter().enumerate() {
-            if let Some(kind) = injected.filter(|_| i == own.len() / 2) {
+        let is_late = |(_, step): &(usize, &Step)| matches!(step, Step::LateDispatch { .. });
+        let (late, first): (Vec<_>, Vec<_>) = own.iter().enumerate().partition(is_late);
+        let begins_late = first.len();
+        for (at, (i, step)) in first.into_iter().chain(late).enumerate() {
+            if let Some(kind) = injected.filter(|_| at == own.len() / 2) {
                 builder.submit();
                 builder.write();
                 builder.operations.push(Operation::Inject(kind));
             }
-            if !builder.copies.is_empty() && !matches!(step, Step::Download { .. }) {
+            if at == begins_late || !builder.copies.is_empty() && !matches!(step, Step::Download { .. }) {
                 builder.submit();
             }
+            builder.asks |= at == begins_late;
             match *step {
                 Step::Dispatch => builder.record(Operation::Record(i)),
                 Step::CutDispatch => {
                     builder.write();
+                    builder.record(Operation::Record(i));
+                }
+                Step::LateDispatch { is_cut } => {
+                    if is_cut {
+                        builder.write();
+                        builder.ask();
+                    }
                     builder.record(Operation::Record(i));
                 }
                 Step::Download { transfer, to } => {
@@ -94,7 +112,7 @@ impl Script {
         if own.is_empty() {
             builder.operations.extend(injected.map(Operation::Inject));
         }
-        if own.iter().any(|step| matches!(step, Step::Dispatch | Step::CutDispatch)) {
+        if own.iter().any(|step| matches!(step, Step::Dispatch | Step::CutDispatch | Step::LateDispatch { .. })) {
             builder.record(Operation::RecordTimestamps);
         }
         builder.submit();
@@ -120,6 +138,8 @@ struct Builder {
     copies: Vec<Outgoing>,
     /// Behind the last submission, and before the next one.
     writes: Vec<Operation>,
+    /// Whether what is recorded needs a pose that is not asked for yet.
+    asks: bool,
 }
 
 impl Builder {
@@ -132,10 +152,17 @@ impl Builder {
         self.operations.append(&mut self.writes);
     }
 
+    fn ask(&mut self) {
+        if std::mem::take(&mut self.asks) {
+            self.operations.push(Operation::Ask);
+        }
+    }
+
     fn submit(&mut self) {
         if std::mem::take(&mut self.has_recorded) {
             self.operations.push(Operation::Close);
             self.write();
+            self.ask();
             self.operations.push(Operation::Submit(std::mem::take(&mut self.copies)));
         }
     }
@@ -143,7 +170,7 @@ impl Builder {
 
 #[cfg(test)]
 mod tests {
-    use super::Operation::{Begin, Close, Inject, Record, RecordTimestamps, Submit, Write};
+    use super::Operation::{Ask, Begin, Close, Inject, Record, RecordTimestamps, Submit, Write};
     use super::*;
 
     const TICKET: u64 = 7;
@@ -172,6 +199,24 @@ mod tests {
         let own = [Step::Upload { transfer: 6 }, Step::Dispatch, Step::CutDispatch];
         let expected = [Begin, Record(1), Write { task: 0, transfer: 6 }, Record(2), RecordTimestamps, Close];
         assert_eq!(operations(&own, None), [&expected[..], &[Submit(vec![])]].concat());
+    }
+
+    /// ... and rows that it reads have been waited for.
+    #[test]
+    fn a_pose_is_asked_for_once_when_all_else_is_submitted() {
+        let late = |is_cut| Step::LateDispatch { is_cut };
+        let upload = |transfer| Step::Upload { transfer };
+        let write = |task, transfer| Write { task, transfer };
+        let first = [Begin, Record(0), Close, Submit(vec![])];
+        let both = [Step::Dispatch, upload(6), late(false), late(false)];
+        let held = [&first[..], &[Record(2), Record(3), RecordTimestamps, Close, write(1, 6), Ask, Submit(vec![])]];
+        assert_eq!(operations(&both, None), held.concat());
+        let apart = [Step::Dispatch, late(false), upload(6), late(false)];
+        let held = [Record(1), Record(3), RecordTimestamps, Close, write(2, 6), Ask, Submit(vec![])];
+        assert_eq!(operations(&apart, None), [&first[..], &held].concat());
+        let cut = [Step::Dispatch, upload(6), late(true), late(true)];
+        let shown = [write(1, 6), Ask, Record(2), Record(3), RecordTimestamps, Close, Submit(vec![])];
+        assert_eq!(operations(&cut, None), [&first[..], &shown].concat());
     }
 
     #[test]

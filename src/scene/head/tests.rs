@@ -48,13 +48,13 @@ fn what_is_recorded_is_replayed() {
     let rig = motion.rig(&shot).unwrap();
     let mut recording = Recording::new(Space::of(&shot));
     for (i, at_s) in [0.9, 1.3, 2.2, 3.0].into_iter().enumerate() {
-        recording.add(0.1 * i as f64, &rig, at_s, Some([0.1, 0.9]));
+        recording.add(0.1 * i as f64, &rig, at_s, Some([[0.1, 0.9], [0.1, 0.1 * i as f64]]));
     }
     // The clock stood still.
     recording.add(0.3, &rig, 1.0, None);
     recording.write(&path).unwrap();
     let read = HeadMotion::read(&path, &Budget::unlimited()).unwrap();
-    assert_eq!(read.gaze().unwrap().at(0.2), [0.1, 0.9]);
+    assert_eq!(read.gaze().unwrap().map(|gaze| gaze.at(0.2)), [[0.1, 0.9], [0.1, 0.2]]);
     let again = read.rig(&shot).unwrap();
     for (i, at_s) in [0.9, 1.3, 2.2, 3.0].into_iter().enumerate() {
         let [a, b] = [rig.view(at_s, Eye::Left), again.view(0.1 * i as f64, Eye::Left)];
@@ -81,7 +81,8 @@ fn what_is_wrong_is_named_with_its_line() {
         ("0.2, 0, -0.1", "0.2, NaN, 0", "line 4: "),
         ("0, 0, 0, 1", "0, 0, 0, 2", "line 2: orientation [0.0, 0.0, 0.0, 2.0] has the length 2.000"),
         ("0, 0, 0, 1", "0, 0, 0, 0", "line 2: orientation"),
-        ("0.25, 0.5", "0.25, 1.5", "line 2: gaze"),
+        ("0.25, 0.5", "0.25, 1.5", "line 2: gaze must be two or four numbers from 0 to 1"),
+        ("0.25, 0.5", "0.25, 0.5, 0.5", "line 2: gaze"),
         ("gaze", "gazes", "line 2: unknown field `gazes`"),
     ] {
         let error = sample(from, to);
@@ -103,4 +104,53 @@ fn recorded_orientations_are_of_unit_length() {
     assert!((x.hypot(y).hypot(z).hypot(w) - 1.0).abs() < 1e-12);
     // Down by an eighth of a turn.
     assert!((2.0 * x.abs().asin() - (FRAC_1_SQRT_2).asin()).abs() < 1e-9 && y.abs() + z.abs() < 1e-9, "{x} {y} {z}");
+}
+
+/// Eyes that see further outwards, are turned apart by 6 degrees and so far from one another.
+fn eyes(apart_m: f64) -> HeadEyes {
+    use crate::scene::optics::{Fov, HeadEye};
+    let eye = |side: f64| {
+        let (inner, outer) = (0.7, 0.9);
+        let fov = if side < 0.0 { [-outer, inner] } else { [-inner, outer] };
+        let fov = Fov { left: fov[0], right: fov[1], up: 0.8, down: -0.8 };
+        let orientation = DQuat::from_rotation_y(-0.05 * side).into();
+        HeadEye { position_m: [0.5 * side * apart_m, 0.0, -0.03], orientation, fov }
+    };
+    HeadEyes { left: eye(-1.0), right: eye(1.0) }
+}
+
+#[test]
+fn a_head_that_is_there_now_is_the_one_that_a_file_has() {
+    let (shot, eyes) = (shot(), eyes(0.064));
+    let pose = HeadPose { position_m: DVec3::new(0.2, -0.1, 0.4), orientation: DQuat::from_rotation_y(0.7) };
+    let sample =
+        Sample { time_s: 0.0, position_m: pose.position_m.into(), orientation: pose.orientation.into(), gaze: None };
+    let motion = HeadMotion { samples: vec![sample], eyes: Some(eyes) };
+    let space = Space::of(&shot).with_eyes(eyes).unwrap();
+    assert_eq!(space, motion.space(&shot).unwrap());
+    let rig = space.rig_at(pose, &shot);
+    assert_eq!(rig, motion.rig(&shot).unwrap());
+    let again = space.sample(0.0, &rig.keys[0], None);
+    assert!((DVec3::from(again.position_m) - pose.position_m).length() < 1e-9, "{again:?}");
+    assert!(DQuat::from_array(again.orientation).dot(pose.orientation).abs() > 1.0 - 1e-9);
+}
+
+#[test]
+fn eyes_that_move_apart_keep_the_frame_that_they_share() {
+    let shot = shot();
+    let space = Space::of(&shot).with_eyes(eyes(0.06)).unwrap();
+    let wider = space.with_eyes(eyes(0.07)).unwrap();
+    let [before, after] = [space, wider].map(|space| space.rig_at(HeadPose::default(), &shot));
+    assert!((before.baseline_m - 0.06).abs() < 1e-9 && (after.baseline_m - 0.07).abs() < 1e-9);
+    assert_eq!(before.optics.unwrap().tan_half, after.optics.unwrap().tan_half);
+}
+
+#[test]
+fn what_is_in_a_head_goes_where_that_goes() {
+    let head = HeadPose { position_m: DVec3::X, orientation: DQuat::from_rotation_y(std::f64::consts::FRAC_PI_2) };
+    let own = HeadPose { position_m: DVec3::NEG_Z, orientation: DQuat::from_rotation_x(0.1) };
+    let there = head.then(own);
+    assert!((there.position_m - DVec3::ZERO).length() < 1e-12, "{there:?}");
+    let turned = there.orientation * DVec3::NEG_Z;
+    assert!((turned - head.orientation * (own.orientation * DVec3::NEG_Z)).length() < 1e-12);
 }

@@ -107,3 +107,27 @@ fn eyes_that_are_none_are_told() {
     one.left.fov = Fov { left: -0.01, right: 0.01, up: 0.01, down: -0.01 };
     assert!(one.rectified().unwrap().optics.grid(SIZE, 1.0).unwrap_err().contains("times the pixels"));
 }
+
+#[test]
+fn eyes_need_no_resampling_only_where_they_see_alike_and_pixels_are_square() {
+    let fov = Fov { left: -0.8, right: 0.8, up: 0.6, down: -0.6 };
+    let plain = |left: HeadEye, right: HeadEye, size: Extent| {
+        HeadEyes { left, right }.rectified().unwrap().optics.is_plain(size)
+    };
+    let [left, right] = [eye(-0.03, 0.0, fov), eye(0.03, 0.0, fov)];
+    let height = |width: u32| (f64::from(width) * 0.6f64.tan() / 0.8f64.tan()).round() as u32;
+    // Of these widths the height is nearly whole.
+    for width in [200, 400, 1600] {
+        let nearest = Extent::new(width, height(width));
+        let off = f64::from(width) * 0.6f64.tan() / 0.8f64.tan() - f64::from(nearest.height);
+        assert_eq!(plain(left, right, nearest), off.abs() < 0.1 * f64::from(nearest.height) / f64::from(width));
+        assert!(!plain(left, right, Extent::new(width, nearest.height + 1)), "{width}");
+    }
+    let square = Fov { up: 0.8, down: -0.8, ..fov };
+    let [left, right] = [eye(-0.03, 0.0, square), eye(0.03, 0.0, square)];
+    let size = Extent::new(64, 64);
+    assert!(plain(left, right, size));
+    assert!(!plain(eye(-0.03, 1.0, square), right, size), "canted");
+    assert!(!plain(left, HeadEye { fov: Fov { right: 0.75, ..square }, ..right }, size), "one sees less");
+    assert!(!plain(left, HeadEye { position_m: [0.03, 0.02, -0.02], ..right }, size), "one is above the other");
+}

@@ -1,0 +1,18 @@
+// Resamples an auxiliary image of a rectified image to what an eye shows that has moved on since: each pixel has the value of
+// the nearest, as seen from where the image was rendered.
+
+//!include frame grid shown later
+
+@group(1) @binding(0) var<storage, read> rectified: array<vec4<f32>>;
+@group(1) @binding(1) var<storage, read_write> aov: array<vec4<f32>>;
+@group(1) @binding(2) var<storage, read> emission_image: array<vec4<f32>>;
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
+    // Of what is shown.
+    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
+        return;
+    }
+    aov[pixel.y * pass_.width + pixel.x] = rectified[rectified_index(later_place(vec2<f32>(pixel) + 0.5).point)];
+}

@@ -1,0 +1,44 @@
+// Where the rectified image of the pass's eye has what the eye shows that has moved on since: each pixel looks for the surface
+// that it sees among those that were seen, by fixed-point iteration over their depths (Yang et al. 2011, "Image-based
+// bidirectional scene reprojection", section 3). What was hidden then has the light of what is next to it. The shader binds
+// these depths with `emission_image`.
+
+const ITERATIONS: i32 = 8;
+
+// How far along the eye's axis the surface is that the image shows at a point of it; 0: the sky.
+fn depth_at(point: vec2<f32>) -> f32 {
+    let size = vec2<f32>(rectified_size());
+    let corner = clamp(floor(point), vec2<f32>(0.0), size - 1.0);
+    var at = rectified_index(point);
+    if POLAR {
+        at = polar_index(corner + 0.5, size);
+    }
+    let ray = pinhole_ray(pass_.view, corner + frame.camera.centre, size);
+    return emission_image[at].a * dot(ray, frame.camera.views[pass_.view].forward);
+}
+
+fn later_place(at: vec2<f32>) -> ShownPlace {
+    let shown = frame.camera.shown[pass_.view];
+    let seen = shown.across * at.x + shown.down * at.y + shown.corner;
+    // The point that is endlessly far.
+    var place = shown_place(at);
+    if all(shown.moved == vec3<f32>(0.0)) {
+        return place;
+    }
+    for (var i = 0; i < ITERATIONS; i += 1) {
+        let depth = depth_at(place.point);
+        let away = (depth - shown.moved.z) / max(seen.z, 1e-20);
+        if depth <= 0.0 || away <= 0.0 {
+            return shown_place(at);
+        }
+        let there = seen * away + shown.moved;
+        let scale = 1.0 / max(there.z, 1e-20);
+        let point = there.xy * scale;
+        place = ShownPlace(
+            point,
+            (shown.across.xy - point * shown.across.z) * (away * scale),
+            (shown.down.xy - point * shown.down.z) * (away * scale),
+        );
+    }
+    return place;
+}

@@ -1,0 +1,305 @@
+//! `diptych view --xr`: the control loop in a headset, which says when a frame is due and from where it is seen.
+
+mod board;
+mod world;
+
+use std::sync::Arc;
+
+use anyhow::anyhow;
+
+use diptych::control::Budget;
+use diptych::exec::Stereo;
+use diptych::headset::{Headset, HeadsetError, HeadsetFrame, Next, Picture, Runtime, Shown};
+use diptych::image::display::{DisplayImage, write_png};
+use diptych::image::{Image, stereo};
+use diptych::passes::tonemap::DISPLAY;
+use diptych::passes::{Aov, aov_image};
+use diptych::quality::Denoiser;
+use diptych::report::headset::{HeadsetRow, HeadsetSummary};
+use diptych::report::play::{Play, PlaySummary};
+use diptych::report::rectified::RectifiedFrame;
+use diptych::report::run::{FrameRow, RunReport};
+use diptych::scene::head::Recording;
+
+use super::Args;
+use super::renderer::frame_news;
+use super::shared::News;
+use super::window::Look;
+use crate::cli::failure::Failure;
+use crate::cli::play::{Prepared, Session};
+use crate::cli::progress::Progress;
+use crate::cli::settings::{self, Given};
+use crate::cli::setup::{self, Loaded, Tracing};
+use crate::cli::{interrupt, output};
+use board::Board;
+use world::{Late, World};
+
+/// The least of a display's period that the devices are to use.
+const LEAST_SHARE: f64 = 0.55;
+
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let typed = |id: &str| Given::here().and_then(|given| given.typed(id));
+    if let Some(option) = typed("motion").or_else(|| typed("fps")) {
+        return Err(Failure::Input(anyhow!("{option} does not go with --xr: the headset says when and from where")));
+    }
+    // Which may be where motion is recorded to.
+    let writes = typed("out").is_some();
+    if writes {
+        output::prepare(&args.options.run.out, "--out")?;
+    }
+    let mut prepared = Prepared::new(&args.options, args.frames)?;
+    interrupt::watch()?;
+    let runtime = Runtime::open()?;
+    if typed("size").is_none() {
+        prepared.render.run.size = runtime.recommended;
+    }
+    let tracing = Tracing::start(&prepared.render)?;
+    let progress = Progress::text(prepared.render.quiet, prepared.render.json);
+    progress.phase("loading");
+    let mut loaded = setup::load(&prepared.render)?;
+    for warning in &loaded.scene.warnings {
+        progress.warn(warning);
+    }
+    let gpus = setup::open_devices(&prepared.render, usize::from(args.options.virtual_devices))?;
+    let mut headset = Headset::start(runtime, prepared.render.size)?;
+    progress.phase("waiting for the headset");
+    let Some(first) = first_frame(&mut headset)? else { return ended(&headset) };
+    if typed("budget_ms").is_none() {
+        prepared.options.budget_ms = budget(first.period_ms())?;
+    }
+    prepared.render.fps = 1e3 / first.period_ms();
+    if headset.takes_depth() {
+        prepared.render.aov = vec![Aov::Depth];
+    }
+    let world = World::new(&mut loaded, first.eyes, prepared.render.size, args.late_border)?;
+    prepared.render.is_late = args.late_border > 0.0;
+    tell(&headset, &prepared, first.period_ms(), &progress);
+    let mut session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
+    if let Some(rectified) = session.renderer.rectified().filter(|_| !prepared.render.quiet && !prepared.render.json) {
+        session.progress.tell(&RectifiedFrame::new(rectified, prepared.render.size).to_string());
+    }
+    headset.begin_anew();
+    let late = Late::new(headset.locator());
+    session.renderer.set_pose_source(prepared.render.is_late.then(|| late.source()));
+    let outputs = [DISPLAY, aov_image(0)];
+    session.renderer.set_outputs(if headset.takes_depth() { &outputs } else { &outputs[..1] });
+    let motion = Recording::new(world.space);
+    let look = Look {
+        scene: loaded.shot.name.clone(),
+        eye: prepared.render.size,
+        band_ms: [prepared.options.budget_ms.lo_ms(), prepared.options.budget_ms.hi_ms()],
+        devices: session.renderer.devices().iter().map(|info| format!("dev{} {}", info.index, info.name)).collect(),
+        is_foveated: prepared.render.foveated.is_on(),
+    };
+    let (rows, last, news, board) = (Vec::new(), None, News::default(), None);
+    let mut show =
+        Show { session, headset, world, late, motion, writes, rows, last, look, news, board, opens_board: args.panel };
+    // What there is by then is written, whatever ended it.
+    let shown = show.frames(&prepared);
+    let finished = show.finish(args, &prepared, &loaded, first.period_ms());
+    shown.and(finished)
+}
+
+/// What the display's period leaves for a frame.
+fn budget(period_ms: f64) -> Result<Budget, Failure> {
+    Budget::new(LEAST_SHARE * period_ms, period_ms)
+        .map_err(|_| Failure::Run(anyhow!("the headset tells no period of its display: give --budget-ms LO..HI")))
+}
+
+/// Of eyes that are known; none if the session ended before. Nothing is shown in it.
+fn first_frame(headset: &mut Headset) -> Result<Option<Box<HeadsetFrame>>, Failure> {
+    loop {
+        if interrupt::is_set() {
+            headset.ask_to_end()?;
+        }
+        match headset.next_frame()? {
+            Next::Frame(frame) => {
+                headset.skip(&frame)?;
+                return Ok(Some(frame));
+            }
+            Next::Idle => {}
+            Next::Ended => return Ok(None),
+        }
+    }
+}
+
+fn ended(headset: &Headset) -> Result<(), Failure> {
+    if headset.is_lost() {
+        return Err(HeadsetError::Lost.into());
+    }
+    interrupt::check()
+}
+
+fn tell(headset: &Headset, prepared: &Prepared, period_ms: f64, progress: &Progress) {
+    let options = &prepared.render;
+    if options.quiet || options.json {
+        return;
+    }
+    let runtime = headset.runtime();
+    let budget = prepared.options.budget_ms;
+    progress.tell(&format!(
+        "{} ({}): {} for each eye, {} recommended; a frame each {period_ms:.2} ms, of which devices may take {:.1} to {:.1}",
+        runtime.headset,
+        runtime.name,
+        options.size,
+        runtime.recommended,
+        budget.lo_ms(),
+        budget.hi_ms(),
+    ));
+}
+
+/// A session in a headset.
+struct Show {
+    session: Session,
+    headset: Headset,
+    world: World,
+    late: Arc<Late>,
+    motion: Recording,
+    /// Whether rows are kept.
+    writes: bool,
+    rows: Vec<FrameRow>,
+    last: Option<Stereo<Image<[u8; 4]>>>,
+    look: Look,
+    news: News,
+    /// While it is shown.
+    board: Option<Board>,
+    /// With the first frame.
+    opens_board: bool,
+}
+
+impl Show {
+    /// Until the session ends, for whatever reason.
+    fn frames(&mut self, prepared: &Prepared) -> Result<(), Failure> {
+        let most = prepared.frames.unwrap_or(u32::MAX);
+        let mut index = 0;
+        loop {
+            let is_over = index == most || interrupt::is_set();
+            if is_over {
+                self.headset.ask_to_end()?;
+            }
+            match self.headset.next_frame()? {
+                Next::Ended => return Ok(()),
+                Next::Idle => {}
+                Next::Frame(frame) if is_over => self.headset.skip(&frame)?,
+                Next::Frame(frame) => {
+                    self.frame(&frame, index, prepared.render.time)?;
+                    index += 1;
+                }
+            }
+        }
+    }
+
+    fn frame(&mut self, frame: &HeadsetFrame, index: u32, begin_s: f64) -> Result<(), Failure> {
+        let Self { session, headset, world, late, motion, look, news, board, opens_board, .. } = self;
+        let (rig, time_s) = (world.rig_of(frame)?, begin_s + frame.display_s);
+        let decided = session.decide();
+        if let Some(gaze) = frame.gaze {
+            session.renderer.set_gaze(gaze);
+        }
+        let late_ms = f64::from(frame.missed) * frame.period_ms();
+        late.begin(index, frame, world);
+        let (mut row, report) = session.render(decided, late_ms, &rig, time_s, index)?;
+        let answered = late.end();
+        let mut frame = *frame;
+        let shown_from = report.shown_from.as_ref().map_or(&rig, |pose| &pose.rig);
+        let corrected_ms = report.shown_from.as_ref().and(answered).and_then(|sample| frame.show_from(sample));
+        let images = session.renderer.read_display()?;
+        let distances = if headset.takes_depth() { Some(distances(session)?) } else { None };
+        if frame.input.toggles_panel || std::mem::take(opens_board) {
+            *board = if board.is_none() { Board::open(headset, &frame)? } else { None };
+        }
+        news.add(frame_news(row.clone()));
+        news.rungs = session.ladder.rungs().len();
+        let panel = board.as_mut().map(|board| board.panel(headset, look, news)).transpose()?.flatten();
+        let distances = distances.as_ref().map(|distances| (distances, rig.metres_per_unit));
+        let shown = headset.show(&frame, &Picture { images: &images, distances, panel })?;
+        let Shown { ahead_ms, motion_to_photon_ms } = shown;
+        let HeadsetFrame { display_s, missed, .. } = frame;
+        let period_ms = frame.period_ms();
+        row.headset = Some(HeadsetRow { display_s, period_ms, motion_to_photon_ms, corrected_ms, ahead_ms, missed });
+        if let Some(ms) = motion_to_photon_ms {
+            let series = [("predicted", ms), ("missed periods", frame.missed.into())];
+            session.tracing.recorder.counter("motion to photon (ms)", 1e3 * report.begin_ms, &series);
+        }
+        motion.add(time_s, shown_from, time_s, session.gaze(time_s));
+        if self.writes {
+            self.rows.push(row);
+        }
+        self.last = Some(images);
+        Ok(())
+    }
+
+    /// Writes what is asked for, and says how it went.
+    fn finish(self, args: &Args, prepared: &Prepared, loaded: &Loaded, period_ms: f64) -> Result<(), Failure> {
+        let Self { session, headset, motion, rows, last, .. } = self;
+        let Session { renderer, ladder, tracing, progress, warm_up_s, fit, .. } = session;
+        progress.finish();
+        let options = &prepared.render;
+        if let Some(path) = &prepared.options.record_motion {
+            motion.write(path)?;
+        }
+        if let (Some(path), Some(eyes)) = (&args.screenshot, &last) {
+            write_png(path, &side_by_side(eyes)?)?;
+        }
+        if self.writes {
+            let devices = renderer.devices();
+            let settings = settings::in_force(options, loaded.exposure_ev(), devices);
+            let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, rows);
+            report.warm_up_s = warm_up_s;
+            report.faults = renderer.faults().to_vec();
+            report.rectified = renderer.rectified().map(|frame| RectifiedFrame::new(frame, options.size));
+            let budget = prepared.options.budget_ms;
+            let play = Play {
+                budget_ms: [budget.lo_ms(), budget.hi_ms()],
+                denoiser: Denoiser::name_of(prepared.choice.denoiser),
+                ladder: ladder.origin().shot.clone(),
+                measure: ladder.origin().measure,
+                rungs: ladder.rungs().to_vec(),
+                fps: options.fps,
+                fit,
+            };
+            report.play = PlaySummary::of(&play, &report.frames);
+            let summary = summary(&headset, period_ms, options.is_late).with(&report.frames);
+            if !options.quiet && !options.json {
+                say!("{summary}");
+            }
+            report.headset = Some(summary);
+            report.write(&options.out.join("run.json"))?;
+        }
+        tracing.finish()?;
+        ended(&headset)
+    }
+}
+
+/// Along the rays of both eyes' pixels.
+fn distances(session: &mut Session) -> Result<Stereo<Vec<f32>>, Failure> {
+    let Stereo { left, right } = session.renderer.read_aov(0)?;
+    let only = |mut channels: Vec<Vec<f32>>| channels.pop().unwrap_or_default();
+    Ok(Stereo { left: only(left), right: only(right) })
+}
+
+fn side_by_side(Stereo { left, right }: &Stereo<Image<[u8; 4]>>) -> Result<DisplayImage, Failure> {
+    let opaque = |image: &Image<[u8; 4]>| Image {
+        extent: image.extent,
+        pixels: image.pixels.iter().map(|&[r, g, b, _]| [r, g, b]).collect(),
+    };
+    Ok(stereo::side_by_side(&opaque(left), &opaque(right))?)
+}
+
+fn summary(headset: &Headset, period_ms: f64, is_late: bool) -> HeadsetSummary {
+    let runtime = headset.runtime();
+    HeadsetSummary {
+        runtime: runtime.name.clone(),
+        headset: runtime.headset.clone(),
+        recommended_size: runtime.recommended.to_string(),
+        period_ms,
+        depth: headset.takes_depth(),
+        late_poses: is_late,
+        states: headset.states().iter().map(ToString::to_string).collect(),
+        motion_to_photon_ms_p50: None,
+        motion_to_photon_ms_p95: None,
+        motion_to_photon_ms_max: None,
+        late_frames: 0,
+        missed: 0,
+    }
+}

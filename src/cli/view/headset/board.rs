@@ -1,0 +1,80 @@
+//! The overlay's panel in a headset: what the window has in a corner, on a rectangle in space.
+
+use std::time::{Duration, Instant};
+
+use diptych::headset::{Headset, HeadsetFrame, Panel};
+use diptych::image::Extent;
+use egui_wgpu::{RendererOptions, ScreenDescriptor};
+
+use super::super::overlay::{Overlay, Painted, Parts};
+use super::super::shared::News;
+use super::super::window::Look;
+use crate::cli::failure::Failure;
+
+/// Pixels, how many of them make a point of text, and how wide it is.
+const SIZE: Extent = Extent { width: 800, height: 360 };
+const PIXELS_PER_POINT: f32 = 2.0;
+const WIDTH_M: f64 = 0.6;
+/// Between two drawings: on a software adapter they take time from the devices that render.
+const INTERVAL: Duration = Duration::from_millis(200);
+
+pub struct Board {
+    panel: Panel,
+    overlay: Overlay,
+    renderer: egui_wgpu::Renderer,
+    /// Textures that the next drawing has no use for.
+    freed: Vec<egui::TextureId>,
+    drawn: Option<Instant>,
+}
+
+impl Board {
+    /// Ahead of the head as it is in that frame; none where the headset shows no panels.
+    pub fn open(headset: &Headset, frame: &HeadsetFrame) -> Result<Option<Self>, Failure> {
+        let Some(panel) = headset.panel(SIZE, WIDTH_M, frame.head)? else { return Ok(None) };
+        let options = RendererOptions { dithering: false, ..Default::default() };
+        let renderer = egui_wgpu::Renderer::new(&headset.gpu().device, panel.format(), options);
+        Ok(Some(Self { panel, overlay: Overlay::new(), renderer, freed: Vec::new(), drawn: None }))
+    }
+
+    /// What is shown, drawn anew from time to time; none before there is anything on it.
+    pub fn panel(&mut self, headset: &Headset, look: &Look, news: &News) -> Result<Option<&Panel>, Failure> {
+        if self.drawn.is_none_or(|drawn| drawn.elapsed() >= INTERVAL) && !news.frames.is_empty() {
+            self.drawn = Some(Instant::now());
+            self.draw(headset, look, news)?;
+        }
+        Ok(self.drawn.is_some().then_some(&self.panel))
+    }
+
+    fn draw(&mut self, headset: &Headset, look: &Look, news: &News) -> Result<(), Failure> {
+        let Self { panel, overlay, renderer, freed, .. } = self;
+        let size = [SIZE.width, SIZE.height];
+        let parts = Parts { panel: true, help: false, hint: false };
+        let (painted, mut textures) = overlay.paint(size, PIXELS_PER_POINT, look, news, &[], parts);
+        let Painted { primitives, pixels_per_point } = painted;
+        let gpu = headset.gpu();
+        freed.drain(..).for_each(|id| renderer.free_texture(&id));
+        for (id, deltas) in &textures.set {
+            deltas.iter().for_each(|delta| renderer.update_texture(&gpu.device, &gpu.queue, *id, delta));
+        }
+        freed.extend(&textures.free);
+        textures.clear();
+        let descriptor = ScreenDescriptor { size_in_pixels: size, pixels_per_point };
+        panel.fill(gpu, |texture, encoder| {
+            // What callbacks would have run before: there are none.
+            let _ = renderer.update_buffers(&gpu.device, &gpu.queue, encoder, &primitives, &descriptor);
+            let view = texture.create_view(&Default::default());
+            let ops =
+                wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::TRANSPARENT), store: wgpu::StoreOp::Store };
+            let attachment =
+                wgpu::RenderPassColorAttachment { view: &view, depth_slice: None, resolve_target: None, ops };
+            let descriptor_of_pass = wgpu::RenderPassDescriptor {
+                label: Some("panel"),
+                color_attachments: &[Some(attachment)],
+                ..Default::default()
+            };
+            let mut pass = encoder.begin_render_pass(&descriptor_of_pass).forget_lifetime();
+            renderer.render(&mut pass, &primitives, &descriptor);
+        })?;
+        Ok(())
+    }
+}

@@ -1,0 +1,115 @@
+//! Where a headset is in the scene, and from where a frame is shown when all else of it is done.
+
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Instant;
+
+use diptych::exec::PoseSource;
+use diptych::headset::{HeadSample, HeadsetError, HeadsetFrame, Locator, Walk};
+use diptych::image::Extent;
+use diptych::scene::head::{HeadPose, Space};
+use diptych::scene::optics::{HeadEyes, Optics};
+use diptych::scene::rig::Rig;
+
+use super::super::renderer::speed_per_s;
+use crate::cli::failure::Failure;
+use crate::cli::setup::Loaded;
+
+/// The time that passes for thumbsticks between two frames is at most this, however long they took.
+const LONGEST_STEP_S: f64 = 0.25;
+
+/// Where the session's space is in the scene, and the eyes that are there.
+#[derive(Clone)]
+pub struct World {
+    shot: Rig,
+    pub space: Space,
+    eyes: HeadEyes,
+    size: Extent,
+    /// What is rendered on all sides beside what is shown; 0: frames are shown from where they were rendered.
+    border_deg: f64,
+    walk: Walk,
+    speed_m_per_s: f64,
+    before: Option<Instant>,
+}
+
+impl World {
+    /// Has the shot seen with these eyes.
+    pub fn new(loaded: &mut Loaded, eyes: HeadEyes, size: Extent, border_deg: f64) -> Result<Self, Failure> {
+        let space = loaded.space.with_eyes(eyes).map_err(HeadsetError::Eyes)?;
+        let shot = loaded.shot.rig.clone();
+        let speed_m_per_s = speed_per_s(&loaded.scene) * shot.metres_per_unit;
+        let walk = Walk::default();
+        let world = Self { shot, space, eyes, size, border_deg, walk, speed_m_per_s, before: None };
+        loaded.space = space;
+        loaded.shot.rig = world.rig(HeadPose::default());
+        Ok(world)
+    }
+
+    fn rig(&self, head: HeadPose) -> Rig {
+        let rig = self.space.rig_at(self.walk.placed(head), &self.shot).plain_at(self.size);
+        if self.border_deg <= 0.0 {
+            return rig;
+        }
+        let bare = || Optics::with_border(&rig, self.size, self.border_deg);
+        let optics = Some(rig.optics.map_or_else(bare, |optics| optics.widened(self.border_deg)));
+        Rig { optics, ..rig }
+    }
+
+    /// The rig of a frame, whose eyes may have been moved apart, from wherever thumbsticks have taken it.
+    pub fn rig_of(&mut self, frame: &HeadsetFrame) -> Result<Rig, Failure> {
+        let now = Instant::now();
+        let passed_s = self.before.replace(now).map_or(0.0, |before| (now - before).as_secs_f64().min(LONGEST_STEP_S));
+        self.walk.go(frame.head, frame.input.stick, self.speed_m_per_s, passed_s);
+        if frame.input.recentres {
+            self.walk.recentre(frame.head);
+        }
+        if frame.eyes != self.eyes {
+            self.space = self.space.with_eyes(frame.eyes).map_err(HeadsetError::Eyes)?;
+            self.eyes = frame.eyes;
+        }
+        Ok(self.rig(frame.head))
+    }
+}
+
+/// What a frame's worker asks when all else of the frame is done.
+pub struct Late {
+    locator: Locator,
+    asked: Mutex<Option<Asked>>,
+}
+
+struct Asked {
+    index: u32,
+    frame: HeadsetFrame,
+    world: World,
+    /// The last that was answered.
+    answer: Option<HeadSample>,
+}
+
+impl Late {
+    pub fn new(locator: Locator) -> Arc<Self> {
+        Arc::new(Self { locator, asked: Mutex::default() })
+    }
+
+    pub fn source(self: &Arc<Self>) -> Arc<PoseSource> {
+        let late = Arc::clone(self);
+        Arc::new(move |index| late.answer(index))
+    }
+
+    /// A frame begins.
+    pub fn begin(&self, index: u32, frame: &HeadsetFrame, world: &World) {
+        let asked = Asked { index, frame: *frame, world: world.clone(), answer: None };
+        *self.asked.lock().unwrap_or_else(PoisonError::into_inner) = Some(asked);
+    }
+
+    fn answer(&self, index: u32) -> Option<Rig> {
+        let mut asked = self.asked.lock().unwrap_or_else(PoisonError::into_inner);
+        let asked = asked.as_mut().filter(|asked| asked.index == index)?;
+        let sample = self.locator.head(&asked.frame)?;
+        asked.answer = Some(sample);
+        Some(asked.world.rig(sample.head))
+    }
+
+    /// Where the frame that began was found to be shown from.
+    pub fn end(&self) -> Option<HeadSample> {
+        self.asked.lock().unwrap_or_else(PoisonError::into_inner).take()?.answer
+    }
+}

@@ -1,0 +1,263 @@
+//! A device that a headset's runtime takes images from, opened as that asks: the one place where Vulkan is spoken to
+//! beside wgpu.
+//!
+//! With `XR_KHR_vulkan_enable2` the runtime makes instance and device from what the program wants, and adds the
+//! extensions that it needs itself. wgpu then takes both over, with the extensions that it asked for.
+
+use std::ffi::{c_char, c_void};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use ash::vk::{self, Handle};
+use openxr::vulkan::SessionCreateInfo;
+use openxr::{FrameStream, FrameWaiter, Session, Swapchain, SystemId, Vulkan};
+use wgpu::hal;
+
+use super::adapters::{OPENING, instance_flags, kind_name, watched};
+use super::{DeviceError, DeviceInfo, GpuDevice, Quirks, Traversal};
+
+/// The newest version that wgpu knows.
+const VULKAN: u32 = vk::API_VERSION_1_3;
+
+type LoadVulkan = unsafe extern "system" fn(*const c_void, *const c_char) -> Option<unsafe extern "system" fn()>;
+
+/// It takes images over from the devices that render, and is used by one thread. On a software adapter it has one worker
+/// thread.
+#[derive(Debug)]
+pub struct HeadsetDevice {
+    pub gpu: GpuDevice,
+    binding: Binding,
+}
+
+/// The handles of instance, physical device and device, and the queue's family.
+#[derive(Clone, Copy, Debug)]
+struct Binding {
+    instance: u64,
+    physical: u64,
+    device: u64,
+    family: u32,
+}
+
+/// Told of a call that failed.
+fn failed<E: std::fmt::Display>(what: &'static str) -> impl FnOnce(E) -> DeviceError {
+    move |error| DeviceError::Headset(format!("{what}: {error}"))
+}
+
+impl HeadsetDevice {
+    /// # Errors
+    /// [`DeviceError::Headset`] if the runtime or the driver refuses, and [`DeviceError::Open`].
+    pub fn open(xr: &openxr::Instance, system: SystemId) -> Result<Self, DeviceError> {
+        let _guard = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
+        // SAFETY: as for devices that render, which are opened before.
+        unsafe { std::env::set_var("LP_NUM_THREADS", "1") };
+        // SAFETY: the library of that name is the system's Vulkan loader.
+        let entry = unsafe { ash::Entry::load() }.map_err(failed("there is no Vulkan"))?;
+        let (instance, version) = Self::instance(&entry, xr, system)?;
+        let flags = instance_flags();
+        let extensions = hal::vulkan::Instance::desired_extensions(&entry, version, flags)
+            .map_err(failed("the instance's extensions"))?;
+        let raw = (instance.handle().as_raw(), instance.clone());
+        // SAFETY: the instance was made from this entry with these extensions, which are all that wgpu asks for there,
+        // and this version. wgpu destroys it when the last that was made from it is dropped; the runtime does not.
+        let instance = unsafe {
+            let thresholds = wgpu::MemoryBudgetThresholds::default();
+            hal::vulkan::Instance::from_raw(
+                entry.clone(),
+                instance,
+                version,
+                0,
+                None,
+                extensions,
+                flags,
+                thresholds,
+                false,
+                None,
+            )
+        }
+        .map_err(failed("its instance"))?;
+        // SAFETY: the instance is the one that the runtime has made.
+        let physical = unsafe { xr.vulkan_graphics_device(system, raw.0 as *const c_void) }
+            .map_err(failed("its graphics adapter"))?;
+        let physical = vk::PhysicalDevice::from_raw(physical as u64);
+        let exposed = instance
+            .expose_adapter(physical)
+            .ok_or_else(|| DeviceError::Headset("its graphics adapter is too old".to_owned()))?;
+        let (features, limits) = (wgpu::Features::empty(), exposed.capabilities.limits.clone());
+        // SAFETY: the adapter was just enumerated.
+        let families = unsafe { raw.1.get_physical_device_queue_family_properties(physical) };
+        let family = families.iter().position(|f| f.queue_flags.contains(vk::QueueFlags::GRAPHICS));
+        let family = family.ok_or_else(|| DeviceError::Headset("its adapter has no graphics queue".to_owned()))? as u32;
+        let extensions = exposed.adapter.required_device_extensions(features);
+        let device = Self::device(&entry, xr, system, &raw.1, &exposed, &extensions, family)?;
+        let handle = device.handle().as_raw();
+        // SAFETY: the device was made from this adapter with these extensions, the features that belong to them, and one
+        // queue of this family. wgpu destroys it when the last that was made from it is dropped.
+        let open = unsafe {
+            let hints = wgpu::MemoryHints::default();
+            exposed.adapter.device_from_raw(device, None, &extensions, features, &limits, &hints, family, 0)
+        }
+        .map_err(failed("its device"))?;
+        let described = exposed.info.clone();
+        // SAFETY: the instance is whole, and nobody else has it.
+        let instance = unsafe { wgpu::Instance::from_hal::<hal::api::Vulkan>(instance) };
+        // SAFETY: the adapter was made from this instance.
+        let adapter = unsafe { instance.create_adapter_from_hal(exposed) };
+        let descriptor = wgpu::DeviceDescriptor {
+            label: Some("diptych headset"),
+            required_features: features,
+            required_limits: limits.clone(),
+            ..Default::default()
+        };
+        // SAFETY: the device was made from this adapter, with these features.
+        let (device, queue) = unsafe { adapter.create_device_from_hal(open, &descriptor) }
+            .map_err(|source| DeviceError::Open { index: 0, name: described.name.clone(), source })?;
+        let quirks = Quirks::of(&described);
+        let info = DeviceInfo {
+            index: 0,
+            adapter: 0,
+            name: described.name,
+            driver: format!("{} {}", described.driver, described.driver_info).trim().to_owned(),
+            kind: kind_name(described.device_type).to_owned(),
+            threads: quirks.threads_by_environment.then_some(1),
+            traversal: Traversal::Compute,
+            max_storage_bytes: limits.max_storage_buffer_binding_size,
+            clock_residual_us: 0.0,
+            rank: None,
+        };
+        let binding = Binding { instance: raw.0, physical: physical.as_raw(), device: handle, family };
+        Ok(Self { gpu: watched(info, quirks, device, queue, instance), binding })
+    }
+
+    /// Made by the runtime, with the version of Vulkan that it is said to have.
+    fn instance(
+        entry: &ash::Entry,
+        xr: &openxr::Instance,
+        system: SystemId,
+    ) -> Result<(ash::Instance, u32), DeviceError> {
+        let required = xr.graphics_requirements::<Vulkan>(system).map_err(failed("what it asks of Vulkan"))?;
+        // SAFETY: the loader has been loaded.
+        let version = unsafe { entry.try_enumerate_instance_version() }
+            .map_err(failed("Vulkan's version"))?
+            .unwrap_or(vk::API_VERSION_1_0);
+        let asked = required.min_api_version_supported;
+        let asked_vk = vk::make_api_version(0, asked.major().into(), asked.minor().into(), 0);
+        if asked_vk > version.min(VULKAN) {
+            return Err(DeviceError::Headset(format!("it asks for Vulkan {asked}, which this driver lacks")));
+        }
+        let extensions = hal::vulkan::Instance::desired_extensions(entry, version, instance_flags())
+            .map_err(failed("the instance's extensions"))?;
+        let names: Vec<*const c_char> = extensions.iter().map(|name| name.as_ptr()).collect();
+        let about = vk::ApplicationInfo::default()
+            .application_name(c"diptych")
+            .engine_name(c"wgpu-hal")
+            .api_version(if version < vk::API_VERSION_1_1 { vk::API_VERSION_1_0 } else { VULKAN });
+        let info = vk::InstanceCreateInfo::default().application_info(&about).enabled_extension_names(&names);
+        // SAFETY: the info and all that it points to live until the call is over, and what it asks for is there.
+        let raw = unsafe {
+            let info = std::ptr::from_ref(&info).cast();
+            xr.create_vulkan_instance(system, load_function(entry), info)
+        }
+        .map_err(failed("its instance"))?
+        .map_err(|result| failed("its instance")(vk::Result::from_raw(result)))?;
+        // SAFETY: the handle is that of an instance that was made by this loader.
+        Ok((unsafe { ash::Instance::load(entry.static_fn(), vk::Instance::from_raw(raw as u64)) }, version))
+    }
+
+    /// Made by the runtime.
+    fn device(
+        entry: &ash::Entry,
+        xr: &openxr::Instance,
+        system: SystemId,
+        instance: &ash::Instance,
+        exposed: &hal::ExposedAdapter<hal::api::Vulkan>,
+        extensions: &[&'static std::ffi::CStr],
+        family: u32,
+    ) -> Result<ash::Device, DeviceError> {
+        let mut features = exposed.adapter.physical_device_features(extensions, wgpu::Features::empty());
+        let names: Vec<*const c_char> = extensions.iter().map(|name| name.as_ptr()).collect();
+        let queues = [vk::DeviceQueueCreateInfo::default()
+            .queue_family_index(family)
+            .queue_priorities(std::slice::from_ref(&1.0))];
+        let info = vk::DeviceCreateInfo::default().queue_create_infos(&queues).enabled_extension_names(&names);
+        let info = features.add_to_device_create(info);
+        let physical = exposed.adapter.raw_physical_device().as_raw();
+        // SAFETY: the info and all that it points to live until the call is over, and asks for what the adapter has.
+        let raw = unsafe {
+            let info = std::ptr::from_ref(&info).cast();
+            xr.create_vulkan_device(system, load_function(entry), physical as *const c_void, info)
+        }
+        .map_err(failed("its device"))?
+        .map_err(|result| failed("its device")(vk::Result::from_raw(result)))?;
+        // SAFETY: the handle is that of a device that was made by this instance.
+        Ok(unsafe { ash::Device::load(instance.fp_v1_0(), vk::Device::from_raw(raw as u64)) })
+    }
+
+    /// A session that shows what this device has.
+    ///
+    /// # Errors
+    /// What the runtime says.
+    pub fn session(
+        &self,
+        xr: &openxr::Instance,
+        system: SystemId,
+    ) -> Result<(Session<Vulkan>, FrameWaiter, FrameStream<Vulkan>), openxr::sys::Result> {
+        let Binding { instance, physical, device, family } = self.binding;
+        let info = SessionCreateInfo {
+            instance: instance as *const c_void,
+            physical_device: physical as *const c_void,
+            device: device as *const c_void,
+            queue_family_index: family,
+            queue_index: 0,
+        };
+        // What the session's handles are of is dropped after it.
+        let guard = Box::new((self.gpu.queue.clone(), self.gpu.device.clone()));
+        // SAFETY: the handles are valid until the guard is dropped. The queue is used by one thread at a time: this device's
+        // and the session's calls are made by the same one, as neither a headset nor its frames are given to another.
+        unsafe { xr.create_session_with_guard::<Vulkan>(system, &info, guard) }
+    }
+
+    /// The images of a swapchain of this device's session, which live as long as any of them; `state`: as the runtime has
+    /// them when they are drawn on.
+    ///
+    /// # Errors
+    /// What the runtime says.
+    pub fn textures(
+        &self,
+        swapchain: &Arc<Mutex<Swapchain<Vulkan>>>,
+        descriptor: &wgpu::TextureDescriptor,
+        state: wgpu::TextureUses,
+    ) -> Result<Vec<wgpu::Texture>, openxr::sys::Result> {
+        let images = swapchain.lock().unwrap_or_else(PoisonError::into_inner).enumerate_images()?;
+        let texture = |image: u64| {
+            let own = hal::TextureDescriptor {
+                label: descriptor.label,
+                size: descriptor.size,
+                mip_level_count: descriptor.mip_level_count,
+                sample_count: descriptor.sample_count,
+                dimension: descriptor.dimension,
+                format: descriptor.format,
+                usage: state | wgpu::TextureUses::COPY_DST,
+                memory_flags: hal::MemoryFlags::empty(),
+                view_formats: Vec::new(),
+            };
+            let keeps = Arc::clone(swapchain);
+            // SAFETY: the image is of the swapchain that was made as described, with memory of the runtime. It is valid as long
+            // as the swapchain, which wgpu drops with it. The device is Vulkan's and the one that the session is of.
+            unsafe {
+                let device = self.gpu.device.as_hal::<hal::api::Vulkan>()?;
+                let memory = hal::vulkan::TextureMemory::External;
+                let image = vk::Image::from_raw(image);
+                let raw = device.texture_from_raw(image, &own, Some(Box::new(move || drop(keeps))), memory);
+                drop(device);
+                Some(self.gpu.device.create_texture_from_hal::<hal::api::Vulkan>(raw, descriptor, state))
+            }
+        };
+        Ok(images.into_iter().filter_map(texture).collect())
+    }
+}
+
+/// As OpenXR has its type.
+fn load_function(entry: &ash::Entry) -> LoadVulkan {
+    let load = entry.static_fn().get_instance_proc_addr;
+    // SAFETY: both types are of the same function; handles are pointers.
+    unsafe { std::mem::transmute::<vk::PFN_vkGetInstanceProcAddr, LoadVulkan>(load) }
+}

@@ -1,0 +1,138 @@
+//! Images that the runtime shows, one after another; each has a layer for each eye.
+
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+
+use openxr::{
+    Duration, Extent2Di, Offset2Di, Rect2Di, Session, Swapchain, SwapchainCreateFlags, SwapchainCreateInfo,
+    SwapchainSubImage, SwapchainUsageFlags, Vulkan,
+};
+
+use super::error::{HeadsetError, Told};
+use crate::device::{GpuDevice, HeadsetDevice};
+use crate::image::Extent;
+
+/// A format by the numbers of Vulkan and by wgpu's name.
+pub type Format = (u32, wgpu::TextureFormat);
+
+/// Of images, the best first. Their bytes are encoded for the screen already.
+pub const COLOURS: [Format; 2] = [(43, wgpu::TextureFormat::Rgba8UnormSrgb), (50, wgpu::TextureFormat::Bgra8UnormSrgb)];
+/// Of distances.
+pub const DEPTHS: [Format; 2] = [(126, wgpu::TextureFormat::Depth32Float), (124, wgpu::TextureFormat::Depth16Unorm)];
+
+/// The first of these that the session offers.
+///
+/// # Errors
+/// What the runtime says.
+pub fn offered(session: &Session<Vulkan>, formats: &[Format]) -> Result<Option<Format>, HeadsetError> {
+    let offered = session.enumerate_swapchain_formats().to("say which images it takes")?;
+    Ok(formats.iter().copied().find(|(number, _)| offered.contains(number)))
+}
+
+pub struct Chain {
+    textures: Vec<wgpu::Texture>,
+    swapchain: Arc<Mutex<Swapchain<Vulkan>>>,
+    extent: Extent,
+    pub format: wgpu::TextureFormat,
+}
+
+impl Chain {
+    /// Of so many layers.
+    ///
+    /// # Errors
+    /// What the runtime says.
+    pub fn new(
+        device: &HeadsetDevice,
+        session: &Session<Vulkan>,
+        (number, format): Format,
+        extent: Extent,
+        layers: u32,
+    ) -> Result<Self, HeadsetError> {
+        let Extent { width, height } = extent;
+        let kind = if format.is_depth_stencil_format() {
+            SwapchainUsageFlags::DEPTH_STENCIL_ATTACHMENT
+        } else {
+            SwapchainUsageFlags::COLOR_ATTACHMENT | SwapchainUsageFlags::TRANSFER_DST
+        };
+        let info = SwapchainCreateInfo {
+            create_flags: SwapchainCreateFlags::EMPTY,
+            usage_flags: kind | SwapchainUsageFlags::SAMPLED,
+            format: number,
+            sample_count: 1,
+            width,
+            height,
+            face_count: 1,
+            array_size: layers,
+            mip_count: 1,
+        };
+        let swapchain = session.create_swapchain(&info).to("make images of this size")?;
+        let copies =
+            if format.is_depth_stencil_format() { wgpu::TextureUsages::empty() } else { wgpu::TextureUsages::COPY_DST };
+        let descriptor = wgpu::TextureDescriptor {
+            label: Some("headset"),
+            size: wgpu::Extent3d { width, height, depth_or_array_layers: layers },
+            mip_level_count: 1,
+            sample_count: 1,
+            dimension: wgpu::TextureDimension::D2,
+            format,
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | copies,
+            view_formats: &[],
+        };
+        let swapchain = Arc::new(Mutex::new(swapchain));
+        let textures = device.textures(&swapchain, &descriptor, at_rest(format)).to("give its images")?;
+        Ok(Self { textures, swapchain, extent, format })
+    }
+
+    /// Has the next image filled and given back.
+    ///
+    /// # Errors
+    /// What the runtime says.
+    pub fn fill(
+        &mut self,
+        gpu: &GpuDevice,
+        fill: impl FnOnce(&wgpu::Texture, &mut wgpu::CommandEncoder),
+    ) -> Result<(), HeadsetError> {
+        let mut swapchain = self.swapchain.lock().unwrap_or_else(PoisonError::into_inner);
+        let index = swapchain.acquire_image().to("give an image")?;
+        swapchain.wait_image(Duration::INFINITE).to("be done with an image")?;
+        let mut encoder = gpu.device.create_command_encoder(&Default::default());
+        if let Some(texture) = self.textures.get(index as usize) {
+            fill(texture, &mut encoder);
+            // As the runtime takes it back.
+            let state = at_rest(self.format);
+            let back = wgpu::TextureTransition { texture, selector: None, state };
+            encoder.transition_resources(std::iter::empty(), std::iter::once(back));
+        }
+        gpu.queue.submit([encoder.finish()]);
+        swapchain.release_image().to("take an image")
+    }
+
+    /// For layers of frames.
+    pub fn lock(&self) -> Images<'_> {
+        Images { swapchain: self.swapchain.lock().unwrap_or_else(PoisonError::into_inner), extent: self.extent }
+    }
+}
+
+/// The images of a chain while a frame with them is handed over.
+pub struct Images<'a> {
+    swapchain: MutexGuard<'a, Swapchain<Vulkan>>,
+    extent: Extent,
+}
+
+impl Images<'_> {
+    /// A layer of the newest.
+    pub fn layer(&self, layer: u32) -> SwapchainSubImage<'_, Vulkan> {
+        let Extent { width, height } = self.extent;
+        let extent = Extent2Di { width: width as i32, height: height as i32 };
+        let rect = Rect2Di { offset: Offset2Di { x: 0, y: 0 }, extent };
+        SwapchainSubImage::new().swapchain(&self.swapchain).image_array_index(layer).image_rect(rect)
+    }
+}
+
+/// As images are when the runtime gives and takes them: attachments (`XR_KHR_vulkan_enable2`).
+fn at_rest(format: wgpu::TextureFormat) -> wgpu::TextureUses {
+    if format.is_depth_stencil_format() {
+        wgpu::TextureUses::DEPTH_STENCIL_WRITE
+    } else {
+        wgpu::TextureUses::COLOR_TARGET
+    }
+}

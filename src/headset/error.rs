@@ -1,0 +1,45 @@
+//! What keeps frames from a headset.
+
+use openxr::sys;
+
+use crate::device::DeviceError;
+
+#[derive(Debug, thiserror::Error)]
+pub enum HeadsetError {
+    #[error(
+        "there is no OpenXR loader here, by which headsets are reached: install one (Debian or Ubuntu: `apt-get install libopenxr-loader1`)"
+    )]
+    NoLoader,
+    #[error(
+        "no OpenXR runtime answers: start the headset's (Monado: `monado-service`), and make it the active one (its manifest is named by XR_RUNTIME_JSON, or by active_runtime.json in openxr/1 below a folder of configurations)"
+    )]
+    NoRuntime,
+    #[error("the OpenXR runtime {runtime} finds no headset: connect one and switch it on")]
+    NoHeadset { runtime: String },
+    #[error("the OpenXR runtime {runtime} lacks {what}")]
+    Lacks { runtime: String, what: &'static str },
+    #[error("the headset's runtime failed to {what}: {source}")]
+    Call { what: &'static str, source: sys::Result },
+    #[error("the headset's eyes cannot be rendered: {0}")]
+    Eyes(String),
+    #[error("the headset was lost")]
+    Lost,
+    #[error("the headset's device failed: {0}")]
+    Failed(String),
+    #[error(transparent)]
+    Device(#[from] DeviceError),
+}
+
+/// Of a call that failed: what it was to do.
+pub(super) trait Told<T> {
+    fn to(self, what: &'static str) -> Result<T, HeadsetError>;
+}
+
+impl<T> Told<T> for Result<T, sys::Result> {
+    fn to(self, what: &'static str) -> Result<T, HeadsetError> {
+        self.map_err(|source| match source {
+            sys::Result::ERROR_SESSION_LOST | sys::Result::ERROR_INSTANCE_LOST => HeadsetError::Lost,
+            source => HeadsetError::Call { what, source },
+        })
+    }
+}

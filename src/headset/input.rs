@@ -1,0 +1,166 @@
+//! Controllers and eye trackers: what is bound to what, and what they tell.
+
+use glam::DVec3;
+use openxr::{Action, ActionSet, Binding, Instance, Path, Posef, Session, Space, Time, Vector2f, Vulkan};
+
+use super::error::{HeadsetError, Told};
+use super::pose::head_pose;
+use crate::scene::head::HeadPose;
+
+/// What was asked for since the frame before, and where eyes look.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Input {
+    /// To the right and ahead, each −1 to 1.
+    pub stick: [f64; 2],
+    pub recentres: bool,
+    pub toggles_panel: bool,
+    /// A direction in the head, where a tracker knows it.
+    pub gaze: Option<DVec3>,
+}
+
+/// What is bound, below `/user`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum To {
+    Move,
+    Recentre,
+    Panel,
+    Gaze,
+}
+
+/// Of profiles, the paths that actions are bound to. Runtimes know those of other controllers by them.
+const PROFILES: [(&str, &[(To, &str)]); 5] = [
+    (
+        "/interaction_profiles/khr/simple_controller",
+        &[
+            (To::Recentre, "hand/left/input/menu/click"),
+            (To::Recentre, "hand/right/input/menu/click"),
+            (To::Panel, "hand/left/input/select/click"),
+            (To::Panel, "hand/right/input/select/click"),
+        ],
+    ),
+    (
+        "/interaction_profiles/oculus/touch_controller",
+        &[
+            (To::Move, "hand/left/input/thumbstick"),
+            (To::Move, "hand/right/input/thumbstick"),
+            (To::Recentre, "hand/left/input/y/click"),
+            (To::Recentre, "hand/right/input/b/click"),
+            (To::Panel, "hand/left/input/x/click"),
+            (To::Panel, "hand/right/input/a/click"),
+        ],
+    ),
+    (
+        "/interaction_profiles/valve/index_controller",
+        &[
+            (To::Move, "hand/left/input/thumbstick"),
+            (To::Move, "hand/right/input/thumbstick"),
+            (To::Recentre, "hand/left/input/b/click"),
+            (To::Recentre, "hand/right/input/b/click"),
+            (To::Panel, "hand/left/input/a/click"),
+            (To::Panel, "hand/right/input/a/click"),
+        ],
+    ),
+    (
+        "/interaction_profiles/microsoft/motion_controller",
+        &[
+            (To::Move, "hand/left/input/thumbstick"),
+            (To::Move, "hand/right/input/thumbstick"),
+            (To::Recentre, "hand/left/input/menu/click"),
+            (To::Recentre, "hand/right/input/menu/click"),
+            (To::Panel, "hand/left/input/trackpad/click"),
+            (To::Panel, "hand/right/input/trackpad/click"),
+        ],
+    ),
+    ("/interaction_profiles/ext/eye_gaze_interaction", &[(To::Gaze, "eyes_ext/input/gaze_ext/pose")]),
+];
+
+/// What is bound in a session.
+pub struct Controls {
+    set: ActionSet,
+    moves: Action<Vector2f>,
+    recentres: Action<bool>,
+    toggles_panel: Action<bool>,
+    /// Where the runtime may know it.
+    gaze: Option<Space>,
+}
+
+impl Controls {
+    /// # Errors
+    /// What the runtime says. That it does not know a controller is none.
+    pub fn new(xr: &Instance, session: &Session<Vulkan>, tracks_eyes: bool) -> Result<Self, HeadsetError> {
+        let bind = "bind controllers";
+        let set = xr.create_action_set("diptych", "diptych", 0).to(bind)?;
+        let moves = set.create_action("move", "Move", &[]).to(bind)?;
+        let recentres = set.create_action("recentre", "Back to where one looked at first", &[]).to(bind)?;
+        let toggles_panel = set.create_action("panel", "Frame times, shown or hidden", &[]).to(bind)?;
+        let looks = if tracks_eyes { Some(set.create_action::<Posef>("gaze", "Gaze", &[]).to(bind)?) } else { None };
+        for (profile, bound) in PROFILES {
+            let binding = |(to, path): &(To, &str)| {
+                let path = xr.string_to_path(&format!("/user/{path}")).ok()?;
+                match to {
+                    To::Move => Some(Binding::new(&moves, path)),
+                    To::Recentre => Some(Binding::new(&recentres, path)),
+                    To::Panel => Some(Binding::new(&toggles_panel, path)),
+                    To::Gaze => looks.as_ref().map(|looks| Binding::new(looks, path)),
+                }
+            };
+            let bindings: Vec<Binding> = bound.iter().filter_map(binding).collect();
+            if let (Ok(profile), false) = (xr.string_to_path(profile), bindings.is_empty()) {
+                // A runtime may not know all of them.
+                let _ = xr.suggest_interaction_profile_bindings(profile, &bindings);
+            }
+        }
+        session.attach_action_sets(&[&set]).to(bind)?;
+        let gaze = looks.map(|looks| looks.create_space(session, Path::NULL, Posef::IDENTITY).to(bind)).transpose()?;
+        Ok(Self { set, moves, recentres, toggles_panel, gaze })
+    }
+
+    /// What they tell by now; `head` is the head's own space.
+    ///
+    /// # Errors
+    /// What the runtime says.
+    pub fn read(&self, session: &Session<Vulkan>, head: &Space, display: Time) -> Result<Input, HeadsetError> {
+        let read = "say what controllers do";
+        session.sync_actions(&[(&self.set).into()]).to(read)?;
+        let stick = self.moves.state(session, Path::NULL).to(read)?;
+        let [x, y] = if stick.is_active { [stick.current_state.x, stick.current_state.y] } else { [0.0; 2] };
+        let is_pressed = |button: &Action<bool>| {
+            let state = button.state(session, Path::NULL).to(read)?;
+            Ok::<_, HeadsetError>(state.is_active && state.changed_since_last_sync && state.current_state)
+        };
+        let gaze = match &self.gaze {
+            Some(gaze) => head_pose(&gaze.locate(head, display).to("say where eyes look")?.pose),
+            None => None,
+        };
+        Ok(Input {
+            stick: [x, y].map(f64::from),
+            recentres: is_pressed(&self.recentres)?,
+            toggles_panel: is_pressed(&self.toggles_panel)?,
+            gaze: gaze.map(|HeadPose { orientation, .. }| orientation * DVec3::NEG_Z),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_controller_can_recentre_and_show_the_panel_with_either_hand() {
+        for (profile, bound) in PROFILES {
+            let of = |to: To| bound.iter().filter(|(t, _)| *t == to).map(|(_, path)| *path).collect::<Vec<_>>();
+            if !of(To::Gaze).is_empty() {
+                continue;
+            }
+            for to in [To::Recentre, To::Panel] {
+                for hand in ["hand/left/", "hand/right/"] {
+                    assert_eq!(of(to).iter().filter(|path| path.starts_with(hand)).count(), 1, "{profile} {to:?}");
+                }
+            }
+            let mut paths: Vec<&str> = bound.iter().map(|(_, path)| *path).collect();
+            paths.sort_unstable();
+            paths.dedup();
+            assert_eq!(paths.len(), bound.len(), "{profile} has two actions on one button");
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! The states of a session, as the runtime changes them, and what is to be done about each.
+
+use std::fmt;
+
+use openxr::SessionState;
+
+/// Of a session, by the names of OpenXR's `XrSessionState`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum State {
+    /// Nothing is shown: the headset is off, or not worn.
+    Idle,
+    /// Frames may begin.
+    Ready,
+    /// Frames are paced, and not seen.
+    Synchronized,
+    /// Frames are seen.
+    Visible,
+    /// They are seen, and input is theirs.
+    Focused,
+    /// Frames must end.
+    Stopping,
+    Exiting,
+    LossPending,
+}
+
+impl State {
+    /// None for what later versions add.
+    pub fn of(state: SessionState) -> Option<Self> {
+        Some(match state {
+            SessionState::IDLE => Self::Idle,
+            SessionState::READY => Self::Ready,
+            SessionState::SYNCHRONIZED => Self::Synchronized,
+            SessionState::VISIBLE => Self::Visible,
+            SessionState::FOCUSED => Self::Focused,
+            SessionState::STOPPING => Self::Stopping,
+            SessionState::EXITING => Self::Exiting,
+            SessionState::LOSS_PENDING => Self::LossPending,
+            _ => return None,
+        })
+    }
+}
+
+impl fmt::Display for State {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Idle => "idle",
+            Self::Ready => "ready",
+            Self::Synchronized => "synchronized",
+            Self::Visible => "visible",
+            Self::Focused => "focused",
+            Self::Stopping => "stopping",
+            Self::Exiting => "exiting",
+            Self::LossPending => "loss pending",
+        })
+    }
+}
+
+/// What a change asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Step {
+    Nothing,
+    Begin,
+    End,
+}
+
+/// A session's way through its states.
+#[derive(Clone, Debug, Default)]
+pub struct Lifecycle {
+    /// In their order, each followed by another one.
+    states: Vec<State>,
+    runs: bool,
+}
+
+/// More than these are not remembered: a headset may be put on and off all day.
+const REMEMBERED: usize = 1000;
+
+impl Lifecycle {
+    /// The runtime has changed the state.
+    pub fn enter(&mut self, state: State) -> Step {
+        if self.states.len() < REMEMBERED || self.has_ended() {
+            self.states.push(state);
+        } else if let Some(last) = self.states.last_mut() {
+            *last = state;
+        }
+        match state {
+            State::Ready if !self.runs => {
+                self.runs = true;
+                Step::Begin
+            }
+            State::Stopping if self.runs => {
+                self.runs = false;
+                Step::End
+            }
+            State::Exiting | State::LossPending => {
+                self.runs = false;
+                Step::Nothing
+            }
+            _ => Step::Nothing,
+        }
+    }
+
+    /// Whether frames are to be waited for, begun and ended.
+    pub fn runs(&self) -> bool {
+        self.runs
+    }
+
+    /// The newest.
+    pub fn state(&self) -> Option<State> {
+        self.states.last().copied()
+    }
+
+    /// Whether no frame comes any more.
+    pub fn has_ended(&self) -> bool {
+        matches!(self.state(), Some(State::Exiting | State::LossPending))
+    }
+
+    pub fn states(&self) -> &[State] {
+        &self.states
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    use State::{Exiting, Focused, Idle, LossPending, Ready, Stopping, Synchronized, Visible};
+
+    fn steps(states: &[State]) -> (Vec<Step>, Lifecycle) {
+        let mut lifecycle = Lifecycle::default();
+        (states.iter().map(|state| lifecycle.enter(*state)).collect(), lifecycle)
+    }
+
+    #[test]
+    fn a_session_begins_when_it_is_ready_and_ends_when_it_is_to_stop() {
+        let states = [Idle, Ready, Synchronized, Visible, Focused, Visible, Synchronized, Stopping, Idle, Exiting];
+        let (steps, lifecycle) = steps(&states);
+        let at = |step| steps.iter().position(|s| *s == step);
+        assert_eq!((at(Step::Begin), at(Step::End)), (Some(1), Some(7)));
+        assert_eq!(steps.iter().filter(|s| **s == Step::Nothing).count(), states.len() - 2);
+        assert!(lifecycle.has_ended() && !lifecycle.runs() && lifecycle.states() == states);
+    }
+
+    #[test]
+    fn a_headset_that_is_taken_off_and_put_on_again_goes_on() {
+        let (steps, lifecycle) = steps(&[Idle, Ready, Synchronized, Stopping, Idle, Ready, Synchronized]);
+        assert_eq!(steps.iter().filter(|s| **s == Step::Begin).count(), 2);
+        assert!(lifecycle.runs() && !lifecycle.has_ended());
+    }
+
+    #[test]
+    fn a_loss_ends_it_in_any_state() {
+        for before in [Idle, Ready, Synchronized, Visible, Focused, Stopping] {
+            let (steps, lifecycle) = steps(&[Ready, before, LossPending]);
+            assert_eq!(steps[2], Step::Nothing, "a session that is being lost is not ended");
+            assert!(lifecycle.has_ended() && !lifecycle.runs());
+        }
+    }
+
+    #[test]
+    fn states_that_are_said_twice_do_nothing() {
+        let (steps, _) = steps(&[Ready, Ready, Stopping, Stopping]);
+        assert_eq!(steps, [Step::Begin, Step::Nothing, Step::End, Step::Nothing]);
+    }
+
+    #[test]
+    fn no_more_states_are_kept_than_are_of_use() {
+        let mut lifecycle = Lifecycle::default();
+        for _ in 0..REMEMBERED {
+            assert_eq!([Visible, Focused].map(|state| lifecycle.enter(state)), [Step::Nothing; 2]);
+        }
+        lifecycle.enter(Exiting);
+        assert!(lifecycle.has_ended() && lifecycle.states().len() == REMEMBERED);
+    }
+}

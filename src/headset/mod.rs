@@ -1,0 +1,29 @@
+//! Into a headset, with OpenXR: which instant and which poses frames are to be of, and where their images go.
+//!
+//! [`Runtime`] is the system's OpenXR runtime with a headset, before anything is shown. [`Headset`] is a session with it: its
+//! frames begin with [`Headset::next_frame`], which waits as long as the runtime wants, and end with [`Headset::show`].
+
+mod chain;
+mod depth;
+mod error;
+mod frame;
+mod gaze;
+mod input;
+mod late;
+mod lifecycle;
+mod pacing;
+mod panel;
+mod pose;
+mod runtime;
+mod session;
+mod walk;
+
+pub use error::HeadsetError;
+pub use frame::{HeadsetFrame, Next, Picture, Shown};
+pub use input::Input;
+pub use late::{HeadSample, Locator};
+pub use lifecycle::State;
+pub use panel::Panel;
+pub use runtime::Runtime;
+pub use session::Headset;
+pub use walk::Walk;

@@ -1,0 +1,71 @@
+//! A rectangle in space beside the frames, as one for numbers.
+
+use openxr::{CompositionLayerFlags, CompositionLayerQuad, Extent2Df, EyeVisibility, Session, Space, Vulkan};
+
+use super::chain::{COLOURS, Chain, Images, offered};
+use super::error::HeadsetError;
+use super::pose::posef;
+use crate::device::{GpuDevice, HeadsetDevice};
+use crate::image::Extent;
+use crate::scene::head::HeadPose;
+use glam::DVec3;
+
+/// Ahead of the head, and so much below where that looks, metres.
+const AHEAD_M: f64 = 1.0;
+const BELOW_M: f64 = 0.15;
+
+/// It shows what it was filled with, with alpha by which colours are multiplied already.
+pub struct Panel {
+    chain: Chain,
+    size_m: [f64; 2],
+    /// Of its middle, in the session's space.
+    pose: HeadPose,
+}
+
+impl Panel {
+    /// So wide, ahead of a head that is there. None where the session takes no such images.
+    pub(super) fn new(
+        device: &HeadsetDevice,
+        session: &Session<Vulkan>,
+        extent: Extent,
+        width_m: f64,
+        head: HeadPose,
+    ) -> Result<Option<Self>, HeadsetError> {
+        let Some(format) = offered(session, &COLOURS)? else { return Ok(None) };
+        let chain = Chain::new(device, session, format, extent, 1)?;
+        let size_m = [width_m, width_m * f64::from(extent.height) / f64::from(extent.width)];
+        let own = HeadPose { position_m: DVec3::new(0.0, -BELOW_M, -AHEAD_M), ..Default::default() };
+        Ok(Some(Self { chain, size_m, pose: head.then(own) }))
+    }
+
+    pub fn format(&self) -> wgpu::TextureFormat {
+        self.chain.format
+    }
+
+    /// Has it drawn on anew.
+    ///
+    /// # Errors
+    /// What the runtime says.
+    pub fn fill(
+        &mut self,
+        gpu: &GpuDevice,
+        fill: impl FnOnce(&wgpu::Texture, &mut wgpu::CommandEncoder),
+    ) -> Result<(), HeadsetError> {
+        self.chain.fill(gpu, fill)
+    }
+
+    pub(super) fn lock(&self) -> Images<'_> {
+        self.chain.lock()
+    }
+
+    pub(super) fn layer<'a>(&self, images: &'a Images<'_>, space: &'a Space) -> CompositionLayerQuad<'a, Vulkan> {
+        let [width, height] = self.size_m.map(|m| m as f32);
+        CompositionLayerQuad::new()
+            .layer_flags(CompositionLayerFlags::BLEND_TEXTURE_SOURCE_ALPHA)
+            .space(space)
+            .eye_visibility(EyeVisibility::BOTH)
+            .sub_image(images.layer(0))
+            .pose(posef(self.pose))
+            .size(Extent2Df { width, height })
+    }
+}

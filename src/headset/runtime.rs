@@ -1,0 +1,110 @@
+//! The system's OpenXR runtime, and the headset that it has.
+
+use openxr::sys;
+use openxr::{
+    ApplicationInfo, Entry, EnvironmentBlendMode, ExtensionSet, FormFactor, Instance, SystemId, Time, Version,
+    ViewConfigurationType,
+};
+
+use super::error::{HeadsetError, Told};
+use crate::image::Extent;
+
+/// One view for each eye.
+pub(super) const STEREO: ViewConfigurationType = ViewConfigurationType::PRIMARY_STEREO;
+
+/// What says whether the loader tells of its troubles, which our own errors do.
+const LOADER_LOG: &str = "XR_LOADER_DEBUG";
+
+/// A runtime with a headset. Nothing is shown yet.
+pub struct Runtime {
+    pub(super) xr: Instance,
+    pub(super) system: SystemId,
+    /// With its version.
+    pub name: String,
+    pub headset: String,
+    /// The size of each eye's image that the runtime recommends.
+    pub recommended: Extent,
+    pub(super) blend: EnvironmentBlendMode,
+    /// Whether it takes the distance of what is seen.
+    pub(super) takes_depth: bool,
+    /// Whether it may know where eyes look.
+    pub(super) tracks_eyes: bool,
+    tells_time: bool,
+}
+
+impl Runtime {
+    /// Finds the active runtime.
+    ///
+    /// # Errors
+    /// [`HeadsetError`] for what is missing: a loader, a runtime, a headset.
+    pub fn open() -> Result<Self, HeadsetError> {
+        if std::env::var_os(LOADER_LOG).is_none() {
+            // SAFETY: the program has no other thread yet that reads the environment.
+            unsafe { std::env::set_var(LOADER_LOG, "none") };
+        }
+        // SAFETY: the library of that name is OpenXR's loader.
+        let entry = unsafe { Entry::load(&()) }.map_err(|_| HeadsetError::NoLoader)?;
+        let offered = entry.enumerate_extensions().map_err(unanswered)?;
+        let mut wanted = ExtensionSet::default();
+        wanted.khr_vulkan_enable2 = offered.khr_vulkan_enable2;
+        wanted.khr_composition_layer_depth = offered.khr_composition_layer_depth;
+        wanted.ext_eye_gaze_interaction = offered.ext_eye_gaze_interaction;
+        wanted.khr_convert_timespec_time = offered.khr_convert_timespec_time && cfg!(not(windows));
+        let about =
+            ApplicationInfo { application_name: "diptych", api_version: Version::new(1, 0, 0), ..Default::default() };
+        let xr = entry.create_instance(&about, &wanted, &[], &()).map_err(unanswered)?;
+        let properties = xr.properties().to("say its name")?;
+        let name = format!("{} {}", properties.runtime_name, properties.runtime_version);
+        let lacks = |what| HeadsetError::Lacks { runtime: name.clone(), what };
+        if !wanted.khr_vulkan_enable2 {
+            return Err(lacks("images from Vulkan (XR_KHR_vulkan_enable2)"));
+        }
+        let system = xr.system(FormFactor::HEAD_MOUNTED_DISPLAY).map_err(|error| match error {
+            sys::Result::ERROR_FORM_FACTOR_UNAVAILABLE | sys::Result::ERROR_FORM_FACTOR_UNSUPPORTED => {
+                HeadsetError::NoHeadset { runtime: name.clone() }
+            }
+            source => HeadsetError::Call { what: "find its headset", source },
+        })?;
+        let views = xr.enumerate_view_configuration_views(system, STEREO).to("say what eyes see")?;
+        let [view, _] = views[..] else { return Err(lacks("one view for each eye")) };
+        let modes = xr.enumerate_environment_blend_modes(system, STEREO).to("say what is behind images")?;
+        let opaque = modes.iter().find(|mode| **mode == EnvironmentBlendMode::OPAQUE);
+        let blend = *opaque.or(modes.first()).ok_or_else(|| lacks("a way to show images"))?;
+        Ok(Self {
+            headset: xr.system_properties(system).to("say its headset's name")?.system_name,
+            recommended: Extent::new(
+                view.recommended_image_rect_width.max(1),
+                view.recommended_image_rect_height.max(1),
+            ),
+            blend,
+            takes_depth: wanted.khr_composition_layer_depth,
+            tracks_eyes: wanted.ext_eye_gaze_interaction,
+            tells_time: wanted.khr_convert_timespec_time,
+            xr,
+            system,
+            name,
+        })
+    }
+
+    /// If it tells the time.
+    pub(super) fn clock(&self) -> Option<&Instance> {
+        self.tells_time.then_some(&self.xr)
+    }
+
+    /// By its clock, where it tells.
+    pub(super) fn now(&self) -> Option<Time> {
+        self.clock()?.now().ok()
+    }
+}
+
+/// A loader that finds nobody, or whose runtime does not come up.
+fn unanswered(error: sys::Result) -> HeadsetError {
+    match error {
+        sys::Result::ERROR_RUNTIME_UNAVAILABLE
+        | sys::Result::ERROR_RUNTIME_FAILURE
+        | sys::Result::ERROR_INITIALIZATION_FAILED
+        | sys::Result::ERROR_FILE_ACCESS_ERROR
+        | sys::Result::ERROR_INSTANCE_LOST => HeadsetError::NoRuntime,
+        source => HeadsetError::Call { what: "come up", source },
+    }
+}

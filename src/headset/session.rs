@@ -1,0 +1,274 @@
+//! A session: frames are paced by the runtime, of the instants and poses that it predicts, and handed over to it.
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use openxr::{
+    CompositionLayerBase, CompositionLayerProjection, CompositionLayerProjectionView, Event, EventDataBuffer,
+    FrameStream, FrameWaiter, Posef, ReferenceSpaceType, Session, Time, Vulkan, sys,
+};
+
+use super::chain::{COLOURS, Chain, offered};
+use super::depth::{self, Depth, write_layer};
+use super::error::{HeadsetError, Told};
+use super::frame::{HeadsetFrame, Next, Picture, Shown};
+use super::gaze::{GazeFilter, in_image};
+use super::input::{Controls, Input};
+use super::late::{HeadSample, Locator, Spaces};
+use super::lifecycle::{Lifecycle, State, Step};
+use super::pacing::Pacing;
+use super::panel::Panel;
+use super::pose::{are_alike, eye_view, head_eyes};
+use super::runtime::{Runtime, STEREO};
+use crate::device::{GpuDevice, HeadsetDevice};
+use crate::image::Extent;
+use crate::scene::head::HeadPose;
+use crate::scene::optics::HeadEyes;
+use crate::scene::rig::Eye;
+
+/// Between looks at a session that does not run.
+const PAUSE: Duration = Duration::from_millis(10);
+
+/// A session with a headset, whose images have one size. Its handles go in the order of the fields.
+pub struct Headset {
+    colour: Chain,
+    depth: Option<Depth>,
+    controls: Controls,
+    locator: Locator,
+    stream: FrameStream<Vulkan>,
+    waiter: FrameWaiter,
+    session: Session<Vulkan>,
+    device: HeadsetDevice,
+    runtime: Runtime,
+    events: EventDataBuffer,
+    lifecycle: Lifecycle,
+    pacing: Pacing,
+    /// The newest that were told.
+    eyes: Option<HeadEyes>,
+    /// Once a tracker has told of it.
+    gaze: Option<GazeFilter>,
+    extent: Extent,
+    is_to_end: bool,
+}
+
+impl Headset {
+    /// Opens a device as the runtime asks, and a session for images of this size for each eye.
+    ///
+    /// # Errors
+    /// What the runtime says, or the device.
+    pub fn start(runtime: Runtime, extent: Extent) -> Result<Self, HeadsetError> {
+        let device = HeadsetDevice::open(&runtime.xr, runtime.system)?;
+        let (session, waiter, stream) = device.session(&runtime.xr, runtime.system).to("begin a session")?;
+        let space = |kind| session.create_reference_space(kind, Posef::IDENTITY).to("say where the head is");
+        let spaces = Spaces { local: space(ReferenceSpaceType::LOCAL)?, head: space(ReferenceSpaceType::VIEW)? };
+        let locator = Locator { spaces: Arc::new(spaces), clock: runtime.clock().cloned() };
+        let lacks = HeadsetError::Lacks { runtime: runtime.name.clone(), what: "images of eight bits, sRGB" };
+        let format = offered(&session, &COLOURS)?.ok_or(lacks)?;
+        let colour = Chain::new(&device, &session, format, extent, 2)?;
+        let depth = if runtime.takes_depth { Depth::new(&device, &session, extent)? } else { None };
+        let controls = Controls::new(&runtime.xr, &session, runtime.tracks_eyes)?;
+        Ok(Self {
+            colour,
+            depth,
+            controls,
+            locator,
+            stream,
+            waiter,
+            session,
+            device,
+            runtime,
+            events: EventDataBuffer::new(),
+            lifecycle: Lifecycle::default(),
+            pacing: Pacing::default(),
+            eyes: None,
+            gaze: None,
+            extent,
+            is_to_end: false,
+        })
+    }
+
+    pub fn runtime(&self) -> &Runtime {
+        &self.runtime
+    }
+
+    /// Whether [`Self::show`] has a use for distances.
+    pub fn takes_depth(&self) -> bool {
+        self.depth.is_some()
+    }
+
+    /// Those that the session went through so far.
+    pub fn states(&self) -> &[State] {
+        self.lifecycle.states()
+    }
+
+    /// Whether the runtime has taken the headset away.
+    pub fn is_lost(&self) -> bool {
+        self.lifecycle.state() == Some(State::LossPending)
+    }
+
+    /// Asks the runtime to end the session, which [`Self::next_frame`] tells.
+    ///
+    /// # Errors
+    /// What the runtime says.
+    pub fn ask_to_end(&mut self) -> Result<(), HeadsetError> {
+        if std::mem::replace(&mut self.is_to_end, true) || !self.lifecycle.runs() {
+            return Ok(());
+        }
+        self.session.request_exit().to("end the session")
+    }
+
+    /// Follows what has happened to the session, and waits until the runtime wants a frame.
+    ///
+    /// # Errors
+    /// What the runtime says.
+    pub fn next_frame(&mut self) -> Result<Next, HeadsetError> {
+        self.follow()?;
+        if self.lifecycle.has_ended() || self.is_to_end && !self.lifecycle.runs() {
+            return Ok(Next::Ended);
+        }
+        if !self.lifecycle.runs() {
+            self.pacing.pause();
+            std::thread::sleep(PAUSE);
+            return Ok(Next::Idle);
+        }
+        let paced = self.waiter.wait().to("pace frames")?;
+        self.stream.begin().to("begin a frame")?;
+        let display = paced.predicted_display_time;
+        let located = if paced.should_render { self.locate(display)? } else { None };
+        let Some((HeadSample { head, at: sampled }, eyes)) = located else {
+            self.pacing.pause();
+            self.stream.end(display, self.runtime.blend, &[]).to("end a frame")?;
+            return Ok(Next::Idle);
+        };
+        let period_ns = paced.predicted_display_period.as_nanos();
+        let missed = self.pacing.missed(display, period_ns);
+        let display_s = self.pacing.since_first_s(display);
+        let input = self.controls.read(&self.session, &self.locator.spaces.head, display)?;
+        let gaze = self.gaze(&input, &eyes, display_s);
+        let frame = HeadsetFrame { display, period_ns, sampled, display_s, head, eyes, missed, input, gaze };
+        Ok(Next::Frame(Box::new(frame)))
+    }
+
+    /// What tells where the head will be when all else of a frame is done.
+    pub fn locator(&self) -> Locator {
+        self.locator.clone()
+    }
+
+    /// In the images of eyes.
+    fn gaze(&mut self, input: &Input, eyes: &HeadEyes, at_s: f64) -> Option<[[f64; 2]; 2]> {
+        if input.gaze.is_some() {
+            self.gaze.get_or_insert_default();
+        }
+        let gaze = self.gaze.as_mut()?.next(input.gaze, at_s);
+        Some([&eyes.left, &eyes.right].map(|eye| in_image(gaze, eye)))
+    }
+
+    /// A panel of so many pixels, so wide, ahead of a head that is there; none where the session takes no such images.
+    ///
+    /// # Errors
+    /// What the runtime says.
+    pub fn panel(&self, extent: Extent, width_m: f64, head: HeadPose) -> Result<Option<Panel>, HeadsetError> {
+        Panel::new(&self.device, &self.session, extent, width_m, head)
+    }
+
+    /// The device that panels are drawn on. Its queue is used by the thread that has the headset alone.
+    pub fn gpu(&self) -> &GpuDevice {
+        &self.device.gpu
+    }
+
+    /// Where head and eyes will be; none where nothing is known of them.
+    fn locate(&mut self, display: Time) -> Result<Option<(HeadSample, HeadEyes)>, HeadsetError> {
+        let head = &self.locator.spaces.head;
+        let (_, views) = self.session.locate_views(STEREO, display, head).to("say where the eyes are")?;
+        let told = if let [left, right] = &views[..] { head_eyes([left, right]) } else { None };
+        // They stay the same but for rounding.
+        if let Some(told) = told.filter(|told| self.eyes.is_none_or(|eyes| !are_alike(&eyes, told))) {
+            self.eyes = Some(told);
+        }
+        Ok(self.locator.at(display).zip(self.eyes))
+    }
+
+    /// Counts times and missed periods from the next frame on.
+    pub fn begin_anew(&mut self) {
+        self.pacing = Pacing::default();
+    }
+
+    /// Ends a frame in which nothing is shown.
+    ///
+    /// # Errors
+    /// What the runtime says.
+    pub fn skip(&mut self, frame: &HeadsetFrame) -> Result<(), HeadsetError> {
+        self.stream.end(frame.display, self.runtime.blend, &[]).to("end a frame")
+    }
+
+    /// Hands a frame over.
+    ///
+    /// # Errors
+    /// What the runtime says, or the device.
+    pub fn show(&mut self, frame: &HeadsetFrame, picture: &Picture) -> Result<Shown, HeadsetError> {
+        let gpu = &self.device.gpu;
+        let blue_first = self.colour.format == wgpu::TextureFormat::Bgra8UnormSrgb;
+        self.colour.fill(gpu, |texture, _| {
+            for (layer, image) in (0..).zip([&picture.images.left, &picture.images.right]) {
+                let swapped = blue_first.then(|| image.pixels.iter().map(|&[r, g, b, a]| [b, g, r, a]).collect());
+                let pixels: &[[u8; 4]] = swapped.as_ref().map_or(&image.pixels, |pixels: &Vec<_>| pixels);
+                write_layer(gpu, texture, layer, image.extent, pixels.as_flattened());
+            }
+        })?;
+        let distances = self.depth.as_mut().zip(picture.distances);
+        let has_depth = distances.is_some();
+        if let Some((depth, (distances, metres_per_unit))) = distances {
+            depth.fill(gpu, &depth::encoded_eyes(distances, self.extent, &frame.eyes, metres_per_unit))?;
+        }
+        if let Some(failure) = gpu.failure() {
+            return Err(HeadsetError::Failed(failure.what));
+        }
+        let colour = self.colour.lock();
+        let depth = self.depth.as_ref().filter(|_| has_depth).map(Depth::lock);
+        let infos = depth.as_ref().map(|images| Eye::ALL.map(|eye| depth::info(images, eye)));
+        let views = Eye::ALL.map(|eye| {
+            let (pose, fov) = eye_view(frame.head, &frame.eyes, eye);
+            let view = CompositionLayerProjectionView::new().pose(pose).fov(fov).sub_image(colour.layer(eye as u32));
+            let Some(infos) = &infos else { return view };
+            let next = std::ptr::from_ref(&infos[eye as usize]).cast();
+            // SAFETY: what the view points to lives as long as the frame's end takes, and its extension is on.
+            unsafe {
+                CompositionLayerProjectionView::from_raw(sys::CompositionLayerProjectionView {
+                    next,
+                    ..view.into_raw()
+                })
+            }
+        });
+        let world = CompositionLayerProjection::new().space(&self.locator.spaces.local).views(&views);
+        let panel = picture.panel.map(|panel| (panel, panel.lock()));
+        let panel = panel.as_ref().map(|(panel, images)| panel.layer(images, &self.locator.spaces.local));
+        let layers: [Option<&CompositionLayerBase<Vulkan>>; 2] = [Some(&world), panel.as_deref()];
+        let layers: Vec<_> = layers.into_iter().flatten().collect();
+        self.stream.end(frame.display, self.runtime.blend, &layers).to("take a frame")?;
+        Ok(frame.shown(self.runtime.now()))
+    }
+
+    /// Takes all events in.
+    fn follow(&mut self) -> Result<(), HeadsetError> {
+        loop {
+            let entered = match self.runtime.xr.poll_event(&mut self.events).to("tell what happens")? {
+                None => return Ok(()),
+                Some(Event::SessionStateChanged(change)) => State::of(change.state()),
+                Some(Event::InstanceLossPending(_)) => Some(State::LossPending),
+                Some(_) => None,
+            };
+            match entered.map(|state| self.lifecycle.enter(state)) {
+                Some(Step::Begin) => drop(self.session.begin(STEREO).to("begin frames")?),
+                Some(Step::End) => drop(self.session.end().to("end frames")?),
+                Some(Step::Nothing) | None => {}
+            }
+        }
+    }
+}
+
+impl Drop for Headset {
+    /// The device is done with the images before the runtime takes them back. One that hangs has them for good.
+    fn drop(&mut self) {
+        let _ = self.device.gpu.wait(None);
+    }
+}

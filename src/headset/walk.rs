@@ -1,0 +1,104 @@
+//! Where a headset's own space is in the shot's, which thumbsticks and buttons change.
+
+use glam::{DQuat, DVec2, DVec3};
+
+use crate::scene::head::HeadPose;
+
+/// Thumbsticks that are let go rest somewhere within it.
+const DEAD_ZONE: f64 = 0.15;
+
+/// From the session's space to the shot's. Both are level, and so it stays.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Walk {
+    origin: HeadPose,
+}
+
+impl Walk {
+    /// Where a head is that is there in the session's space.
+    pub fn placed(&self, head: HeadPose) -> HeadPose {
+        self.origin.then(head)
+    }
+
+    /// Goes on for `passed_s`, at full deflection at this speed, to the right and ahead as the head looks, but level.
+    pub fn go(&mut self, head: HeadPose, stick: [f64; 2], speed_m_per_s: f64, passed_s: f64) {
+        let stick = DVec2::from(stick).clamp_length_max(1.0);
+        let beyond = (stick.length() - DEAD_ZONE) / (1.0 - DEAD_ZONE);
+        if beyond.is_nan() || beyond <= 0.0 {
+            return;
+        }
+        let along = stick.normalize() * beyond * speed_m_per_s * passed_s;
+        let level = DQuat::from_rotation_y(heading(self.placed(head).orientation));
+        self.origin.position_m += level * DVec3::new(along.x, 0.0, -along.y);
+    }
+
+    /// Has the head where the shot's eyes are at first, looking where they look.
+    pub fn recentre(&mut self, head: HeadPose) {
+        let orientation = DQuat::from_rotation_y(-heading(head.orientation));
+        self.origin = HeadPose { position_m: -(orientation * head.position_m), orientation };
+    }
+}
+
+/// How far it is turned to the left about the vertical: by where it looks, or looking up or down, by where its top is.
+fn heading(orientation: DQuat) -> f64 {
+    let (ahead, top) = (orientation * DVec3::NEG_Z, orientation * DVec3::Y);
+    let level = |v: DVec3| DVec2::new(v.x, v.z);
+    let [ahead, top] = [level(ahead), level(top) * -ahead.y.signum()];
+    let towards = if ahead.length() > 0.1 { ahead } else { top };
+    (-towards.x).atan2(-towards.y)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::{FRAC_PI_2, PI};
+
+    use super::*;
+
+    fn head(position: [f64; 3], yaw: f64, pitch: f64) -> HeadPose {
+        let orientation = DQuat::from_rotation_y(yaw) * DQuat::from_rotation_x(pitch);
+        HeadPose { position_m: position.into(), orientation }
+    }
+
+    #[test]
+    fn a_heading_is_that_of_where_one_looks() {
+        for yaw in [-3.0, -1.0, 0.0, 0.5, FRAC_PI_2, 3.0] {
+            for pitch in [-FRAC_PI_2, -1.2, 0.0, 0.8, 1.5, FRAC_PI_2] {
+                let found = heading(head([0.0; 3], yaw, pitch).orientation);
+                let off = (found - yaw + PI).rem_euclid(2.0 * PI) - PI;
+                assert!(off.abs() < 1e-9, "{yaw} {pitch}: {found}");
+            }
+        }
+    }
+
+    #[test]
+    fn one_goes_ahead_where_one_looks_and_stays_level() {
+        let mut walk = Walk::default();
+        let looks_left_and_down = head([0.0, 1.6, 0.0], FRAC_PI_2, -0.7);
+        walk.go(looks_left_and_down, [0.0, 1.0], 2.0, 0.5);
+        let at = walk.placed(looks_left_and_down).position_m;
+        assert!((at - DVec3::new(-1.0, 1.6, 0.0)).length() < 1e-9, "{at}");
+        walk.go(looks_left_and_down, [1.0, 0.0], 2.0, 0.5);
+        let at = walk.placed(looks_left_and_down).position_m;
+        assert!((at - DVec3::new(-1.0, 1.6, -1.0)).length() < 1e-9, "{at}");
+        let before = at;
+        for nothing in [[0.0, 0.0], [0.1, -0.1], [f64::NAN, 0.0]] {
+            walk.go(looks_left_and_down, nothing, 2.0, 0.5);
+        }
+        assert_eq!(walk.placed(looks_left_and_down).position_m, before);
+        walk.go(looks_left_and_down, [1.0, 1.0], 1.0, 1.0);
+        let went = walk.placed(looks_left_and_down).position_m - before;
+        assert!((went.length() - 1.0).abs() < 1e-9, "diagonals are no faster: {went}");
+    }
+
+    #[test]
+    fn recentring_brings_the_head_back_and_keeps_how_it_is_tilted() {
+        let mut walk = Walk::default();
+        walk.go(head([0.0; 3], 0.3, 0.0), [0.2, 0.9], 3.0, 1.0);
+        let tilted = head([1.0, 0.2, -2.0], 1.1, 0.4);
+        walk.recentre(tilted);
+        let HeadPose { position_m, orientation } = walk.placed(tilted);
+        assert!(position_m.length() < 1e-9, "{position_m}");
+        assert!(orientation.abs_diff_eq(DQuat::from_rotation_x(0.4), 1e-9), "{orientation}");
+        walk.go(tilted, [0.0, 1.0], 1.0, 1.0);
+        assert!((walk.placed(tilted).position_m - DVec3::NEG_Z).length() < 1e-9);
+    }
+}

@@ -1,0 +1,159 @@
+//! Frames that are shown from where the head is later than they were rendered.
+
+use std::sync::mpsc::{Sender, channel};
+use std::sync::{Arc, Mutex};
+use std::time::Duration;
+
+use crate::common::{Frame, Stage, Subject};
+use diptych::exec::{InjectedFaults, PoseSource, RenderSettings, Stereo, TimedTask};
+use diptych::image::{Extent, RgbImage};
+use diptych::metrics::Pair;
+use diptych::scene::optics::Optics;
+use diptych::scene::rig::{Rig, RigKey};
+use glam::DVec3;
+
+const SIZE: Extent = Extent { width: 64, height: 48 };
+
+/// A head that turns and moves, sideways and ahead, within a second from 0 s.
+fn subject(spp: u32) -> (Subject, RenderSettings) {
+    let mut subject = Subject::load("builtin:cornell").with_common_shaders();
+    let first = RigKey { time_s: 0.0, ..subject.rig.keys[0] };
+    let position = first.position + DVec3::new(0.04, 0.01, -0.03);
+    let target = first.target + DVec3::new(0.2, 0.05, 0.0);
+    subject.rig.keys = vec![first, RigKey { time_s: 1.0, position, target, ..first }];
+    let optics = Optics::with_border(&subject.rig, SIZE, 6.0);
+    subject.rig.optics = Some(optics);
+    let mut settings = subject.settings(SIZE.width, SIZE.height);
+    (settings.stages.rectified, settings.stages.is_late) = (Some(optics.grid(SIZE, 1.25).unwrap()), true);
+    settings.stages.spp = spp;
+    (subject, settings)
+}
+
+/// A frame of 0 s, shown from where the head is then.
+fn shown_from(
+    later_s: f64,
+    index: u32,
+    devices: usize,
+    (subject, settings): &(Subject, RenderSettings),
+) -> Stereo<RgbImage> {
+    let mut stage = Stage::even(subject, settings, devices);
+    stage.renderer().set_later(Some((&subject.rig, later_s)));
+    stage.frame(index).linear
+}
+
+#[test]
+fn what_is_shown_late_is_corrected_on_any_number_of_devices() {
+    let seen = subject(24);
+    let (subject, settings) = &seen;
+    let rendered_at = |time_s: f64| {
+        let mut stage = Stage::even(subject, settings, 1);
+        stage.frame_at(time_s, 0).linear
+    };
+    let corrected = shown_from(1.0, 0, 1, &seen);
+    let [right, late] = [1.0, 0.0].map(rendered_at);
+    for (eye, right, late, corrected) in
+        [("left", &right.left, &late.left, &corrected.left), ("right", &right.right, &late.right, &corrected.right)]
+    {
+        let errors = |image| Pair::new(right, image, 0.0).unwrap().errors();
+        let [late, corrected] = [errors(late), errors(corrected)];
+        println!("{eye}: {} and {} dB, FLIP {} and {}", late.psnr, corrected.psnr, late.flip, corrected.flip);
+        assert!(corrected.psnr > late.psnr + 5.0, "{eye}: {} and {} dB", late.psnr, corrected.psnr);
+        assert!(corrected.flip < 0.5 * late.flip, "{eye}: {} and {}", late.flip, corrected.flip);
+    }
+    for devices in [2, 3] {
+        assert!(shown_from(1.0, 0, devices, &seen) == corrected, "{devices} devices");
+    }
+}
+
+/// A source that waits until it is told where the head is.
+fn told() -> (Arc<PoseSource>, Sender<Option<Rig>>) {
+    let (tell, poses) = channel();
+    let poses = Mutex::new(poses);
+    (Arc::new(move |_| poses.lock().unwrap().recv_timeout(Duration::from_secs(20)).unwrap()), tell)
+}
+
+/// When the last task ended that what is shown is made of, or that the primary has beside.
+fn others_ended_ms(frame: &Frame) -> f64 {
+    let others = frame.report.tasks.iter().filter(|task| task.stage != "to_later_eye");
+    let waited_for = others.filter(|task| task.device == 0 || task.stage == "tonemap");
+    let gpu = waited_for.filter(|task| matches!(task.kind, TimedTask::Gpu(_)));
+    gpu.map(|task| task.end_ms).fold(0.0, f64::max)
+}
+
+/// A pose that is told when the frame has begun gives what one does that was known before; it is asked for when all that the
+/// frame shows has been made.
+#[test]
+fn the_last_pose_is_the_one_that_frames_are_shown_from() {
+    let seen = subject(1);
+    let known = [0.0, 0.7].map(|later_s| shown_from(later_s, 0, 1, &seen));
+    let (subject, mut settings) = seen;
+    assert!(known[0] != known[1]);
+    for (devices, in_flight) in [(1, 1), (2, 1), (3, 2)] {
+        settings.stages.frames_in_flight = in_flight;
+        let mut stage = Stage::even(&subject, &settings, devices);
+        let (source, tell) = told();
+        stage.renderer().set_pose_source(Some(source));
+        for (later_s, expected) in [(0.7, &known[1]), (0.0, &known[0])] {
+            stage.renderer().begin(&subject.rig, 0.0, 0, &[]).unwrap();
+            let pose = subject.rig.at(later_s);
+            tell.send(Some(pose.clone())).unwrap();
+            let report = stage.renderer().finish().unwrap().unwrap();
+            let frame = Frame { linear: stage.renderer().read_linear().unwrap(), report };
+            assert!(frame.linear == *expected, "{devices} devices, {later_s} s");
+            let asked = frame.report.shown_from.as_ref().unwrap();
+            assert_eq!(asked.rig, pose);
+            let off_ms = frame.report.clock_residuals_us.iter().map(|(_, us)| us / 1e3).fold(0.0, f64::max);
+            let ended_ms = others_ended_ms(&frame);
+            assert!(asked.at_ms >= ended_ms - off_ms, "{devices} devices: {} and {ended_ms} ms", asked.at_ms);
+            let age_ms = frame.report.pose_age_ms().unwrap();
+            assert!(age_ms > 0.0 && age_ms < frame.report.makespan_ms, "{age_ms} ms");
+            let showing = frame.report.tasks.iter().filter(|task| task.stage == "to_later_eye");
+            assert!(showing.clone().count() == 2 && showing.clone().all(|task| task.device == 0));
+        }
+        // Nothing newer is known than what it began with.
+        stage.renderer().set_later(Some((&subject.rig, 0.7)));
+        tell.send(None).unwrap();
+        let frame = stage.frame(0);
+        assert!(frame.linear == known[1] && frame.report.pose_age_ms().is_none(), "{devices} devices");
+        // Without a source, all devices share it out.
+        stage.renderer().set_pose_source(None);
+        let frame = stage.frame(0);
+        let showing = frame.report.tasks.iter().filter(|task| task.stage == "to_later_eye");
+        assert!(frame.linear == known[1] && showing.count() == 2 * devices);
+    }
+}
+
+/// Two frames are on the devices, and each is asked for its own.
+#[test]
+fn frames_in_flight_have_poses_of_their_own() {
+    let seen = subject(1);
+    let later_s = |frame: u32| 0.2 * f64::from(frame);
+    let known: Vec<_> = (0..4).map(|index| shown_from(later_s(index), index, 1, &seen)).collect();
+    let (subject, mut settings) = seen;
+    settings.stages.frames_in_flight = 2;
+    let mut stage = Stage::even(&subject, &settings, 2);
+    let rig = subject.rig.clone();
+    stage.renderer().set_pose_source(Some(Arc::new(move |frame| Some(rig.at(later_s(frame))))));
+    for (frame, known) in stage.frames_in_flight(&[0.0; 4]).iter().zip(&known) {
+        let asked = frame.report.shown_from.as_ref().unwrap();
+        assert_eq!(asked.rig, subject.rig.at(later_s(frame.report.index)));
+        assert!(frame.linear == *known, "frame {}", frame.report.index);
+    }
+}
+
+/// The image is of the pose that is reported, whichever attempt asked for it.
+#[test]
+fn a_frame_that_is_made_again_asks_again() {
+    let seen = subject(1);
+    let known = shown_from(0.7, 0, 1, &seen);
+    let (subject, settings) = seen;
+    let mut stage = Stage::even(&subject, &settings, 2);
+    let (source, tell) = told();
+    stage.renderer().set_pose_source(Some(source));
+    [0.3, 0.7].into_iter().for_each(|later_s| tell.send(Some(subject.rig.at(later_s))).unwrap());
+    stage.renderer().render(&subject.rig, 0.0, 0).unwrap();
+    let injections = vec!["loss:dev0@frame0".parse().unwrap()];
+    stage.renderer().set_injected_faults(InjectedFaults { injections, slowdown: Vec::new() });
+    assert!(stage.renderer().read_linear().unwrap() == known);
+    assert_eq!(stage.renderer().faults().len(), 1);
+}

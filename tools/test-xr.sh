@@ -1,0 +1,172 @@
+#!/bin/sh
+# Runs `diptych view --xr` in a headset and looks at what it leaves. With Monado that is its simulated headset, which this
+# script starts; without, the headset of the runtime that XR_RUNTIME_JSON names, if there is one.
+#
+#   sh tools/test-xr.sh DIPTYCH OUT
+#
+# Where OpenXR's and Vulkan's validation layers are installed, a run goes through them. With nothing to run on it fails, or
+# with NO_XR=skip only says so.
+set -eu
+
+rm -rf "$2"
+mkdir -p "$2"
+diptych=$(realpath "$1")
+out=$(realpath "$2")
+service=""
+small="--size 32x36 --budget-ms 0.01..30000"
+
+fail() {
+    echo "test-xr: $*" >&2
+    exit 1
+}
+
+manifest=""
+for candidate in /usr/share /usr/local/share /etc/xdg; do
+    [ ! -e "$candidate/openxr/1/openxr_monado.json" ] || manifest=$candidate/openxr/1/openxr_monado.json
+done
+if ! command -v monado-service >/dev/null || [ -z "$manifest" ]; then
+    if [ -z "${XR_RUNTIME_JSON:-}" ]; then
+        echo "################################################################################" >&2
+        echo "# NOTHING WAS TESTED IN A HEADSET: there is no monado-service here, and        #" >&2
+        echo "# XR_RUNTIME_JSON names no runtime (Debian 13: apt-get install monado-service  #" >&2
+        echo "# libopenxr1-monado libopenxr-loader1)                                         #" >&2
+        echo "################################################################################" >&2
+        [ "${NO_XR:-}" = skip ] || exit 1
+        exit 0
+    fi
+    manifest=""
+fi
+
+# Monado's service without anything to show frames on. It watches its standard input, and ends where that is a file: it gets
+# a pipe that stays open.
+begin_service() {
+    [ -n "$manifest" ] || return 0
+    XDG_RUNTIME_DIR=$(mktemp -d)
+    chmod 700 "$XDG_RUNTIME_DIR"
+    export XDG_RUNTIME_DIR XR_RUNTIME_JSON="$manifest"
+    mkfifo "$XDG_RUNTIME_DIR/stdin"
+    exec 3<>"$XDG_RUNTIME_DIR/stdin"
+    SIMULATED_ENABLE=1 XRT_COMPOSITOR_NULL=1 monado-service <&3 >"$out/monado.log" 2>&1 &
+    service=$!
+    tries=0
+    until [ -S "$XDG_RUNTIME_DIR/monado_comp_ipc" ]; do
+        tries=$((tries + 1))
+        [ "$tries" -lt 100 ] || fail "monado-service does not come up: $(tail -n 5 "$out/monado.log")"
+        sleep 0.1
+    done
+}
+
+end_service() {
+    [ -n "$service" ] || return 0
+    kill "$service" 2>/dev/null || true
+    wait "$service" 2>/dev/null || true
+    service=""
+    exec 3>&-
+    rm -rf "$XDG_RUNTIME_DIR"
+}
+trap end_service EXIT
+
+# Words of $small are options.
+# shellcheck disable=SC2086
+view() {
+    timeout 300 "$diptych" view "$@" --xr --quiet $small
+}
+
+has() {
+    grep -q "$2" "$1" || fail "$1 has no $2: $(head -c 2000 "$1")"
+}
+
+begin_service
+view builtin:checker --frames 300 --out "$out/frames" --record-motion "$out/motion.jsonl" --screenshot "$out/eyes.png" \
+    --trace "$out/trace.json" || fail "300 frames ended with status $?"
+count=$(grep -c '"motion_to_photon_ms":' "$out/frames/run.json")
+[ "$count" = 300 ] || fail "run.json has $count frames of 300"
+# From the begin of the session to its end.
+states=$(tr -d ' \n' <"$out/frames/run.json" | sed 's/.*"states":\[\([^]]*\)\].*/\1/')
+case $states in
+    *'"ready"'*'"synchronized"'*'"visible"'*'"stopping"'*'"exiting"') ;;
+    *) fail "the session went through $states" ;;
+esac
+has "$out/trace.json" "motion to photon (ms)"
+"$diptych" trace "$out/trace.json" >"$out/trace.txt" || fail "the trace is none"
+[ "$(wc -l <"$out/motion.jsonl")" = 301 ] || fail "motion.jsonl has $(wc -l <"$out/motion.jsonl") lines"
+has "$out/motion.jsonl" '"eyes"'
+echo "session: 300 frames, ended by the session's end; $states"
+
+# What was recorded is the same on any number of devices.
+for devices in 1 2 3; do
+    "$diptych" render builtin:checker --size 32x36 --motion "$out/motion.jsonl" --frames 4 --fps 10 --quiet \
+        --virtual "$devices" --threads-per-device 1 --out "$out/replayed.$devices"
+    for image in "$out"/replayed.1/*.exr; do
+        cmp "$image" "$out/replayed.$devices/${image##*/}" || fail "replayed motion has other bytes on $devices devices"
+    done
+done
+echo "replay: same bytes on 1, 2 and 3 devices"
+
+# Under the layers that watch how OpenXR and Vulkan are used.
+layers=0
+for folder in /usr/share /usr/local/share /etc; do
+    for layer in "$folder"/openxr/1/api_layers/explicit.d/*core_validation*.json; do
+        [ ! -e "$layer" ] || { layers=$((layers + 1)) && export XR_ENABLE_API_LAYERS=XR_APILAYER_LUNARG_core_validation; }
+    done
+    for layer in "$folder"/vulkan/explicit_layer.d/*khronos_validation*.json; do
+        [ ! -e "$layer" ] || { layers=$((layers + 1)) && export VK_INSTANCE_LAYERS=VK_LAYER_KHRONOS_validation; }
+    done
+done
+if [ "$layers" -gt 0 ]; then
+    export XR_CORE_VALIDATION_EXPORT_TYPE=text XR_CORE_VALIDATION_FILE_NAME="$out/openxr.log"
+    view builtin:checker --frames 20 --panel >"$out/vulkan.log" 2>&1 || fail "under validation: $(tail -n 5 "$out/vulkan.log")"
+    unset XR_ENABLE_API_LAYERS VK_INSTANCE_LAYERS XR_CORE_VALIDATION_EXPORT_TYPE XR_CORE_VALIDATION_FILE_NAME
+    if grep -hE 'VALID_(ERROR|WARNING)' "$out/openxr.log" >"$out/said.log" 2>/dev/null ||
+        grep -E 'Validation (Error|Warning)|VUID-|UNASSIGNED-' "$out/vulkan.log" >"$out/said.log"; then
+        fail "validation: $(head -n 5 "$out/said.log")"
+    fi
+    echo "validation: $layers layer(s) found nothing wrong in 20 frames"
+else
+    echo "validation: SKIPPED, there is no layer for it (Debian: openxr-layer-corevalidation vulkan-validationlayers)"
+fi
+
+# A run in the background, $job, that has shown some frames; its files are $1.
+left_running() {
+    # shellcheck disable=SC2086
+    "$diptych" view builtin:checker --xr --json $small --out "$out/$1" --record-motion "$out/$1.jsonl" >"$out/$1.log" 2>&1 &
+    job=$!
+    tries=0
+    until [ "$(grep -c '"event":"frame"' "$out/$1.log")" -gt 3 ]; do
+        tries=$((tries + 1))
+        [ "$tries" -lt 1200 ] || fail "$1: no frame within two minutes: $(tail -n 5 "$out/$1.log")"
+        sleep 0.1
+    done
+}
+
+# Told to end, it ends with the session, with all files.
+left_running told
+kill -TERM "$job"
+status=0
+wait "$job" || status=$?
+[ "$status" = 143 ] || fail "SIGTERM: status $status: $(tail -n 5 "$out/told.log")"
+has "$out/told/run.json" '"exiting"'
+[ "$(wc -l <"$out/told.jsonl")" -gt 1 ] || fail "SIGTERM: no motion is recorded"
+echo "sigterm: ended with status 143"
+
+# A runtime that goes away, and none at all.
+refused() {
+    [ "$(grep -c '^error: ' "$1")" = 1 ] || fail "$1: not one line says what is wrong: $(cat "$1")"
+    grep -q "^error: .*$2" "$1" || fail "$1: $(cat "$1")"
+    echo "$3: $(grep '^error: ' "$1")"
+}
+if [ -n "$manifest" ]; then
+    left_running left
+    end_service
+    status=0
+    wait "$job" || status=$?
+    [ "$status" = 1 ] || fail "a runtime that goes away: status $status: $(tail -n 5 "$out/left.log")"
+    refused "$out/left.log" "headset" "gone"
+    [ "$(wc -l <"$out/left.jsonl")" -gt 1 ] || fail "a runtime that goes away: no motion is recorded"
+    XDG_RUNTIME_DIR=$(mktemp -d)
+fi
+status=0
+XR_RUNTIME_JSON=/nowhere.json "$diptych" view builtin:checker --xr --quiet $small >"$out/none.log" 2>&1 || status=$?
+[ "$status" = 1 ] || fail "without a runtime: status $status"
+refused "$out/none.log" "no OpenXR runtime answers" "none"
+echo "all that was run in a headset is as it should be"
