@@ -14,7 +14,7 @@ WIDTH, ROW, LEFT, GAP = 1200, 14, 190, 8
 LANES = ["left", "right", "both", "upload", "download"]
 COLOURS = {"left": "#4878a8", "right": "#8a62a8", "both": "#5f9a62", "upload": "#d08a3c", "download": "#c9b04a"}
 HOST = {"wait for rows of others": "#e3dcd2", "wait for device": "#ece8e2", "send to rank": "#b8433c",
-        "receive from rank": "#2f8f8a", "send rows": "#c9b04a"}
+        "receive from rank": "#2f8f8a", "wait for own rows": "#f1ead2"}
 
 
 def main(path, number):

@@ -115,7 +115,7 @@ for folder in /usr/share /usr/local/share /etc; do
 done
 if [ "$layers" -gt 0 ]; then
     export XR_CORE_VALIDATION_EXPORT_TYPE=text XR_CORE_VALIDATION_FILE_NAME="$out/openxr.log"
-    view builtin:checker --frames 20 >"$out/vulkan.log" 2>&1 || fail "under validation: $(tail -n 5 "$out/vulkan.log")"
+    view builtin:checker --frames 20 --panel >"$out/vulkan.log" 2>&1 || fail "under validation: $(tail -n 5 "$out/vulkan.log")"
     unset XR_ENABLE_API_LAYERS VK_INSTANCE_LAYERS XR_CORE_VALIDATION_EXPORT_TYPE XR_CORE_VALIDATION_FILE_NAME
     if grep -hE 'VALID_(ERROR|WARNING)' "$out/openxr.log" >"$out/said.log" 2>/dev/null ||
         grep -E 'Validation (Error|Warning)|VUID-|UNASSIGNED-' "$out/vulkan.log" >"$out/said.log"; then

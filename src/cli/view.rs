@@ -50,6 +50,10 @@ pub struct Args {
     #[cfg(feature = "xr")]
     #[arg(long, default_value_t = 2.0, value_name = "DEG", value_parser = late_border, help_heading = super::options::SCENE)]
     late_border: f64,
+    /// With --xr: show frame times and settings on a panel from the begin; a button shows and hides it
+    #[cfg(feature = "xr")]
+    #[arg(long, requires = "xr", help_heading = super::options::SCENE)]
+    panel: bool,
     /// Write what was shown last as a PNG
     #[arg(long, value_name = "FILE", help_heading = super::options::OUTPUT)]
     screenshot: Option<PathBuf>,

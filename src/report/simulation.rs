@@ -81,12 +81,16 @@ impl Row {
 /// By how much of a frame's time more machines must shorten it to be worth their place.
 const WORTH: f64 = 0.03;
 
-/// From where on more machines do not pay for this frame; none where all do, or where there is one number of them alone.
+/// From where on more machines, of as many devices each, do not pay for this frame; none where all do, or where there is one
+/// number of them alone.
 pub fn enough_nodes(rows: &[Row]) -> Option<String> {
     let mut by_nodes: Vec<&Row> = rows.iter().collect();
-    by_nodes.sort_by_key(|row| (row.nodes, row.devices));
+    let each = |row: &Row| row.devices / row.nodes.max(1);
+    by_nodes.sort_by_key(|row| (each(row), row.nodes));
     let pays = |pair: &[&Row]| pair[1].predicted_ms < (1.0 - WORTH) * pair[0].predicted_ms;
-    let stop = by_nodes.windows(2).find(|pair| pair[0].nodes < pair[1].nodes && !pays(pair))?;
+    let stop = by_nodes
+        .windows(2)
+        .find(|pair| each(pair[0]) == each(pair[1]) && pair[0].nodes < pair[1].nodes && !pays(pair))?;
     let [less, more] = [stop[0], stop[1]];
     Some(format!(
         "more than {} node(s) do not pay for this frame: {} take {:.1} ms instead of {:.1}, limited by {}",
@@ -209,6 +213,9 @@ mod tests {
         assert_eq!(enough_nodes(&[of(1, 50.0), of(2, 30.0), of(4, 20.0)]), None);
         let said = enough_nodes(&[of(4, 29.5), of(1, 50.0), of(2, 30.0)]).unwrap();
         assert!(said.starts_with("more than 2 node(s)") && said.contains("29.5 ms instead of 30.0"), "{said}");
+        // Four nodes of one device each are not held against one node of four.
+        let single = |nodes, predicted_ms| Row { devices: nodes, ..of(nodes, predicted_ms) };
+        assert_eq!(enough_nodes(&[of(1, 50.0), single(1, 180.0), single(8, 40.0), of(2, 30.0)]), None);
     }
 
     #[test]

@@ -42,11 +42,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if let Some(option) = typed("motion").or_else(|| typed("fps")) {
         return Err(Failure::Input(anyhow!("{option} does not go with --xr: the headset says when and from where")));
     }
-    let mut prepared = Prepared::new(&args.options, args.frames)?;
+    // Which may be where motion is recorded to.
     let writes = typed("out").is_some();
     if writes {
-        output::prepare(&prepared.render.out, "--out")?;
+        output::prepare(&args.options.run.out, "--out")?;
     }
+    let mut prepared = Prepared::new(&args.options, args.frames)?;
     interrupt::watch()?;
     let runtime = Runtime::open()?;
     if typed("size").is_none() {
@@ -74,6 +75,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     prepared.render.is_late = args.late_border > 0.0;
     tell(&headset, &prepared, first.period_ms(), &progress);
     let mut session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
+    if let Some(rectified) = session.renderer.rectified().filter(|_| !prepared.render.quiet && !prepared.render.json) {
+        session.progress.tell(&RectifiedFrame::new(rectified, prepared.render.size).to_string());
+    }
     headset.begin_anew();
     let late = Late::new(headset.locator());
     session.renderer.set_pose_source(prepared.render.is_late.then(|| late.source()));
@@ -88,7 +92,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         is_foveated: prepared.render.foveated.is_on(),
     };
     let (rows, last, news, board) = (Vec::new(), None, News::default(), None);
-    let mut show = Show { session, headset, world, late, motion, writes, rows, last, look, news, board };
+    let mut show =
+        Show { session, headset, world, late, motion, writes, rows, last, look, news, board, opens_board: args.panel };
     // What there is by then is written, whatever ended it.
     let shown = show.frames(&prepared);
     let finished = show.finish(args, &prepared, &loaded, first.period_ms());
@@ -158,6 +163,8 @@ struct Show {
     news: News,
     /// While it is shown.
     board: Option<Board>,
+    /// With the first frame.
+    opens_board: bool,
 }
 
 impl Show {
@@ -183,7 +190,7 @@ impl Show {
     }
 
     fn frame(&mut self, frame: &HeadsetFrame, index: u32, begin_s: f64) -> Result<(), Failure> {
-        let Self { session, headset, world, late, motion, look, news, board, .. } = self;
+        let Self { session, headset, world, late, motion, look, news, board, opens_board, .. } = self;
         let (rig, time_s) = (world.rig_of(frame)?, begin_s + frame.display_s);
         let decided = session.decide();
         if let Some(gaze) = frame.gaze {
@@ -198,7 +205,7 @@ impl Show {
         let corrected_ms = report.shown_from.as_ref().and(answered).and_then(|sample| frame.show_from(sample));
         let images = session.renderer.read_display()?;
         let distances = if headset.takes_depth() { Some(distances(session)?) } else { None };
-        if frame.input.toggles_panel {
+        if frame.input.toggles_panel || std::mem::take(opens_board) {
             *board = if board.is_none() { Board::open(headset, &frame)? } else { None };
         }
         news.add(frame_news(row.clone()));

@@ -12,9 +12,9 @@ use super::super::window::Look;
 use crate::cli::failure::Failure;
 
 /// Pixels, how many of them make a point of text, and how wide it is.
-const SIZE: Extent = Extent { width: 640, height: 400 };
+const SIZE: Extent = Extent { width: 800, height: 360 };
 const PIXELS_PER_POINT: f32 = 2.0;
-const WIDTH_M: f64 = 0.5;
+const WIDTH_M: f64 = 0.6;
 /// Between two drawings: on a software adapter they take time from the devices that render.
 const INTERVAL: Duration = Duration::from_millis(200);
 
