@@ -10,13 +10,10 @@ mod page;
 mod path;
 mod session;
 
-use diptych::control::{Ladder, Measure, Origin};
 use diptych::exec::TaskTiming;
 use diptych::passes::tonemap::{DISPLAY, LINEAR};
 use diptych::quality::Denoiser;
 use diptych::report::frames::FrameLine;
-use diptych::report::play::{Play, PlaySummary};
-use diptych::report::rectified::RectifiedFrame;
 use diptych::report::run::{FrameRow, RunReport};
 use diptych::scene::head::Recording;
 use diptych::scene::rig::Rig;
@@ -27,7 +24,6 @@ use super::options::RenderOptions;
 use super::output::{self, FrameImages};
 use super::page::and_page;
 use super::progress::Progress;
-use super::settings;
 use super::setup::{self, Loaded, Tracing};
 use super::stale::Stale;
 use disturb::{Disturbance, Disturbances};
@@ -82,15 +78,15 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     Disturbances(&args.disturb).check(args.frames, gpus.len())?;
     let session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
     let options = &prepared.render;
-    let denoiser = Denoiser::name_of(prepared.choice.denoiser);
-    let ladder = ladder_name(&args.options, &session.ladder);
     if !options.quiet && !options.json {
         let rungs = session.ladder.rungs().len();
         session.progress.tell(&format!(
-            "{} at {}, denoiser {denoiser}, {rungs} rung{}; ladder: {ladder}; ready after {:.1} s",
+            "{} at {}, denoiser {}, {rungs} rung{}; ladder: {}; ready after {:.1} s",
             options.shot,
             options.size,
+            Denoiser::name_of(prepared.choice.denoiser),
             if rungs == 1 { "" } else { "s" },
+            args.options.ladder_name(&session.ladder),
             session.warm_up_s
         ));
     }
@@ -105,31 +101,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if let Some(path) = &args.options.record_motion {
         motion.write(path)?;
     }
-    let Session { renderer, ladder: rungs, fit, tracing, progress, warm_up_s, .. } = session;
-    progress.finish();
-    let devices = renderer.devices();
-    let settings = settings::in_force(options, loaded.exposure_ev(), devices);
-    let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, rows);
-    report.warm_up_s = warm_up_s;
-    report.faults = renderer.faults().to_vec();
-    report.rectified = renderer.rectified().map(|frame| RectifiedFrame::new(frame, options.size));
-    let budget = args.options.budget_ms;
-    let play = Play {
-        budget_ms: [budget.lo_ms(), budget.hi_ms()],
-        denoiser,
-        ladder,
-        measure: rungs.origin().measure,
-        rungs: rungs.rungs().to_vec(),
-        fps: options.fps,
-        fit,
-    };
-    report.play = PlaySummary::of(&play, &report.frames);
+    session.progress.finish();
+    let report = session.report(&prepared, &loaded, rows);
     FrameLine::csv_of(&report.frames).write(&options.out.join("frames.csv"))?;
     report.write(&options.out.join("run.json"))?;
     stale.remove(options.quiet)?;
-    rungs.write(&options.out.join("ladder.toml")).map_err(anyhow::Error::from)?;
-    tracing.finish()?;
-    drop(renderer);
+    session.ladder.write(&options.out.join("ladder.toml")).map_err(anyhow::Error::from)?;
+    session.tracing.finish()?;
+    drop(session.renderer);
     if let Some(last) = &last {
         // The page has one camera, that of the last frame.
         loaded.shot.rig = last.rig.clone();
@@ -137,15 +116,6 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     conclude(args, options, &report);
     interrupt::check()
-}
-
-fn ladder_name(options: &LoopOptions, ladder: &Ladder) -> String {
-    let Origin { shot, size, measure, .. } = ladder.origin();
-    match (&options.ladder, measure) {
-        (None, _) => "built in (some settings timed at the start, errors estimated)".to_owned(),
-        (Some(path), Measure::Estimate) => format!("{} (estimated for {shot} at {size})", path.display()),
-        (Some(path), _) => format!("{} ({} measured on {shot} at {size})", path.display(), measure.name()),
-    }
 }
 
 /// A run in the making.

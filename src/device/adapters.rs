@@ -105,7 +105,11 @@ fn enumerate(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
     pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()))
 }
 
-pub(super) fn kind_name(kind: wgpu::DeviceType) -> &'static str {
+fn driver_name(info: &wgpu::AdapterInfo) -> String {
+    format!("{} {}", info.driver, info.driver_info).trim().to_owned()
+}
+
+fn kind_name(kind: wgpu::DeviceType) -> &'static str {
     match kind {
         wgpu::DeviceType::DiscreteGpu => "discrete GPU",
         wgpu::DeviceType::IntegratedGpu => "integrated GPU",
@@ -157,7 +161,7 @@ fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
     AdapterReport {
         index,
         name: info.name.clone(),
-        driver: format!("{} {}", info.driver, info.driver_info).trim().to_owned(),
+        driver: driver_name(&info),
         backend: format!("{:?}", info.backend),
         kind: kind_name(info.device_type).to_owned(),
         max_storage_mib: limits.max_storage_buffer_binding_size >> 20,
@@ -279,8 +283,31 @@ fn open_one(
     Ok(watched(info, quirks, device, queue, instance))
 }
 
+/// A device that shows what others have rendered; `described`: its adapter.
+pub(super) fn watched_screen(
+    described: wgpu::AdapterInfo,
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    instance: wgpu::Instance,
+) -> GpuDevice {
+    let quirks = Quirks::of(&described);
+    let info = DeviceInfo {
+        index: 0,
+        adapter: 0,
+        driver: driver_name(&described),
+        name: described.name,
+        kind: kind_name(described.device_type).to_owned(),
+        threads: quirks.threads_by_environment.then_some(1),
+        traversal: Traversal::Compute,
+        max_storage_bytes: device.limits().max_storage_buffer_binding_size,
+        clock_residual_us: 0.0,
+        rank: None,
+    };
+    watched(info, quirks, device, queue, instance)
+}
+
 /// Notes what goes wrong on the device from here on.
-pub(super) fn watched(
+fn watched(
     info: DeviceInfo,
     quirks: Quirks,
     device: wgpu::Device,

@@ -12,8 +12,8 @@ use openxr::vulkan::SessionCreateInfo;
 use openxr::{FrameStream, FrameWaiter, Session, Swapchain, SystemId, Vulkan};
 use wgpu::hal;
 
-use super::adapters::{OPENING, instance_flags, kind_name, watched};
-use super::{DeviceError, DeviceInfo, GpuDevice, Quirks, Traversal};
+use super::adapters::{OPENING, instance_flags, watched_screen};
+use super::{DeviceError, GpuDevice};
 
 /// The newest version that wgpu knows.
 const VULKAN: u32 = vk::API_VERSION_1_3;
@@ -104,27 +104,14 @@ impl HeadsetDevice {
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("diptych headset"),
             required_features: features,
-            required_limits: limits.clone(),
+            required_limits: limits,
             ..Default::default()
         };
         // SAFETY: the device was made from this adapter, with these features.
         let (device, queue) = unsafe { adapter.create_device_from_hal(open, &descriptor) }
             .map_err(|source| DeviceError::Open { index: 0, name: described.name.clone(), source })?;
-        let quirks = Quirks::of(&described);
-        let info = DeviceInfo {
-            index: 0,
-            adapter: 0,
-            name: described.name,
-            driver: format!("{} {}", described.driver, described.driver_info).trim().to_owned(),
-            kind: kind_name(described.device_type).to_owned(),
-            threads: quirks.threads_by_environment.then_some(1),
-            traversal: Traversal::Compute,
-            max_storage_bytes: limits.max_storage_buffer_binding_size,
-            clock_residual_us: 0.0,
-            rank: None,
-        };
         let binding = Binding { instance: raw.0, physical: physical.as_raw(), device: handle, family };
-        Ok(Self { gpu: watched(info, quirks, device, queue, instance), binding })
+        Ok(Self { gpu: watched_screen(described, device, queue, instance), binding })
     }
 
     /// Made by the runtime, with the version of Vulkan that it is said to have.
@@ -219,14 +206,15 @@ impl HeadsetDevice {
     /// them when they are drawn on.
     ///
     /// # Errors
-    /// What the runtime says.
+    /// [`DeviceError::Headset`]: what the runtime says.
     pub fn textures(
         &self,
         swapchain: &Arc<Mutex<Swapchain<Vulkan>>>,
         descriptor: &wgpu::TextureDescriptor,
         state: wgpu::TextureUses,
-    ) -> Result<Vec<wgpu::Texture>, openxr::sys::Result> {
-        let images = swapchain.lock().unwrap_or_else(PoisonError::into_inner).enumerate_images()?;
+    ) -> Result<Vec<wgpu::Texture>, DeviceError> {
+        let images = swapchain.lock().unwrap_or_else(PoisonError::into_inner).enumerate_images();
+        let images = images.map_err(failed("its images"))?;
         let texture = |image: u64| {
             let own = hal::TextureDescriptor {
                 label: descriptor.label,
@@ -251,7 +239,8 @@ impl HeadsetDevice {
                 Some(self.gpu.device.create_texture_from_hal::<hal::api::Vulkan>(raw, descriptor, state))
             }
         };
-        Ok(images.into_iter().filter_map(texture).collect())
+        let textures: Option<Vec<_>> = images.into_iter().map(texture).collect();
+        textures.ok_or_else(|| DeviceError::Headset("its device is not Vulkan's".to_owned()))
     }
 }
 

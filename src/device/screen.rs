@@ -2,8 +2,8 @@
 
 use std::sync::PoisonError;
 
-use super::adapters::{OPENING, kind_name, new_instance, watched};
-use super::{DeviceError, DeviceInfo, GpuDevice, Quirks, Traversal};
+use super::adapters::{OPENING, new_instance, watched_screen};
+use super::{DeviceError, GpuDevice};
 
 /// Takes as little as it can from the devices that render: an integrated GPU is preferred, and on a software adapter it
 /// has one worker thread.
@@ -28,28 +28,15 @@ impl ScreenDevice {
             compatible_surface: Some(&surface),
             ..Default::default()
         }))?;
-        let (described, limits) = (adapter.get_info(), adapter.limits());
-        let quirks = Quirks::of(&described);
+        let described = adapter.get_info();
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("diptych window"),
-            required_limits: limits.clone(),
+            required_limits: adapter.limits(),
             ..Default::default()
         };
         let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
             .map_err(|source| DeviceError::Open { index: 0, name: described.name.clone(), source })?;
-        let info = DeviceInfo {
-            index: 0,
-            adapter: 0,
-            name: described.name,
-            driver: format!("{} {}", described.driver, described.driver_info).trim().to_owned(),
-            kind: kind_name(described.device_type).to_owned(),
-            threads: quirks.threads_by_environment.then_some(1),
-            traversal: Traversal::Compute,
-            max_storage_bytes: limits.max_storage_buffer_binding_size,
-            clock_residual_us: 0.0,
-            rank: None,
-        };
-        Ok(Self { gpu: watched(info, quirks, device, queue, instance), adapter, surface })
+        Ok(Self { gpu: watched_screen(described, device, queue, instance), adapter, surface })
     }
 
     /// Makes the surface anew after it was lost.

@@ -78,7 +78,7 @@ impl Chain {
             view_formats: &[],
         };
         let swapchain = Arc::new(Mutex::new(swapchain));
-        let textures = device.textures(&swapchain, &descriptor, at_rest(format)).to("give its images")?;
+        let textures = device.textures(&swapchain, &descriptor, at_rest(format))?;
         Ok(Self { textures, swapchain, extent, format })
     }
 

@@ -1,8 +1,6 @@
 //! `diptych bench --preset late`: frames that are shown later than their pose was taken, with and without a correction,
 //! beside those of the true pose.
 
-use std::sync::Arc;
-
 use anyhow::{anyhow, ensure};
 use diptych::device::DeviceInfo;
 use diptych::exec::{Renderer, Stereo};
@@ -121,12 +119,9 @@ fn instants(rig: &Rig, count: u32) -> Result<Vec<f64>, anyhow::Error> {
 fn renderer(args: &Args, loaded: &Loaded, tracing: &Tracing) -> Result<Renderer, Failure> {
     let spp = args.reference_spp.unwrap_or(SPP);
     let quality = Quality { spp, bounces: 6, denoiser: None, iterations: [0; 3], fovea: None, polar: None, scale: 1.0 };
-    let options = RenderOptions::single(args.options.clone(), &quality);
-    let mut settings = setup::render_settings(&options, loaded, false)?;
-    settings.stages.is_late = true;
+    let options = RenderOptions { is_late: true, ..RenderOptions::single(args.options.clone(), &quality) };
     let gpus = setup::open_devices(&options, usize::from(args.virtual_devices))?;
-    let policy = setup::policy(&options, settings.stages.grid(), gpus.len())?;
-    Ok(Renderer::new(gpus, Arc::clone(&loaded.tables), settings, policy, tracing.recorder.origin())?)
+    setup::renderer(&options, loaded, gpus, tracing.recorder.origin())
 }
 
 /// Of both eyes.

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use anyhow::ensure;
 
-use diptych::control::Budget;
+use diptych::control::{Budget, Ladder, Measure, Origin};
 use diptych::quality::{Denoiser, Quality};
 
 use super::Failure;
@@ -49,6 +49,16 @@ impl LoopOptions {
             frames,
             fps: self.fps.unwrap_or(1e3 / self.budget_ms.hi_ms()),
             ..RenderOptions::single(self.run.clone(), &most)
+        }
+    }
+
+    /// Where the rungs are from, in words.
+    pub fn ladder_name(&self, ladder: &Ladder) -> String {
+        let Origin { shot, size, measure, .. } = ladder.origin();
+        match (&self.ladder, measure) {
+            (None, _) => "built in (some settings timed at the start, errors estimated)".to_owned(),
+            (Some(path), Measure::Estimate) => format!("{} (estimated for {shot} at {size})", path.display()),
+            (Some(path), _) => format!("{} ({} measured on {shot} at {size})", path.display(), measure.name()),
         }
     }
 

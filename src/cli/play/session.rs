@@ -8,8 +8,9 @@ use diptych::control::{Budget, Controller, Decision, ESTIMATES_EV, Ladder, Measu
 use diptych::exec::ranks::Devices;
 use diptych::exec::{FrameReport, Renderer};
 use diptych::quality::{Denoiser, FrameQuality, Quality};
-use diptych::report::play::{ControlRow, SizeFit};
-use diptych::report::run::FrameRow;
+use diptych::report::play::{ControlRow, Play, PlaySummary, SizeFit};
+use diptych::report::rectified::RectifiedFrame;
+use diptych::report::run::{FrameRow, RunReport};
 use diptych::scene::rig::Rig;
 use diptych::schedule::Effort;
 use diptych::trace::frames::{FrameControl, record_devices};
@@ -21,6 +22,7 @@ use super::live::Live;
 use super::options::Prepared;
 use crate::cli::faults::FaultLog;
 use crate::cli::progress::Progress;
+use crate::cli::settings;
 use crate::cli::setup::{Loaded, Tracing};
 
 pub struct Session {
@@ -120,6 +122,28 @@ impl Session {
         self.renderer.set_quality(quality, effort)?;
         let frame = self.renderer.render(rig, time_s, index)?;
         Ok((self.take_in(&frame, decided, late_ms, rig, time_s), frame))
+    }
+
+    /// What run.json has of frames of these rows.
+    pub fn report(&self, prepared: &Prepared, loaded: &Loaded, rows: Vec<FrameRow>) -> RunReport {
+        let Prepared { options, choice, render, .. } = prepared;
+        let devices = self.renderer.devices();
+        let settings = settings::in_force(render, loaded.exposure_ev(), devices);
+        let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !render.no_skip, rows);
+        report.warm_up_s = self.warm_up_s;
+        report.faults = self.renderer.faults().to_vec();
+        report.rectified = self.renderer.rectified().map(|frame| RectifiedFrame::new(frame, render.size));
+        let play = Play {
+            budget_ms: [self.budget.lo_ms(), self.budget.hi_ms()],
+            denoiser: Denoiser::name_of(choice.denoiser),
+            ladder: options.ladder_name(&self.ladder),
+            measure: self.ladder.origin().measure,
+            rungs: self.ladder.rungs().to_vec(),
+            fps: render.fps,
+            fit: self.fit.clone(),
+        };
+        report.play = PlaySummary::of(&play, &report.frames);
+        report
     }
 
     /// Tells the controller, the trace and whoever listens.

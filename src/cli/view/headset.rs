@@ -14,11 +14,9 @@ use diptych::image::display::{DisplayImage, write_png};
 use diptych::image::{Image, stereo};
 use diptych::passes::tonemap::DISPLAY;
 use diptych::passes::{Aov, aov_image};
-use diptych::quality::Denoiser;
 use diptych::report::headset::{HeadsetRow, HeadsetSummary};
-use diptych::report::play::{Play, PlaySummary};
 use diptych::report::rectified::RectifiedFrame;
-use diptych::report::run::{FrameRow, RunReport};
+use diptych::report::run::FrameRow;
 use diptych::scene::head::Recording;
 
 use super::Args;
@@ -28,7 +26,7 @@ use super::window::Look;
 use crate::cli::failure::Failure;
 use crate::cli::play::{Prepared, Session};
 use crate::cli::progress::Progress;
-use crate::cli::settings::{self, Given};
+use crate::cli::settings::Given;
 use crate::cli::setup::{self, Loaded, Tracing};
 use crate::cli::{interrupt, output};
 use board::Board;
@@ -232,8 +230,7 @@ impl Show {
     /// Writes what is asked for, and says how it went.
     fn finish(self, args: &Args, prepared: &Prepared, loaded: &Loaded, period_ms: f64) -> Result<(), Failure> {
         let Self { session, headset, motion, rows, last, .. } = self;
-        let Session { renderer, ladder, tracing, progress, warm_up_s, fit, .. } = session;
-        progress.finish();
+        session.progress.finish();
         let options = &prepared.render;
         if let Some(path) = &prepared.options.record_motion {
             motion.write(path)?;
@@ -242,23 +239,7 @@ impl Show {
             write_png(path, &side_by_side(eyes)?)?;
         }
         if self.writes {
-            let devices = renderer.devices();
-            let settings = settings::in_force(options, loaded.exposure_ev(), devices);
-            let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, rows);
-            report.warm_up_s = warm_up_s;
-            report.faults = renderer.faults().to_vec();
-            report.rectified = renderer.rectified().map(|frame| RectifiedFrame::new(frame, options.size));
-            let budget = prepared.options.budget_ms;
-            let play = Play {
-                budget_ms: [budget.lo_ms(), budget.hi_ms()],
-                denoiser: Denoiser::name_of(prepared.choice.denoiser),
-                ladder: ladder.origin().shot.clone(),
-                measure: ladder.origin().measure,
-                rungs: ladder.rungs().to_vec(),
-                fps: options.fps,
-                fit,
-            };
-            report.play = PlaySummary::of(&play, &report.frames);
+            let mut report = session.report(prepared, loaded, rows);
             let summary = summary(&headset, period_ms, options.is_late).with(&report.frames);
             if !options.quiet && !options.json {
                 say!("{summary}");
@@ -266,7 +247,7 @@ impl Show {
             report.headset = Some(summary);
             report.write(&options.out.join("run.json"))?;
         }
-        tracing.finish()?;
+        session.tracing.finish()?;
         ended(&headset)
     }
 }
