@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Draws one frame of a trace-file as SVG: a row for each device and thread that carries packets, a box for each span.
 
-    diptych render builtin:atrium --virtual 2 --trace trace.json --out out/frame
+    diptych render builtin:atrium --virtual 2 --frames 3 --trace trace.json --out out/frame
     python examples/draw_trace.py trace.json 2 > frame.svg
 
 It needs nothing but Python."""
@@ -24,7 +24,7 @@ def main(path, number):
     threads = {(e["pid"], e["tid"]): e["args"]["name"] for e in events if e["name"] == "thread_name"}
     spans = [e for e in events if e["ph"] == "X"]
     frames = [e for e in spans if threads.get((e["pid"], e["tid"])) == "frames" and e["args"].get("frame") == number]
-    if not frames:
+    if not frames or frames[0]["dur"] <= 0:
         sys.exit(f"{path} has no frame {number}")
     begin, length = frames[0]["ts"], frames[0]["dur"]
     rows = {}

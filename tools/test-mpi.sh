@@ -188,6 +188,7 @@ RUNG
     # shellcheck disable=SC2086
     timeout 14400 "$mpirun" -n 4 "$diptych" "$@" $small --out "$out/soak" &
     soak=$!
+    : >"$out/soak.kib"
     while kill -0 "$soak" 2>/dev/null; do
         pids=$(pgrep -f "^$diptych play .*--out $out/soak\$" | tr '\n' ',')
         # Until all ranks have begun, and when the first has ended.
@@ -197,7 +198,7 @@ RUNG
     wait "$soak" || fail "the soak ended with status $?"
     # Of the last tenth against the second, in which all is warm.
     awk '{ kib[NR] = $1 } END {
-        tenth = int(NR / 10); if (tenth < 1) exit
+        tenth = int(NR / 10); if (tenth < 1) { print "soak: too short to look at memory"; exit }
         for (i = 1; i <= tenth; i++) { first += kib[tenth + i]; last += kib[NR - i] }
         printf "soak: %d MiB on all ranks in the second tenth of its time, %d MiB in the last\n", first / tenth / 1024, last / tenth / 1024
         exit (last > 1.05 * first)

@@ -13,6 +13,8 @@ mkdir -p "$2"
 diptych=$(realpath "$1")
 out=$(realpath "$2")
 service=""
+job=""
+folders=""
 small="--size 32x36 --budget-ms 0.01..30000"
 
 fail() {
@@ -42,6 +44,7 @@ fi
 begin_service() {
     [ -n "$manifest" ] || return 0
     XDG_RUNTIME_DIR=$(mktemp -d)
+    folders="$folders $XDG_RUNTIME_DIR"
     chmod 700 "$XDG_RUNTIME_DIR"
     export XDG_RUNTIME_DIR XR_RUNTIME_JSON="$manifest"
     mkfifo "$XDG_RUNTIME_DIR/stdin"
@@ -62,9 +65,17 @@ end_service() {
     wait "$service" 2>/dev/null || true
     service=""
     exec 3>&-
-    rm -rf "$XDG_RUNTIME_DIR"
 }
-trap end_service EXIT
+
+end_all() {
+    [ -z "$job" ] || kill "$job" 2>/dev/null || true
+    end_service
+    # Names of folders are words.
+    # shellcheck disable=SC2086
+    rm -rf $folders
+}
+trap end_all EXIT
+trap 'exit 130' INT TERM
 
 # Words of $small are options.
 # shellcheck disable=SC2086
@@ -81,7 +92,7 @@ view builtin:checker --frames 300 --out "$out/frames" --record-motion "$out/moti
     --trace "$out/trace.json" || fail "300 frames ended with status $?"
 count=$(grep -c '"motion_to_photon_ms":' "$out/frames/run.json")
 [ "$count" = 300 ] || fail "run.json has $count frames of 300"
-# From the begin of the session to its end.
+# From the session's start to its end.
 states=$(tr -d ' \n' <"$out/frames/run.json" | sed 's/.*"states":\[\([^]]*\)\].*/\1/')
 case $states in
     *'"ready"'*'"synchronized"'*'"visible"'*'"stopping"'*'"exiting"') ;;
@@ -144,6 +155,7 @@ left_running told
 kill -TERM "$job"
 status=0
 wait "$job" || status=$?
+job=""
 [ "$status" = 143 ] || fail "SIGTERM: status $status: $(tail -n 5 "$out/told.log")"
 has "$out/told/run.json" '"exiting"'
 [ "$(wc -l <"$out/told.jsonl")" -gt 1 ] || fail "SIGTERM: no motion is recorded"
@@ -160,10 +172,12 @@ if [ -n "$manifest" ]; then
     end_service
     status=0
     wait "$job" || status=$?
+    job=""
     [ "$status" = 1 ] || fail "a runtime that goes away: status $status: $(tail -n 5 "$out/left.log")"
     refused "$out/left.log" "headset" "gone"
     [ "$(wc -l <"$out/left.jsonl")" -gt 1 ] || fail "a runtime that goes away: no motion is recorded"
     XDG_RUNTIME_DIR=$(mktemp -d)
+    folders="$folders $XDG_RUNTIME_DIR"
 fi
 status=0
 XR_RUNTIME_JSON=/nowhere.json "$diptych" view builtin:checker --xr --quiet $small >"$out/none.log" 2>&1 || status=$?

@@ -108,8 +108,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         say!("{}", scale_table(rows).text().trim_end());
         let Network { latency_ms, ms_per_byte, .. } = model.network;
         if latency_ms > 0.0 {
-            let gbps = if ms_per_byte > 0.0 { format!(", {:.1} Gbit/s", 8e-6 / ms_per_byte) } else { String::new() };
-            say!("from rank to rank: {:.0} µs{gbps}", latency_ms * 1e3);
+            let speed = match 8e-3 / ms_per_byte {
+                mbps if mbps < 1e3 => format!(", {mbps:.0} Mbit/s"),
+                mbps if mbps.is_finite() => format!(", {:.1} Gbit/s", mbps * 1e-3),
+                _ => String::new(),
+            };
+            say!("from rank to rank: {:.0} µs{speed}", latency_ms * 1e3);
         }
         if !simulated.is_empty() {
             say!("{}", simulation_table(simulated).text().trim_end());

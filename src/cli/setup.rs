@@ -6,7 +6,7 @@ use std::time::Instant;
 
 use anyhow::anyhow;
 use diptych::accel::{Accel, Layout};
-use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
+use diptych::device::{self, DeviceError, GpuDevice, Selection, Traversal, TraversalChoice, Wanted};
 use diptych::exec::ranks::{Devices, Load, Loading, Recorded, Request};
 use diptych::exec::{FrameReport, RenderSettings, Renderer};
 use diptych::image::Extent;
@@ -138,8 +138,18 @@ pub fn traversal(options: &RunOptions) -> Result<Traversal, Failure> {
 
 /// Opens devices on all ranks, so many on each adapter.
 pub fn open_devices(options: &RunOptions, virtual_devices: usize) -> Result<Devices, Failure> {
+    open_devices_with(options, virtual_devices, |_| Ok(None))
+}
+
+/// [`open_devices`], but for the first, if `first` has one for it.
+pub fn open_devices_with(
+    options: &RunOptions,
+    virtual_devices: usize,
+    first: impl FnOnce(&Wanted<'_>) -> Result<Option<GpuDevice>, DeviceError>,
+) -> Result<Devices, Failure> {
     let opening = ranks::others().map(|node| Devices::open(node, virtual_devices));
-    let own = open_here(options, virtual_devices)?;
+    let _span = tracing::info_span!("open devices").entered();
+    let own = device::open_with(&selection(options, virtual_devices), first)?;
     match opening {
         None => Ok(own.into()),
         Some(opening) => Ok(opening.with(own)?),
@@ -193,7 +203,7 @@ const DENSITY: f64 = 1.25;
 
 /// Columns and rows of the rectified images of these eyes, for images of this size that they show.
 pub fn rectified(optics: &Optics, size: Extent) -> Result<Extent, Failure> {
-    optics.grid(size, DENSITY).map_err(|what| Failure::Input(anyhow!("--motion: {what}")))
+    optics.grid(size, DENSITY).map_err(|what| Failure::Input(anyhow!("{what}")))
 }
 
 /// What the options ask of all frames.
@@ -264,7 +274,9 @@ impl Tracing {
         let epoch_us = self.recorder.time_us(node.epoch());
         for Recorded { rank, zero_ms, residual_us, text } in node.recorded() {
             self.recorder.rank_host(rank as u32, &node.host(rank), epoch_us + zero_ms * 1e3, &text);
-            self.recorder.note(&format!("clock_residual_us.rank_{rank}"), residual_us);
+            if let Some(residual_us) = residual_us {
+                self.recorder.note_residual(&format!("rank_{rank}"), residual_us);
+            }
         }
     }
 

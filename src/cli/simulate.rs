@@ -110,8 +110,7 @@ impl Args {
 
     /// Between nodes, as asked for, as measured, or as nodes may have it.
     fn network(&self, measured: &Network, nodes: usize, each: usize) -> Network {
-        let is_known = measured.latency_ms > 0.0;
-        let known = |value: f64, otherwise: f64| if is_known { value } else { otherwise };
+        let known = |value: f64, otherwise: f64| if value > 0.0 { value } else { otherwise };
         Network {
             ranks: (0..nodes * each).map(|device| device / each).collect(),
             latency_ms: self.network_us.map_or(known(measured.latency_ms, LATENCY_MS), |us| us * 1e-3),

@@ -29,7 +29,7 @@ use renderer::Start;
 use shared::Shared;
 use window::{App, Look, Wake};
 
-/// A window leaves nothing else.
+/// A window writes no files but those that options name.
 const OUT: &str = "With --xr: where run.json goes; made if it is not there";
 
 #[derive(clap::Args, Clone, Debug)]
@@ -48,9 +48,9 @@ pub struct Args {
     /// With --xr: degrees that are rendered on all sides beside what is shown, so that a frame can be corrected, by the depth of
     /// surfaces, to where the head is when all else of it is done; 0: frames are shown from where they are rendered
     #[cfg(feature = "xr")]
-    #[arg(long, default_value_t = 2.0, value_name = "DEG", value_parser = late_border, help_heading = super::options::SCENE)]
+    #[arg(long, requires = "xr", default_value_t = 2.0, value_name = "DEG", value_parser = late_border, help_heading = super::options::SCENE)]
     late_border: f64,
-    /// With --xr: show frame times and settings on a panel from the begin; a button shows and hides it
+    /// With --xr: show frame times and settings on a panel from the start; a button shows and hides it
     #[cfg(feature = "xr")]
     #[arg(long, requires = "xr", help_heading = super::options::SCENE)]
     panel: bool,

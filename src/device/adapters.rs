@@ -1,10 +1,8 @@
-//! Which adapters there are, and opening devices on them.
-
-use std::collections::HashMap;
-use std::sync::{Arc, Mutex, PoisonError};
+//! Which adapters there are, and which of them devices are opened on.
 
 use super::choice::by_default;
-use super::{DeviceError, DeviceFailure, FailureKind, GpuDevice, Quirks, Traversal, TraversalChoice};
+use super::opening::{Wanted, open_one};
+use super::{DeviceError, GpuDevice, Quirks, Traversal, TraversalChoice};
 
 pub(super) const INSTALL_HINT: &str = "install a Vulkan driver (Debian or Ubuntu: `apt-get install mesa-vulkan-drivers`, \
      which brings a software one too), or update the graphics driver";
@@ -14,7 +12,7 @@ pub(crate) const MAX_DEVICES: usize = 64;
 
 /// Of the stage that binds most, SVGF's accumulation.
 const STORAGE_BUFFERS_PER_STAGE: u32 = 13;
-const IMMEDIATE_BYTES: u32 = 64;
+pub(super) const IMMEDIATE_BYTES: u32 = 64;
 
 /// The oldest release of Mesa whose software driver is known to be faster than 22.3's, by 1.3 to 2.5 times for a frame.
 const FAST_MESA: u32 = 25;
@@ -101,15 +99,15 @@ pub(super) fn instance_flags() -> wgpu::InstanceFlags {
     if cfg!(debug_assertions) { wgpu::InstanceFlags::DEBUG } else { wgpu::InstanceFlags::empty() }
 }
 
-fn enumerate(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
+pub(super) fn enumerate(instance: &wgpu::Instance) -> Vec<wgpu::Adapter> {
     pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()))
 }
 
-fn driver_name(info: &wgpu::AdapterInfo) -> String {
+pub(super) fn driver_name(info: &wgpu::AdapterInfo) -> String {
     format!("{} {}", info.driver, info.driver_info).trim().to_owned()
 }
 
-fn kind_name(kind: wgpu::DeviceType) -> &'static str {
+pub(super) fn kind_name(kind: wgpu::DeviceType) -> &'static str {
     match kind {
         wgpu::DeviceType::DiscreteGpu => "discrete GPU",
         wgpu::DeviceType::IntegratedGpu => "integrated GPU",
@@ -196,6 +194,17 @@ fn traversal_of(found: &[AdapterReport], chosen: &[usize], selection: &Selection
 
 /// Opens the selected devices, one after another: drivers have crashed on concurrent creation.
 pub fn open(selection: &Selection) -> Result<Vec<GpuDevice>, DeviceError> {
+    open_with(selection, |_| Ok(None))
+}
+
+/// [`open`], but for the first device, if `first` has one for it.
+///
+/// # Errors
+/// Those of [`open`] and of `first`.
+pub fn open_with(
+    selection: &Selection,
+    first: impl FnOnce(&Wanted<'_>) -> Result<Option<GpuDevice>, DeviceError>,
+) -> Result<Vec<GpuDevice>, DeviceError> {
     let found = adapters();
     let chosen = choose(&found, selection)?;
     let traversal = traversal_of(&found, &chosen, selection)?;
@@ -212,7 +221,13 @@ pub fn open(selection: &Selection) -> Result<Vec<GpuDevice>, DeviceError> {
         Some(each) => return Err(DeviceError::ThreadCounts { given: each.len(), devices: count }),
     };
     let adapters = chosen.iter().flat_map(|&a| std::iter::repeat_n(a, each)).zip(threads);
-    adapters.enumerate().map(|(index, (adapter, n))| open_one(index, &found[adapter], n.max(1), traversal)).collect()
+    let mut first = Some(first);
+    let open = |(index, (adapter, threads)): (usize, (usize, usize))| {
+        let wanted = Wanted { index, adapter: &found[adapter], threads: threads.max(1), traversal };
+        let given = first.take().map_or(Ok(None), |first| first(&wanted))?;
+        given.map_or_else(|| open_one(&wanted), Ok)
+    };
+    adapters.enumerate().map(open).collect()
 }
 
 fn choose(found: &[AdapterReport], selection: &Selection) -> Result<Vec<usize>, DeviceError> {
@@ -236,106 +251,6 @@ fn choose(found: &[AdapterReport], selection: &Selection) -> Result<Vec<usize>, 
         }
     }
     Ok(chosen)
-}
-
-/// Held while a device is made, since the environment is the only way to tell Mesa its thread count.
-pub(super) static OPENING: Mutex<()> = Mutex::new(());
-
-fn open_one(
-    index: usize,
-    report: &AdapterReport,
-    threads: usize,
-    traversal: Traversal,
-) -> Result<GpuDevice, DeviceError> {
-    let _guard = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
-    let quirks = report.quirks;
-    if quirks.threads_by_environment {
-        // A queue has a thread of its own, which does the work where there is no other. One other would take turns with
-        // it, and each dispatch would wake both.
-        let others = if threads > 1 { threads } else { 0 };
-        // SAFETY: Mesa reads the variable while a device is made, which happens under the lock held here; nothing else
-        // in this program reads or writes the environment from another thread at that time.
-        unsafe { std::env::set_var("LP_NUM_THREADS", others.to_string()) };
-    }
-    let instance = new_instance();
-    let adapter = enumerate(&instance).into_iter().nth(report.index).ok_or(DeviceError::NoAdapter)?;
-    let descriptor = wgpu::DeviceDescriptor {
-        label: Some("diptych"),
-        required_features: wgpu::Features::IMMEDIATES | wgpu::Features::TIMESTAMP_QUERY | traversal.features(),
-        required_limits: wgpu::Limits { max_immediate_size: IMMEDIATE_BYTES, ..adapter.limits() },
-        experimental_features: traversal.experiments(),
-        ..Default::default()
-    };
-    let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
-        .map_err(|source| DeviceError::Open { index: report.index, name: report.name.clone(), source })?;
-    let info = DeviceInfo {
-        index,
-        adapter: report.index,
-        name: report.name.clone(),
-        driver: report.driver.clone(),
-        kind: report.kind.clone(),
-        threads: quirks.threads_by_environment.then_some(threads),
-        traversal,
-        max_storage_bytes: device.limits().max_storage_buffer_binding_size,
-        clock_residual_us: 0.0,
-        rank: None,
-    };
-    Ok(watched(info, quirks, device, queue, instance))
-}
-
-/// A device that shows what others have rendered; `described`: its adapter.
-pub(super) fn watched_screen(
-    described: wgpu::AdapterInfo,
-    device: wgpu::Device,
-    queue: wgpu::Queue,
-    instance: wgpu::Instance,
-) -> GpuDevice {
-    let quirks = Quirks::of(&described);
-    let info = DeviceInfo {
-        index: 0,
-        adapter: 0,
-        driver: driver_name(&described),
-        name: described.name,
-        kind: kind_name(described.device_type).to_owned(),
-        threads: quirks.threads_by_environment.then_some(1),
-        traversal: Traversal::Compute,
-        max_storage_bytes: device.limits().max_storage_buffer_binding_size,
-        clock_residual_us: 0.0,
-        rank: None,
-    };
-    watched(info, quirks, device, queue, instance)
-}
-
-/// Notes what goes wrong on the device from here on.
-fn watched(
-    info: DeviceInfo,
-    quirks: Quirks,
-    device: wgpu::Device,
-    queue: wgpu::Queue,
-    instance: wgpu::Instance,
-) -> GpuDevice {
-    let failure = Arc::new(Mutex::new(None));
-    let note = |failure: &Arc<Mutex<Option<DeviceFailure>>>| {
-        let failure = Arc::clone(failure);
-        move |what: DeviceFailure| {
-            let mut known = failure.lock().unwrap_or_else(PoisonError::into_inner);
-            // What is asked of a lost device fails as well, perhaps before the loss is told.
-            if known
-                .as_ref()
-                .is_none_or(|k: &DeviceFailure| k.kind == FailureKind::Error && what.kind == FailureKind::Loss)
-            {
-                *known = Some(what);
-            }
-        }
-    };
-    let (lost, failed) = (note(&failure), note(&failure));
-    device.set_device_lost_callback(move |reason, message| {
-        let what = format!("device lost ({reason:?}) {message}").trim_end().to_owned();
-        lost(DeviceFailure { kind: FailureKind::Loss, what });
-    });
-    device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| failed(error.into())));
-    let (patience, pipelines) = (GpuDevice::START_PATIENCE, HashMap::new());
-    GpuDevice { info, quirks, device, queue, patience, pipelines, failure, instance }
 }
 
 #[cfg(test)]

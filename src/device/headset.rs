@@ -12,7 +12,8 @@ use openxr::vulkan::SessionCreateInfo;
 use openxr::{FrameStream, FrameWaiter, Session, Swapchain, SystemId, Vulkan};
 use wgpu::hal;
 
-use super::adapters::{OPENING, instance_flags, watched_screen};
+use super::adapters::instance_flags;
+use super::opening::{OPENING, Wanted, watched_screen};
 use super::{DeviceError, GpuDevice};
 
 /// The newest version that wgpu knows.
@@ -20,11 +21,12 @@ const VULKAN: u32 = vk::API_VERSION_1_3;
 
 type LoadVulkan = unsafe extern "system" fn(*const c_void, *const c_char) -> Option<unsafe extern "system" fn()>;
 
-/// It takes images over from the devices that render, and is used by one thread. On a software adapter it has one worker
-/// thread.
+/// It takes images over from the devices that render, or is the first of them. On a software adapter it has one worker thread if
+/// it only takes them over.
 #[derive(Debug)]
 pub struct HeadsetDevice {
     pub gpu: GpuDevice,
+    renders: bool,
     binding: Binding,
 }
 
@@ -43,12 +45,14 @@ fn failed<E: std::fmt::Display>(what: &'static str) -> impl FnOnce(E) -> DeviceE
 }
 
 impl HeadsetDevice {
+    /// `first`: how the first of those that render is to be opened, which this one becomes if that is to be on the runtime's
+    /// adapter.
+    ///
     /// # Errors
     /// [`DeviceError::Headset`] if the runtime or the driver refuses, and [`DeviceError::Open`].
-    pub fn open(xr: &openxr::Instance, system: SystemId) -> Result<Self, DeviceError> {
+    pub fn open(xr: &openxr::Instance, system: SystemId, first: &Wanted) -> Result<Self, DeviceError> {
         let _guard = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
-        // SAFETY: as for devices that render, which are opened before.
-        unsafe { std::env::set_var("LP_NUM_THREADS", "1") };
+        first.tell_threads();
         // SAFETY: the library of that name is the system's Vulkan loader.
         let entry = unsafe { ash::Entry::load() }.map_err(failed("there is no Vulkan"))?;
         let (instance, version) = Self::instance(&entry, xr, system)?;
@@ -81,37 +85,55 @@ impl HeadsetDevice {
         let exposed = instance
             .expose_adapter(physical)
             .ok_or_else(|| DeviceError::Headset("its graphics adapter is too old".to_owned()))?;
-        let (features, limits) = (wgpu::Features::empty(), exposed.capabilities.limits.clone());
+        let described = exposed.info.clone();
+        let limits = exposed.capabilities.limits.clone();
+        let renders = described == first.adapter.info;
+        let descriptor = if renders {
+            first.descriptor(limits)
+        } else {
+            let label = Some("diptych headset");
+            wgpu::DeviceDescriptor { label, required_limits: limits, ..Default::default() }
+        };
+        let features = descriptor.required_features;
         // SAFETY: the adapter was just enumerated.
         let families = unsafe { raw.1.get_physical_device_queue_family_properties(physical) };
         let family = families.iter().position(|f| f.queue_flags.contains(vk::QueueFlags::GRAPHICS));
         let family = family.ok_or_else(|| DeviceError::Headset("its adapter has no graphics queue".to_owned()))? as u32;
         let extensions = exposed.adapter.required_device_extensions(features);
-        let device = Self::device(&entry, xr, system, &raw.1, &exposed, &extensions, family)?;
+        let device = Self::device(&entry, xr, system, &raw.1, &exposed, (&extensions, features), family)?;
         let handle = device.handle().as_raw();
         // SAFETY: the device was made from this adapter with these extensions, the features that belong to them, and one
         // queue of this family. wgpu destroys it when the last that was made from it is dropped.
         let open = unsafe {
             let hints = wgpu::MemoryHints::default();
-            exposed.adapter.device_from_raw(device, None, &extensions, features, &limits, &hints, family, 0)
+            let limits = &descriptor.required_limits;
+            exposed.adapter.device_from_raw(device, None, &extensions, features, limits, &hints, family, 0)
         }
         .map_err(failed("its device"))?;
-        let described = exposed.info.clone();
         // SAFETY: the instance is whole, and nobody else has it.
         let instance = unsafe { wgpu::Instance::from_hal::<hal::api::Vulkan>(instance) };
         // SAFETY: the adapter was made from this instance.
         let adapter = unsafe { instance.create_adapter_from_hal(exposed) };
-        let descriptor = wgpu::DeviceDescriptor {
-            label: Some("diptych headset"),
-            required_features: features,
-            required_limits: limits,
-            ..Default::default()
-        };
         // SAFETY: the device was made from this adapter, with these features.
         let (device, queue) = unsafe { adapter.create_device_from_hal(open, &descriptor) }
             .map_err(|source| DeviceError::Open { index: 0, name: described.name.clone(), source })?;
         let binding = Binding { instance: raw.0, physical: physical.as_raw(), device: handle, family };
-        Ok(Self { gpu: watched_screen(described, device, queue, instance), binding })
+        let gpu = if renders {
+            first.opened(device, queue, instance)
+        } else {
+            watched_screen(described, device, queue, instance)
+        };
+        Ok(Self { gpu, renders, binding })
+    }
+
+    pub fn renders(&self) -> bool {
+        self.renders
+    }
+
+    /// For a renderer, as its first device, if it is one that renders. The headset and its frames are not to be used while a
+    /// frame is under way: both use one queue.
+    pub fn renderer(&self) -> Option<GpuDevice> {
+        self.renders.then(|| self.gpu.shared())
     }
 
     /// Made by the runtime, with the version of Vulkan that it is said to have.
@@ -156,10 +178,10 @@ impl HeadsetDevice {
         system: SystemId,
         instance: &ash::Instance,
         exposed: &hal::ExposedAdapter<hal::api::Vulkan>,
-        extensions: &[&'static std::ffi::CStr],
+        (extensions, features): (&[&'static std::ffi::CStr], wgpu::Features),
         family: u32,
     ) -> Result<ash::Device, DeviceError> {
-        let mut features = exposed.adapter.physical_device_features(extensions, wgpu::Features::empty());
+        let mut features = exposed.adapter.physical_device_features(extensions, features);
         let names: Vec<*const c_char> = extensions.iter().map(|name| name.as_ptr()).collect();
         let queues = [vk::DeviceQueueCreateInfo::default()
             .queue_family_index(family)
@@ -197,24 +219,25 @@ impl HeadsetDevice {
         };
         // What the session's handles are of is dropped after it.
         let guard = Box::new((self.gpu.queue.clone(), self.gpu.device.clone()));
-        // SAFETY: the handles are valid until the guard is dropped. The queue is used by one thread at a time: this device's
-        // and the session's calls are made by the same one, as neither a headset nor its frames are given to another.
+        // SAFETY: the handles are valid until the guard is dropped. The queue is used by one thread at a time: the session's
+        // calls are made by the one that has the headset, as neither that nor its frames are given to another. Where a worker
+        // renders with this device, that thread waits for it from a frame's begin to its end, and a worker without a frame
+        // leaves the queue alone.
         unsafe { xr.create_session_with_guard::<Vulkan>(system, &info, guard) }
     }
 
-    /// The images of a swapchain of this device's session, which live as long as any of them; `state`: as the runtime has
-    /// them when they are drawn on.
+    /// All `images` of a swapchain of this device's session, which lives as long as any of them; `state`: as the runtime has them
+    /// when they are drawn on.
     ///
     /// # Errors
-    /// [`DeviceError::Headset`]: what the runtime says.
+    /// [`DeviceError::Headset`] for a device that is not Vulkan's.
     pub fn textures(
         &self,
         swapchain: &Arc<Mutex<Swapchain<Vulkan>>>,
+        images: Vec<u64>,
         descriptor: &wgpu::TextureDescriptor,
         state: wgpu::TextureUses,
     ) -> Result<Vec<wgpu::Texture>, DeviceError> {
-        let images = swapchain.lock().unwrap_or_else(PoisonError::into_inner).enumerate_images();
-        let images = images.map_err(failed("its images"))?;
         let texture = |image: u64| {
             let own = hal::TextureDescriptor {
                 label: descriptor.label,
@@ -223,9 +246,9 @@ impl HeadsetDevice {
                 sample_count: descriptor.sample_count,
                 dimension: descriptor.dimension,
                 format: descriptor.format,
-                usage: state | wgpu::TextureUses::COPY_DST,
+                usage: state,
                 memory_flags: hal::MemoryFlags::empty(),
-                view_formats: Vec::new(),
+                view_formats: descriptor.view_formats.to_vec(),
             };
             let keeps = Arc::clone(swapchain);
             // SAFETY: the image is of the swapchain that was made as described, with memory of the runtime. It is valid as long

@@ -8,6 +8,7 @@ mod checks;
 mod choice;
 mod clock;
 mod failure;
+mod opening;
 #[cfg(feature = "xr")]
 mod headset;
 mod pipelines;
@@ -17,13 +18,14 @@ mod screen;
 mod traversal;
 
 pub(crate) use adapters::MAX_DEVICES;
-pub use adapters::{AdapterReport, DeviceInfo, RankName, Selection, adapters, chosen_traversal, open};
+pub use adapters::{AdapterReport, DeviceInfo, RankName, Selection, adapters, chosen_traversal, open, open_with};
 pub use checks::ShaderChecks;
 pub use clock::GpuClock;
 pub(crate) use clock::{MOST_DRIFT, Offset as ClockOffset};
 pub use failure::{DeviceFailure, FailureKind, panic_text};
 #[cfg(feature = "xr")]
 pub use headset::HeadsetDevice;
+pub use opening::Wanted;
 pub use pipelines::{Pipeline, PipelineKey};
 pub use quirks::{Quirks, Tables};
 #[cfg(feature = "view")]
@@ -65,7 +67,7 @@ pub enum DeviceError {
     ThreadCounts { given: usize, devices: usize },
 }
 
-/// A logical device with its queue. Polled from one thread only.
+/// A logical device with its queue. Polled from one thread at a time.
 #[derive(Debug)]
 pub struct GpuDevice {
     pub info: DeviceInfo,
@@ -95,6 +97,21 @@ pub struct SceneAccess {
 impl GpuDevice {
     pub fn scene_access(&self) -> SceneAccess {
         SceneAccess { tables: self.quirks.tables, traversal: self.info.traversal }
+    }
+
+    /// The same device for another thread, which uses it while this one does not.
+    #[cfg(feature = "xr")]
+    fn shared(&self) -> Self {
+        Self {
+            info: self.info.clone(),
+            quirks: self.quirks,
+            device: self.device.clone(),
+            queue: self.queue.clone(),
+            patience: self.patience,
+            pipelines: HashMap::new(),
+            failure: Arc::clone(&self.failure),
+            instance: self.instance.clone(),
+        }
     }
 
     /// How long a device may take for what is asked of it before the first frame: drivers compile every shader.

@@ -2,7 +2,8 @@
 
 use std::sync::PoisonError;
 
-use super::adapters::{OPENING, new_instance, watched_screen};
+use super::adapters::new_instance;
+use super::opening::{OPENING, watched_screen};
 use super::{DeviceError, GpuDevice};
 
 /// Takes as little as it can from the devices that render: an integrated GPU is preferred, and on a software adapter it

@@ -84,6 +84,8 @@ pub struct Whole {
     pub end_ms: f64,
     /// Those that came with it.
     pub images: HashMap<Output, Pixels>,
+    /// Where the primary has them, if it is on this rank.
+    pub buffers: HashMap<Output, [wgpu::Buffer; 2]>,
 }
 
 /// What became of the frame that was begun first.
@@ -104,6 +106,7 @@ struct Collected {
     begin_ms: f64,
     end_ms: f64,
     images: HashMap<Output, Pixels>,
+    buffers: HashMap<Output, [wgpu::Buffer; 2]>,
 }
 
 /// The workers with the frames that they are at.
@@ -240,6 +243,7 @@ impl Frames {
             begin_ms: f64::INFINITY,
             end_ms: 0.0,
             images: HashMap::new(),
+            buffers: HashMap::new(),
         };
         for (device, answer) in self.workers.answers(frame.ticket, frame.limit) {
             match answer {
@@ -250,6 +254,7 @@ impl Frames {
                         frame.report.shown_from = reply.shown_from.map(|pose| *pose);
                         let names = Output::of_frame(&frame.graph.program, &frame.inputs.reads);
                         all.images = names.into_iter().zip(reply.images).collect();
+                        all.buffers = reply.buffers.into_iter().collect();
                     }
                     frame.report.clock_residuals_us.push((device, reply.clock_residual_us));
                     let timing = |time| TaskTiming::of(&frame.graph, device, time);
@@ -282,7 +287,7 @@ impl Frames {
     }
 
     fn complete(&mut self, frame: &mut InFlight, collected: Collected) {
-        let Collected { begin_ms, end_ms, mut images, .. } = collected;
+        let Collected { begin_ms, end_ms, mut images, buffers, .. } = collected;
         let report = &mut frame.report;
         if report.overlapped && frame.attempt.number == 1 {
             report.begin_ms = begin_ms;
@@ -299,7 +304,7 @@ impl Frames {
         }
         let primary = report.assignment.primary();
         self.recovered(frame.attempt);
-        self.whole = Some(Whole { inputs: frame.inputs.clone(), primary, end_ms, images });
+        self.whole = Some(Whole { inputs: frame.inputs.clone(), primary, end_ms, images, buffers });
     }
 
     /// The frame of this attempt is whole, so its faults are overcome.
@@ -334,15 +339,22 @@ impl Frames {
         Ok(())
     }
 
+    /// The last whole frame, if the primary has this image of it and keeps it until another frame is begun.
+    ///
+    /// # Errors
+    /// [`ExecError::NoFrame`] if there is no such frame or its images may be those of later ones already.
+    pub fn whole_with(&self, image: &Output) -> Result<&Whole, ExecError> {
+        let is_there = |whole: &&Whole| whole.inputs.outputs.as_ref().is_none_or(|outputs| outputs.contains(image));
+        let whole = self.whole.as_ref().filter(|_| self.in_flight.is_empty()).filter(is_there);
+        whole.ok_or(ExecError::NoFrame)
+    }
+
     /// An image of the last whole frame, from its primary; or why that failed.
     ///
     /// # Errors
-    /// [`ExecError::NoFrame`] if there is no such frame or its images may be those of later ones already;
-    /// [`ExecError::Stuck`] if the worker gave no answer of this kind.
+    /// Those of [`Self::whole_with`], and [`ExecError::Stuck`] if the worker gave no answer of this kind.
     pub fn fetch(&mut self, image: Output) -> Result<Result<Pixels, DeviceFailure>, ExecError> {
-        let is_there = |whole: &&Whole| whole.inputs.outputs.as_ref().is_none_or(|outputs| outputs.contains(&image));
-        let whole = self.whole.as_ref().filter(|_| self.in_flight.is_empty()).filter(is_there);
-        let whole = whole.ok_or(ExecError::NoFrame)?;
+        let whole = self.whole_with(&image)?;
         let Whole { primary, inputs: Inputs { place, .. }, .. } = *whole;
         let limit = self.limit(&whole.inputs);
         let (_, injected) = self.injected.take(primary, whole.inputs.constants.sampling.index);

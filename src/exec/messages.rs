@@ -104,6 +104,9 @@ pub struct FrameReply {
     /// From the primary: the pose that it asked for. Those of other ranks ask for none.
     #[serde(skip)]
     pub shown_from: Option<Box<SampledPose>>,
+    /// From the primary: where it has each output of the frame. Those of other ranks are out of reach.
+    #[serde(skip)]
+    pub buffers: Vec<(Output, [wgpu::Buffer; 2])>,
 }
 
 /// When a task ran.
@@ -236,7 +239,9 @@ pub(super) mod tests {
         let reply = |answer| Reply { ticket: 3, device: 63, answer };
         let times = vec![TaskTime { task: 4, begin_ms: 0.1, end_ms: 1e9 + 0.3, bytes: Some(1 << 40), submissions: 3 }];
         let images = vec![[vec![0, 255], vec![7]], [vec![], vec![1]]];
-        let done = FrameReply { times, clock_residual_us: 0.2, begin_ms: -0.0, end_ms: 0.7, images, shown_from: None };
+        let (shown_from, buffers) = (None, Vec::new());
+        let done =
+            FrameReply { times, clock_residual_us: 0.2, begin_ms: -0.0, end_ms: 0.7, images, shown_from, buffers };
         let done = [Answer::Frame(done), Answer::Pixels([vec![1, 2], vec![3, 4]])];
         let kinds = [FailureKind::Loss, FailureKind::Hang, FailureKind::Oom, FailureKind::Error];
         let failure = |kind| Stop::Device(DeviceFailure { kind, what: "it \"fell\"\n".to_owned() });

@@ -45,6 +45,24 @@ impl Renderer {
         Ok(Stereo { left, right })
     }
 
+    /// Whether there is a frame whose images can be read.
+    pub fn has_frame(&self) -> bool {
+        self.frames.whole.is_some()
+    }
+
+    /// Where the last frame's primary, which is device 0 but after a fault, has an output: the buffers of both eyes, as
+    /// [`Self::read_output`] reads them. They stay as they are until another frame is begun. None if the primary is not on this
+    /// rank.
+    ///
+    /// # Errors
+    /// [`ExecError::NoFrame`] if no frame is whole or frames are in flight.
+    pub fn output_buffers(&self, image: Resource) -> Result<Option<(usize, Stereo<wgpu::Buffer>)>, ExecError> {
+        let image = Output::from(image);
+        let whole = self.frames.whole_with(&image)?;
+        let stereo = |[left, right]: [wgpu::Buffer; 2]| Stereo { left, right };
+        Ok(whole.buffers.get(&image).cloned().map(|buffers| (whole.primary, stereo(buffers))))
+    }
+
     /// The last frame, scene-referred.
     ///
     /// # Errors

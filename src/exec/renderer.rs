@@ -278,7 +278,8 @@ impl Renderer {
     fn learn(&mut self, frame: &InFlight) {
         let report = &frame.report;
         for &(device, residual_us) in &report.clock_residuals_us {
-            self.devices[device].clock_residual_us = residual_us;
+            let known = &mut self.devices[device].clock_residual_us;
+            *known = known.max(residual_us);
         }
         let begun_ms = (!report.overlapped && frame.attempt.number == 1).then_some(report.begin_ms);
         let effort = frame.inputs.effort.clone();

@@ -1,4 +1,4 @@
-//! Images that the runtime shows, one after another; each has a layer for each eye.
+//! Images that the runtime shows, one after another, with a layer for each eye or with one.
 
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
@@ -14,7 +14,7 @@ use crate::image::Extent;
 /// A format by the numbers of Vulkan and by wgpu's name.
 pub type Format = (u32, wgpu::TextureFormat);
 
-/// Of images, the best first. Their bytes are encoded for the screen already.
+/// Of images, the best first.
 pub const COLOURS: [Format; 2] = [(43, wgpu::TextureFormat::Rgba8UnormSrgb), (50, wgpu::TextureFormat::Bgra8UnormSrgb)];
 /// Of distances.
 pub const DEPTHS: [Format; 2] = [(126, wgpu::TextureFormat::Depth32Float), (124, wgpu::TextureFormat::Depth16Unorm)];
@@ -51,7 +51,7 @@ impl Chain {
         let kind = if format.is_depth_stencil_format() {
             SwapchainUsageFlags::DEPTH_STENCIL_ATTACHMENT
         } else {
-            SwapchainUsageFlags::COLOR_ATTACHMENT | SwapchainUsageFlags::TRANSFER_DST
+            SwapchainUsageFlags::COLOR_ATTACHMENT | SwapchainUsageFlags::MUTABLE_FORMAT
         };
         let info = SwapchainCreateInfo {
             create_flags: SwapchainCreateFlags::EMPTY,
@@ -65,8 +65,6 @@ impl Chain {
             mip_count: 1,
         };
         let swapchain = session.create_swapchain(&info).to("make images of this size")?;
-        let copies =
-            if format.is_depth_stencil_format() { wgpu::TextureUsages::empty() } else { wgpu::TextureUsages::COPY_DST };
         let descriptor = wgpu::TextureDescriptor {
             label: Some("headset"),
             size: wgpu::Extent3d { width, height, depth_or_array_layers: layers },
@@ -74,11 +72,12 @@ impl Chain {
             sample_count: 1,
             dimension: wgpu::TextureDimension::D2,
             format,
-            usage: wgpu::TextureUsages::RENDER_ATTACHMENT | copies,
-            view_formats: &[],
+            usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
+            view_formats: &[format.remove_srgb_suffix()],
         };
+        let images = swapchain.enumerate_images().to("give its images")?;
         let swapchain = Arc::new(Mutex::new(swapchain));
-        let textures = device.textures(&swapchain, &descriptor, at_rest(format))?;
+        let textures = device.textures(&swapchain, images, &descriptor, at_rest(format))?;
         Ok(Self { textures, swapchain, extent, format })
     }
 

@@ -2,12 +2,12 @@
 
 use openxr::Time;
 
+use super::drawing::Pixels;
 use super::input::Input;
 use super::late::HeadSample;
 use super::pacing::{between_ms, shown_at};
 use super::panel::Panel;
 use crate::exec::Stereo;
-use crate::image::Image;
 use crate::scene::head::HeadPose;
 use crate::scene::optics::HeadEyes;
 
@@ -64,10 +64,11 @@ impl HeadsetFrame {
 
 /// What a frame shows.
 pub struct Picture<'a> {
-    /// What both eyes see, encoded for the screen.
-    pub images: &'a Stereo<Image<[u8; 4]>>,
-    /// The distances of that along the rays of pixels, 0 for the sky, in units of so many metres.
-    pub distances: Option<(&'a Stereo<Vec<f32>>, f64)>,
+    /// What both eyes see, four bytes a pixel, encoded for the screen.
+    pub images: Stereo<Pixels>,
+    /// The distance of that along the ray of each pixel, in scene units, the first of four floats; 0: sky.
+    pub distances: Option<Stereo<Pixels>>,
+    pub metres_per_unit: f64,
     pub panel: Option<&'a Panel>,
 }
 

@@ -66,7 +66,7 @@ pub enum Step {
 /// A session's way through its states.
 #[derive(Clone, Debug, Default)]
 pub struct Lifecycle {
-    /// In their order, each followed by another one.
+    /// In their order.
     states: Vec<State>,
     runs: bool,
 }
@@ -77,7 +77,10 @@ const REMEMBERED: usize = 1000;
 impl Lifecycle {
     /// The runtime has changed the state.
     pub fn enter(&mut self, state: State) -> Step {
-        if self.states.len() < REMEMBERED || self.has_ended() {
+        if self.has_ended() {
+            return Step::Nothing;
+        }
+        if self.states.len() < REMEMBERED {
             self.states.push(state);
         } else if let Some(last) = self.states.last_mut() {
             *last = state;

@@ -4,7 +4,7 @@
 //! frames begin with [`Headset::next_frame`], which waits as long as the runtime wants, and end with [`Headset::show`].
 
 mod chain;
-mod depth;
+mod drawing;
 mod error;
 mod frame;
 mod gaze;
@@ -18,6 +18,7 @@ mod runtime;
 mod session;
 mod walk;
 
+pub use drawing::Pixels;
 pub use error::HeadsetError;
 pub use frame::{HeadsetFrame, Next, Picture, Shown};
 pub use input::Input;

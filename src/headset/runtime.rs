@@ -7,6 +7,7 @@ use openxr::{
 };
 
 use super::error::{HeadsetError, Told};
+use crate::device::{DeviceError, HeadsetDevice, Wanted};
 use crate::image::Extent;
 
 /// One view for each eye.
@@ -84,6 +85,15 @@ impl Runtime {
             system,
             name,
         })
+    }
+
+    /// Opens the device that it takes images from; `first`: how the first of those that render is to be opened, which is this
+    /// one if that is to be on the runtime's adapter.
+    ///
+    /// # Errors
+    /// What the runtime says, or the device.
+    pub fn open_device(&self, first: &Wanted) -> Result<HeadsetDevice, DeviceError> {
+        HeadsetDevice::open(&self.xr, self.system, first)
     }
 
     /// If it tells the time.

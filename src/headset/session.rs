@@ -8,8 +8,7 @@ use openxr::{
     FrameStream, FrameWaiter, Posef, ReferenceSpaceType, Session, Time, Vulkan, sys,
 };
 
-use super::chain::{COLOURS, Chain, offered};
-use super::depth::{self, Depth, write_layer};
+use super::drawing::{Drawing, depth_info};
 use super::error::{HeadsetError, Told};
 use super::frame::{HeadsetFrame, Next, Picture, Shown};
 use super::gaze::{GazeFilter, in_image};
@@ -31,8 +30,8 @@ const PAUSE: Duration = Duration::from_millis(10);
 
 /// A session with a headset, whose images have one size. Its handles go in the order of the fields.
 pub struct Headset {
-    colour: Chain,
-    depth: Option<Depth>,
+    colour: Drawing,
+    depth: Option<Drawing>,
     controls: Controls,
     locator: Locator,
     stream: FrameStream<Vulkan>,
@@ -47,25 +46,24 @@ pub struct Headset {
     eyes: Option<HeadEyes>,
     /// Once a tracker has told of it.
     gaze: Option<GazeFilter>,
-    extent: Extent,
     is_to_end: bool,
+    /// Whether the runtime knows of it.
+    is_asked: bool,
 }
 
 impl Headset {
-    /// Opens a device as the runtime asks, and a session for images of this size for each eye.
+    /// A session for images of this size for each eye; `device`: from [`Runtime::open_device`].
     ///
     /// # Errors
     /// What the runtime says, or the device.
-    pub fn start(runtime: Runtime, extent: Extent) -> Result<Self, HeadsetError> {
-        let device = HeadsetDevice::open(&runtime.xr, runtime.system)?;
+    pub fn start(runtime: Runtime, device: HeadsetDevice, extent: Extent) -> Result<Self, HeadsetError> {
         let (session, waiter, stream) = device.session(&runtime.xr, runtime.system).to("begin a session")?;
         let space = |kind| session.create_reference_space(kind, Posef::IDENTITY).to("say where the head is");
         let spaces = Spaces { local: space(ReferenceSpaceType::LOCAL)?, head: space(ReferenceSpaceType::VIEW)? };
         let locator = Locator { spaces: Arc::new(spaces), clock: runtime.clock().cloned() };
         let lacks = HeadsetError::Lacks { runtime: runtime.name.clone(), what: "images of eight bits, sRGB" };
-        let format = offered(&session, &COLOURS)?.ok_or(lacks)?;
-        let colour = Chain::new(&device, &session, format, extent, 2)?;
-        let depth = if runtime.takes_depth { Depth::new(&device, &session, extent)? } else { None };
+        let colour = Drawing::of_colours(&device, &session, extent)?.ok_or(lacks)?;
+        let depth = if runtime.takes_depth { Drawing::of_distances(&device, &session, extent)? } else { None };
         let controls = Controls::new(&runtime.xr, &session, runtime.tracks_eyes)?;
         Ok(Self {
             colour,
@@ -82,8 +80,8 @@ impl Headset {
             pacing: Pacing::default(),
             eyes: None,
             gaze: None,
-            extent,
             is_to_end: false,
+            is_asked: false,
         })
     }
 
@@ -106,12 +104,14 @@ impl Headset {
         self.lifecycle.state() == Some(State::LossPending)
     }
 
-    /// Asks the runtime to end the session, which [`Self::next_frame`] tells.
+    /// Asks the runtime to end the session, which [`Self::next_frame`] tells; to be called until then, as a session that does not
+    /// run yet may still begin.
     ///
     /// # Errors
     /// What the runtime says.
     pub fn ask_to_end(&mut self) -> Result<(), HeadsetError> {
-        if std::mem::replace(&mut self.is_to_end, true) || !self.lifecycle.runs() {
+        self.is_to_end = true;
+        if !self.lifecycle.runs() || std::mem::replace(&mut self.is_asked, true) {
             return Ok(());
         }
         self.session.request_exit().to("end the session")
@@ -171,7 +171,12 @@ impl Headset {
         Panel::new(&self.device, &self.session, extent, width_m, head)
     }
 
-    /// The device that panels are drawn on. Its queue is used by the thread that has the headset alone.
+    /// Whether its device is the first of those that render.
+    pub fn renders(&self) -> bool {
+        self.device.renders()
+    }
+
+    /// The device that panels are drawn on, while no frame is under way.
     pub fn gpu(&self) -> &GpuDevice {
         &self.device.gpu
     }
@@ -207,25 +212,19 @@ impl Headset {
     /// What the runtime says, or the device.
     pub fn show(&mut self, frame: &HeadsetFrame, picture: &Picture) -> Result<Shown, HeadsetError> {
         let gpu = &self.device.gpu;
-        let blue_first = self.colour.format == wgpu::TextureFormat::Bgra8UnormSrgb;
-        self.colour.fill(gpu, |texture, _| {
-            for (layer, image) in (0..).zip([&picture.images.left, &picture.images.right]) {
-                let swapped = blue_first.then(|| image.pixels.iter().map(|&[r, g, b, a]| [b, g, r, a]).collect());
-                let pixels: &[[u8; 4]] = swapped.as_ref().map_or(&image.pixels, |pixels: &Vec<_>| pixels);
-                write_layer(gpu, texture, layer, image.extent, pixels.as_flattened());
-            }
-        })?;
-        let distances = self.depth.as_mut().zip(picture.distances);
+        let (eyes, metres_per_unit) = (&frame.eyes, picture.metres_per_unit);
+        self.colour.fill(gpu, &picture.images, eyes, metres_per_unit)?;
+        let distances = self.depth.as_mut().zip(picture.distances.as_ref());
         let has_depth = distances.is_some();
-        if let Some((depth, (distances, metres_per_unit))) = distances {
-            depth.fill(gpu, &depth::encoded_eyes(distances, self.extent, &frame.eyes, metres_per_unit))?;
+        if let Some((depth, distances)) = distances {
+            depth.fill(gpu, distances, eyes, metres_per_unit)?;
         }
         if let Some(failure) = gpu.failure() {
             return Err(HeadsetError::Failed(failure.what));
         }
         let colour = self.colour.lock();
-        let depth = self.depth.as_ref().filter(|_| has_depth).map(Depth::lock);
-        let infos = depth.as_ref().map(|images| Eye::ALL.map(|eye| depth::info(images, eye)));
+        let depth = self.depth.as_ref().filter(|_| has_depth).map(Drawing::lock);
+        let infos = depth.as_ref().map(|images| Eye::ALL.map(|eye| depth_info(images, eye)));
         let views = Eye::ALL.map(|eye| {
             let (pose, fov) = eye_view(frame.head, &frame.eyes, eye);
             let view = CompositionLayerProjectionView::new().pose(pose).fov(fov).sub_image(colour.layer(eye as u32));

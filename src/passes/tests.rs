@@ -19,7 +19,8 @@ pub fn all_specs() -> Vec<FrameSpec> {
                     let shown = FrameSpec { shown: Some(Extent::new(48, 135)), ..frame.clone() };
                     let late = FrameSpec { is_late: true, ..shown.clone() };
                     let shown_polar = FrameSpec { shown: shown.shown, ..polar.clone() };
-                    specs.extend([frame, polar, shown, late, shown_polar]);
+                    let late_polar = FrameSpec { is_late: true, ..shown_polar.clone() };
+                    specs.extend([frame, polar, shown, late, shown_polar, late_polar]);
                 }
             }
         }

@@ -38,6 +38,8 @@ pub struct HeadsetSummary {
     pub period_ms: f64,
     /// Whether the distance of what is seen was handed over as well.
     pub depth: bool,
+    /// Whether images were copied through the host's memory, as the first device is not on the runtime's adapter.
+    pub host_copies: bool,
     /// Whether frames were corrected to where the head was when all else of them was done.
     pub late_poses: bool,
     /// The states that the session went through.

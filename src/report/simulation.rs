@@ -93,8 +93,13 @@ pub fn enough_nodes(rows: &[Row]) -> Option<String> {
         .find(|pair| each(pair[0]) == each(pair[1]) && pair[0].nodes < pair[1].nodes && !pays(pair))?;
     let [less, more] = [stop[0], stop[1]];
     Some(format!(
-        "more than {} node(s) do not pay for this frame: {} take {:.1} ms instead of {:.1}, limited by {}",
-        less.nodes, more.nodes, more.predicted_ms, less.predicted_ms, more.limit
+        "more than {} node(s) of {} device(s) do not pay for this frame: {} take {:.1} ms instead of {:.1}, limited by {}",
+        less.nodes,
+        each(less),
+        more.nodes,
+        more.predicted_ms,
+        less.predicted_ms,
+        more.limit
     ))
 }
 

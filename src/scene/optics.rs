@@ -217,7 +217,9 @@ impl Optics {
         let times = pixels[0] * pixels[1] / size.area() as f64;
         // No number, where the step is none.
         if times.is_nan() || times > MOST_TIMES {
-            return Err(format!("eyes that see so far apart take {times:.0} times the pixels that they show"));
+            return Err(format!(
+                "what covers both eyes, with its border, takes {times:.0} times the pixels that they show (at most {MOST_TIMES})"
+            ));
         }
         Ok(Extent::new(pixels[0] as u32, pixels[1] as u32))
     }

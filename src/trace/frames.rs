@@ -44,7 +44,7 @@ pub fn record_frame(recorder: &Recorder, report: &FrameReport, quality: &Quality
 }
 
 fn note_residual(recorder: &Recorder, device: usize, residual_us: f64) {
-    recorder.note(&format!("clock_residual_us.device_{device}"), residual_us);
+    recorder.note_residual(&format!("device_{device}"), residual_us);
 }
 
 /// Frames as their trace has them, without the devices' names.

@@ -33,11 +33,14 @@ pub fn parse(bytes: &[u8], origin: &str) -> Result<Trace, TraceError> {
     let not_a_trace = |what: String| TraceError::NotATrace { path: origin.to_owned(), what };
     let raw = raw_trace_from_bytes(bytes).map_err(not_a_trace)?;
     let mut reader = Reader { is_cut: raw.is_cut, ..Reader::default() };
-    let checked = reader.all(raw.events);
+    let residual_us = |pid: u32| {
+        let note = format!("clock_residual_us.device_{}", pid.checked_sub(FIRST_DEVICE_PID)?);
+        raw.other_data[&note].as_f64()
+    };
+    let checked = reader.all(raw.events, &residual_us);
     let mut trace = checked.map_err(|(index, what)| TraceError::Event { path: origin.to_owned(), index, what })?;
     for (&pid, device) in &mut trace.devices {
-        let note = format!("clock_residual_us.device_{}", pid - FIRST_DEVICE_PID);
-        device.clock_residual_us = raw.other_data[&note].as_f64();
+        device.clock_residual_us = residual_us(pid);
     }
     if raw.is_cut || raw.other_data["complete"] == Value::Bool(false) {
         trace.warnings.push("the run ended early: what came after is missing".to_owned());
@@ -80,7 +83,8 @@ struct Reader {
 }
 
 impl Reader {
-    fn all(&mut self, events: Vec<Value>) -> Result<Trace, Wrong> {
+    /// `residual_us`: how wrong a device's times are at most, if that is known.
+    fn all(&mut self, events: Vec<Value>, residual_us: &dyn Fn(u32) -> Option<f64>) -> Result<Trace, Wrong> {
         for (index, event) in events.into_iter().enumerate() {
             let Value::Object(event) = event else {
                 return Err((index, "it is no object".to_owned()));
@@ -105,7 +109,7 @@ impl Reader {
         }
         let warnings = self.warnings(&foreign_pids);
         let passages = passages(host_spans);
-        Ok(Trace { devices: self.devices(), tasks: tasks(device_spans)?, frame_times, passages, warnings })
+        Ok(Trace { devices: self.devices(), tasks: tasks(device_spans, residual_us)?, frame_times, passages, warnings })
     }
 
     fn event(&mut self, index: usize, mut event: Map<String, Value>) -> Result<(), String> {
@@ -241,14 +245,16 @@ impl Reader {
     }
 }
 
-/// Device spans as tasks in order of begin; an error if two on one lane overlap.
-fn tasks(mut spans: Vec<((u32, Lane), Span)>) -> Result<Vec<Task>, Wrong> {
+/// Device spans as tasks in order of begin; an error if two on one lane overlap by more than their clock explains: frames are put
+/// on the host's clock one by one, each within the residual.
+fn tasks(mut spans: Vec<((u32, Lane), Span)>, residual_us: &dyn Fn(u32) -> Option<f64>) -> Result<Vec<Task>, Wrong> {
     spans.sort_by(|(_, a), (_, b)| a.begin_us.total_cmp(&b.begin_us).then(a.end_us.total_cmp(&b.end_us)));
     let mut last_on_lane: HashMap<(u32, Lane), (usize, f64)> = HashMap::new();
     let mut tasks = Vec::with_capacity(spans.len());
     for ((pid, lane), span) in spans {
         let last = last_on_lane.insert((pid, lane), (span.index, span.end_us));
-        if let Some((other, end_us)) = last.filter(|l| span.begin_us < l.1 - OVERLAP_TOLERANCE_US) {
+        let tolerance_us = OVERLAP_TOLERANCE_US + 2.0 * residual_us(pid).filter(|us| *us > 0.0).unwrap_or(0.0);
+        if let Some((other, end_us)) = last.filter(|l| span.begin_us < l.1 - tolerance_us) {
             let (name, begin_us) = (&span.name, span.begin_us);
             let what = format!(
                 "task '{name}' begins at {begin_us} µs, before event {other} on the same lane ends at {end_us} µs"

@@ -164,10 +164,19 @@ impl Recorder {
         self.push(|| points.iter().enumerate().map(event));
     }
 
-    /// Something about the whole run, such as the residual of a device's clock; lands in `otherData`.
+    /// Something about the whole run; lands in `otherData`.
     pub fn note(&self, key: &str, value: impl Into<Value>) {
         if let Some(mut log) = self.lock() {
             log.notes.insert(key.to_owned(), value.into());
+        }
+    }
+
+    /// How wrong times of a clock were at most, as of `device_0` or `rank_1`; the most that was noted lands in `otherData`.
+    pub fn note_residual(&self, clock: &str, residual_us: f64) {
+        if let Some(mut log) = self.lock() {
+            let key = format!("clock_residual_us.{clock}");
+            let most_us = log.notes.get(&key).and_then(Value::as_f64).map_or(residual_us, |us| us.max(residual_us));
+            log.notes.insert(key, most_us.into());
         }
     }
 

@@ -1,7 +1,7 @@
 //! A trace summed up: how busy each device was, how well they worked side by side, how long frames took, and what their
 //! critical paths consist of.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 
 use serde::{Deserialize, Serialize};
 
@@ -173,6 +173,7 @@ fn sum_up(trace: &Trace, frames: &[Frame], warnings: Vec<String>) -> Summary {
     let transfer_ms: f64 = devices.iter().map(|d| d.transfer_ms).sum();
     let hidden_ms: f64 = devices.iter().map(|d| d.hidden_transfer_ms).sum();
     let zero_us = frames.first().map_or(0.0, |f| f.time.begin_us);
+    let numbers: HashSet<u64> = frames.iter().map(|f| f.time.frame).collect();
     Summary {
         frames: frames.iter().map(|frame| frame_summary(trace, frame, zero_us)).collect(),
         total_ms: total_us / 1000.0,
@@ -180,7 +181,7 @@ fn sum_up(trace: &Trace, frames: &[Frame], warnings: Vec<String>) -> Summary {
         hidden_transfer_share: (transfer_ms > 0.0).then(|| hidden_ms / transfer_ms),
         imbalance: imbalance(&devices),
         critical_path: path_shares(frames),
-        passages: PassageSummary::of(&trace.passages, |frame| frames.iter().any(|f| f.time.frame == frame)),
+        passages: PassageSummary::of(&trace.passages, |frame| numbers.contains(&frame)),
         devices,
         warnings,
     }

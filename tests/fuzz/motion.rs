@@ -55,20 +55,25 @@ fn header() -> impl Strategy<Value = Value> {
     ]
 }
 
+/// Of both eyes together, of each one, or none.
+fn gaze() -> impl Strategy<Value = Value> {
+    let place = || (0.0..1.0, 0.0..1.0);
+    prop_oneof![
+        10 => place().prop_map(|(x, y)| json!([x, y])),
+        10 => (place(), place()).prop_map(|((x, y), (z, w))| json!([x, y, z, w])),
+        1 => numbers::<2>().prop_map(|numbers| json!(numbers)),
+        1 => numbers::<4>().prop_map(|numbers| json!(numbers)),
+    ]
+}
+
 fn sample() -> impl Strategy<Value = Value> {
-    (
-        number(),
-        numbers::<3>(),
-        orientation(),
-        prop::option::of(prop_oneof![20 => (0.0..1.0, 0.0..1.0).prop_map(|(x, y)| [x, y]), 1 => numbers()]),
-    )
-        .prop_map(|(time_s, at, turned, gaze)| {
-            let mut sample = json!({"time_s": time_s, "position_m": at, "orientation": turned});
-            if let Some(gaze) = gaze {
-                sample["gaze"] = json!(gaze);
-            }
-            sample
-        })
+    (number(), numbers::<3>(), orientation(), prop::option::of(gaze())).prop_map(|(time_s, at, turned, gaze)| {
+        let mut sample = json!({"time_s": time_s, "position_m": at, "orientation": turned});
+        if let Some(gaze) = gaze {
+            sample["gaze"] = gaze;
+        }
+        sample
+    })
 }
 
 /// A file that is well formed, its samples in order.

@@ -336,7 +336,8 @@ fn explore(rules: Rules) -> Result<usize, Wrong> {
 fn every_order_of_events_ends() {
     let cases = [(1, 2, 1, 1), (2, 3, 1, 0), (2, 2, 1, 2), (3, 1, 1, 1), (1, 3, 2, 1), (2, 3, 2, 0), (2, 2, 2, 1)];
     for (devices, frames, in_flight, faults) in cases {
-        for (submit_blocks, submits_often, asks) in [(true, true, false), (false, false, false), (false, false, true)] {
+        let kinds = [(true, true, false), (false, false, false), (false, false, true), (true, false, true)];
+        for (submit_blocks, submits_often, asks) in kinds {
             let rules = Rules { devices, frames, in_flight, faults, submit_blocks, submits_often, asks, ..RULES };
             let states = explore(rules);
             let states = states.unwrap_or_else(|e| panic!("{e:?} of {devices} devices after {faults} faults"));

@@ -10,7 +10,7 @@ use crate::common::{Stage, Subject, devices, is_thorough};
 use crate::reference::scenes::moving;
 use crate::same_bytes::{HEIGHT, Script, WIDTH, assert_same, ratios};
 use diptych::device::GpuDevice;
-use diptych::exec::ranks::{ChannelLink, Devices, Host, Link, Load, Loading, Node, Request, channel_links, serve};
+use diptych::exec::ranks::{ChannelLink, Devices, Host, Link, Load, Loading, Node, Request, Way, channel_links, serve};
 use diptych::exec::{InjectedFaults, RenderSettings};
 use diptych::quality::{Denoiser, LogPolar, PolarSpace};
 use diptych::scene::shot::Gaze;
@@ -72,8 +72,8 @@ impl Link for Slow {
         self.link.host()
     }
 
-    fn send(&mut self, to: usize, packet: Vec<u8>) {
-        self.link.send(to, packet);
+    fn send(&mut self, to: usize, packet: Vec<u8>, way: Way) {
+        self.link.send(to, packet, way);
     }
 
     fn receive(&mut self) -> Option<(usize, Vec<u8>)> {
@@ -270,7 +270,9 @@ fn clocks_of_ranks_are_known_as_well_as_is_said() {
             residuals_us.push(residual_us);
         }
     }
-    assert!(residuals_us.len() >= 40, "{residuals_us:?}");
+    assert!(residuals_us.len() >= 20, "{residuals_us:?}");
+    let least_us = residuals_us.iter().copied().fold(f64::INFINITY, f64::min);
+    assert!(least_us < 2_000.0, "{residuals_us:?}");
     joined.end();
 }
 

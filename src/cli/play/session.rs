@@ -128,13 +128,16 @@ impl Session {
     pub fn report(&self, prepared: &Prepared, loaded: &Loaded, rows: Vec<FrameRow>) -> RunReport {
         let Prepared { options, choice, render, .. } = prepared;
         let devices = self.renderer.devices();
-        let settings = settings::in_force(render, loaded.exposure_ev(), devices);
+        let budget_ms = [self.budget.lo_ms(), self.budget.hi_ms()];
+        let mut settings = settings::in_force(render, loaded.exposure_ev(), devices);
+        // A headset may have said what it is.
+        settings.options.insert("budget_ms".to_owned(), format!("{}..{}", budget_ms[0], budget_ms[1]).into());
         let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !render.no_skip, rows);
         report.warm_up_s = self.warm_up_s;
         report.faults = self.renderer.faults().to_vec();
         report.rectified = self.renderer.rectified().map(|frame| RectifiedFrame::new(frame, render.size));
         let play = Play {
-            budget_ms: [self.budget.lo_ms(), self.budget.hi_ms()],
+            budget_ms,
             denoiser: Denoiser::name_of(choice.denoiser),
             ladder: options.ladder_name(&self.ladder),
             measure: self.ladder.origin().measure,

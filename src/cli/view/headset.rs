@@ -9,7 +9,8 @@ use anyhow::anyhow;
 
 use diptych::control::Budget;
 use diptych::exec::Stereo;
-use diptych::headset::{Headset, HeadsetError, HeadsetFrame, Next, Picture, Runtime, Shown};
+use diptych::graph::Resource;
+use diptych::headset::{Headset, HeadsetError, HeadsetFrame, Next, Picture, Pixels, Runtime, Shown};
 use diptych::image::display::{DisplayImage, write_png};
 use diptych::image::{Image, stereo};
 use diptych::passes::tonemap::DISPLAY;
@@ -58,14 +59,20 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     for warning in &loaded.scene.warnings {
         progress.warn(warning);
     }
-    let gpus = setup::open_devices(&prepared.render, usize::from(args.options.virtual_devices))?;
-    let mut headset = Headset::start(runtime, prepared.render.size)?;
+    let mut device = None;
+    let gpus = setup::open_devices_with(&prepared.render, usize::from(args.options.virtual_devices), |first| {
+        Ok(device.insert(runtime.open_device(first)?).renderer())
+    })?;
+    let device = device.ok_or_else(|| anyhow!("no device was opened")).map_err(Failure::Run)?;
+    let mut headset = Headset::start(runtime, device, prepared.render.size)?;
     progress.phase("waiting for the headset");
     let Some(first) = first_frame(&mut headset)? else { return ended(&headset) };
     if typed("budget_ms").is_none() {
         prepared.options.budget_ms = budget(first.period_ms())?;
     }
-    prepared.render.fps = 1e3 / first.period_ms();
+    if first.period_ms() > 0.0 {
+        prepared.render.fps = 1e3 / first.period_ms();
+    }
     if headset.takes_depth() {
         prepared.render.aov = vec![Aov::Depth];
     }
@@ -89,9 +96,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         devices: session.renderer.devices().iter().map(|info| format!("dev{} {}", info.index, info.name)).collect(),
         is_foveated: prepared.render.foveated.is_on(),
     };
-    let (rows, last, news, board) = (Vec::new(), None, News::default(), None);
+    let (rows, news, board) = (Vec::new(), News::default(), None);
     let mut show =
-        Show { session, headset, world, late, motion, writes, rows, last, look, news, board, opens_board: args.panel };
+        Show { session, headset, world, late, motion, writes, rows, look, news, board, opens_board: args.panel };
     // What there is by then is written, whatever ended it.
     let shown = show.frames(&prepared);
     let finished = show.finish(args, &prepared, &loaded, first.period_ms());
@@ -113,7 +120,9 @@ fn first_frame(headset: &mut Headset) -> Result<Option<Box<HeadsetFrame>>, Failu
         match headset.next_frame()? {
             Next::Frame(frame) => {
                 headset.skip(&frame)?;
-                return Ok(Some(frame));
+                if !interrupt::is_set() {
+                    return Ok(Some(frame));
+                }
             }
             Next::Idle => {}
             Next::Ended => return Ok(None),
@@ -136,11 +145,12 @@ fn tell(headset: &Headset, prepared: &Prepared, period_ms: f64, progress: &Progr
     let runtime = headset.runtime();
     let budget = prepared.options.budget_ms;
     progress.tell(&format!(
-        "{} ({}): {} for each eye, {} recommended; a frame each {period_ms:.2} ms, of which devices may take {:.1} to {:.1}",
+        "{} ({}): {} for each eye, {} recommended, {}; a frame each {period_ms:.2} ms, of which devices may take {:.1} to {:.1}",
         runtime.headset,
         runtime.name,
         options.size,
         runtime.recommended,
+        if headset.renders() { "taken from device 0" } else { "taken by way of the host" },
         budget.lo_ms(),
         budget.hi_ms(),
     ));
@@ -156,7 +166,6 @@ struct Show {
     /// Whether rows are kept.
     writes: bool,
     rows: Vec<FrameRow>,
-    last: Option<Stereo<Image<[u8; 4]>>>,
     look: Look,
     news: News,
     /// While it is shown.
@@ -197,20 +206,22 @@ impl Show {
         let late_ms = f64::from(frame.missed) * frame.period_ms();
         late.begin(index, frame, world);
         let (mut row, report) = session.render(decided, late_ms, &rig, time_s, index)?;
+        let images = pixels(session, headset, DISPLAY)?;
+        let distances = headset.takes_depth().then(|| pixels(session, headset, aov_image(0))).transpose()?;
+        // A frame that is made again as its images are read asks again.
         let answered = late.end();
         let mut frame = *frame;
         let shown_from = report.shown_from.as_ref().map_or(&rig, |pose| &pose.rig);
         let corrected_ms = report.shown_from.as_ref().and(answered).and_then(|sample| frame.show_from(sample));
-        let images = session.renderer.read_display()?;
-        let distances = if headset.takes_depth() { Some(distances(session)?) } else { None };
-        if frame.input.toggles_panel || std::mem::take(opens_board) {
+        let opens = std::mem::take(opens_board);
+        if opens != frame.input.toggles_panel {
             *board = if board.is_none() { Board::open(headset, &frame)? } else { None };
         }
         news.add(frame_news(row.clone()));
         news.rungs = session.ladder.rungs().len();
         let panel = board.as_mut().map(|board| board.panel(headset, look, news)).transpose()?.flatten();
-        let distances = distances.as_ref().map(|distances| (distances, rig.metres_per_unit));
-        let shown = headset.show(&frame, &Picture { images: &images, distances, panel })?;
+        let picture = Picture { images, distances, metres_per_unit: rig.metres_per_unit, panel };
+        let shown = headset.show(&frame, &picture)?;
         let Shown { ahead_ms, motion_to_photon_ms } = shown;
         let HeadsetFrame { display_s, missed, .. } = frame;
         let period_ms = frame.period_ms();
@@ -223,20 +234,19 @@ impl Show {
         if self.writes {
             self.rows.push(row);
         }
-        self.last = Some(images);
         Ok(())
     }
 
     /// Writes what is asked for, and says how it went.
     fn finish(self, args: &Args, prepared: &Prepared, loaded: &Loaded, period_ms: f64) -> Result<(), Failure> {
-        let Self { session, headset, motion, rows, last, .. } = self;
+        let Self { mut session, headset, motion, rows, .. } = self;
         session.progress.finish();
         let options = &prepared.render;
         if let Some(path) = &prepared.options.record_motion {
             motion.write(path)?;
         }
-        if let (Some(path), Some(eyes)) = (&args.screenshot, &last) {
-            write_png(path, &side_by_side(eyes)?)?;
+        if let Some(path) = args.screenshot.as_ref().filter(|_| session.renderer.has_frame()) {
+            write_png(path, &side_by_side(&session.renderer.read_display()?)?)?;
         }
         if self.writes {
             let mut report = session.report(prepared, loaded, rows);
@@ -252,11 +262,16 @@ impl Show {
     }
 }
 
-/// Along the rays of both eyes' pixels.
-fn distances(session: &mut Session) -> Result<Stereo<Vec<f32>>, Failure> {
-    let Stereo { left, right } = session.renderer.read_aov(0)?;
-    let only = |mut channels: Vec<Vec<f32>>| channels.pop().unwrap_or_default();
-    Ok(Stereo { left: only(left), right: only(right) })
+/// An output of the newest frame: where it is, if that is the headset's device, else by way of the host.
+fn pixels(session: &mut Session, headset: &Headset, image: Resource) -> Result<Stereo<Pixels>, Failure> {
+    let renderer = &mut session.renderer;
+    if headset.renders()
+        && let Some((0, Stereo { left, right })) = renderer.output_buffers(image)?
+    {
+        return Ok(Stereo { left: Pixels::Buffer(left), right: Pixels::Buffer(right) });
+    }
+    let Stereo { left, right } = renderer.read_output(image)?;
+    Ok(Stereo { left: Pixels::Bytes(left), right: Pixels::Bytes(right) })
 }
 
 fn side_by_side(Stereo { left, right }: &Stereo<Image<[u8; 4]>>) -> Result<DisplayImage, Failure> {
@@ -275,6 +290,7 @@ fn summary(headset: &Headset, period_ms: f64, is_late: bool) -> HeadsetSummary {
         recommended_size: runtime.recommended.to_string(),
         period_ms,
         depth: headset.takes_depth(),
+        host_copies: !headset.renders(),
         late_poses: is_late,
         states: headset.states().iter().map(ToString::to_string).collect(),
         motion_to_photon_ms_p50: None,

@@ -16,8 +16,9 @@ pub struct RankClock {
     marks: VecDeque<(f64, Range<f64>)>,
     /// Of round trips of small packets, a running mean, milliseconds.
     pub round_trip_ms: Option<f64>,
-    /// Of those of large ones beyond that, per byte.
+    /// Of large ones beyond the shortest round trip of all, per byte.
     pub ms_per_byte: Option<f64>,
+    shortest_ms: Option<f64>,
 }
 
 /// Share of a new round trip in the means, if it is shorter and if it is longer: what else is on the link adds to it.
@@ -35,19 +36,21 @@ fn learned(mean: Option<f64>, new: f64) -> Option<f64> {
 }
 
 impl RankClock {
-    /// Takes in a round trip that began and ended at these times here, and in which the other clock was `there_ms`. So
-    /// many bytes went there, if it is one by which the link is judged: one that came as packets of frames come.
-    pub fn learn(&mut self, here_ms: Range<f64>, there_ms: f64, bytes: Option<usize>) {
+    /// Takes in a round trip that began and ended at these times here, and in which the other clock was `there_ms`.
+    pub fn learn(&mut self, here_ms: Range<f64>, there_ms: f64) {
         let trip_ms = here_ms.end - here_ms.start;
-        match (self.round_trip_ms, bytes) {
-            (Some(small_ms), Some(bytes @ 1..)) => {
-                self.ms_per_byte = learned(self.ms_per_byte, (trip_ms - small_ms).max(0.0) / bytes as f64);
-            }
-            (mean, Some(_)) => self.round_trip_ms = learned(mean, trip_ms),
-            (_, None) => {}
-        }
+        self.shortest_ms = Some(self.shortest_ms.map_or(trip_ms, |ms| ms.min(trip_ms)));
         self.offset.narrow(&(there_ms..there_ms), &here_ms);
         self.learn_rate();
+    }
+
+    /// Takes in how long a round trip took in which so many bytes went there, and came as packets of frames come.
+    pub fn judge(&mut self, trip_ms: f64, bytes: usize) {
+        if bytes == 0 {
+            self.round_trip_ms = learned(self.round_trip_ms, trip_ms);
+        } else if let Some(shortest_ms) = self.shortest_ms {
+            self.ms_per_byte = learned(self.ms_per_byte, (trip_ms - shortest_ms).max(0.0) / bytes as f64);
+        }
     }
 
     /// Between two times the offset has moved by no less than its bounds then and now allow, and by no more.
@@ -77,14 +80,12 @@ impl RankClock {
         self.marks.drain(..self.marks.len().saturating_sub(MARKS));
     }
 
-    /// The other clock's zero on the clock here, by what is known of it now.
-    pub fn zero_ms(&self) -> f64 {
-        self.offset.value()
-    }
-
-    /// How wrong times are at most; none before a round trip.
-    pub fn residual_us(&self) -> Option<f64> {
-        self.round_trip_ms.map(|_| self.offset.error_ms() * 1e3)
+    /// The other clock's zero on the clock here, for times of that clock between these two, and how wrong times are then at most;
+    /// that is none before a round trip.
+    pub fn zero_between(&self, [from_ms, to_ms]: [f64; 2]) -> (f64, Option<f64>) {
+        let [(then_ms, then_error_ms), (zero_ms, error_ms)] = [from_ms, to_ms].map(|ms| self.offset.at(ms));
+        let most_ms = error_ms.max(then_error_ms + (then_ms - zero_ms).abs());
+        (zero_ms, most_ms.is_finite().then_some(most_ms * 1e3))
     }
 
     /// Puts the times of a reply, which are milliseconds since the other rank's zero, on a clock whose zero was at
@@ -131,7 +132,7 @@ mod tests {
         fn trip(&mut self, clock: &mut RankClock, sent_ms: f64, trip_ms: f64) -> f64 {
             let read_ms = sent_ms + trip_ms * (0.1 + 0.8 * self.random());
             let there_ms = self.there_ms(read_ms);
-            clock.learn(sent_ms..sent_ms + trip_ms, there_ms, Some(0));
+            clock.learn(sent_ms..sent_ms + trip_ms, there_ms);
             (there_ms + clock.offset.value() - read_ms).abs() * 1e3
         }
     }
@@ -143,7 +144,7 @@ mod tests {
         for i in 0..18_000u32 {
             let trip_ms = 0.1 + fake.random();
             let wrong_us = fake.trip(&mut clock, f64::from(i) * 200.0, trip_ms);
-            let residual_us = clock.residual_us().unwrap();
+            let residual_us = clock.offset.error_ms() * 1e3;
             assert!(wrong_us <= residual_us + 1e-3, "{i}: {wrong_us} µs, said to be at most {residual_us}");
             assert!(residual_us < if i < 100 { 1200.0 } else { 250.0 }, "{i}: {residual_us}");
         }
@@ -164,9 +165,9 @@ mod tests {
             let (trip_ms, at) = (if i % 50 == 0 { 0.02 } else { 3.0 }, fake.random());
             let read_ms = sent_ms + trip_ms * at;
             let there_ms = 7e5 + read_ms + lead_ms;
-            clock.learn(sent_ms..sent_ms + trip_ms, there_ms, Some(0));
+            clock.learn(sent_ms..sent_ms + trip_ms, there_ms);
             let wrong_us = (there_ms + clock.offset.value() - read_ms).abs() * 1e3;
-            let residual_us = clock.residual_us().unwrap();
+            let residual_us = clock.offset.error_ms() * 1e3;
             assert!(wrong_us <= residual_us + 1e-3, "{i}: {wrong_us} µs, said to be at most {residual_us}");
             residuals_us.push(residual_us);
         }
@@ -183,9 +184,9 @@ mod tests {
         let jumped = |ms: f64| 5e6 + 3_000.0 + ms;
         for i in 100..110 {
             let sent_ms = f64::from(i) * 200.0;
-            clock.learn(sent_ms..sent_ms + 0.05, jumped(sent_ms + 0.02), Some(0));
+            clock.learn(sent_ms..sent_ms + 0.05, jumped(sent_ms + 0.02));
             let wrong_us = (jumped(sent_ms) + clock.offset.value() - sent_ms).abs() * 1e3;
-            assert!(wrong_us <= clock.residual_us().unwrap() + 1e-3 && wrong_us < 100.0, "{i}: {wrong_us}");
+            assert!(wrong_us <= clock.offset.error_ms() * 1e3 + 1e-3 && wrong_us < 100.0, "{i}: {wrong_us}");
         }
     }
 }

@@ -2,6 +2,14 @@
 
 use crossbeam::channel::{Receiver, Sender, unbounded};
 
+/// How a packet goes. Round trips do not wait for large packets that were sent before them, so that these leave no rank without
+/// a sign of life.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Way {
+    RoundTrip,
+    Other,
+}
+
 /// A rank's end. One thread has it.
 pub trait Link {
     fn rank(&self) -> usize;
@@ -12,13 +20,13 @@ pub trait Link {
     /// The name of the machine.
     fn host(&self) -> String;
 
-    /// Sends a packet to another rank and does not wait. Packets from one rank to another arrive in their order.
-    fn send(&mut self, to: usize, packet: Vec<u8>);
+    /// Sends a packet to another rank and does not wait. Packets of one way from one rank to another arrive in their order.
+    fn send(&mut self, to: usize, packet: Vec<u8>, way: Way);
 
     /// A packet that has come, if there is one, and the rank that it comes from.
     fn receive(&mut self) -> Option<(usize, Vec<u8>)>;
 
-    /// Whether all that was sent is on its way, and all that has begun to come is here.
+    /// Frees what was sent and is on its way; returns whether that is all, and all that has begun to come is here.
     fn is_settled(&mut self) -> bool;
 
     /// Leaves the others, which all ranks must do; waits for them where that is needed.
@@ -55,7 +63,7 @@ impl Link for ChannelLink {
         format!("thread {}", self.rank)
     }
 
-    fn send(&mut self, to: usize, packet: Vec<u8>) {
+    fn send(&mut self, to: usize, packet: Vec<u8>, _: Way) {
         // A rank that has left waits for nothing.
         let _ = self.outboxes[to].send((self.rank, packet));
     }

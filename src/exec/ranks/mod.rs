@@ -19,7 +19,7 @@ mod transport;
 
 pub(super) use devices::Others;
 pub use devices::{Devices, Loading, Opening};
-pub use link::{ChannelLink, Link, channel_links};
+pub use link::{ChannelLink, Link, Way, channel_links};
 #[cfg(feature = "mpi")]
 pub use mpi::MpiLink;
 pub use node::{Asked, Node};

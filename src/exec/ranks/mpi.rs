@@ -7,19 +7,22 @@ use mpi::environment::Universe;
 use mpi::request::{Request, StaticScope};
 use mpi::topology::SimpleCommunicator;
 use mpi::traits::{Communicator, Destination, Equivalence, Source};
-use mpi::{Rank, Threading};
+use mpi::{Rank, Tag, Threading};
 
-use super::link::Link;
+use super::link::{Link, Way};
 
 pub struct MpiLink {
     /// Messages on their way to others.
     sent: Vec<OnItsWay>,
-    /// Messages on their way here, with the ranks that they come from, in the order in which they began to come.
-    coming: VecDeque<(usize, OnItsWay)>,
+    /// Messages on their way here, with the ranks and the ways that they come from, in the order in which they began to come.
+    coming: VecDeque<((usize, Tag), OnItsWay)>,
     world: SimpleCommunicator,
     /// None: it has left.
     universe: Option<Universe>,
 }
+
+/// The tags of messages of the two ways, the first of which are received first.
+const TAGS: [Tag; 2] = [1, 0];
 
 /// A message and the memory that it is sent from, or comes to.
 struct OnItsWay {
@@ -78,23 +81,26 @@ impl Link for MpiLink {
         mpi::environment::processor_name().unwrap_or_default()
     }
 
-    fn send(&mut self, to: usize, packet: Vec<u8>) {
+    fn send(&mut self, to: usize, packet: Vec<u8>, way: Way) {
         let packet = Box::into_raw(packet.into_boxed_slice());
         // SAFETY: the memory is given back only once the message is sent.
         let bytes: &'static [u8] = unsafe { &*packet };
-        let request = self.world.process_at_rank(to as Rank).immediate_send(StaticScope, bytes);
+        let process = self.world.process_at_rank(to as Rank);
+        let request = process.immediate_send_with_tag(StaticScope, bytes, TAGS[way as usize]);
         self.sent.push(OnItsWay { request, packet });
         self.test_sent();
     }
 
     fn receive(&mut self) -> Option<(usize, Vec<u8>)> {
-        while let Some((message, status)) = self.world.any_process().immediate_matched_probe() {
+        let any = self.world.any_process();
+        while let Some((message, status)) = TAGS.into_iter().find_map(|tag| any.immediate_matched_probe_with_tag(tag)) {
             let size = usize::try_from(status.count(u8::equivalent_datatype())).unwrap_or(0);
             let packet = Box::into_raw(vec![0; size].into_boxed_slice());
             // SAFETY: nobody reads the memory before the message is there.
             let bytes: &'static mut [u8] = unsafe { &mut *packet };
             let request = message.immediate_matched_receive_into(StaticScope, bytes);
-            self.coming.push_back((status.source_rank() as usize, OnItsWay { request, packet }));
+            let from = (status.source_rank() as usize, status.tag());
+            self.coming.push_back((from, OnItsWay { request, packet }));
         }
         // Small messages may be there before large ones that were sent earlier.
         let mut awaited = Vec::new();
@@ -105,7 +111,7 @@ impl Link for MpiLink {
             }
             let (from, message) = self.coming.remove(at)?;
             match message.end() {
-                Ok(packet) => return Some((from, packet.into_vec())),
+                Ok(packet) => return Some((from.0, packet.into_vec())),
                 Err(message) => self.coming.insert(at, (from, message)),
             }
             awaited.push(from);

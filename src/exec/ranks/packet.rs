@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::agree::Identity;
+use super::link::Way;
 use crate::device::DeviceInfo;
 use crate::exec::RenderSettings;
 use crate::exec::messages::{Bytes, Command, Message, Reply};
@@ -64,8 +65,12 @@ pub enum Letter {
     Interrupted {
         signal: i32,
     },
-    /// To rank 0: what the sender's threads were at, as [`super::Recorded`] has it.
-    Spans(Bytes),
+    /// To rank 0: what the sender's threads were at between two times of its clock, as [`super::Recorded`] has it.
+    Spans {
+        text: Bytes,
+        from_ms: f64,
+        to_ms: f64,
+    },
     /// Rank 0 ends, with this exit status.
     End {
         status: u8,
@@ -180,6 +185,10 @@ impl Packet {
     /// Whether it tells of life and clocks alone: no other packet follows closely.
     pub fn is_sign(&self) -> bool {
         matches!(self, Self::Signs { .. } | Self::Ping { .. } | Self::Pong { .. })
+    }
+
+    pub fn way(&self) -> Way {
+        if matches!(self, Self::Ping { .. } | Self::Pong { .. }) { Way::RoundTrip } else { Way::Other }
     }
 
     pub fn encode(&self) -> Result<Vec<u8>, String> {

@@ -35,6 +35,11 @@ const TRIPS_TIME: Duration = Duration::from_micros(400);
 const LOADED: u32 = 24;
 const LOAD_MS: f64 = 4.0;
 const LOAD_BYTES: [usize; 2] = [1 << 16, 1 << 20];
+/// The first, before there are frames, grow by so much until one takes so long that what threads wait for cores matters little.
+const FIRST_LOADED: u32 = 4;
+const GROWTH: usize = 4;
+const FIRST_LOAD_MS: f64 = 20.0;
+const FIRST_LOAD_BYTES: usize = 1 << 22;
 const SIGNS: Duration = Duration::from_millis(10);
 
 /// How long it rests before it looks for packets: this part of the time since a frame's last one, as far as that is
@@ -48,9 +53,14 @@ const LONG_REST: Duration = Duration::from_millis(1);
 struct Peer {
     clock: RankClock,
     calls: u32,
-    /// When the last one began, and round trips of it that are to come.
+    /// When the last one began, whether its first round trip is still under way, and those that are to come.
     called_ms: f64,
+    awaits: bool,
     trips: u32,
+    /// Of its next round trip.
+    load: usize,
+    /// Whether rows of ours were still on their way out when it began.
+    is_crowded: bool,
     silent: Duration,
 }
 
@@ -65,6 +75,9 @@ pub struct Post<L> {
     epoch: Instant,
     /// The rank that was called last, and when.
     called: (usize, Instant),
+    /// Until when rows go out, by what is known of links, and when the newest came, milliseconds since the begin.
+    sends_until_ms: f64,
+    rows_came_ms: f64,
     /// Until when it does not rest.
     alert: Instant,
     /// When it last found no packet.
@@ -98,6 +111,8 @@ impl<L: Link> Post<L> {
             peers,
             epoch,
             called: (0, now),
+            sends_until_ms: 0.0,
+            rows_came_ms: 0.0,
             alert: now,
             looked: now,
             idle: None,
@@ -128,11 +143,13 @@ impl<L: Link> Post<L> {
                 any |= self.take(from, bytes);
             }
             self.looked = Instant::now();
-            self.link.is_settled();
+            // MPI has what is under way go on only while it is called. Devices on the same cores would pay for that.
+            let is_under_way = !self.link.is_settled() && self.crews.is_empty();
             self.keep_in_touch();
-            if any {
+            if any || is_under_way {
                 self.active = self.looked;
-            } else {
+            }
+            if !any {
                 self.idle.get_or_insert_with(|| tracing::info_span!("idle").entered());
                 self.rest();
             }
@@ -151,11 +168,13 @@ impl<L: Link> Post<L> {
     }
 
     fn pass_on(&mut self) -> bool {
-        let Self { link, idle, crews, shared, .. } = self;
+        let now_ms = self.now_ms();
+        let Self { link, idle, crews, shared, peers, sends_until_ms, .. } = self;
         let mut outlet = Outlet { link, idle };
         let mut failed = Vec::new();
         let mut send = |to: usize, packet: Packet| {
             let bytes = packet.rows().map_or(0, |rows| rows.bytes);
+            *sends_until_ms = sends_until_ms.max(now_ms) + bytes as f64 * peers[to].clock.ms_per_byte.unwrap_or(0.0);
             shared.row_bytes.fetch_add(bytes as u64, Ordering::Relaxed);
             failed.extend(outlet.send(to, &packet).err().map(|what| (to, what)));
         };
@@ -182,6 +201,9 @@ impl<L: Link> Post<L> {
             let rested_us = self.looked.elapsed().as_micros() as u64;
             tracing::info_span!("receive from rank", from, ticket, transfer, bytes, rested_us).entered()
         });
+        if packet.rows().is_some() {
+            self.rows_came_ms = self.now_ms();
+        }
         match packet {
             Packet::Command { crew, device, command } => {
                 if let Some(crew) = self.crews.get(&crew) {
@@ -212,7 +234,7 @@ impl<L: Link> Post<L> {
             }
             Packet::Pong { sent_ms, here_ms, bytes } => self.learn(from, sent_ms, here_ms, bytes),
             Packet::Letter(Letter::Interrupted { signal }) => (self.on_interrupt)(signal),
-            Packet::Letter(Letter::Spans(text)) => self.keep(from, text.to_vec()),
+            Packet::Letter(Letter::Spans { text, from_ms, to_ms }) => self.keep(from, text.to_vec(), [from_ms, to_ms]),
             Packet::Letter(letter) => {
                 // Nobody reads them any more if the run has ended.
                 let _ = self.letters.send((from, letter));
@@ -221,25 +243,35 @@ impl<L: Link> Post<L> {
         !is_sign
     }
 
-    fn keep(&mut self, rank: usize, text: Vec<u8>) {
-        let clock = &self.peers[rank].clock;
-        let recorded = Recorded { rank, zero_ms: clock.zero_ms(), residual_us: clock.residual_us(), text };
+    /// What a rank's threads were at between two times of its clock.
+    fn keep(&mut self, rank: usize, text: Vec<u8>, there_ms: [f64; 2]) {
+        let (zero_ms, residual_us) = self.peers[rank].clock.zero_between(there_ms);
+        let recorded = Recorded { rank, zero_ms, residual_us, text };
         self.shared.recorded.lock().unwrap_or_else(PoisonError::into_inner).push(recorded);
     }
 
     fn learn(&mut self, from: usize, sent_ms: f64, there_ms: f64, bytes: usize) {
         let now_ms = self.now_ms();
+        let rows_came = self.rows_came_ms >= sent_ms;
         let peer = &mut self.peers[from];
-        let is_first = sent_ms == peer.called_ms;
-        peer.clock.learn(sent_ms..now_ms, there_ms, is_first.then_some(bytes));
+        peer.clock.learn(sent_ms..now_ms, there_ms);
+        let is_first = std::mem::take(&mut peer.awaits);
+        peer.is_crowded |= rows_came;
+        let grows = bytes > 0 && now_ms - sent_ms < FIRST_LOAD_MS;
+        let lasts = bytes == 0 && now_ms - peer.called_ms < TRIPS_TIME.as_secs_f64() * 1e3;
+        let goes_on = peer.trips > 0 && (grows || lasts);
+        // Rows do not find both ends awake, as later round trips do. Of loads the last is the largest.
+        if !peer.is_crowded && if bytes > 0 { !goes_on } else { is_first } {
+            peer.clock.judge(now_ms - sent_ms, bytes);
+        }
+        peer.load *= GROWTH;
         let RankClock { round_trip_ms, ms_per_byte, .. } = peer.clock;
         let mut links = self.shared.links.lock().unwrap_or_else(PoisonError::into_inner);
         links.resize(self.peers.len(), (0.0, 0.0));
         links[from] = (0.5 * round_trip_ms.unwrap_or(0.0), ms_per_byte.unwrap_or(0.0));
         drop(links);
-        let peer = &self.peers[from];
-        if peer.trips > 0 && now_ms - peer.called_ms < TRIPS_TIME.as_secs_f64() * 1e3 {
-            self.ping(from, now_ms, 0);
+        if goes_on {
+            self.ping(from, now_ms);
         }
     }
 
@@ -248,17 +280,27 @@ impl<L: Link> Post<L> {
         let now_ms = self.now_ms();
         let peer = &mut self.peers[to];
         peer.calls += 1;
-        let has_load = peer.calls == 2 || peer.calls.is_multiple_of(LOADED);
+        let is_first_load = peer.calls == FIRST_LOADED;
+        let has_load = is_first_load || peer.calls.is_multiple_of(LOADED);
         let [least, most] = LOAD_BYTES;
         let load = peer.clock.ms_per_byte.map_or(least, |ms| (LOAD_MS / ms) as usize).clamp(least, most);
-        (peer.called_ms, peer.trips) = (now_ms, if has_load { 1 } else { TRIPS });
-        self.ping(to, now_ms, if has_load { load } else { 0 });
+        let growths = (FIRST_LOAD_BYTES / least).ilog(GROWTH);
+        peer.trips = if is_first_load {
+            1 + growths
+        } else if has_load {
+            1
+        } else {
+            TRIPS
+        };
+        (peer.called_ms, peer.awaits, peer.load) = (now_ms, true, if has_load { load } else { 0 });
+        peer.is_crowded = now_ms < self.sends_until_ms;
+        self.ping(to, now_ms);
     }
 
-    fn ping(&mut self, to: usize, sent_ms: f64, bytes: usize) {
+    fn ping(&mut self, to: usize, sent_ms: f64) {
         let peer = &mut self.peers[to];
         peer.trips -= 1;
-        let followed = peer.trips > 0;
+        let (bytes, followed) = (peer.load, peer.trips > 0 && peer.load == 0);
         if bytes == 0 {
             self.alert = Instant::now() + TRIPS_TIME;
         }
@@ -282,7 +324,9 @@ impl<L: Link> Post<L> {
             let pause = if self.peers[next].calls < FIRST_CALLS.0 { FIRST_CALLS.1 } else { CALLS };
             if now - at >= pause / others {
                 self.called = (next, now);
-                self.call(next);
+                if !self.peers[next].awaits {
+                    self.call(next);
+                }
             }
         }
         if !is_first && now - self.signed >= SIGNS {
@@ -359,7 +403,7 @@ impl<L: Link> Outlet<'_, L> {
             tracing::info_span!("send to rank", to, ticket, transfer, bytes).entered()
         });
         let bytes = packet.encode().map_err(|what| format!("a packet for it could not be made: {what}"))?;
-        self.link.send(to, bytes);
+        self.link.send(to, bytes, packet.way());
         Ok(())
     }
 }

@@ -67,6 +67,8 @@ struct Server<'a> {
     crews: HashMap<u32, Working>,
     /// The latest last, with their fingerprints.
     scenes: Vec<(u64, Arc<SceneTables>)>,
+    /// Until when what was recorded has been sent.
+    recorded_ms: f64,
 }
 
 /// Serves rank 0 until it ends; returns its exit status.
@@ -74,7 +76,8 @@ struct Server<'a> {
 /// # Errors
 /// [`RankError::Lost`] if it is lost.
 pub fn serve(node: &Arc<Node>, host: &mut dyn Host) -> Result<u8, RankError> {
-    let mut server = Server { node, host, sets: HashMap::new(), crews: HashMap::new(), scenes: Vec::new() };
+    let (sets, crews) = (HashMap::new(), HashMap::new());
+    let mut server = Server { node, host, sets, crews, scenes: Vec::new(), recorded_ms: 0.0 };
     let (mut is_told, mut recorded) = (false, Instant::now());
     loop {
         match node.letter(SLICE) {
@@ -133,9 +136,11 @@ impl Server<'_> {
     }
 
     fn send_recorded(&mut self) {
+        let to_ms = self.node.epoch.elapsed().as_secs_f64() * 1e3;
+        let from_ms = std::mem::replace(&mut self.recorded_ms, to_ms);
         let text = self.host.recorded();
         if !text.is_empty() {
-            self.node.tell(0, Letter::Spans(Bytes::Owned(text)));
+            self.node.tell(0, Letter::Spans { text: Bytes::Owned(text), from_ms, to_ms });
         }
     }
 

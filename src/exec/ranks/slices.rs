@@ -18,7 +18,7 @@ struct Attributes {
 }
 
 /// Asks for short time slices for this thread. It takes no larger share of a core by that, but goes before threads that
-/// compute when it wakes up, where ranks have no cores to spare. Linux 6.12 and later do so (EEVDF, Documentation/scheduler);
+/// compute when it wakes up, where ranks have no cores to spare. Linux 6.12 and later do so (Documentation/scheduler/sched-eevdf.rst);
 /// others ignore it, and so does this what they answer.
 pub fn ask_for_short_ones() {
     let mut attributes = Attributes::default();

@@ -187,6 +187,13 @@ impl WorkerDevice {
         Ok(copies.into_iter().map(|eyes| eyes.map(|copy| copy.submitted(submission.clone()))).collect())
     }
 
+    /// Where the outputs of a frame are.
+    pub fn buffers(&self, program: &Program, place: Place) -> Vec<(Output, [wgpu::Buffer; 2])> {
+        let outputs = program.outputs().map(|number| &program.images()[number]);
+        let buffers = |image: &Bound| Eye::ALL.map(|eye| self.stages.images.buffer(image, eye, place).clone());
+        outputs.map(|image| (image.resource.into(), buffers(image))).collect()
+    }
+
     /// An image that was asked for.
     ///
     /// # Errors

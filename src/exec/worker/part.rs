@@ -240,7 +240,9 @@ impl Part {
         let times = std::mem::take(&mut self.times);
         let clock_residual_us = device.clock_residual_us();
         let (begin_ms, end_ms, shown_from) = (self.begin_ms, self.end_ms, self.shown_from.take());
-        Ok(Some(FrameReply { times, clock_residual_us, begin_ms, end_ms, images, shown_from }))
+        let is_primary = self.device == self.graph.primary;
+        let buffers = if is_primary { device.buffers(&self.graph.program, self.job.place) } else { Vec::new() };
+        Ok(Some(FrameReply { times, clock_residual_us, begin_ms, end_ms, images, shown_from, buffers }))
     }
 }
 

@@ -24,6 +24,8 @@ pub struct World {
     pub space: Space,
     eyes: HeadEyes,
     size: Extent,
+    /// Whether frames are of the eyes' own images, which is so for all or none.
+    is_plain: bool,
     /// What is rendered on all sides beside what is shown; 0: frames are shown from where they were rendered.
     border_deg: f64,
     walk: Walk,
@@ -38,14 +40,18 @@ impl World {
         let shot = loaded.shot.rig.clone();
         let speed_m_per_s = speed_per_s(&loaded.scene) * shot.metres_per_unit;
         let walk = Walk::default();
-        let world = Self { shot, space, eyes, size, border_deg, walk, speed_m_per_s, before: None };
+        let is_plain = border_deg <= 0.0 && space.rig_at(HeadPose::default(), &shot).plain_at(size).optics.is_none();
+        let world = Self { shot, space, eyes, size, is_plain, border_deg, walk, speed_m_per_s, before: None };
         loaded.space = space;
         loaded.shot.rig = world.rig(HeadPose::default());
         Ok(world)
     }
 
     fn rig(&self, head: HeadPose) -> Rig {
-        let rig = self.space.rig_at(self.walk.placed(head), &self.shot).plain_at(self.size);
+        let rig = self.space.rig_at(self.walk.placed(head), &self.shot);
+        if self.is_plain {
+            return Rig { optics: None, ..rig };
+        }
         if self.border_deg <= 0.0 {
             return rig;
         }
@@ -56,10 +62,10 @@ impl World {
 
     /// The rig of a frame, whose eyes may have been moved apart, from wherever thumbsticks have taken it.
     pub fn rig_of(&mut self, frame: &HeadsetFrame) -> Result<Rig, Failure> {
-        let now = Instant::now();
+        let (now, is_first) = (Instant::now(), self.before.is_none());
         let passed_s = self.before.replace(now).map_or(0.0, |before| (now - before).as_secs_f64().min(LONGEST_STEP_S));
         self.walk.go(frame.head, frame.input.stick, self.speed_m_per_s, passed_s);
-        if frame.input.recentres {
+        if is_first || frame.input.recentres {
             self.walk.recentre(frame.head);
         }
         if frame.eyes != self.eyes {
