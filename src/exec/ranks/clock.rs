@@ -18,7 +18,8 @@ pub struct RankClock {
     pub round_trip_ms: Option<f64>,
     /// Of large ones beyond the shortest round trip of all, per byte.
     pub ms_per_byte: Option<f64>,
-    shortest_ms: Option<f64>,
+    /// Of all round trips.
+    pub shortest_ms: Option<f64>,
 }
 
 /// Share of a new round trip in the means, if it is shorter and if it is longer: what else is on the link adds to it.

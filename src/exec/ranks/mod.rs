@@ -10,6 +10,7 @@ mod link;
 mod mpi;
 mod node;
 mod packet;
+mod peer;
 mod post;
 mod server;
 mod shared;

@@ -8,9 +8,9 @@ use std::time::{Duration, Instant};
 use crossbeam::channel::{Receiver, Select, Sender, TryRecvError};
 use tracing::span::EnteredSpan;
 
-use super::clock::RankClock;
 use super::link::Link;
 use super::packet::{Letter, Packet, RowsName};
+use super::peer::{Peer, TRIPS_TIME, Trip};
 use super::shared::{Control, Shared};
 use super::transport::Crew;
 use super::{RankError, Recorded};
@@ -23,23 +23,6 @@ const STEP: Duration = Duration::from_millis(500);
 /// How long the rank's other threads have to end a run whose rank is lost.
 const GRACE: Duration = Duration::from_secs(3);
 
-/// How often rank 0 calls another; more often at the start, of which so many calls count.
-const CALLS: Duration = Duration::from_millis(200);
-const FIRST_CALLS: (u32, Duration) = (50, Duration::from_millis(20));
-/// Round trips of a call, which follow one another for so long at most. Meanwhile neither end rests: clocks are the better
-/// aligned the shorter the shortest of them is.
-const TRIPS: u32 = 8;
-const TRIPS_TIME: Duration = Duration::from_micros(400);
-/// One call of so many has a load instead, that takes about so long: as much as large rows, and no more than frames can
-/// wait for.
-const LOADED: u32 = 24;
-const LOAD_MS: f64 = 4.0;
-const LOAD_BYTES: [usize; 2] = [1 << 16, 1 << 20];
-/// The first, before there are frames, grow by so much until one takes so long that what threads wait for cores matters little.
-const FIRST_LOADED: u32 = 4;
-const GROWTH: usize = 4;
-const FIRST_LOAD_MS: f64 = 20.0;
-const FIRST_LOAD_BYTES: usize = 1 << 22;
 const SIGNS: Duration = Duration::from_millis(10);
 
 /// How long it rests before it looks for packets: this part of the time since a frame's last one, as far as that is
@@ -47,22 +30,6 @@ const SIGNS: Duration = Duration::from_millis(10);
 const REST_PART: u32 = 8;
 const SHORT_REST: Duration = Duration::from_micros(50);
 const LONG_REST: Duration = Duration::from_millis(1);
-
-/// What is known of another rank.
-#[derive(Default)]
-struct Peer {
-    clock: RankClock,
-    calls: u32,
-    /// When the last one began, whether its first round trip is still under way, and those that are to come.
-    called_ms: f64,
-    awaits: bool,
-    trips: u32,
-    /// Of its next round trip.
-    load: usize,
-    /// Whether rows of ours were still on their way out when it began.
-    is_crowded: bool,
-    silent: Duration,
-}
 
 pub struct Post<L> {
     link: L,
@@ -253,54 +220,18 @@ impl<L: Link> Post<L> {
     fn learn(&mut self, from: usize, sent_ms: f64, there_ms: f64, bytes: usize) {
         let now_ms = self.now_ms();
         let rows_came = self.rows_came_ms >= sent_ms;
-        let peer = &mut self.peers[from];
-        peer.clock.learn(sent_ms..now_ms, there_ms);
-        let is_first = std::mem::take(&mut peer.awaits);
-        peer.is_crowded |= rows_came;
-        let grows = bytes > 0 && now_ms - sent_ms < FIRST_LOAD_MS;
-        let lasts = bytes == 0 && now_ms - peer.called_ms < TRIPS_TIME.as_secs_f64() * 1e3;
-        let goes_on = peer.trips > 0 && (grows || lasts);
-        // Rows do not find both ends awake, as later round trips do. Of loads the last is the largest.
-        if !peer.is_crowded && if bytes > 0 { !goes_on } else { is_first } {
-            peer.clock.judge(now_ms - sent_ms, bytes);
-        }
-        peer.load *= GROWTH;
-        let RankClock { round_trip_ms, ms_per_byte, .. } = peer.clock;
+        let next = self.peers[from].learn([sent_ms, now_ms], there_ms, bytes, rows_came);
         let mut links = self.shared.links.lock().unwrap_or_else(PoisonError::into_inner);
         links.resize(self.peers.len(), (0.0, 0.0));
-        links[from] = (0.5 * round_trip_ms.unwrap_or(0.0), ms_per_byte.unwrap_or(0.0));
+        links[from] = self.peers[from].link();
         drop(links);
-        if goes_on {
-            self.ping(from, now_ms);
-        }
+        self.ping(from, now_ms, next);
     }
 
-    /// Asks for signs of life, now and then with a load, by which it is seen how long large packets take.
-    fn call(&mut self, to: usize) {
-        let now_ms = self.now_ms();
-        let peer = &mut self.peers[to];
-        peer.calls += 1;
-        let is_first_load = peer.calls == FIRST_LOADED;
-        let has_load = is_first_load || peer.calls.is_multiple_of(LOADED);
-        let [least, most] = LOAD_BYTES;
-        let load = peer.clock.ms_per_byte.map_or(least, |ms| (LOAD_MS / ms) as usize).clamp(least, most);
-        let growths = (FIRST_LOAD_BYTES / least).ilog(GROWTH);
-        peer.trips = if is_first_load {
-            1 + growths
-        } else if has_load {
-            1
-        } else {
-            TRIPS
-        };
-        (peer.called_ms, peer.awaits, peer.load) = (now_ms, true, if has_load { load } else { 0 });
-        peer.is_crowded = now_ms < self.sends_until_ms;
-        self.ping(to, now_ms);
-    }
-
-    fn ping(&mut self, to: usize, sent_ms: f64) {
-        let peer = &mut self.peers[to];
-        peer.trips -= 1;
-        let (bytes, followed) = (peer.load, peer.trips > 0 && peer.load == 0);
+    /// Begins a round trip, if there is one: asks for a sign of life, now and then with a load, by which it is seen how long
+    /// large packets take.
+    fn ping(&mut self, to: usize, sent_ms: f64, trip: Option<Trip>) {
+        let Some(Trip { bytes, followed }) = trip else { return };
         if bytes == 0 {
             self.alert = Instant::now() + TRIPS_TIME;
         }
@@ -321,12 +252,11 @@ impl<L: Link> Post<L> {
         if is_first && others > 0 {
             let (last, at) = self.called;
             let next = last % others as usize + 1;
-            let pause = if self.peers[next].calls < FIRST_CALLS.0 { FIRST_CALLS.1 } else { CALLS };
-            if now - at >= pause / others {
+            if now - at >= self.peers[next].pause() / others {
                 self.called = (next, now);
-                if !self.peers[next].awaits {
-                    self.call(next);
-                }
+                let now_ms = self.now_ms();
+                let trip = self.peers[next].call(now_ms, now_ms < self.sends_until_ms);
+                self.ping(next, now_ms, trip);
             }
         }
         if !is_first && now - self.signed >= SIGNS {
