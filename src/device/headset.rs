@@ -13,7 +13,8 @@ use openxr::{FrameStream, FrameWaiter, Session, Swapchain, SystemId, Vulkan};
 use wgpu::hal;
 
 use super::adapters::instance_flags;
-use super::opening::{OPENING, Wanted, watched_screen};
+use super::opening::{OPENING, Wanted};
+use super::screen::watched_screen;
 use super::{DeviceError, GpuDevice};
 
 /// The newest version that wgpu knows.

@@ -3,7 +3,7 @@
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::adapters::{AdapterReport, DeviceInfo, IMMEDIATE_BYTES, driver_name, enumerate, kind_name, new_instance};
+use super::adapters::{AdapterReport, DeviceInfo, IMMEDIATE_BYTES, enumerate, new_instance};
 use super::{DeviceError, DeviceFailure, FailureKind, GpuDevice, Quirks, Traversal};
 
 /// Held while a device is made, since the environment is the only way to tell Mesa its thread count.
@@ -72,31 +72,8 @@ pub(super) fn open_one(wanted: &Wanted) -> Result<GpuDevice, DeviceError> {
     Ok(wanted.opened(device, queue, instance))
 }
 
-/// A device that shows what others have rendered; `described`: its adapter.
-pub(super) fn watched_screen(
-    described: wgpu::AdapterInfo,
-    device: wgpu::Device,
-    queue: wgpu::Queue,
-    instance: wgpu::Instance,
-) -> GpuDevice {
-    let quirks = Quirks::of(&described);
-    let info = DeviceInfo {
-        index: 0,
-        adapter: 0,
-        driver: driver_name(&described),
-        name: described.name,
-        kind: kind_name(described.device_type).to_owned(),
-        threads: quirks.threads_by_environment.then_some(1),
-        traversal: Traversal::Compute,
-        max_storage_bytes: device.limits().max_storage_buffer_binding_size,
-        clock_residual_us: 0.0,
-        rank: None,
-    };
-    watched(info, quirks, device, queue, instance)
-}
-
 /// Notes what goes wrong on the device from here on.
-fn watched(
+pub(super) fn watched(
     info: DeviceInfo,
     quirks: Quirks,
     device: wgpu::Device,

@@ -2,9 +2,9 @@
 
 use std::sync::PoisonError;
 
-use super::adapters::new_instance;
-use super::opening::{OPENING, watched_screen};
-use super::{DeviceError, GpuDevice};
+use super::adapters::{DeviceInfo, driver_name, kind_name, new_instance};
+use super::opening::{OPENING, watched};
+use super::{DeviceError, GpuDevice, Quirks, Traversal};
 
 /// Takes as little as it can from the devices that render: an integrated GPU is preferred, and on a software adapter it
 /// has one worker thread.
@@ -48,4 +48,27 @@ impl ScreenDevice {
         self.surface = self.gpu.instance.create_surface(window)?;
         Ok(())
     }
+}
+
+/// A device that shows what others have rendered; `described`: its adapter.
+pub(super) fn watched_screen(
+    described: wgpu::AdapterInfo,
+    device: wgpu::Device,
+    queue: wgpu::Queue,
+    instance: wgpu::Instance,
+) -> GpuDevice {
+    let quirks = Quirks::of(&described);
+    let info = DeviceInfo {
+        index: 0,
+        adapter: 0,
+        driver: driver_name(&described),
+        name: described.name,
+        kind: kind_name(described.device_type).to_owned(),
+        threads: quirks.threads_by_environment.then_some(1),
+        traversal: Traversal::Compute,
+        max_storage_bytes: device.limits().max_storage_buffer_binding_size,
+        clock_residual_us: 0.0,
+        rank: None,
+    };
+    watched(info, quirks, device, queue, instance)
 }
