@@ -2,7 +2,7 @@
 
 use openxr::{Session, Vulkan, sys};
 
-use super::chain::{COLOURS, Chain, DEPTHS, Format, Images, offered};
+use super::chain::{Chain, Format, Images, offered};
 use super::error::HeadsetError;
 use crate::device::{GpuDevice, HeadsetDevice};
 use crate::exec::Stereo;
@@ -55,32 +55,16 @@ pub struct Drawing {
 }
 
 impl Drawing {
-    /// What eyes see, four bytes a pixel that are encoded for the screen. None where the session takes no such images.
+    /// Images of one of these formats, which say what pixels are. [`COLOURS`]: what eyes see, four bytes a pixel that are encoded
+    /// for the screen. [`DEPTHS`]: distances along the rays of pixels, the first of four floats, scene units, 0 for the sky; they
+    /// are shown as `XR_KHR_composition_layer_depth` has them. None where the session takes no such images.
+    ///
+    /// [`COLOURS`]: super::chain::COLOURS
+    /// [`DEPTHS`]: super::chain::DEPTHS
     ///
     /// # Errors
     /// What the runtime says.
-    pub fn of_colours(
-        device: &HeadsetDevice,
-        session: &Session<Vulkan>,
-        extent: Extent,
-    ) -> Result<Option<Self>, HeadsetError> {
-        Self::new(device, session, &COLOURS, extent)
-    }
-
-    /// Distances along the rays of pixels, the first of four floats, scene units; 0: sky. They are shown as
-    /// `XR_KHR_composition_layer_depth` has them. None where the session takes no such images.
-    ///
-    /// # Errors
-    /// What the runtime says.
-    pub fn of_distances(
-        device: &HeadsetDevice,
-        session: &Session<Vulkan>,
-        extent: Extent,
-    ) -> Result<Option<Self>, HeadsetError> {
-        Self::new(device, session, &DEPTHS, extent)
-    }
-
-    fn new(
+    pub fn new(
         device: &HeadsetDevice,
         session: &Session<Vulkan>,
         formats: &[Format],

@@ -8,6 +8,7 @@ use openxr::{
     FrameStream, FrameWaiter, Posef, ReferenceSpaceType, Session, Time, Vulkan, sys,
 };
 
+use super::chain::{COLOURS, DEPTHS};
 use super::drawing::{Drawing, depth_info};
 use super::error::{HeadsetError, Told};
 use super::frame::{HeadsetFrame, Next, Picture, Shown};
@@ -62,8 +63,8 @@ impl Headset {
         let spaces = Spaces { local: space(ReferenceSpaceType::LOCAL)?, head: space(ReferenceSpaceType::VIEW)? };
         let locator = Locator { spaces: Arc::new(spaces), clock: runtime.clock().cloned() };
         let lacks = HeadsetError::Lacks { runtime: runtime.name.clone(), what: "images of eight bits, sRGB" };
-        let colour = Drawing::of_colours(&device, &session, extent)?.ok_or(lacks)?;
-        let depth = if runtime.takes_depth { Drawing::of_distances(&device, &session, extent)? } else { None };
+        let colour = Drawing::new(&device, &session, &COLOURS, extent)?.ok_or(lacks)?;
+        let depth = if runtime.takes_depth { Drawing::new(&device, &session, &DEPTHS, extent)? } else { None };
         let controls = Controls::new(&runtime.xr, &session, runtime.tracks_eyes)?;
         Ok(Self {
             colour,
