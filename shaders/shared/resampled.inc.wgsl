@@ -1,9 +1,8 @@
-// Resamples a rectified image, which the shader binds as `rectified`, of `rectified_size`. Pixels are means over their area: so that a shown pixel is that of the
-// same light, each pixel of the image gets a parabola of its mean along each axis that does not overshoot, and what lies within
-// the shown pixel is summed up (Colella & Woodward 1984, section 1: the piecewise parabolic method). A pixel between two sides that are
-// even has the edge between them instead, where its mean says (Harten 1989, "ENO schemes with subcell resolution"): beside lamps, a
-// little of their light in the wrong place is seen. No light is lost.
-
+// Resamples a rectified image, which the shader binds as `rectified`, of `rectified_size`. Pixels are means over their area: so that
+// a shown pixel is that of the same light, each pixel of the image gets a parabola of its mean along each axis that does not
+// overshoot, and what lies within the shown pixel is summed up (Colella & Woodward 1984, section 1: the piecewise parabolic method).
+// A pixel between two sides that are even has the edge between them instead, where its mean says (Harten 1989, "ENO schemes with
+// subcell resolution"): beside lamps, a little of their light in the wrong place is seen. No light is lost.
 
 // The most and the least pixels of the rectified image that a shown one covers along an axis.
 const WIDEST: f32 = 8.0;

@@ -16,8 +16,8 @@ pub const TRIPS_TIME: Duration = Duration::from_micros(400);
 const LOADED: u32 = 24;
 const LOAD_MS: f64 = 4.0;
 const LOAD_BYTES: [usize; 2] = [1 << 16, 1 << 20];
-/// The first, before there are frames, grow by so much until one takes so much longer than a small one that what threads wait for cores matters
-/// little, which alone counts.
+/// The first, before there are frames, grow by so much until one takes so much longer than a small one that what threads wait for
+/// cores matters little, which alone counts.
 const FIRST_LOADED: u32 = 4;
 const GROWTH: usize = 4;
 const GROWTHS: u32 = 3;
