@@ -139,6 +139,7 @@ fi
 
 # A run in the background, $job, that has shown some frames; its files are $1.
 left_running() {
+    : >"$out/$1.log"
     # shellcheck disable=SC2086
     "$diptych" view builtin:checker --xr --json $small --out "$out/$1" --record-motion "$out/$1.jsonl" >"$out/$1.log" 2>&1 &
     job=$!
