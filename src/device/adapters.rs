@@ -1,8 +1,7 @@
-//! Which adapters there are, and which of them devices are opened on.
+//! Which adapters there are, and which of them devices are to be opened on.
 
 use super::choice::by_default;
-use super::opening::{Wanted, open_one};
-use super::{DeviceError, GpuDevice, Quirks, Traversal, TraversalChoice};
+use super::{DeviceError, Quirks, Traversal, TraversalChoice};
 
 pub(super) const INSTALL_HINT: &str = "install a Vulkan driver (Debian or Ubuntu: `apt-get install mesa-vulkan-drivers`, \
      which brings a software one too), or update the graphics driver";
@@ -182,55 +181,21 @@ pub fn adapters() -> Vec<AdapterReport> {
 /// How devices of this selection would follow rays.
 ///
 /// # Errors
-/// As [`open`] for adapters that cannot be used.
+/// As [`super::open`] for adapters that cannot be used.
 pub fn chosen_traversal(selection: &Selection) -> Result<Traversal, DeviceError> {
     let found = adapters();
     traversal_of(&found, &choose(&found, selection)?, selection)
 }
 
-fn traversal_of(found: &[AdapterReport], chosen: &[usize], selection: &Selection) -> Result<Traversal, DeviceError> {
+pub(super) fn traversal_of(
+    found: &[AdapterReport],
+    chosen: &[usize],
+    selection: &Selection,
+) -> Result<Traversal, DeviceError> {
     selection.traversal.on(&chosen.iter().map(|&index| &found[index]).collect::<Vec<_>>())
 }
 
-/// Opens the selected devices, one after another: drivers have crashed on concurrent creation.
-pub fn open(selection: &Selection) -> Result<Vec<GpuDevice>, DeviceError> {
-    open_with(selection, |_| Ok(None))
-}
-
-/// [`open`], but for the first device, if `first` has one for it.
-///
-/// # Errors
-/// Those of [`open`] and of `first`.
-pub fn open_with(
-    selection: &Selection,
-    first: impl FnOnce(&Wanted<'_>) -> Result<Option<GpuDevice>, DeviceError>,
-) -> Result<Vec<GpuDevice>, DeviceError> {
-    let found = adapters();
-    let chosen = choose(&found, selection)?;
-    let traversal = traversal_of(&found, &chosen, selection)?;
-    let each = selection.virtual_devices.max(1);
-    let count = chosen.len() * each;
-    if count > MAX_DEVICES {
-        return Err(DeviceError::TooMany(count));
-    }
-    let cores = std::thread::available_parallelism().map_or(1, usize::from);
-    let threads = match selection.threads_per_device.as_deref() {
-        None => vec![cores / count; count],
-        Some(&[all]) => vec![all; count],
-        Some(each) if each.len() == count => each.to_vec(),
-        Some(each) => return Err(DeviceError::ThreadCounts { given: each.len(), devices: count }),
-    };
-    let adapters = chosen.iter().flat_map(|&a| std::iter::repeat_n(a, each)).zip(threads);
-    let mut first = Some(first);
-    let open = |(index, (adapter, threads)): (usize, (usize, usize))| {
-        let wanted = Wanted { index, adapter: &found[adapter], threads: threads.max(1), traversal };
-        let given = first.take().map_or(Ok(None), |first| first(&wanted))?;
-        given.map_or_else(|| open_one(&wanted), Ok)
-    };
-    adapters.enumerate().map(open).collect()
-}
-
-fn choose(found: &[AdapterReport], selection: &Selection) -> Result<Vec<usize>, DeviceError> {
+pub(super) fn choose(found: &[AdapterReport], selection: &Selection) -> Result<Vec<usize>, DeviceError> {
     if found.is_empty() {
         return Err(DeviceError::NoAdapter);
     }

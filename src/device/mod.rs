@@ -18,14 +18,14 @@ mod screen;
 mod traversal;
 
 pub(crate) use adapters::MAX_DEVICES;
-pub use adapters::{AdapterReport, DeviceInfo, RankName, Selection, adapters, chosen_traversal, open, open_with};
+pub use adapters::{AdapterReport, DeviceInfo, RankName, Selection, adapters, chosen_traversal};
 pub use checks::ShaderChecks;
 pub use clock::GpuClock;
 pub(crate) use clock::{MOST_DRIFT, Offset as ClockOffset};
 pub use failure::{DeviceFailure, FailureKind, panic_text};
 #[cfg(feature = "xr")]
 pub use headset::HeadsetDevice;
-pub use opening::Wanted;
+pub use opening::{Wanted, open, open_with};
 pub use pipelines::{Pipeline, PipelineKey};
 pub use quirks::{Quirks, Tables};
 #[cfg(feature = "view")]

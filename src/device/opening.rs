@@ -3,11 +3,52 @@
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
-use super::adapters::{AdapterReport, DeviceInfo, IMMEDIATE_BYTES, enumerate, new_instance};
+use super::adapters::{
+    AdapterReport, DeviceInfo, IMMEDIATE_BYTES, MAX_DEVICES, Selection, adapters, choose, enumerate, new_instance,
+    traversal_of,
+};
 use super::{DeviceError, DeviceFailure, FailureKind, GpuDevice, Quirks, Traversal};
 
 /// Held while a device is made, since the environment is the only way to tell Mesa its thread count.
 pub(super) static OPENING: Mutex<()> = Mutex::new(());
+
+/// Opens the selected devices, one after another: drivers have crashed on concurrent creation.
+pub fn open(selection: &Selection) -> Result<Vec<GpuDevice>, DeviceError> {
+    open_with(selection, |_| Ok(None))
+}
+
+/// [`open`], but for the first device, if `first` has one for it.
+///
+/// # Errors
+/// Those of [`open`] and of `first`.
+pub fn open_with(
+    selection: &Selection,
+    first: impl FnOnce(&Wanted<'_>) -> Result<Option<GpuDevice>, DeviceError>,
+) -> Result<Vec<GpuDevice>, DeviceError> {
+    let found = adapters();
+    let chosen = choose(&found, selection)?;
+    let traversal = traversal_of(&found, &chosen, selection)?;
+    let each = selection.virtual_devices.max(1);
+    let count = chosen.len() * each;
+    if count > MAX_DEVICES {
+        return Err(DeviceError::TooMany(count));
+    }
+    let cores = std::thread::available_parallelism().map_or(1, usize::from);
+    let threads = match selection.threads_per_device.as_deref() {
+        None => vec![cores / count; count],
+        Some(&[all]) => vec![all; count],
+        Some(each) if each.len() == count => each.to_vec(),
+        Some(each) => return Err(DeviceError::ThreadCounts { given: each.len(), devices: count }),
+    };
+    let adapters = chosen.iter().flat_map(|&a| std::iter::repeat_n(a, each)).zip(threads);
+    let mut first = Some(first);
+    let open = |(index, (adapter, threads)): (usize, (usize, usize))| {
+        let wanted = Wanted { index, adapter: &found[adapter], threads: threads.max(1), traversal };
+        let given = first.take().map_or(Ok(None), |first| first(&wanted))?;
+        given.map_or_else(|| open_one(&wanted), Ok)
+    };
+    adapters.enumerate().map(open).collect()
+}
 
 /// How a device is to be opened.
 pub struct Wanted<'a> {
@@ -61,7 +102,7 @@ impl Wanted<'_> {
 }
 
 /// Opens a device on its adapter.
-pub(super) fn open_one(wanted: &Wanted) -> Result<GpuDevice, DeviceError> {
+fn open_one(wanted: &Wanted) -> Result<GpuDevice, DeviceError> {
     let _guard = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
     wanted.tell_threads();
     let AdapterReport { index, ref name, .. } = *wanted.adapter;
