@@ -50,20 +50,13 @@ impl Subject {
         Self::new(shot, scene, parsed.rig)
     }
 
-    /// In a quick run with the shaders that are common to all subjects: drivers take longer to compile a scene's own than small
-    /// frames take to render.
-    pub fn with_common_shaders(mut self) -> Self {
-        if !is_thorough() {
-            self.needs = SceneNeeds { instances: false, ..SceneNeeds::ALL }; // Tables add instances.
-        }
-        self
-    }
-
-    /// One traced sample per pixel of either eye's pinhole, six reflections, nothing after it.
+    /// One traced sample per pixel of either eye's pinhole, six reflections, nothing after it; in a quick run by
+    /// [`shared_shaders`].
     pub fn settings(&self, width: u32, height: u32) -> RenderSettings {
         let mut settings = RenderSettings::new(Extent::new(width, height), &self.scene, &self.tables);
         let stages = &mut settings.stages;
-        (stages.needs, stages.reproject) = (self.needs, false);
+        stages.needs = if is_thorough() { self.needs } else { shared_shaders(self.needs) };
+        stages.reproject = false;
         (stages.filter, stages.iterations) = (Some(Denoiser::Atrous), 0);
         settings
     }
@@ -90,14 +83,30 @@ impl Subject {
     }
 }
 
+/// One of two sets that has all of `needs`: drivers take longer to compile shaders for each scene than small frames take to
+/// render. Gloss stays, as the picture depends on it; tables add instances.
+fn shared_shaders(needs: SceneNeeds) -> SceneNeeds {
+    let all = SceneNeeds { gloss: needs.gloss, instances: false, ..SceneNeeds::ALL };
+    let common = SceneNeeds {
+        second_uvs: false,
+        transmission: false,
+        clearcoat: false,
+        unlit: false,
+        vertex_colors: false,
+        alpha: false,
+        alpha_emitters: false,
+        coated_emitters: false,
+        environment_map: false,
+        ..all
+    };
+    let suffices = needs.constants().iter().zip(common.constants()).all(|(needed, (_, has))| !needed.1 || has);
+    if suffices { common } else { all }
+}
+
 /// Devices that no test has at the moment. They keep what was compiled on them.
 fn idle() -> MutexGuard<'static, Vec<GpuDevice>> {
     static IDLE: Mutex<Vec<GpuDevice>> = Mutex::new(Vec::new());
     IDLE.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
-pub fn all_cores() -> usize {
-    std::thread::available_parallelism().map_or(1, usize::from)
 }
 
 /// How devices follow rays: as `DIPTYCH_TRAVERSAL` says, else as they do by default.
@@ -110,11 +119,11 @@ pub fn traversal() -> TraversalChoice {
     TraversalChoice::from_str(&name, false).unwrap_or_else(|_| panic!("DIPTYCH_TRAVERSAL cannot be {name}"))
 }
 
-/// `count` devices of the first adapter that can do it, the same one for every count, each of `threads` threads.
-pub fn devices(count: usize, threads: usize) -> Vec<GpuDevice> {
+/// `count` devices of the first adapter that can do it, the same one for every count, each of one thread: tests run side by
+/// side, and what one device compiled serves alone and among others.
+pub fn devices(count: usize) -> Vec<GpuDevice> {
     let mut idle = idle();
-    let mut devices: Vec<GpuDevice> =
-        idle.extract_if(.., |gpu| gpu.info.threads.is_none_or(|n| n == threads)).collect();
+    let mut devices = std::mem::take(&mut *idle);
     // Those with most pipelines first, so that as few devices as can be compile what is common.
     devices.sort_by_key(|gpu| std::cmp::Reverse(gpu.pipelines.len()));
     idle.extend(devices.drain(count.min(devices.len())..));
@@ -129,7 +138,7 @@ pub fn devices(count: usize, threads: usize) -> Vec<GpuDevice> {
         let selection = Selection {
             adapters: Some(vec![adapter.index]),
             virtual_devices: count - devices.len(),
-            threads_per_device: Some(vec![threads]),
+            threads_per_device: Some(vec![1]),
             traversal,
         };
         devices.extend(device::open(&selection).unwrap_or_else(|e| panic!("these tests need a device: {e}")));
@@ -147,30 +156,18 @@ pub struct Stage<'a> {
 }
 
 impl<'a> Stage<'a> {
-    /// On one device that takes every core.
     pub fn alone(subject: &'a Subject, settings: &RenderSettings) -> Self {
-        Self::open(subject, settings, 1, all_cores(), Box::new(Even::new(settings.stages.grid().height, 1)))
+        Self::even(subject, settings, 1)
     }
 
-    /// On `devices` devices of one thread each.
     pub fn with(subject: &'a Subject, settings: &RenderSettings, devices: usize, policy: Box<dyn Policy>) -> Self {
-        Self::open(subject, settings, devices, 1, policy)
+        Self::on(self::devices(devices), subject, settings, policy)
     }
 
     /// On `devices` devices with stripes of equal height.
     pub fn even(subject: &'a Subject, settings: &RenderSettings, devices: usize) -> Self {
         let policy = Even::new(settings.stages.grid().height, devices);
         Self::with(subject, settings, devices, Box::new(policy))
-    }
-
-    fn open(
-        subject: &'a Subject,
-        settings: &RenderSettings,
-        devices: usize,
-        threads: usize,
-        policy: Box<dyn Policy>,
-    ) -> Self {
-        Self::on(self::devices(devices, threads), subject, settings, policy)
     }
 
     /// On these devices.

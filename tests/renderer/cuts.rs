@@ -77,7 +77,7 @@ fn slow_devices_run_each_portion_again() {
     settings.stages.spp = 5;
     let whole = Stage::alone(&subject, &settings).frame(0);
     settings.max_dispatch_ms = Some(1e-6);
-    let mut two = Stage::on(devices(2, 1), &subject, &settings, Box::new(Even::new(HEIGHT, 2)));
+    let mut two = Stage::on(devices(2), &subject, &settings, Box::new(Even::new(HEIGHT, 2)));
     two.renderer().set_injected_faults(InjectedFaults { slowdown: vec![2, 1], ..Default::default() });
     let cut = two.frame(0);
     assert!(whole.linear == cut.linear);

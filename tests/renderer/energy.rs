@@ -205,7 +205,7 @@ fn glass_balls() -> (Scene, Pinhole) {
 fn hold_in_the_furnace((scene, camera): (Scene, Pinhole), bounces: u32) {
     let extent = Extent::new(48, 32);
     let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
-    let subject = Subject::new(&scene.name.clone(), scene, rig).with_common_shaders();
+    let subject = Subject::new(&scene.name.clone(), scene, rig);
     let mut settings = subject.settings(extent.width, extent.height);
     (settings.bounces, settings.stages.spp, settings.stages.sampler) = (bounces, 64, Sampler::Pcg);
     let mut stage = Stage::alone(&subject, &settings);

@@ -54,7 +54,7 @@ fn motion(has_eyes: bool) -> HeadMotion {
 
 /// The subject seen by these eyes, and settings with so many samples.
 fn shown(shot: &str, per_tan: u32, spp: u32) -> (Subject, RenderSettings) {
-    let mut subject = Subject::load(shot).with_common_shaders();
+    let mut subject = Subject::load(shot);
     subject.rig = motion(true).rig(&subject.rig).unwrap();
     let size = size(per_tan);
     let mut settings = subject.settings(size.width, size.height);
@@ -66,7 +66,7 @@ fn shown(shot: &str, per_tan: u32, spp: u32) -> (Subject, RenderSettings) {
 /// What an eye sees, traced at its own projection: part of an image with a symmetric field of view. Two of them, with other
 /// random numbers.
 fn traced(shot: &str, eye: Eye, per_tan: u32, spp: u32) -> [RgbImage; 2] {
-    let mut subject = Subject::load(shot).with_common_shaders();
+    let mut subject = Subject::load(shot);
     let head = motion(false).rig(&subject.rig).unwrap();
     let per_metre = 1.0 / head.metres_per_unit as f32;
     let [left, right] = Eye::ALL.map(|eye| head.view(0.0, eye));
@@ -212,7 +212,7 @@ fn images_around_the_gaze_are_sharp_where_each_eye_looks() {
     let size = size(50);
     let rectified = shown("builtin:checker", 50, 16);
     let alike = {
-        let mut subject = Subject::load("builtin:checker").with_common_shaders();
+        let mut subject = Subject::load("builtin:checker");
         subject.rig = motion(false).rig(&subject.rig).unwrap();
         // About the field of view of the others.
         subject.rig.yfov_rad = 2.0;

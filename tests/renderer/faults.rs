@@ -61,7 +61,7 @@ fn devices_come_back_with_what_was_compiled_on_them_unless_they_failed() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.settings(32, 18);
     let policy = || Box::new(Even::new(18, 2));
-    let mut stage = Stage::on(devices(2, 1), &subject, &settings, policy());
+    let mut stage = Stage::on(devices(2), &subject, &settings, policy());
     stage.frame(0);
     let gpus = stage.into_devices();
     let compiled = |gpus: &[GpuDevice]| gpus.iter().map(|gpu| gpu.pipelines.len()).collect::<Vec<_>>();

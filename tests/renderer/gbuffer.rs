@@ -230,7 +230,7 @@ fn subject(name: &str, mut scene: Scene, camera: &Pinhole) -> Subject {
     scene.lights.clear();
     let mut rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
     rig.baseline_m = 0.064;
-    Subject::new(name, scene, rig).with_common_shaders()
+    Subject::new(name, scene, rig)
 }
 
 #[test]

@@ -149,7 +149,7 @@ pub fn crowd() -> Scene {
 pub fn subject(scene: &Scene, layout: Layout, moved_by: Vec3) -> Subject {
     let origin = Vec3::new(0.3, 2.2, 5.0) + moved_by;
     let rig = still_rig(origin, Vec3::new(-0.05, -0.28, -1.0), Vec3::Y, 0.5);
-    Subject::laid_out(&format!("{} {layout:?}", scene.name), scene.clone(), rig, layout).with_common_shaders()
+    Subject::laid_out(&format!("{} {layout:?}", scene.name), scene.clone(), rig, layout)
 }
 
 fn moved(mut scene: Scene, by: Vec3) -> Scene {

@@ -19,7 +19,7 @@ const SIZE: Extent = Extent { width: 64, height: 48 };
 
 /// A head that turns and moves, sideways and ahead, within a second from 0 s.
 fn subject(spp: u32) -> (Subject, RenderSettings) {
-    let mut subject = Subject::load("builtin:cornell").with_common_shaders();
+    let mut subject = Subject::load("builtin:cornell");
     let first = RigKey { time_s: 0.0, ..subject.rig.keys[0] };
     let position = first.position + DVec3::new(0.04, 0.01, -0.03);
     let target = first.target + DVec3::new(0.2, 0.05, 0.0);

@@ -13,7 +13,7 @@ const HEIGHT: u32 = 24;
 
 fn subject(scene: Scene, camera: &Pinhole) -> Subject {
     let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
-    Subject::new(&scene.name.clone(), scene, rig).with_common_shaders()
+    Subject::new(&scene.name.clone(), scene, rig)
 }
 
 /// Mean light of a floor under a card, which is out of sight.

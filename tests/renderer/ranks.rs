@@ -29,7 +29,7 @@ struct Here {
 
 impl Host for Here {
     fn open(&mut self, count: usize) -> Result<Vec<GpuDevice>, String> {
-        Ok(devices(count, 1))
+        Ok(devices(count))
     }
 
     fn load(&mut self, what: &Load) -> Result<Arc<SceneTables>, String> {
@@ -133,7 +133,7 @@ impl Ranks {
     /// So many devices on each.
     fn devices(&self, each: usize) -> Devices {
         let opening = Devices::open(&self.node, each);
-        opening.with(devices(each, 1)).unwrap()
+        opening.with(devices(each)).unwrap()
     }
 
     /// Returns the bytes of rows that have left any rank.

@@ -2,7 +2,7 @@
 
 mod quality;
 
-use crate::common::{Stage, Subject, all_cores, devices, diptych, is_thorough, shared_shot};
+use crate::common::{Stage, Subject, devices, diptych, is_thorough, shared_shot};
 use diptych::device::{ShaderChecks, Tables};
 use diptych::exec::{RenderSettings, Stereo};
 use diptych::graph::{Assignment, HaloPlan, Seam};
@@ -348,6 +348,7 @@ fn code_that_a_scene_does_not_need_changes_no_byte() {
         let subject = Subject::load(shot);
         let mut settings = subject.denoised(48, 27);
         settings.stages.spp = spp;
+        settings.stages.needs = subject.needs;
         let needed = Stage::alone(&subject, &settings).frame(0).linear;
         settings.stages.needs = SceneNeeds::ALL;
         let all = Stage::alone(&subject, &settings).frame(0).linear;
@@ -373,7 +374,7 @@ fn tables_in_a_buffer_or_a_texture_give_the_same_bytes() {
         let subject = Subject::load(shot);
         let settings = subject.accumulated(WIDTH, HEIGHT);
         let render = |tables| {
-            let mut gpus = devices(1, all_cores());
+            let mut gpus = devices(1);
             gpus[0].quirks.tables = tables;
             gpus[0].pipelines.clear();
             let mut stage = Stage::on(gpus, &subject, &settings, Box::new(Even::new(HEIGHT, 1)));

@@ -1,6 +1,6 @@
 //! Ray queries of the device find what shaders find. Where no adapter has them, a line says so.
 
-use crate::common::{Stage, Subject, all_cores, still_rig};
+use crate::common::{Stage, Subject, still_rig};
 use crate::instances;
 use crate::reference::scenes::moving;
 use diptych::accel::Layout;
@@ -23,7 +23,7 @@ fn open(traversal: TraversalChoice) -> Option<GpuDevice> {
     let selection = Selection {
         adapters: Some(vec![able.index]),
         virtual_devices: 1,
-        threads_per_device: Some(vec![all_cores()]),
+        threads_per_device: Some(vec![1]),
         traversal,
     };
     Some(device::open(&selection).unwrap_or_else(|e| panic!("{e}")).remove(0))

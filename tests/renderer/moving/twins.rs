@@ -15,7 +15,7 @@ const HEIGHT: u32 = 64;
 /// Least of both eyes, dB, beside the still scene of that instant made anew; random numbers are the same.
 fn psnr(stage: &mut Stage, subject: &Subject, time_s: f64, spp: u32) -> f64 {
     let found = stage.frame_at(time_s, 5).linear;
-    let twin = watched(subject.scene.at(time_s)).with_common_shaders();
+    let twin = watched(subject.scene.at(time_s));
     let mut settings = twin.settings(WIDTH, HEIGHT);
     settings.stages.spp = spp;
     let expected = Stage::alone(&twin, &settings).frame(5).linear;
@@ -25,7 +25,7 @@ fn psnr(stage: &mut Stage, subject: &Subject, time_s: f64, spp: u32) -> f64 {
 
 #[track_caller]
 fn hold_against_twins(scene: Scene, times_s: &[f64], spp: u32, least_db: f64) {
-    let subject = watched(scene).with_common_shaders();
+    let subject = watched(scene);
     let mut settings = subject.settings(WIDTH, HEIGHT);
     settings.stages.spp = spp;
     let mut stage = Stage::alone(&subject, &settings);

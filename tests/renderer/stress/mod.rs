@@ -64,7 +64,7 @@ fn renders(subject: &Subject, effort: Effort, sampler: Sampler, frames: u32) -> 
 }
 
 fn image(name: &str, scene: Scene, camera: Pinhole, effort: Effort) -> RgbImage {
-    let subject = subject(name, scene, camera).with_common_shaders();
+    let subject = subject(name, scene, camera);
     let mut effort = effort;
     if !is_thorough() {
         effort.spp = effort.spp.min(MOST_SPP);
