@@ -1,23 +1,9 @@
 //! Published experiments: what they measure is arranged as they say, and their options are theirs.
 
-use std::path::Path;
-
 use serde_json::Value;
 
 use crate::common::diptych;
-
-/// The rows of an experiment's result.
-fn rows(out: &Path, options: &[&str]) -> Vec<Value> {
-    let output = diptych(&[&["bench", "--json", "--out", out.to_str().unwrap(), "--preset"], options].concat());
-    assert!(output.status.success(), "{options:?}: {}", String::from_utf8_lossy(&output.stderr));
-    let text = String::from_utf8(output.stdout).unwrap();
-    let result: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
-    result["rows"].as_array().unwrap().clone()
-}
-
-fn text(out: &Path, name: &str) -> String {
-    std::fs::read_to_string(out.join(name)).unwrap()
-}
+use crate::runs::run;
 
 fn number(value: &Value) -> f64 {
     value.as_f64().unwrap_or_else(|| panic!("{value} is no number"))
@@ -33,10 +19,8 @@ fn refused(args: &[&str], parts: &[&str]) {
 
 #[test]
 fn the_baseline_shares_out_path_tracing_alone() {
-    let folder = tempfile::tempdir().unwrap();
-    let size = ["--size", "40x24", "--virtual", "2", "--threads-per-device", "1", "--frames", "3"];
-    let more = ["--simulate", "4,4,2", "--report"];
-    let rows = rows(folder.path(), &[&["leria", "builtin:cornell"], &size[..], &more].concat());
+    let run = run("leria");
+    let rows = run.rows();
     let of = |source: &str| rows.iter().filter(|r| r["source"] == source).collect::<Vec<_>>();
     let counts = |source| of(source).iter().map(|r| r["devices"].clone()).collect::<Vec<_>>();
     assert_eq!(counts("measured"), [2, 2]);
@@ -52,8 +36,8 @@ fn the_baseline_shares_out_path_tracing_alone() {
         assert!(primary > others || !is_baseline, "the primary does what the others do and more: {row}");
     }
 
-    let run: Value = serde_json::from_str(&text(folder.path(), "run.json")).unwrap();
-    let frames = run["frames"].as_array().unwrap();
+    let json = run.json();
+    let frames = json["frames"].as_array().unwrap();
     assert_eq!(frames.len(), 2 * 3);
     for (i, frame) in frames.iter().enumerate() {
         let rows = &frame["stage_stripes"];
@@ -67,9 +51,9 @@ fn the_baseline_shares_out_path_tracing_alone() {
         // Of both arrangements alike.
         assert!((number(&frame["time_s"]) - (i % 3) as f64 / 72.0).abs() < 1e-9, "{}", frame["time_s"]);
     }
-    let csv = text(folder.path(), "leria.csv");
+    let csv = run.text("leria.csv");
     assert_eq!(csv.lines().count(), 1 + rows.len(), "{csv}");
-    let page = text(folder.path(), "report.html");
+    let page = run.text("report.html");
     for part in ["Its bytes are the same in both", "San Miguel", "3.65", "99 | 53", "Swimlanes"] {
         assert!(page.contains(part), "no {part}");
     }
@@ -77,10 +61,8 @@ fn the_baseline_shares_out_path_tracing_alone() {
 
 #[test]
 fn dependent_features_are_left_out_beside_noise_and_svgf() {
-    let folder = tempfile::tempdir().unwrap();
-    let shots = ["bmfr", "--shots", "builtin:checker"];
-    let size = ["--size", "32x20", "--warm-up", "0", "--repeats", "2", "--reference-spp", "16", "--report"];
-    let rows = rows(folder.path(), &[&shots[..], &size].concat());
+    let run = run("bmfr");
+    let rows = run.rows();
     let denoisers = rows.iter().map(|r| r["denoiser"].as_str().unwrap()).collect::<Vec<_>>();
     assert_eq!(denoisers, ["svgf", "bmfr", "bmfr_noise", "bmfr", "bmfr_noise"]);
     for row in &rows[..3] {
@@ -92,18 +74,16 @@ fn dependent_features_are_left_out_beside_noise_and_svgf() {
     // Noise on features is seen, but only just.
     let flips = [&rows[1], &rows[2]].map(|row| number(&row["flip"]));
     assert!(flips[0] != flips[1] && (flips[0] / flips[1] - 1.0).abs() < 0.1, "{flips:?}");
-    let frames = text(folder.path(), "frames.csv");
+    let frames = run.text("frames.csv");
     assert_eq!(frames.lines().filter(|line| line.starts_with("builtin:checker,bmfr_noise,")).count(), 2, "{frames}");
-    assert_eq!(text(folder.path(), "bmfr.csv").lines().count(), 1 + rows.len());
-    assert!(text(folder.path(), "report.html").contains("42.7 %"));
+    assert_eq!(run.text("bmfr.csv").lines().count(), 1 + rows.len());
+    assert!(run.text("report.html").contains("42.7 %"));
 }
 
 #[test]
 fn visual_polar_images_stand_beside_as_many_samples_elsewhere() {
-    let folder = tempfile::tempdir().unwrap();
-    let shots = ["koskela", "--shots", "builtin:checker"];
-    let size = ["--size", "64x40", "--warm-up", "0", "--repeats", "2", "--reference-spp", "16", "--report"];
-    let rows = rows(folder.path(), &[&shots[..], &size].concat());
+    let run = run("koskela");
+    let rows = run.rows();
     let arrangements = rows.iter().map(|r| r["arrangement"].as_str().unwrap()).collect::<Vec<_>>();
     let all = ["full", "uniform", "linear", "visual-polar", "log-polar"];
     assert_eq!(arrangements, [&all[..], &["full", "visual-polar"].repeat(2)].concat());
@@ -132,19 +112,17 @@ fn visual_polar_images_stand_beside_as_many_samples_elsewhere() {
         let found = of(name);
         assert!((0..5).all(|i| !found[..i].contains(&found[i])), "{name}: {found:?}");
     }
-    let frames = text(folder.path(), "frames.csv");
+    let frames = run.text("frames.csv");
     assert_eq!(frames.lines().filter(|line| line.starts_with("builtin:checker,visual-polar,")).count(), 2, "{frames}");
-    assert_eq!(text(folder.path(), "koskela.csv").lines().count(), 1 + rows.len());
-    let page = text(folder.path(), "report.html");
+    assert_eq!(run.text("koskela.csv").lines().count(), 1 + rows.len());
+    let page = run.text("report.html");
     assert!(page.contains("linear of builtin:checker") && page.contains("56.00"));
 }
 
 #[test]
 fn log_polar_images_stand_beside_every_pixel_by_rings() {
-    let folder = tempfile::tempdir().unwrap();
-    let shots = ["andersson", "--shots", "builtin:cornell", "--instants", "2"];
-    let size = ["--size", "64x40", "--repeats", "2", "--reference-spp", "16", "--report"];
-    let rows = rows(folder.path(), &[&shots[..], &size].concat());
+    let run = run("andersson");
+    let rows = run.rows();
     let modes = ["basic", "fov", "kernel", "composite", "composite-kernel"];
     let (measured, cited) = rows.split_at(2 * modes.len());
     assert!(measured.iter().all(|row| row["source"] == "measured") && cited.iter().all(|row| row["source"] == "cited"));
@@ -166,12 +144,12 @@ fn log_polar_images_stand_beside_every_pixel_by_rings() {
         let flips = rows.iter().map(|row| number(&row["flip"])).collect::<Vec<_>>();
         assert!((0..5).all(|i| !flips[..i].contains(&flips[i])), "{flips:?}");
     }
-    let rings = text(folder.path(), "rings.csv");
+    let rings = run.text("rings.csv");
     assert_eq!(rings.lines().count(), 1 + 2 * modes.len() * 20, "{rings}");
-    let frames = text(folder.path(), "frames.csv");
+    let frames = run.text("frames.csv");
     assert_eq!(frames.lines().filter(|line| line.starts_with("builtin:cornell,moving,fov,")).count(), 2, "{frames}");
-    assert_eq!(text(folder.path(), "andersson.csv").lines().count(), 1 + rows.len());
-    let page = text(folder.path(), "report.html");
+    assert_eq!(run.text("andersson.csv").lines().count(), 1 + rows.len());
+    let page = run.text("report.html");
     for part in ["10.58", "kernel of builtin:cornell, moving", "camera still: against reference", "0.960, 0.920"] {
         assert!(page.contains(part), "no {part}");
     }
@@ -180,20 +158,18 @@ fn log_polar_images_stand_beside_every_pixel_by_rings() {
 /// The longer a head has moved on, the further the picture is off, and the more a correction takes of that.
 #[test]
 fn late_frames_are_off_and_corrected_ones_hardly() {
-    let folder = tempfile::tempdir().unwrap();
-    let head = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/head.jsonl");
-    let small = ["--size", "40x30", "--instants", "2", "--reference-spp", "16", "--report"];
-    let rows = rows(folder.path(), &[&["late", "builtin:cornell", "--motion", head], &small[..]].concat());
+    let run = run("late");
+    let rows = run.rows();
     assert_eq!(rows.iter().map(|row| row["latency_frames"].clone()).collect::<Vec<_>>(), [1, 2, 4]);
-    for row in &rows {
+    for row in rows {
         let [late, corrected, noise] = ["flip", "flip_corrected", "flip_noise"].map(|name| number(&row[name]));
         assert!(noise > 0.0 && corrected < late && corrected < 1.5 * noise, "{row}");
         assert!(number(&row["flip_most"]) >= late && number(&row["flip_corrected_most"]) >= corrected, "{row}");
         assert!(row["instants"] == 2 && number(&row["turned_deg"]) > 0.0 && number(&row["moved_mm"]) > 0.0, "{row}");
     }
     assert!(number(&rows[2]["flip"]) > 1.3 * number(&rows[0]["flip"]), "{rows:?}");
-    assert_eq!(text(folder.path(), "late.csv").lines().count(), 1 + rows.len());
-    assert!(text(folder.path(), "report.html").contains("eyes are resampled from a frame that they share"));
+    assert_eq!(run.text("late.csv").lines().count(), 1 + rows.len());
+    assert!(run.text("report.html").contains("eyes are resampled from a frame that they share"));
 }
 
 #[test]

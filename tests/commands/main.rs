@@ -17,6 +17,7 @@ mod metrics;
 mod play;
 mod reference_mode;
 mod report;
+mod runs;
 mod scale;
 mod schema;
 mod shots;

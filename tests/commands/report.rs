@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use crate::common::{diptych, is_thorough};
+use crate::runs::run;
 use serde_json::Value;
 
 /// Runs a command on a small picture; returns the page it wrote.
@@ -137,15 +138,14 @@ fn a_grid_shows_its_front_and_other_renderers() {
 
 #[test]
 fn a_scaling_shows_a_frame_of_each_count() {
-    let folder = tempfile::tempdir().unwrap();
-    let counts = ["scale", "builtin:cornell", "--counts", "1,2", "--threads-per-device", "1", "--warm-up", "1"];
-    let page = report(folder.path(), &[&counts[..], &["--frames-in-flight", "2"]].concat());
+    let run = run("in flight");
+    let page = run.text("report.html");
     stands_alone(&page);
     let lanes = data(&page, "lanes");
     lanes_are_sound(&lanes, 2);
     assert_eq!((&lanes["frames"][1]["name"], &lanes["shown"]), (&"2 device(s)".into(), &1.into()));
     assert!(page.contains("All counts gave the same bytes.") && page.matches("<img").count() == 2);
-    browse(folder.path());
+    browse(run.folder());
 }
 
 #[test]

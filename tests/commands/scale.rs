@@ -3,12 +3,11 @@
 use std::path::Path;
 
 use crate::common::diptych;
+use crate::runs::run;
 use serde_json::Value;
 
-/// The result of scaling a small scene, with its files in `out`; over one and two devices unless `options` say otherwise.
+/// The result of scaling a small scene, with its files in `out`.
 fn scale(out: &Path, options: &[&str]) -> Value {
-    let counts: &[&str] = if options.contains(&"--counts") { &[] } else { &["--counts", "1,2"] };
-    let options = &[counts, options].concat();
     let args = ["scale", "builtin:checker", "--size", "48x32", "--threads-per-device", "1", "--json"];
     let output = diptych(&[&args[..], &["--out", out.to_str().unwrap()], options].concat());
     assert!(output.status.success(), "{options:?}: {}", String::from_utf8_lossy(&output.stderr));
@@ -16,15 +15,10 @@ fn scale(out: &Path, options: &[&str]) -> Value {
     serde_json::from_str(text.lines().last().unwrap()).unwrap()
 }
 
-fn read(out: &Path, name: &str) -> String {
-    std::fs::read_to_string(out.join(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
-}
-
 #[test]
 fn rows_say_how_sure_they_are_and_what_was_moved() {
-    let folder = tempfile::tempdir().unwrap();
-    let result = scale(folder.path(), &[]);
-    let rows = result["rows"].as_array().unwrap();
+    let run = run("scale");
+    let rows = run.rows();
     let number = |row: &Value, key: &str| row[key].as_f64().unwrap_or_else(|| panic!("no {key} in {row}"));
     for row in rows {
         let [median, least, most, iqr] =
@@ -36,19 +30,16 @@ fn rows_say_how_sure_they_are_and_what_was_moved() {
     assert_eq!((number(&rows[0], "bytes_per_frame"), number(&rows[0], "speedup_error")), (0.0, 0.0));
     assert!(number(&rows[1], "bytes_per_frame") > 0.0 && number(&rows[1], "speedup_error") > 0.0, "{}", rows[1]);
 
-    let csv = read(folder.path(), "scale.csv");
-    let lines: Vec<Vec<&str>> = csv.lines().map(|line| line.split(',').collect()).collect();
-    assert_eq!(lines.len(), 3, "{csv}");
-    let bytes = lines[0].iter().position(|column| *column == "bytes_per_frame").unwrap();
-    assert_eq!(lines[2][bytes].parse::<f64>().unwrap(), number(&rows[1], "bytes_per_frame"));
-    assert!(!folder.path().join("simulate.csv").exists());
-    assert!(!folder.path().join("report.html").exists());
+    let (columns, lines) = run.csv("scale.csv");
+    assert_eq!(lines.len(), 2, "{lines:?}");
+    let bytes = columns.iter().position(|column| *column == "bytes_per_frame").unwrap();
+    assert_eq!(lines[1][bytes].parse::<f64>().unwrap(), number(&rows[1], "bytes_per_frame"));
 }
 
-/// In whatever order counts are given, and if one device is not among them.
+/// In whatever order counts are given.
 #[test]
 fn speed_up_is_over_one_device() {
-    for (counts, expected) in [("2,1,2", &[1, 2][..]), ("3,2", &[1, 2, 3]), ("1", &[1])] {
+    for (counts, expected) in [("2,1,2", &[1, 2][..]), ("1", &[1])] {
         let folder = tempfile::tempdir().unwrap();
         let result = scale(folder.path(), &["--counts", counts]);
         let rows = result["rows"].as_array().unwrap();
@@ -62,34 +53,38 @@ fn speed_up_is_over_one_device() {
             assert!((speedup - period_ms(&rows[0]) / period_ms(row)).abs() < 1e-9, "{row}");
             assert!((efficiency - speedup / devices).abs() < 1e-9, "{row}");
         }
+        assert!(!folder.path().join("simulate.csv").exists());
+        assert!(!folder.path().join("report.html").exists());
     }
 }
 
-/// What is given for each of two devices is for the first of them where there is one.
+/// What is given for each of two devices is for the first of them where there is one, which is measured though it is not
+/// among the counts.
 #[test]
 fn options_of_each_device_leave_the_base_its_own() {
     let folder = tempfile::tempdir().unwrap();
     let each = ["--counts", "2", "--slowdown", "1,2", "--ratios", "2,1"];
     let result = scale(folder.path(), &each);
-    assert_eq!(result["rows"].as_array().unwrap().len(), 2);
-    let run: Value = serde_json::from_str(&read(folder.path(), "run.json")).unwrap();
+    let devices: Vec<_> = result["rows"].as_array().unwrap().iter().map(|row| &row["devices"]).collect();
+    assert_eq!(devices, [1, 2]);
+    let run = std::fs::read_to_string(folder.path().join("run.json")).unwrap();
+    let run: Value = serde_json::from_str(&run).unwrap();
     let rows: Vec<&Value> = run["frames"].as_array().unwrap().iter().map(|frame| &frame["stripes"]).collect();
     assert!(*rows[0] == serde_json::json!([32]) && *rows[9] == serde_json::json!([21, 11]), "{rows:?}");
 }
 
 #[test]
 fn a_page_has_all_of_it_and_needs_nothing_else() {
-    let folder = tempfile::tempdir().unwrap();
-    let result = scale(folder.path(), &["--simulate", "1,2,4", "--report"]);
-    assert_eq!(result["simulated"].as_array().unwrap().len(), 3);
-    let page = read(folder.path(), "report.html");
+    let run = run("scale");
+    assert_eq!(run.result["simulated"].as_array().unwrap().len(), 3);
+    let page = run.text("report.html");
     for heading in ["Settings", "Devices", "Scene", "Scaling", "Simulation", "What limits each count"] {
         assert!(page.contains(&format!("<h2>{heading}</h2>")), "no {heading}");
     }
     assert!(page.contains("All counts gave the same bytes."));
     assert_eq!((page.matches("<svg").count(), page.matches("<table>").count()), (2, 6));
-    assert!(page.contains(read(folder.path(), "scale.svg").trim()));
-    assert_eq!(read(folder.path(), "simulate.csv").lines().count(), 4);
+    assert!(page.contains(run.text("scale.svg").trim()));
+    assert_eq!(run.text("simulate.csv").lines().count(), 4);
 }
 
 #[test]
@@ -105,9 +100,7 @@ fn frames_in_flight_are_not_simulated() {
 /// Each is timed with others behind it, which are not timed; between five there are four periods.
 #[test]
 fn frames_in_flight_are_timed_from_end_to_end() {
-    let folder = tempfile::tempdir().unwrap();
-    let result = scale(folder.path(), &["--frames-in-flight", "2"]);
-    for row in result["rows"].as_array().unwrap() {
+    for row in run("in flight").rows() {
         assert_eq!((&row["frames"], &row["periods"]), (&5.into(), &4.into()), "{row}");
         assert_eq!(row["period_ms"], row["interval_ms"], "{row}");
     }

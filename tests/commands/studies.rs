@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::common::diptych;
+use crate::runs::run;
 use serde_json::Value;
 
 /// Frames of the checker scene with the images that a comparison takes.
@@ -91,16 +92,8 @@ fn sequences_that_lack_something_are_refused_by_its_name() {
 
 #[test]
 fn only_the_halo_leaves_no_seam() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().to_str().unwrap();
-    let fixed = ["bench", "builtin:checker", "--size", "64x40", "--out", out, "--reference-spp", "32"];
-    let study = ["--seam-study", "--counts", "1,2", "--repeats", "2", "--warm-up", "1", "--json", "--report"];
-    let settings = ["--bounces", "2", "--iterations", "3"];
-    let output = diptych(&[&fixed[..], &study, &settings].concat());
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let text = String::from_utf8(output.stdout).unwrap();
-    let result: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
-    let rows = result["rows"].as_array().unwrap();
+    let run = run("seams");
+    let rows = run.rows();
     assert_eq!(rows.len(), 2 + 3 * 2);
     for row in rows {
         let is_same = row["same_bytes"] == true;
@@ -113,15 +106,16 @@ fn only_the_halo_leaves_no_seam() {
             assert!(row["seam"].as_f64().unwrap() > 0.0, "{row}");
         }
     }
-    let csv = std::fs::read_to_string(folder.path().join("seams.csv")).unwrap();
+    let csv = run.text("seams.csv");
     assert_eq!(csv.lines().count(), 1 + rows.len(), "{csv}");
-    let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    let page = run.text("report.html");
     assert!(["builtin:checker", "same bytes", "20.30 (-0.53)"].iter().all(|part| page.contains(part)));
     for (setting, value) in [("bounces", 2), ("iterations", 3)] {
         let row = format!("<td>{setting}</td><td>{value}</td>");
         assert!(page.contains(&row), "no {row}");
     }
 
+    let fixed = ["bench", "builtin:checker", "--out", "unused"];
     refused(&[&fixed[..], &["--seam-study", "--denoiser", "none"]].concat(), &["no seam"]);
     refused(&[&fixed[..], &["--denoiser", "none", "--iterations", "3"]].concat(), &["--iterations", "--denoiser"]);
     refused(&[&fixed[..], &["--seam-study", "--counts", "1"]].concat(), &["--counts"]);
@@ -129,16 +123,8 @@ fn only_the_halo_leaves_no_seam() {
 
 #[test]
 fn the_thesis_stands_beside_what_was_measured() {
-    let folder = tempfile::tempdir().unwrap();
-    let out = folder.path().to_str().unwrap();
-    let fixed = ["bench", "--out", out, "--preset", "peres"];
-    let study =
-        ["--shots", "builtin:cornell", "--size-factor", "0.04", "--reference-spp", "16", "--repeats", "1", "--json"];
-    let output = diptych(&[&fixed[..], &study, &["--report", "--instants", "2"]].concat());
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let text = String::from_utf8(output.stdout).unwrap();
-    let result: Value = serde_json::from_str(text.lines().last().unwrap()).unwrap();
-    let rows = result["rows"].as_array().unwrap();
+    let run = run("peres");
+    let rows = run.rows();
     assert_eq!(rows.len(), 2 * 3);
     assert_eq!((&rows[0]["size"], &rows[3]["size"]), (&"38x43".into(), &"73x77".into()));
     for base in [&rows[0], &rows[3]] {
@@ -153,11 +139,9 @@ fn the_thesis_stands_beside_what_was_measured() {
         assert!(base["found"]["deviation"]["psnr"].as_f64().unwrap() > 0.0, "{base}");
     }
     // The thesis's layers of each resolution, at both instants.
-    let mut frames = csv::Reader::from_path(folder.path().join("frames.csv")).unwrap();
-    let columns = frames.headers().unwrap().clone();
+    let (columns, frames) = run.csv("frames.csv");
     let at = |name: &str| columns.iter().position(|column| column == name).unwrap();
     let [resolution, configuration, time_s, inner] = ["resolution", "configuration", "time_s", "fovea_inner"].map(at);
-    let frames: Vec<csv::StringRecord> = frames.records().map(Result::unwrap).collect();
     assert_eq!(frames.len(), 2 * 2 * 3);
     for frame in &frames {
         let width = if &frame[resolution] == "FHD" { 144.0 / 960.0 } else { 265.0 / 1832.0 };
@@ -165,11 +149,12 @@ fn the_thesis_stands_beside_what_was_measured() {
         assert_eq!(frame[inner].parse::<f64>().ok(), expected, "{frame:?}");
     }
     assert_eq!([&frames[0], &frames[3]].map(|frame| frame[time_s].to_owned()), ["0", "4"]);
-    let csv = std::fs::read_to_string(folder.path().join("peres.csv")).unwrap();
+    let csv = run.text("peres.csv");
     assert!(csv.lines().count() == 7 && csv.contains("builtin:cornell,Pink Room,NH3LD"), "{csv}");
-    let page = std::fs::read_to_string(folder.path().join("report.html")).unwrap();
+    let page = run.text("report.html");
     assert!(["27.619", "12.81", "builtin:cornell"].iter().all(|part| page.contains(part)));
 
+    let fixed = ["bench", "--out", "unused", "--preset", "peres"];
     refused(&[&fixed[..], &["--seam-study"]].concat(), &["--preset", "--seam-study"]);
     refused(&[&fixed[..], &["--bounces", "2"]].concat(), &["--preset", "--bounces"]);
     refused(&[&fixed[..], &["--shots", "a,b,c,d"]].concat(), &["--shots"]);

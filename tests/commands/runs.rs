@@ -1,0 +1,124 @@
+//! Runs of every kind that writes numbers, each made once for all tests of what it leaves behind.
+
+use std::path::{Path, PathBuf};
+use std::sync::OnceLock;
+
+use serde_json::Value;
+
+use crate::common::diptych;
+
+/// A name, and what it is run with.
+const RUNS: [(&str, &str); 13] = [
+    ("render", "render builtin:cornell --size 40x24 --frames 3 --virtual 2 --aov depth,albedo --details"),
+    ("reference", "render builtin:cornell --size 40x24 --reference --spp 16 --frames 2"),
+    ("play", "play builtin:cornell --size 40x24 --frames 8 --budget-ms 0.01..30000 --fps 1000"),
+    ("scale", "scale builtin:checker --size 48x32 --counts 1,2 --threads-per-device 1 --simulate 1,2,4 --report"),
+    (
+        "in flight",
+        "scale builtin:checker --size 48x32 --counts 1,2 --threads-per-device 1 --frames-in-flight 2 --report",
+    ),
+    (
+        "bench",
+        "bench builtin:cornell --size 40x24 --quick --spp 1,2 --bounces 2 --denoiser none,atrous --repeats 2 \
+         --reference-spp 16",
+    ),
+    (
+        "seams",
+        "bench --seam-study builtin:checker --size 64x40 --counts 1,2 --warm-up 1 --repeats 2 --bounces 2 \
+         --iterations 3 --reference-spp 32 --report",
+    ),
+    (
+        "leria",
+        "bench --preset leria builtin:cornell --size 40x24 --virtual 2 --threads-per-device 1 --frames 3 \
+         --simulate 4,4,2 --report",
+    ),
+    (
+        "bmfr",
+        "bench --preset bmfr --shots builtin:checker --size 32x20 --warm-up 0 --repeats 2 --reference-spp 16 --report",
+    ),
+    (
+        "koskela",
+        "bench --preset koskela --shots builtin:checker --size 64x40 --warm-up 0 --repeats 2 --reference-spp 16 \
+         --report",
+    ),
+    (
+        "andersson",
+        "bench --preset andersson --shots builtin:cornell --size 64x40 --instants 2 --repeats 2 --reference-spp 16 \
+         --report",
+    ),
+    (
+        "peres",
+        "bench --preset peres --shots builtin:cornell --size-factor 0.04 --instants 2 --repeats 1 --reference-spp 16 \
+         --report",
+    ),
+    ("late", "bench --preset late builtin:cornell --motion HEAD --size 40x30 --instants 2 --reference-spp 16 --report"),
+];
+
+/// What `HEAD` stands for.
+const HEAD: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/scenes/head.jsonl");
+
+pub fn names() -> impl Iterator<Item = &'static str> {
+    RUNS.iter().map(|(name, _)| *name)
+}
+
+/// What a run left behind.
+pub struct Run {
+    name: &'static str,
+    folder: tempfile::TempDir,
+    /// What it said at its end.
+    pub result: Value,
+}
+
+/// The run of this name. Whoever asks first makes it.
+pub fn run(name: &str) -> &'static Run {
+    static MADE: [OnceLock<Run>; RUNS.len()] = [const { OnceLock::new() }; RUNS.len()];
+    let which = RUNS.iter().position(|(known, _)| *known == name).unwrap_or_else(|| panic!("there is no run {name}"));
+    MADE[which].get_or_init(|| Run::make(RUNS[which]))
+}
+
+impl Run {
+    fn make((name, options): (&'static str, &str)) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let mut args: Vec<&str> =
+            options.split_whitespace().map(|option| if option == "HEAD" { HEAD } else { option }).collect();
+        args.extend(["--json", "--out", folder.path().to_str().unwrap()]);
+        let output = diptych(&args);
+        assert!(output.status.success(), "{options}: {}", String::from_utf8_lossy(&output.stderr));
+        let text = String::from_utf8(output.stdout).unwrap();
+        let result = serde_json::from_str(text.lines().last().unwrap()).unwrap();
+        Self { name, folder, result }
+    }
+
+    #[track_caller]
+    pub fn rows(&self) -> &[Value] {
+        self.result["rows"].as_array().unwrap_or_else(|| panic!("{} has no rows", self.name))
+    }
+
+    pub fn folder(&self) -> &Path {
+        self.folder.path()
+    }
+
+    pub fn path(&self, file: &str) -> PathBuf {
+        self.folder.path().join(file)
+    }
+
+    #[track_caller]
+    pub fn text(&self, file: &str) -> String {
+        std::fs::read_to_string(self.path(file)).unwrap_or_else(|e| panic!("{}/{file}: {e}", self.name))
+    }
+
+    #[track_caller]
+    pub fn json(&self) -> Value {
+        serde_json::from_str(&self.text("run.json")).unwrap_or_else(|e| panic!("{}/run.json: {e}", self.name))
+    }
+
+    /// A CSV file: names of columns, and lines. Lines of another length are an error.
+    #[track_caller]
+    pub fn csv(&self, file: &str) -> (Vec<String>, Vec<Vec<String>>) {
+        let mut reader =
+            csv::Reader::from_path(self.path(file)).unwrap_or_else(|e| panic!("{}/{file}: {e}", self.name));
+        let columns = reader.headers().unwrap().iter().map(str::to_owned).collect();
+        let lines = reader.records().map(|r| r.unwrap_or_else(|e| panic!("{}/{file}: {e}", self.name)));
+        (columns, lines.map(|line| line.iter().map(str::to_owned).collect()).collect())
+    }
+}
