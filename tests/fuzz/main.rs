@@ -5,6 +5,8 @@
 
 mod allocations;
 mod bytes;
+#[path = "../common/effort.rs"]
+mod effort;
 mod files;
 mod glb;
 mod images;
