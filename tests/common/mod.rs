@@ -122,10 +122,19 @@ pub fn traversal() -> TraversalChoice {
 /// `count` devices of the first adapter that can do it, the same one for every count, each of one thread: tests run side by
 /// side, and what one device compiled serves alone and among others.
 pub fn devices(count: usize) -> Vec<GpuDevice> {
+    // Those with most pipelines first, so that as few devices as can be compile what is common.
+    devices_by(count, |gpu| std::cmp::Reverse(gpu.pipelines.len()))
+}
+
+/// [`devices`] for a test that does not give all of them back: those that others would miss least.
+pub fn devices_to_lose(count: usize) -> Vec<GpuDevice> {
+    devices_by(count, |gpu| gpu.pipelines.len())
+}
+
+fn devices_by<K: Ord>(count: usize, key: impl FnMut(&GpuDevice) -> K) -> Vec<GpuDevice> {
     let mut idle = idle();
     let mut devices = std::mem::take(&mut *idle);
-    // Those with most pipelines first, so that as few devices as can be compile what is common.
-    devices.sort_by_key(|gpu| std::cmp::Reverse(gpu.pipelines.len()));
+    devices.sort_by_key(key);
     idle.extend(devices.drain(count.min(devices.len())..));
     // Opened in turns: drivers have crashed on devices opened side by side. Mesa 22.3 and 25 have not on pipelines made so.
     if devices.len() < count {

@@ -3,7 +3,7 @@
 use std::path::Path;
 use std::time::{Duration, Instant};
 
-use crate::common::{Stage, Subject, devices, diptych};
+use crate::common::{Stage, Subject, devices_to_lose, diptych};
 use diptych::device::{FailureKind, GpuDevice};
 use diptych::exec::{ExecError, InjectedFaults, Injection, Stereo};
 use diptych::image::RgbImage;
@@ -28,7 +28,7 @@ fn frames_keep_their_bytes_until_no_device_is_left() {
         let mut alone = Stage::alone(&subject, &settings);
         (0..5).map(|i| alone.frame_at(time_s(i), i).linear).collect()
     };
-    let mut four = Stage::with(&subject, &settings, 4, Box::new(Measured::new(HEIGHT, 4)));
+    let mut four = Stage::on(devices_to_lose(4), &subject, &settings, Box::new(Measured::new(HEIGHT, 4)));
     four.renderer().set_watchdog(Duration::from_secs(3));
     let fates = ["loss:dev0@frame1", "oom:dev2@frame2", "hang:dev1@frame3", "loss:dev3@frame5"];
     four.renderer().set_injected_faults(injected(&fates, &[]));
@@ -61,7 +61,7 @@ fn devices_come_back_with_what_was_compiled_on_them_unless_they_failed() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.settings(32, 18);
     let policy = || Box::new(Even::new(18, 2));
-    let mut stage = Stage::on(devices(2), &subject, &settings, policy());
+    let mut stage = Stage::on(devices_to_lose(2), &subject, &settings, policy());
     stage.frame(0);
     let gpus = stage.into_devices();
     let compiled = |gpus: &[GpuDevice]| gpus.iter().map(|gpu| gpu.pipelines.len()).collect::<Vec<_>>();
@@ -88,7 +88,7 @@ fn frames_in_flight_keep_their_bytes_when_devices_fail() {
     let times_s: Vec<f64> = (0..8).map(|i| f64::from(i) * 0.3).collect();
     let alone = Stage::alone(&subject, &settings).frames_in_flight(&times_s);
     settings.stages.frames_in_flight = 3;
-    let mut four = Stage::with(&subject, &settings, 4, Box::new(Measured::new(HEIGHT, 4)));
+    let mut four = Stage::on(devices_to_lose(4), &subject, &settings, Box::new(Measured::new(HEIGHT, 4)));
     four.renderer().set_watchdog(Duration::from_secs(3));
     four.renderer().set_injected_faults(injected(&["loss:dev0@frame1", "hang:dev2@frame4", "oom:dev1@frame5"], &[]));
     let frames = four.frames_in_flight(&times_s);
@@ -117,7 +117,7 @@ fn history_begins_anew_when_a_device_fails_with_frames_in_flight() {
         (3..6).map(|i| alone.frame_at(times_s[i as usize], i)).collect()
     };
     settings.stages.frames_in_flight = 2;
-    let mut three = Stage::with(&subject, &settings, 3, Box::new(Measured::new(HEIGHT, 3)));
+    let mut three = Stage::on(devices_to_lose(3), &subject, &settings, Box::new(Measured::new(HEIGHT, 3)));
     three.renderer().set_injected_faults(injected(&["loss:dev1@frame3"], &[]));
     let frames = three.frames_in_flight(&times_s);
     for (one, other) in before.iter().chain(&after).zip(&frames) {
@@ -134,7 +134,7 @@ fn history_of_other_devices_survives_a_fault() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.accumulated(WIDTH, HEIGHT);
     let render = |faults: &[&str]| {
-        let mut three = Stage::with(&subject, &settings, 3, Box::new(Even::new(HEIGHT, 3)));
+        let mut three = Stage::on(devices_to_lose(3), &subject, &settings, Box::new(Even::new(HEIGHT, 3)));
         three.renderer().set_injected_faults(injected(faults, &[]));
         (0..5).map(|i| three.frame_at(f64::from(i) * 0.02, i).linear).collect::<Vec<_>>()
     };
@@ -157,7 +157,7 @@ fn two_devices_may_fail_in_one_frame() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.denoised(WIDTH, HEIGHT);
     let one = Stage::alone(&subject, &settings).frame(0).linear;
-    let mut three = Stage::even(&subject, &settings, 3);
+    let mut three = Stage::on(devices_to_lose(3), &subject, &settings, Box::new(Even::new(HEIGHT, 3)));
     let fates = ["loss:dev0@frame0", "oom:dev0@frame0", "loss:dev1@frame0"];
     three.renderer().set_injected_faults(injected(&fates, &[]));
     let limit = Duration::from_secs(20);
@@ -177,7 +177,7 @@ fn two_devices_may_fail_in_one_frame() {
 fn a_frame_whose_primary_is_lost_before_it_was_read_is_made_again() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.denoised(WIDTH, HEIGHT);
-    let mut two = Stage::even(&subject, &settings, 2);
+    let mut two = Stage::on(devices_to_lose(2), &subject, &settings, Box::new(Even::new(HEIGHT, 2)));
     let expected = two.frame(0).linear;
     two.renderer().set_injected_faults(injected(&["loss:dev0@frame0"], &[]));
     assert!(two.renderer().read_linear().unwrap() == expected);
@@ -192,7 +192,7 @@ fn slow_devices_change_neither_bytes_nor_counts() {
     let mut settings = subject.denoised(WIDTH, HEIGHT);
     settings.stages.spp = 5; // Two dispatches, of which the second adds to the first.
     let one = Stage::alone(&subject, &settings).frame(0);
-    let mut two = Stage::even(&subject, &settings, 2);
+    let mut two = Stage::on(devices_to_lose(2), &subject, &settings, Box::new(Even::new(HEIGHT, 2)));
     let mut busy_ms = |slowdown: &[u32], injections: &[&str]| {
         two.renderer().set_injected_faults(injected(injections, slowdown));
         let frame = two.frame(0);

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 
-use crate::common::{Stage, Subject, devices};
+use crate::common::{Stage, Subject, devices_to_lose};
 use diptych::accel::Accel;
 use diptych::exec::{ExecError, Renderer};
 use diptych::schedule::Even;
@@ -17,7 +17,7 @@ fn a_device_that_is_lost_before_the_start_ends_the_run() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.accumulated(WIDTH, HEIGHT);
     let tables = Arc::new(SceneTables::new(&subject.scene, Accel::build(&subject.scene).unwrap()).unwrap());
-    let gpus = devices(1);
+    let gpus = devices_to_lose(1);
     gpus[0].device.destroy();
     let policy = Box::new(Even::new(HEIGHT, 1));
     match Renderer::new(gpus, tables, settings, policy, Instant::now()) {
@@ -35,7 +35,7 @@ fn frames_keep_their_bytes_whenever_a_device_is_lost() {
     settings.max_dispatch_ms = Some(1.0);
     let one = Stage::alone(&subject, &settings).frame(0).linear;
     for delay_us in [0, 300, 2_000, 7_000, 15_000, 40_000] {
-        let gpus = devices(2);
+        let gpus = devices_to_lose(2);
         let lost = gpus[1].device.clone();
         let mut two = Stage::on(gpus, &subject, &settings, Box::new(Even::new(HEIGHT, 2)));
         std::thread::scope(|scope| {
@@ -58,7 +58,7 @@ fn images_of_a_device_that_is_lost_are_made_again_or_are_an_error() {
     let subject = Subject::load("builtin:checker");
     let settings = subject.denoised(WIDTH, HEIGHT);
     for count in [1, 2] {
-        let gpus = devices(count);
+        let gpus = devices_to_lose(count);
         let lost = gpus[0].device.clone();
         let mut stage = Stage::on(gpus, &subject, &settings, Box::new(Even::new(HEIGHT, count)));
         let expected = stage.frame(0).linear;

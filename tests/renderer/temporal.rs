@@ -39,7 +39,7 @@ fn arrived(subject: &Subject, settings: &RenderSettings, time_s: f64, frames: u3
 #[test]
 fn still_frames_converge_and_keep_their_energy() {
     let subject = Subject::load("builtin:checker");
-    let right = reference(&subject, 0.0, if is_thorough() { 256 } else { 128 });
+    let right = reference(&subject, 0.0, if is_thorough() { 256 } else { 64 });
     let mut stage = Stage::alone(&subject, &subject.accumulated(WIDTH, HEIGHT));
     let frames: Vec<_> = (0..48).map(|i| stage.frame(i).linear).collect();
     let [first, later, last] = [0, 11, 47].map(|i: usize| errors(&right, &frames[i]));
@@ -70,7 +70,7 @@ fn a_frame_of_many_samples_is_blurred_little() {
 fn more_samples_make_moving_frames_better() {
     let subject = Subject::load("builtin:cornell");
     let time_s = 0.2;
-    let right = reference(&subject, time_s, if is_thorough() { 512 } else { 256 });
+    let right = reference(&subject, time_s, if is_thorough() { 512 } else { 128 });
     let flip = |spp: u32| {
         let mut settings = subject.accumulated(WIDTH, HEIGHT);
         settings.stages.spp = spp;

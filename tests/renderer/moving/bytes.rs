@@ -1,6 +1,6 @@
 //! Every device moves the scene by itself, and all of them alike.
 
-use crate::common::{Frame, Stage, devices, is_thorough};
+use crate::common::{Frame, Stage, devices, devices_to_lose, is_thorough};
 use crate::reference::scenes::moving;
 use crate::same_bytes::{HEIGHT, Script, WIDTH, assert_same, ratios};
 use diptych::device::{Tables, Traversal};
@@ -75,7 +75,7 @@ fn moving_scenes_keep_their_bytes_when_a_device_is_lost() {
     let expected = Stage::alone(&subject, &settings).frames_in_flight(&times_s);
     for in_flight in [1, 3] {
         settings.stages.frames_in_flight = in_flight;
-        let mut three = Stage::with(&subject, &settings, 3, Box::new(Measured::new(HEIGHT, 3)));
+        let mut three = Stage::on(devices_to_lose(3), &subject, &settings, Box::new(Measured::new(HEIGHT, 3)));
         let injections = vec!["loss:dev1@frame3".parse().unwrap()];
         three.renderer().set_injected_faults(InjectedFaults { injections, slowdown: Vec::new() });
         let found = three.frames_in_flight(&times_s);
