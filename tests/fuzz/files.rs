@@ -227,7 +227,7 @@ fn scenes_keep_within_their_budgets() {
         let (needed, scene) = peak(&path, ByteSize(4 << 30));
         assert!(scene.is_some(), "{name}");
         assert!(needed > 8 << 20, "{name} takes only {needed} bytes");
-        for share in (1..20).step_by(if is_thorough() { 1 } else { 3 }) {
+        for share in (1..20).step_by(if is_thorough() { 1 } else { 6 }) {
             let budget = needed / 20 * share;
             let (taken, scene) = peak(&path, ByteSize(budget as u64));
             assert!(scene.is_none(), "{name}: not refused with {budget} bytes of {needed}");

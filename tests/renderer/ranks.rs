@@ -6,7 +6,7 @@ use std::sync::{Arc, LazyLock};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
-use crate::common::{Stage, Subject, devices, is_thorough};
+use crate::common::{Stage, Subject, devices_to_lose, is_thorough};
 use crate::reference::scenes::moving;
 use crate::same_bytes::{HEIGHT, Script, WIDTH, assert_same, ratios};
 use diptych::device::GpuDevice;
@@ -29,7 +29,7 @@ struct Here {
 
 impl Host for Here {
     fn open(&mut self, count: usize) -> Result<Vec<GpuDevice>, String> {
-        Ok(devices(count))
+        Ok(devices_to_lose(count))
     }
 
     fn load(&mut self, what: &Load) -> Result<Arc<SceneTables>, String> {
@@ -133,7 +133,7 @@ impl Ranks {
     /// So many devices on each.
     fn devices(&self, each: usize) -> Devices {
         let opening = Devices::open(&self.node, each);
-        opening.with(devices(each)).unwrap()
+        opening.with(devices_to_lose(each)).unwrap()
     }
 
     /// Returns the bytes of rows that have left any rank.

@@ -2,7 +2,7 @@
 
 mod quality;
 
-use crate::common::{Stage, Subject, devices, diptych, is_thorough, shared_shot};
+use crate::common::{Stage, Subject, devices_to_lose, diptych, is_thorough, shared_shot};
 use diptych::device::{ShaderChecks, Tables};
 use diptych::exec::{RenderSettings, Stereo};
 use diptych::graph::{Assignment, HaloPlan, Seam};
@@ -375,7 +375,7 @@ fn tables_in_a_buffer_or_a_texture_give_the_same_bytes() {
         let subject = Subject::load(shot);
         let settings = subject.accumulated(WIDTH, HEIGHT);
         let render = |tables| {
-            let mut gpus = devices(1);
+            let mut gpus = devices_to_lose(1);
             gpus[0].quirks.tables = tables;
             gpus[0].pipelines.clear();
             let mut stage = Stage::on(gpus, &subject, &settings, Box::new(Even::new(HEIGHT, 1)));

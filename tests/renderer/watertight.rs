@@ -3,7 +3,7 @@
 
 use std::collections::HashMap;
 
-use crate::common::devices;
+use crate::common::devices_to_lose;
 use crate::reference::sampling::Rng;
 use crate::reference::scenes::{add_matte, empty, icosphere, place};
 use diptych::accel::Accel;
@@ -56,7 +56,7 @@ fn buffer_entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLay
 
 impl Tracer {
     fn new() -> Self {
-        let gpu = devices(1).remove(0);
+        let gpu = devices_to_lose(1).remove(0);
         let text = shader_text_of("gbuffer", gpu.scene_access()) + AIM;
         let descriptor = wgpu::ShaderModuleDescriptor { label: None, source: wgpu::ShaderSource::Wgsl(text.into()) };
         let checks = device::ShaderChecks::Fast.runtime_checks();

@@ -1,6 +1,6 @@
 //! Every device moves the scene by itself, and all of them alike.
 
-use crate::common::{Frame, Stage, devices, devices_to_lose, is_thorough};
+use crate::common::{Frame, Stage, devices_to_lose, is_thorough};
 use crate::reference::scenes::moving;
 use crate::same_bytes::{HEIGHT, Script, WIDTH, assert_same, ratios};
 use diptych::device::{Tables, Traversal};
@@ -90,7 +90,7 @@ fn tables_that_change_in_a_buffer_or_in_a_texture_give_the_same_bytes() {
     let subject = watched(moving::everything());
     let settings = subject.accumulated(WIDTH, HEIGHT);
     let render = |tables| {
-        let mut gpus = devices(1);
+        let mut gpus = devices_to_lose(1);
         gpus[0].quirks.tables = tables;
         gpus[0].pipelines.clear();
         let mut stage = Stage::on(gpus, &subject, &settings, Box::new(Even::new(HEIGHT, 1)));
@@ -136,7 +136,7 @@ fn what_stands_still_has_no_pass_for_what_moves_and_the_light_of_what_could_move
     assert!(unfiltered.iter().all(|frame| stages(frame).is_empty()), "nothing reads where surfaces were");
     let deforming = frames(moving::skinned(), |_| {});
     // Devices with ray queries have structures of their own, which `skin` builds, and need no refitted trees.
-    let is_hardware = devices(1)[0].info.traversal == Traversal::Hardware;
+    let is_hardware = devices_to_lose(1)[0].info.traversal == Traversal::Hardware;
     let first = if is_hardware { &["skin", "motion"] } else { &["skin", "refit"] };
     assert!(deforming.iter().all(|frame| stages(frame)[..2] == first[..]), "{:?}", stages(&deforming[0]));
 }
