@@ -6,8 +6,8 @@
 # make test-hardware-rays    tests of the renderer with rays that the device follows by itself; fails where none can
 # make test-mpi    builds the program with MPI and runs it on 1, 2 and 4 ranks of this machine; with MPICH as well where its
 #              mpicc.mpich is. Installs OpenMPI where apt-get is and none was found. SOAK=10000: so many frames on 4 ranks as well
-# make test-xr    builds the program with OpenXR and runs it in Monado's simulated headset, or in that of the runtime that
-#              XR_RUNTIME_JSON names; fails where there is neither, but with NO_XR=skip
+# make test-xr    builds the program with OpenXR and runs it in Monado's simulated headset and in one that a program wears,
+#              or in that of the runtime that XR_RUNTIME_JSON names; fails where there is neither, but with NO_XR=skip
 # make golden    hashes of the images of many kinds of frames, in out/golden.txt. BEFORE=FILE of another build: what differs
 # make peers    diptych beside Mitsuba 3 with OIDN, both measured here: out/peers/NAME/NAME.md and .svg. SHOT=FILE for another shot
 # make deps    checks for a Vulkan driver and compilers; installs Mesa's driver where apt-get is and none was found; says

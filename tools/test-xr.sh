@@ -39,7 +39,7 @@ if ! command -v monado-service >/dev/null || [ -z "$manifest" ]; then
     manifest=""
 fi
 
-# Monado's service without anything to show frames on. It watches its standard input, and ends where that is a file: it gets
+# Monado's service without anything to show frames on, with this in its environment. It watches its standard input, and ends where that is a file: it gets
 # a pipe that stays open.
 begin_service() {
     [ -n "$manifest" ] || return 0
@@ -49,7 +49,7 @@ begin_service() {
     export XDG_RUNTIME_DIR XR_RUNTIME_JSON="$manifest"
     mkfifo "$XDG_RUNTIME_DIR/stdin"
     exec 3<>"$XDG_RUNTIME_DIR/stdin"
-    SIMULATED_ENABLE=1 XRT_COMPOSITOR_NULL=1 monado-service <&3 >"$out/monado.log" 2>&1 &
+    env "$1" XRT_COMPOSITOR_NULL=1 monado-service <&3 >"$out/monado.log" 2>&1 &
     service=$!
     tries=0
     until [ -S "$XDG_RUNTIME_DIR/monado_comp_ipc" ]; do
@@ -87,7 +87,7 @@ has() {
     grep -q "$2" "$1" || fail "$1 has no $2: $(head -c 2000 "$1")"
 }
 
-begin_service
+begin_service SIMULATED_ENABLE=1
 view builtin:checker --frames 300 --out "$out/frames" --record-motion "$out/motion.jsonl" --screenshot "$out/eyes.png" \
     --trace "$out/trace.json" || fail "300 frames ended with status $?"
 count=$(grep -c '"motion_to_photon_ms":' "$out/frames/run.json")
@@ -105,14 +105,17 @@ has "$out/motion.jsonl" '"eyes"'
 echo "session: 300 frames, ended by the session's end; $states"
 
 # What was recorded is the same on any number of devices.
-for devices in 1 2 3; do
-    "$diptych" render builtin:checker --size 32x36 --motion "$out/motion.jsonl" --frames 4 --fps 10 --quiet \
-        --virtual "$devices" --threads-per-device 1 --out "$out/replayed.$devices"
-    for image in "$out"/replayed.1/*.exr; do
-        cmp "$image" "$out/replayed.$devices/${image##*/}" || fail "replayed motion has other bytes on $devices devices"
+replay() {
+    for devices in 1 2 3; do
+        "$diptych" render builtin:checker --size 32x36 --motion "$out/$1.jsonl" --frames 4 --fps 10 --quiet \
+            --virtual "$devices" --threads-per-device 1 --out "$out/$1.$devices"
+        for image in "$out/$1.1"/*.exr; do
+            cmp "$image" "$out/$1.$devices/${image##*/}" || fail "$1: other bytes on $devices devices"
+        done
     done
-done
-echo "replay: same bytes on 1, 2 and 3 devices"
+    echo "$1: replayed with the same bytes on 1, 2 and 3 devices"
+}
+replay motion
 
 # Under the layers that watch how OpenXR and Vulkan are used.
 layers=0
@@ -151,13 +154,18 @@ left_running() {
     done
 }
 
+# Tells the run in the background to end.
+end_job() {
+    kill -TERM "$job"
+    status=0
+    wait "$job" || status=$?
+    job=""
+    [ "$status" = 143 ] || fail "$1: SIGTERM: status $status: $(tail -n 5 "$out/$1.log")"
+}
+
 # Told to end, it ends with the session, with all files.
 left_running told
-kill -TERM "$job"
-status=0
-wait "$job" || status=$?
-job=""
-[ "$status" = 143 ] || fail "SIGTERM: status $status: $(tail -n 5 "$out/told.log")"
+end_job told
 has "$out/told/run.json" '"exiting"'
 [ "$(wc -l <"$out/told.jsonl")" -gt 1 ] || fail "SIGTERM: no motion is recorded"
 echo "sigterm: ended with status 143"
@@ -177,6 +185,46 @@ if [ -n "$manifest" ]; then
     [ "$status" = 1 ] || fail "a runtime that goes away: status $status: $(tail -n 5 "$out/left.log")"
     refused "$out/left.log" "headset" "gone"
     [ "$(wc -l <"$out/left.jsonl")" -gt 1 ] || fail "a runtime that goes away: no motion is recorded"
+
+    # Controllers, and eyes that are neither alike nor parallel: those of a headset that a program wears.
+    if command -v python3 >/dev/null; then
+        begin_service P_OVERRIDE_ACTIVE_CONFIG=remote
+        mkfifo "$out/steps"
+        python3 "$(dirname "$0")/remote-headset.py" <"$out/steps" >"$out/stepped" &
+        exec 4>"$out/steps"
+        left_running worn
+        printf '%s\n' "ahead 1" "panel 0.5" "panel 0.5" "turn 0.5" "recentre 0.5" >&4
+        tries=0
+        until [ "$(wc -l <"$out/stepped")" = 5 ]; do
+            tries=$((tries + 1))
+            [ "$tries" -lt 300 ] || fail "the headset that a program wears is at step $(wc -l <"$out/stepped") of 5"
+            sleep 0.1
+        done
+        end_job worn
+        exec 4>&-
+        end_service
+        has "$out/worn/run.json" '"rectified": {'
+        python3 - "$out/worn.jsonl" <<'CHECK' || fail "controllers: worn.jsonl is not where they went"
+import json
+import sys
+
+header, *samples = map(json.loads, open(sys.argv[1]))
+left = header["eyes"]["left"]
+assert abs(left["fov"]["left"] + 0.9) < 1e-3 and abs(left["fov"]["right"] - 0.7) < 1e-3, left
+assert abs(left["orientation"][1] - 0.045) < 1e-3, left
+x, y, z = zip(*(sample["position_m"] for sample in samples))
+turned = [abs(sample["orientation"][1]) > 0.5 for sample in samples]
+assert z[0] == 0.0 and max(map(abs, x + y)) < 1e-3, "level and straight ahead"
+furthest = min(z)
+assert furthest < -1.0 and turned[0] is False, "ahead"
+assert any(is_turned and at == furthest for is_turned, at in zip(turned, z)), "it stays where it turns"
+assert abs(z[-1]) < 1e-3 and not turned[-1], "back at first, looking ahead"
+CHECK
+        echo "controllers: went ahead, showed and hid the panel, turned, and went back to where it was"
+        replay worn
+    else
+        echo "controllers: SKIPPED, there is no python3 to wear a headset of Monado's remote driver"
+    fi
     XDG_RUNTIME_DIR=$(mktemp -d)
     folders="$folders $XDG_RUNTIME_DIR"
 fi
