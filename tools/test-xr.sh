@@ -1,6 +1,7 @@
 #!/bin/sh
 # Runs `diptych view --xr` in a headset and looks at what it leaves. With Monado that is its simulated headset, which this
-# script starts; without, the headset of the runtime that XR_RUNTIME_JSON names, if there is one.
+# script starts, and with Python 3 one that remote-headset.py wears, with controllers; without Monado, the headset of the
+# runtime that XR_RUNTIME_JSON names, if there is one.
 #
 #   sh tools/test-xr.sh DIPTYCH OUT
 #
