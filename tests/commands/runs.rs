@@ -98,7 +98,7 @@ impl Run {
         self.folder.path()
     }
 
-    pub fn path(&self, file: &str) -> PathBuf {
+    fn path(&self, file: &str) -> PathBuf {
         self.folder.path().join(file)
     }
 
