@@ -173,6 +173,15 @@ fn is_straight(eta: f32) -> bool {
     return abs(eta - 1.0) < 1e-3;
 }
 
+// Fraction of light that passes a thin, smooth surface straight on, along `direction` from the viewer's side: the weight
+// of its transmission's delta. 0 for every other surface.
+fn straight_transmittance(s: Surface, direction: vec3<f32>) -> vec3<f32> {
+    if !HAS_TRANSMISSION || !s.is_thin || s.alpha >= SMOOTH {
+        return vec3<f32>(0.0);
+    }
+    return s.transmitted * ((1.0 - layer_fresnel(s, abs(dot(s.normal, direction)))) * (1.0 - s.coat));
+}
+
 // Share of the value of `evaluate` that is the Lambertian lobe's.
 fn matte_share(s: Surface, v: vec3<f32>, l: vec3<f32>, value: vec3<f32>) -> vec3<f32> {
     let nl = max(dot(s.normal, l), 0.0);

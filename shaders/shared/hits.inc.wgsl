@@ -72,8 +72,14 @@ fn is_occluded(origin: vec3<f32>, direction: vec3<f32>, t_max: f32, except: u32,
     return traverse(origin, direction, t_max, key, true).prim != NO_PRIM;
 }
 
-// Whether anything stands between a ray's start near `p` and what `sample_light` has sampled at `p`.
-fn is_light_hidden(origin: vec3<f32>, p: vec3<f32>, light: LightSample, key: u32) -> bool {
+// Thin, smooth panes before lights that only light sampling finds: the transparent shadows of such scenes.
+override HAS_TRANSPARENT_SHADOWS: bool = true;
+
+// Panes that one shadow ray may pass. A ray that meets more counts as cut short.
+const MOST_PANES: u32 = 64u;
+
+// Fraction of the light sampled at `p` that reaches a ray's start near `p`: 0 or 1, but for panes before delta lights.
+fn light_visibility(origin: vec3<f32>, p: vec3<f32>, light: LightSample, key: u32, rays: ptr<function, u32>) -> vec3<f32> {
     var direction = light.direction;
     var t_max = light.distance;
     if t_max < 1e38 {
@@ -83,5 +89,39 @@ fn is_light_hidden(origin: vec3<f32>, p: vec3<f32>, light: LightSample, key: u32
         direction = way / max(distance, 1e-37);
         t_max = distance * light.reach;
     }
-    return is_occluded(origin, direction, t_max, light.sphere, key);
+    *rays += 1u;
+    if !HAS_TRANSPARENT_SHADOWS {
+        return select(vec3<f32>(1.0), vec3<f32>(0.0), is_occluded(origin, direction, t_max, light.sphere, key));
+    }
+    if HAS_SPHERES {
+        if traverse_spheres(origin, direction, t_max, light.sphere, true).prim != NO_PRIM {
+            return vec3<f32>(0.0);
+        }
+    }
+    // From surface to surface. Delta lights shine through panes; other lights are found by rays that panes scatter, and
+    // would be counted twice.
+    var visibility = vec3<f32>(1.0);
+    var from_ = origin;
+    var panes = 0u;
+    var is_done = false;
+    while !is_done {
+        var hit = traverse(from_, direction, t_max, key, false);
+        is_done = true;
+        if hit.prim != NO_PRIM {
+            hit.bary = hit_barycentrics(from_, direction, hit);
+            let s = surface_at(hit.prim, hit.bary, from_, direction);
+            visibility *= select(vec3<f32>(0.0), straight_transmittance(s, direction), light.is_delta);
+            let next = leave(s, direction);
+            t_max -= select(0.0, dot(next - from_, direction), light.distance < 1e38);
+            from_ = next;
+            is_done = max3(visibility) <= 0.0 || t_max <= 0.0;
+            panes += 1u;
+            if !is_done && panes == MOST_PANES {
+                was_cut_short = true;
+                is_done = true;
+            }
+            *rays += select(1u, 0u, is_done);
+        }
+    }
+    return visibility;
 }

@@ -105,12 +105,12 @@ fn direct_light(s: Surface, v: vec3<f32>, medium: Medium, depth: u32, rng: ptr<f
     if HAS_GLOSS && depth == 1u {
         *share = matte_share(s, v, light.direction, scattered.value);
     }
-    *rays += 1u;
-    if is_light_hidden(leave(s, light.direction), s.position, light, alpha_key(*rng)) {
+    let visibility = light_visibility(leave(s, light.direction), s.position, light, alpha_key(*rng), rays);
+    if max3(visibility) <= 0.0 {
         return vec3<f32>(0.0);
     }
     let weight = select(light.pdf / (light.pdf + scattered.pdf), 1.0, light.is_delta);
-    var radiance = light.radiance * scattered.value * (weight / light.pdf);
+    var radiance = light.radiance * visibility * scattered.value * (weight / light.pdf);
     if HAS_TRANSMISSION {
         let between = medium_towards(s, light.direction, medium);
         radiance *= select(vec3<f32>(1.0), exp(-between.absorption * light.distance), between.is_inside);

@@ -13,7 +13,7 @@ use super::folder::{self, Access, Folder};
 use super::motion::Motion;
 use super::motion::play::{Choice, Move, Moved, Play};
 use super::shot::{Draft, SceneSource, Shot, ShotEnvironment, Sky};
-use super::{Environment, Scene, SceneError, builtin, gltf};
+use super::{Environment, Material, Scene, SceneError, builtin, gltf};
 
 /// [`load_shot_within`] half of the host's memory and the folders of the files, with nothing asked for besides.
 ///
@@ -52,7 +52,20 @@ pub fn load_shot_within(arg: &str, overrides: &Overrides, access: Access) -> Res
         };
         put_around(&mut scene, environment, origin, &folder)?;
     }
+    scene.warnings.extend(lost_light(&scene));
     Ok((shot, scene))
+}
+
+/// Warns of delta lights before smooth glass with a volume, which refracts their light where no sample finds it.
+fn lost_light(scene: &Scene) -> Option<String> {
+    let lights = scene.lights.iter().filter(|light| light.is_delta()).count();
+    let refracts = |m: &&Material| m.enclosed_volume().is_some() && m.may_transmit_smoothly();
+    let used = scene.instances.iter().map(|instance| &scene.materials[scene.meshes[instance.mesh].material]);
+    let glass = used.filter(refracts).map(|m| m.name.as_str()).next().filter(|_| lights > 0)?;
+    Some(format!(
+        "{lights} directional lights, or points and spots without a radius, cast no light through smooth glass that has a \
+         volume (material '{glass}'): use emissive surfaces, lights with a radius or a roughness of at least 0.011"
+    ))
 }
 
 /// What a file says, and the scene it names.

@@ -126,6 +126,9 @@ pub struct Clearcoat {
     pub normal_map: Option<NormalMap>,
 }
 
+/// Roughness below which facets scatter like a mirror: a little above the root of shaders' bound of GGX's width.
+const SMOOTH_ROUGHNESS: f32 = 0.0101;
+
 /// glTF 2.0 metallic-roughness material, with the extensions that change how light is scattered.
 ///
 /// Textures hold stored codes; those called colours are sRGB-encoded, all others linear. A texture multiplies its factor.
@@ -217,6 +220,18 @@ impl Material {
         .flatten()
     }
 
+    /// The volume behind the surface. An opaque surface has none: nothing could be seen of it.
+    pub fn enclosed_volume(&self) -> Option<Volume> {
+        self.volume.filter(|_| self.transmission > 0.0)
+    }
+
+    /// Whether parts of it may transmit light through facets that are as smooth as a mirror, which light sampling does not
+    /// find. Textures can only make a surface smoother.
+    pub fn may_transmit_smoothly(&self) -> bool {
+        let is_smooth = self.roughness < SMOOTH_ROUGHNESS || self.metallic_roughness_texture.is_some();
+        is_smooth && self.transmission > 0.0 && !self.unlit
+    }
+
     /// Whether one of its textures is on that coordinate set.
     pub fn uses_uv_set(&self, set: usize) -> bool {
         self.textures().any(|t| t.uv_set == set)
@@ -262,6 +277,17 @@ pub struct Light {
     /// Colour × intensity, linear: W/sr for point and spot, W/m² for directional. A sphere (radius > 0)
     /// emits the radiance `strength / (π radius²)` and is seen by camera and bounces.
     pub strength: Vec3,
+}
+
+impl Light {
+    /// Whether light sampling alone finds it: it has no surface that a ray could meet, and the disc of a sun is no part of
+    /// the sky.
+    pub fn is_delta(&self) -> bool {
+        match self.kind {
+            LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } => radius <= 0.0,
+            LightKind::Directional { .. } => true,
+        }
+    }
 }
 
 /// Light from infinitely far away, all around.

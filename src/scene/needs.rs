@@ -1,6 +1,6 @@
 //! What a scene asks of the shaders. What it does not ask is compiled out.
 
-use super::{AlphaMode, Environment, LightKind, Material, Mesh, Scene};
+use super::{AlphaMode, Environment, Light, LightKind, Material, Mesh, Scene};
 
 /// Each flag switches code of the tracing stages on. More flags than needed change the time, never the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
@@ -16,6 +16,8 @@ pub struct SceneNeeds {
     /// picture depends on.
     pub gloss: bool,
     pub transmission: bool,
+    /// Thin, smooth, transmissive surfaces, and lights that shine through them to be found by shadow rays alone.
+    pub transparent_shadows: bool,
     pub clearcoat: bool,
     pub unlit: bool,
     pub vertex_colors: bool,
@@ -47,6 +49,11 @@ fn has_gloss(m: &Material) -> bool {
     !m.unlit && (m.clearcoat.factor > 0.0 || (is_smooth && reflects))
 }
 
+/// Whether parts of it may be thin and smooth, so that light passes straight on.
+fn is_pane(m: &Material) -> bool {
+    m.enclosed_volume().is_none() && m.may_transmit_smoothly()
+}
+
 impl SceneNeeds {
     /// Everything, for comparison.
     pub const ALL: Self = Self {
@@ -56,6 +63,7 @@ impl SceneNeeds {
         specular: true,
         gloss: true,
         transmission: true,
+        transparent_shadows: true,
         clearcoat: true,
         unlit: true,
         vertex_colors: true,
@@ -88,6 +96,7 @@ impl SceneNeeds {
             specular: materials().any(|m| m.metallic > 0.0 || m.specular > 0.0),
             gloss: materials().any(has_gloss),
             transmission: materials().any(|m| m.transmission > 0.0),
+            transparent_shadows: materials().any(is_pane) && scene.lights.iter().any(Light::is_delta),
             clearcoat: materials().any(|m| m.clearcoat.factor > 0.0),
             unlit: materials().any(|m| m.unlit),
             vertex_colors: used().any(|m| !m.colors.is_empty()),
@@ -105,13 +114,14 @@ impl SceneNeeds {
     }
 
     /// Names and values, as the shaders' override constants have them.
-    pub fn constants(&self) -> [(&'static str, bool); 18] {
+    pub fn constants(&self) -> [(&'static str, bool); 19] {
         [
             ("HAS_TEXTURES", self.textures),
             ("HAS_SECOND_UVS", self.second_uvs),
             ("HAS_NORMAL_MAPS", self.normal_maps),
             ("HAS_SPECULAR", self.specular),
             ("HAS_TRANSMISSION", self.transmission),
+            ("HAS_TRANSPARENT_SHADOWS", self.transparent_shadows),
             ("HAS_CLEARCOAT", self.clearcoat),
             ("HAS_UNLIT", self.unlit),
             ("HAS_VERTEX_COLORS", self.vertex_colors),

@@ -288,7 +288,7 @@ impl TextureTable<'_> {
         };
         let flags = [
             (m.double_sided, DOUBLE_SIDED),
-            (m.volume.is_some(), THICK),
+            (m.enclosed_volume().is_some(), THICK),
             (m.unlit, UNLIT),
             (m.base_color_texture.is_some(), BASE_COLOR_TEXTURE),
             (m.emissive_texture.is_some(), EMISSIVE_TEXTURE),
@@ -313,7 +313,7 @@ impl TextureTable<'_> {
             clearcoat: m.clearcoat.factor,
             specular_color: m.specular_color,
             clearcoat_roughness: m.clearcoat.roughness,
-            absorption: m.volume.map_or(Vec3::ZERO, absorption),
+            absorption: m.enclosed_volume().map_or(Vec3::ZERO, absorption),
             normal_scale: scale(m.normal_map),
             clearcoat_normal_scale: scale(m.clearcoat.normal_map),
             first_texture,

@@ -90,6 +90,7 @@ fn shared_shaders(needs: SceneNeeds) -> SceneNeeds {
     let common = SceneNeeds {
         second_uvs: false,
         transmission: false,
+        transparent_shadows: false,
         clearcoat: false,
         unlit: false,
         vertex_colors: false,

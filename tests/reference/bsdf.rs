@@ -83,6 +83,15 @@ impl Bsdf {
         }
     }
 
+    /// Fraction of the light from straight behind that a smooth sheet lets through to the viewer (KHR_materials_transmission:
+    /// base colour times 1 − Fresnel for the dielectric's share); black where light is bent, spread or stopped.
+    pub fn straight(&self) -> DVec3 {
+        if self.interior != Interior::Thin || !self.is_delta(Lobe::Transmission) {
+            return DVec3::ZERO;
+        }
+        self.delta_weight(Lobe::Transmission)
+    }
+
     /// Density by solid angle with which [`Self::sample`] draws `to_light` from lobes that are no deltas.
     pub fn density(&self, to_light: DVec3) -> f64 {
         let chances = self.chances();

@@ -105,25 +105,25 @@ impl Geometry {
         nearest
     }
 
-    /// Product of 1 − `coverage` over all triangles before `t_max` but those in `without`.
+    /// Product of `passed` over all triangles before `t_max` but those in `without`.
     pub fn transmittance(
         &self,
         ray: &Ray,
         t_max: f64,
         without: [Option<usize>; 2],
-        coverage: impl Fn(usize, [f64; 3]) -> f64,
-    ) -> f64 {
+        passed: impl Fn(usize, [f64; 3]) -> DVec3,
+    ) -> DVec3 {
         let Some((bvh, walk)) = self.walk(ray, t_max) else {
-            return 1.0;
+            return DVec3::ONE;
         };
-        let mut transmittance = 1.0;
+        let mut transmittance = DVec3::ONE;
         bvh.ray_traverse_miss(walk.ray, |_, slot| {
             let triangle = bvh.primitive_indices[slot] as usize;
             if let Some(hit) = self.hit(ray, triangle, t_max, without) {
-                transmittance *= 1.0 - coverage(triangle, hit.weights);
+                transmittance *= passed(triangle, hit.weights);
             }
             // A distance below the ray's end stops the traversal: nothing is left to block.
-            if transmittance == 0.0 { 0.0 } else { f32::INFINITY }
+            if transmittance == DVec3::ZERO { 0.0 } else { f32::INFINITY }
         });
         transmittance
     }

@@ -196,8 +196,9 @@ impl Lighting<'_> {
         (sin2 < 1.0).then(|| 1.0 / (TAU * one_minus_cos(sin2)))
     }
 
-    /// Fraction of the light that nothing between blocks. Spheres block whatever comes from inside them, too.
-    fn visibility(&self, surface: &Surface, arrival: &Arrival) -> f64 {
+    /// Fraction of the light that nothing between blocks. Spheres block whatever comes from inside them, too. Thin, smooth
+    /// surfaces pass the light of sources that paths cannot run into, as far as their transmission carries it.
+    fn visibility(&self, surface: &Surface, arrival: &Arrival) -> DVec3 {
         let ray = Ray { origin: surface.position, direction: arrival.direction };
         let blocks = |(index, sphere): (usize, &SphereLight)| {
             arrival.sphere != Some(index)
@@ -205,11 +206,17 @@ impl Lighting<'_> {
                     .is_some_and(|t| t < arrival.distance)
         };
         if self.spheres.iter().enumerate().any(blocks) {
-            return 0.0;
+            return DVec3::ZERO;
         }
         let without = [Some(surface.triangle), arrival.triangle];
         self.geometry.transmittance(&ray, arrival.distance, without, |id, weights| {
-            self.surfaces.coverage(&self.geometry.triangles[id], weights)
+            let triangle = &self.geometry.triangles[id];
+            let coverage = self.surfaces.coverage(triangle, weights);
+            let straight = match arrival.density {
+                None => self.surfaces.straight(id, triangle, weights, -ray.direction),
+                Some(_) => DVec3::ZERO,
+            };
+            DVec3::splat(1.0 - coverage) + straight * coverage
         })
     }
 

@@ -110,6 +110,14 @@ impl<'a> Surfaces<'a> {
         }
     }
 
+    /// Fraction of the light from straight behind that passes the surface, where it is there, to a viewer.
+    pub fn straight(&self, id: usize, triangle: &Triangle, weights: [f64; 3], to_viewer: DVec3) -> DVec3 {
+        if self.material(triangle).transmission == 0.0 {
+            return DVec3::ZERO;
+        }
+        self.seen(id, triangle, weights, to_viewer).bsdf.map_or(DVec3::ZERO, |bsdf| bsdf.straight())
+    }
+
     /// The surface at `weights` as a viewer in the (unit) direction `to_viewer` sees it.
     pub fn seen(&self, id: usize, triangle: &Triangle, weights: [f64; 3], to_viewer: DVec3) -> Surface {
         let material = self.material(triangle);

@@ -9,6 +9,7 @@ mod eyes;
 mod faults;
 mod foveation;
 mod gbuffer;
+mod glass;
 mod instances;
 mod kernels;
 mod late;

@@ -1,6 +1,6 @@
 //! Closed forms: mirrors, glass, volumes.
 
-use diptych::scene::{Environment, Material, Scene, Volume};
+use diptych::scene::{Environment, Light, LightKind, Material, Scene, Volume};
 use glam::{Vec3, vec3};
 
 use super::point;
@@ -136,6 +136,37 @@ fn shadow_rays_are_blocked_by_glass_and_attenuated_within() {
     let seen = Reference::new(&scene).probe(vec3(0.0, 3.0, 0.0), Vec3::NEG_Y, 100_000, 1, 1);
     let lit = CLEARNESS.powf(0.5) / 0.25;
     assert_near(&seen, 0.96 / 2.25 * CLEARNESS * lit, 0.002);
+}
+
+/// A white floor under a pane, lit by one light from that direction or place.
+#[test]
+fn a_pane_dims_delta_lights_and_stops_samples_of_others() {
+    let direction = vec3(0.6, -0.8, 0.0);
+    let sun = LightKind::Directional { direction, angle_rad: 0.0 };
+    let tint = vec3(0.5, 0.75, 1.0);
+    let lit = |pane: Option<Material>, light: Light| {
+        let mut scene = empty("floor under a pane");
+        let white = add_matte(&mut scene, Vec3::ONE);
+        place(&mut scene, quad(vec3(-20.0, 0.0, -20.0), 40.0 * Vec3::Z, 40.0 * Vec3::X, white));
+        if let Some(pane) = pane {
+            sheet(&mut scene, 1.0, true, &pane);
+        }
+        scene.lights.push(light);
+        Reference::new(&scene).probe(vec3(0.3, 0.5, 0.0), Vec3::NEG_Y, 100, 0, 1)
+    };
+    let pane = Material { base_color: tint.extend(1.0), ..glass() };
+    let strength = Vec3::splat(std::f32::consts::PI);
+    let sun = Light { kind: sun, strength };
+    assert_exact(&lit(None, sun), [0.8; 3]);
+    let passed = 0.8 * (1.0 - fresnel(0.8));
+    assert_exact(&lit(Some(pane.clone()), sun), tint.to_array().map(|tint| f64::from(tint) * passed));
+    assert_exact(
+        &lit(Some(pane.clone()), point(vec3(0.3, 2.0, 0.0), 0.0, strength)),
+        tint.to_array().map(|tint| f64::from(tint) * 0.96 / 4.0),
+    );
+    for pane in [thick(), Material { roughness: 0.5, ..pane }] {
+        assert_exact(&lit(Some(pane), sun), [0.0; 3]);
+    }
 }
 
 #[test]

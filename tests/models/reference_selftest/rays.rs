@@ -33,8 +33,8 @@ fn no_ray_leaks_through_shared_edges() {
                 let distance = (target - origin).length();
                 let t = hit.expect("a ray leaked").t;
                 assert!((t / distance - 1.0).abs() < 1e-9, "{t} {distance}");
-                assert_eq!(geometry.transmittance(&ray, distance * 2.0, [None; 2], |_, _| 1.0), 0.0);
-                assert_eq!(geometry.transmittance(&ray, distance * 0.99, [None; 2], |_, _| 1.0), 1.0);
+                assert_eq!(geometry.transmittance(&ray, distance * 2.0, [None; 2], |_, _| DVec3::ZERO), DVec3::ZERO);
+                assert_eq!(geometry.transmittance(&ray, distance * 0.99, [None; 2], |_, _| DVec3::ZERO), DVec3::ONE);
             }
         }
     }

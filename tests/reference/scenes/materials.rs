@@ -3,8 +3,8 @@
 //! To add a row: a function that returns the scene and its camera, and its line in [`ALL`]. Keep small bright lights
 //! away from smooth glass and metal, for their caustics hide every bias.
 
-use diptych::scene::{Clearcoat, Material, Scene, Volume};
-use glam::{Vec3, vec3, vec4};
+use diptych::scene::{AlphaMode, Clearcoat, Light, LightKind, Material, Scene, Volume};
+use glam::{Affine3A, Vec3, vec3, vec4};
 
 use super::studio::{Pictures, add_balls, add_panels, camera, dielectric, glass, metal, second, studio, turned};
 use super::{add_material, add_matte, add_mesh, block, icosphere, instance, matte, place, quad, scaled_at};
@@ -13,11 +13,13 @@ use crate::reference::Pinhole;
 type Row = (&'static str, fn() -> (Scene, Pinhole));
 
 /// Every scene of this file with its name.
-pub const ALL: [Row; 14] = [
+pub const ALL: [Row; 16] = [
     ("metals", metals),
     ("dielectrics", dielectrics),
     ("tinted_specular", tinted_specular),
     ("thin_glass", thin_glass),
+    ("delta_lights_behind_panes", delta_lights_behind_panes),
+    ("opaque_with_a_volume", opaque_with_a_volume),
     ("smooth_thick_glass", smooth_thick_glass),
     ("rough_thick_glass", rough_thick_glass),
     ("inside_glass", inside_glass),
@@ -77,6 +79,45 @@ fn thin_glass() -> (Scene, Pinhole) {
     let cube = add_mesh(&mut scene, block(red));
     for x in [-1.0, 0.0, 1.0] {
         instance(&mut scene, cube, scaled_at(0.5, vec3(x, 0.25, -0.9)));
+    }
+    (scene, camera())
+}
+
+/// A sun, a point and a spot behind panes: tinted with bumps, half opaque, blended, coated and smooth in parts. The lamp
+/// of the room and its sky shine through them, too.
+fn delta_lights_behind_panes() -> (Scene, Pinhole) {
+    let mut scene = studio("delta_lights_behind_panes");
+    let pictures = Pictures::add(&mut scene);
+    let green = vec3(0.6, 0.95, 0.7);
+    let half = Material {
+        transmission: 0.5,
+        clearcoat: Clearcoat { factor: 0.7, ..Clearcoat::default() },
+        ..glass(green, 0.0)
+    };
+    let blended = Material { base_color: green.extend(0.6), alpha_mode: AlphaMode::Blend, ..glass(green, 0.0) };
+    let parts = Material { metallic_roughness_texture: Some(pictures.steps), ..glass(Vec3::ONE, 0.3) };
+    let bumpy = Material { normal_map: pictures.normal_map(1.0), ..glass(green, 0.0) };
+    add_panels(&mut scene, [bumpy, half, blended, parts]);
+    let direction = vec3(0.2, -0.7, 0.9).normalize();
+    let kind = LightKind::Directional { direction, angle_rad: 0.0 };
+    scene.lights.push(Light { kind, strength: vec3(2.0, 1.8, 1.5) });
+    let position = vec3(0.6, 1.4, -1.2);
+    scene.lights.push(Light { kind: LightKind::Point { position, radius: 0.0 }, strength: vec3(1.0, 1.5, 2.0) });
+    let (direction, cos_inner, cos_outer) = (vec3(0.3, -0.8, 0.9).normalize(), 0.95, 0.7);
+    let kind = LightKind::Spot { position: vec3(-0.8, 1.5, -1.0), radius: 0.0, direction, cos_inner, cos_outer };
+    scene.lights.push(Light { kind, strength: vec3(3.0, 1.5, 1.0) });
+    (scene, camera())
+}
+
+/// Panels that show their backs, with volumes that nothing can be seen of, beside glass.
+fn opaque_with_a_volume() -> (Scene, Pinhole) {
+    let mut scene = studio("opaque_with_a_volume");
+    let dense = Volume { attenuation_color: vec3(0.5, 0.1, 0.02), attenuation_distance: 0.3 };
+    let opaque = Material { volume: Some(dense), ..dielectric(vec3(0.8, 0.7, 0.6), 0.6) };
+    add_panels(&mut scene, [opaque.clone(), glass(Vec3::ONE, 0.3), opaque]);
+    let panels = scene.instances.len() - 3;
+    for panel in &mut scene.instances[panels..] {
+        panel.world_from_local = panel.world_from_local * Affine3A::from_rotation_y(std::f32::consts::PI);
     }
     (scene, camera())
 }

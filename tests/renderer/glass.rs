@@ -1,0 +1,117 @@
+//! Light that passes glass, and surfaces that only seem to be glass.
+
+use crate::common::{Stage, Subject, still_rig};
+use crate::reference::Pinhole;
+use crate::reference::scenes::{add_material, add_matte, empty, matte, place, quad, studio};
+use diptych::exec::RenderSettings;
+use diptych::image::RgbImage;
+use diptych::scene::needs::SceneNeeds;
+use diptych::scene::{Light, LightKind, Material, Scene, Volume};
+use glam::{Vec3, vec3};
+
+const SIZE: u32 = 8;
+
+/// A white floor as a camera beneath all panes sees it, straight below the origin.
+fn floor() -> Scene {
+    let mut scene = empty("floor");
+    let white = add_matte(&mut scene, Vec3::splat(0.8));
+    place(&mut scene, quad(vec3(-9.0, 0.0, -9.0), 18.0 * Vec3::Z, 18.0 * Vec3::X, white));
+    scene
+}
+
+fn subject(scene: &Scene) -> Subject {
+    let camera = Pinhole::looking_at(vec3(0.0, 0.9, 0.3), Vec3::ZERO, Vec3::Y, 6.0);
+    Subject::new("panes", scene.clone(), still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov))
+}
+
+fn rendered(scene: &Scene, settings: impl Fn(&mut RenderSettings)) -> RgbImage {
+    let subject = subject(scene);
+    let mut chosen = subject.settings(SIZE, SIZE);
+    chosen.bounces = 1;
+    settings(&mut chosen);
+    Stage::alone(&subject, &chosen).frame(0).linear.left
+}
+
+/// Light of a floor with panes of these materials above it, over that without, red, green and blue.
+fn passed(light: Light, panes: &[Material]) -> [f64; 3] {
+    let mut scene = floor();
+    scene.lights.push(light);
+    let open = rendered(&scene, |_| ());
+    for (i, pane) in panes.iter().enumerate() {
+        let pane = add_material(&mut scene, pane.clone());
+        place(&mut scene, quad(vec3(-9.0, 1.0 + 0.1 * i as f32, -9.0), 18.0 * Vec3::Z, 18.0 * Vec3::X, pane));
+    }
+    let dimmed = rendered(&scene, |_| ());
+    let mean = |image: &RgbImage, c| image.pixels.iter().map(|p: &[f32; 3]| f64::from(p[c])).sum::<f64>();
+    assert!(mean(&open, 0) > 0.1, "the floor is dark without panes");
+    [0, 1, 2].map(|c| mean(&dimmed, c) / mean(&open, c))
+}
+
+fn clear() -> Material {
+    studio::glass(Vec3::ONE, 0.0)
+}
+
+fn sun(direction: Vec3, angle_rad: f32) -> Light {
+    Light { kind: LightKind::Directional { direction: direction.normalize(), angle_rad }, strength: Vec3::splat(3.0) }
+}
+
+#[track_caller]
+fn assert_passes(light: Light, panes: &[Material], expected: [f64; 3]) {
+    let found = passed(light, panes);
+    let is_near = found.iter().zip(expected).all(|(found, expected)| (found - expected).abs() < 1e-3);
+    assert!(is_near, "{:?}: {found:?} of the light passes, not {expected:?}", light.kind);
+}
+
+/// 1 − F of the thin-walled model, F = 0.04 + 0.96 (1 − cos)⁵ for an index of refraction of 1.5.
+fn clearness(cosine: f64) -> f64 {
+    0.96 * (1.0 - (1.0 - cosine).powi(5))
+}
+
+#[test]
+fn delta_lights_shine_through_panes() {
+    let high = vec3(0.0, 30.0, 0.0);
+    let point = Light { kind: LightKind::Point { position: high, radius: 0.0 }, strength: Vec3::splat(3e3) };
+    let (cos_inner, cos_outer) = (0.95, 0.8);
+    let spot = LightKind::Spot { position: high, radius: 0.0, direction: Vec3::NEG_Y, cos_inner, cos_outer };
+    let spot = Light { kind: spot, ..point };
+    for light in [sun(Vec3::NEG_Y, 0.0), sun(Vec3::NEG_Y, 0.05), point, spot] {
+        assert_passes(light, &[clear()], [0.96; 3]);
+    }
+    // By angle, number and kind.
+    let down = sun(Vec3::NEG_Y, 0.0);
+    assert_passes(sun(vec3(0.8, -0.6, 0.0), 0.0), &[clear()], [clearness(0.6); 3]);
+    assert_passes(down, &[clear(), clear(), clear()], [0.96f64.powi(3); 3]);
+    assert_passes(down, &[studio::glass(vec3(0.25, 0.5, 1.0), 0.0)], [0.24, 0.48, 0.96]);
+    let half = Material { transmission: 0.5, metallic: 0.2, ..clear() };
+    assert_passes(down, &[half], [0.96 * 0.5 * 0.8; 3]);
+    let coated = Material { clearcoat: diptych::scene::Clearcoat { factor: 1.0, ..Default::default() }, ..clear() };
+    assert_passes(down, &[coated], [0.96 * 0.96; 3]);
+    // Nothing passes an opaque surface among panes, nor straight through a rough pane or a volume.
+    let clear_volume = Volume { attenuation_color: Vec3::ONE, attenuation_distance: f32::INFINITY };
+    for stops in [matte(), studio::glass(Vec3::ONE, 0.3), Material { volume: Some(clear_volume), ..clear() }] {
+        assert_passes(down, &[clear(), stops, clear()], [0.0; 3]);
+    }
+}
+
+/// The volume of an opaque material shows nowhere, whatever else is in the scene and whatever is compiled in.
+#[test]
+fn an_opaque_surface_with_a_volume_is_opaque() {
+    let dense = Volume { attenuation_color: vec3(0.5, 0.1, 0.01), attenuation_distance: 0.1 };
+    let render = |volume, all| {
+        let mut scene = floor();
+        scene.materials[0].volume = volume;
+        // Seen from behind, where a ray would have come through the volume.
+        scene.instances[0].world_from_local = glam::Affine3A::from_rotation_x(std::f32::consts::PI);
+        scene.lights.push(sun(vec3(0.3, -1.0, 0.1), 0.0));
+        let gloss = SceneNeeds::of(&scene).gloss;
+        rendered(&scene, |settings| {
+            settings.bounces = 4;
+            settings.stages.needs = if all { SceneNeeds { gloss, ..SceneNeeds::ALL } } else { SceneNeeds::of(&scene) };
+        })
+    };
+    let expected = render(None, false);
+    assert!(expected.pixels.iter().all(|p| p[0] > 0.1));
+    for all in [false, true] {
+        assert!(render(Some(dense), all) == expected, "everything compiled in: {all}");
+    }
+}
