@@ -70,10 +70,10 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             }
         }
         case HOLES: {
-            value = vec3<f32>(f32(tally_image[at] >> 28u));
+            value = vec3<f32>(f32(hole_reason(tally_image[at])));
         }
         case SPP: {
-            value = vec3<f32>(select(f32(frame.sampling.spp), 0.0, (tally_image[at] >> 28u) == SKIPPED));
+            value = vec3<f32>(select(f32(frame.sampling.spp), 0.0, hole_reason(tally_image[at]) == SKIPPED));
         }
         case STRIPES: {
             value = vec3<f32>(f32(pass_.device));

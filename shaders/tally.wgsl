@@ -3,7 +3,8 @@
 //!include frame grid pack
 
 @group(1) @binding(0) var<storage, read> tally: array<u32>;
-// COUNTS numbers a row: rays, dropped non-finite samples, holes by reason 1 to 6, pixels left to the filter.
+// COUNTS numbers a row: rays, dropped non-finite samples, holes by reason 1 to 6, pixels left to the filter, clipped
+// pixels.
 @group(1) @binding(1) var<storage, read_write> rows: array<atomic<u32>>;
 
 @compute @workgroup_size(8, 8)
@@ -19,10 +20,11 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         let t = tally[row * pass_.width + x];
         counts[0] += t & 0xfffffu;
         counts[1] += (t >> 20u) & 0xffu;
-        let why = t >> 28u;
+        let why = hole_reason(t);
         if why != 0u {
             counts[min(why, SKIPPED) + 1u] += 1u;
         }
+        counts[COUNTS - 1u] += select(0u, 1u, (t & CLIPPED) != 0u);
     }
     for (var i = 0u; i < COUNTS; i += 1u) {
         if counts[i] != 0u {

@@ -29,8 +29,13 @@ fn unpack_normal(bits: u32) -> vec3<f32> {
     return normalize(vec3<f32>(p + select(vec2<f32>(t), vec2<f32>(-t), p >= vec2<f32>(0.0)), z));
 }
 
-// `tally` image: rays traced (20 bits), samples and later values dropped (8 bits), why a pixel is a hole (4 bits):
-// one that is left to the filter, SKIPPED, is none.
+// `tally` image: rays traced (20 bits), samples and later values dropped (8 bits), why a pixel is a hole (3 bits):
+// one that is left to the filter, SKIPPED, is none. The last bit: its light was too bright for half floats.
+const CLIPPED: u32 = 0x80000000u;
+
+fn hole_reason(tally: u32) -> u32 {
+    return (tally & ~CLIPPED) >> 28u;
+}
 
 fn add_tally(tally: u32, rays: u32, nonfinite: u32) -> u32 {
     let r = min((tally & 0xfffffu) + rays, 0xfffffu);

@@ -52,7 +52,8 @@ fn leave_radiance(at: u32, reflected: vec3<f32>, gloss: vec3<f32>, albedo: Albed
     }
     let ok = is_finite(matte_light) && is_finite(gloss_light);
     radiance_image[at] = select(vec4<u32>(0u, 0u, 0u, SAMPLED), pack_mean(matte_light, gloss_light, variance), ok);
-    tally_image[at] = add_tally(counts, 0u, select(1u, 0u, ok));
+    let clipped = select(0u, CLIPPED, ok && is_clipped(matte_light, gloss_light));
+    tally_image[at] = add_tally(counts, 0u, select(1u, 0u, ok)) | clipped;
 }
 
 fn pack_mean(matte: vec3<f32>, gloss: vec3<f32>, variance: vec2<f32>) -> vec4<u32> {
@@ -153,7 +154,7 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
     emission_image[at] = vec4<f32>(old_emission.rgb * keep + emission * scale, emission_image[at].a);
     if end < frame.sampling.spp {
         radiance_image[at] = pack_mean(mean_reflected, mean_gloss, variance);
-        tally_image[at] = tally;
+        tally_image[at] = tally | select(0u, CLIPPED, is_clipped(mean_reflected, mean_gloss));
         return;
     }
     leave_radiance(at, mean_reflected, mean_gloss, mean_albedo, variance, tally);

@@ -16,7 +16,13 @@ const SAMPLED: u32 = 0x3f800000u;
 // Or, with this bit, the variance of its samples' luminance.
 const TELLS_VARIANCE: u32 = 0x80000000u;
 
+// The largest half float.
 const MOST_LIGHT: f32 = 65504.0;
+
+// Whether light is too bright to be kept: it is cut to MOST_LIGHT times white.
+fn is_clipped(matte: vec3<f32>, gloss: vec3<f32>) -> bool {
+    return HAS_GLOSS && any(max(matte, gloss) * frame.display.exposure > vec3<f32>(MOST_LIGHT));
+}
 
 fn pack_pair(a: f32, b: f32) -> u32 {
     return pack2x16float(min(vec2<f32>(a, b), vec2<f32>(MOST_LIGHT)));

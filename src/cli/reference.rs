@@ -253,6 +253,7 @@ fn fold(total: &mut Option<FrameReport>, mut pass: FrameReport) {
         for (tally, b) in pass.tallies.iter_mut().zip(before.tallies) {
             tally.rays += b.rays;
             tally.nonfinite += b.nonfinite;
+            tally.clipped += b.clipped;
         }
     }
     *total = Some(pass);

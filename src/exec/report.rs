@@ -192,6 +192,8 @@ pub struct Tally {
     pub holes: [u64; 6],
     /// Pixels left to the filter.
     pub unsampled: u64,
+    /// Pixels whose light was too bright for half floats.
+    pub clipped: u64,
 }
 
 impl Tally {
@@ -201,6 +203,7 @@ impl Tally {
             sum.rays += u64::from(row.rays);
             sum.nonfinite += u64::from(row.nonfinite);
             sum.unsampled += u64::from(row.unsampled);
+            sum.clipped += u64::from(row.clipped);
             for (s, h) in sum.holes.iter_mut().zip(row.holes) {
                 *s += u64::from(h);
             }

@@ -36,6 +36,8 @@ pub struct RowTally {
     pub holes: [u32; 6],
     /// Pixels left to the filter.
     pub unsampled: u32,
+    /// Pixels whose light was cut to the largest half float, where specular and diffuse light are kept apart.
+    pub clipped: u32,
 }
 
 /// Stands in place of a [`HoleReason`] where a pixel is left to the filter.

@@ -200,6 +200,9 @@ pub struct FrameRow {
     #[serde(flatten)]
     pub right_eye: Option<RightEye>,
     pub nonfinite_samples: u64,
+    /// Traced pixels of both eyes whose light was cut, being too bright for half floats: above 65504 times white over
+    /// albedo. Only `svgf` with specular surfaces keeps light as half floats.
+    pub clipped_pixels: u64,
     /// Rows of the left eye's path tracing per device.
     pub stripes: Vec<u32>,
     /// Rows per device of every stage and view that ran.
@@ -256,6 +259,7 @@ impl FrameRow {
             rays: frame.tallies.iter().map(|t| t.rays).sum(),
             right_eye: frame.right_eye(),
             nonfinite_samples: frame.tallies.iter().map(|t| t.nonfinite).sum(),
+            clipped_pixels: frame.tallies.iter().map(|t| t.clipped).sum(),
             stripes: rows_of(CUT, Eye::Left),
             stage_stripes,
             transferred_bytes: frame.uploaded_bytes(),

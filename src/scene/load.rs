@@ -59,7 +59,9 @@ pub fn load_shot_within(arg: &str, overrides: &Overrides, access: Access) -> Res
 /// Warns of delta lights before smooth glass with a volume, which refracts their light where no sample finds it.
 fn lost_light(scene: &Scene) -> Option<String> {
     let lights = scene.lights.iter().filter(|light| light.is_delta()).count();
-    let refracts = |m: &&Material| m.enclosed_volume().is_some() && m.may_transmit_smoothly();
+    // Where the index is 1, light goes straight on whatever the roughness.
+    let is_lost = |m: &&Material| m.may_transmit_smoothly() || (m.ior - 1.0).abs() < 1e-3;
+    let refracts = |m: &&Material| m.enclosed_volume().is_some() && is_lost(m);
     let used = scene.instances.iter().map(|instance| &scene.materials[scene.meshes[instance.mesh].material]);
     let glass = used.filter(refracts).map(|m| m.name.as_str()).next().filter(|_| lights > 0)?;
     Some(format!(
@@ -167,7 +169,7 @@ fn constant(radiance: Vec3) -> Environment {
 mod tests {
     use glam::Affine3A;
 
-    use super::super::{Instance, Material, Mesh};
+    use super::super::{Instance, Mesh, Volume};
     use super::*;
     use crate::image::{Extent, Image, exr};
 
@@ -233,6 +235,29 @@ mod tests {
         assert!(matches!(&scene.environment, Environment::Map { image, .. } if image.pixels[0] == [1.0, 2.0, 3.0]));
         let error = load_in(elsewhere.path(), lit, &Overrides::default()).unwrap_err();
         assert!(error.to_string().contains("sky.exr"), "{error}");
+    }
+
+    #[test]
+    fn delta_lights_before_smooth_glass_with_a_volume_are_warned_of() {
+        let folder = tempfile::tempdir().unwrap();
+        let warnings = |material: Material, light: &str| {
+            let mut scene = load_in(folder.path(), &format!("[[light]]\n{light}"), &Overrides::default()).unwrap().1;
+            scene.materials[0] = Material { name: "pane".to_owned(), ..material };
+            lost_light(&scene)
+        };
+        let point = "kind = 'point'\nposition = [0, 1, 0]";
+        let volume = Some(Volume { attenuation_color: Vec3::ONE, attenuation_distance: 1.0 });
+        let glass = Material { transmission: 1.0, roughness: 0.0, ..Material::default() };
+        let solid = Material { volume, ..glass.clone() };
+        let warning = warnings(solid.clone(), point).expect("a warning");
+        assert!(warning.contains("'pane'") && warning.starts_with("1 "), "{warning}");
+        assert!(warnings(Material { roughness: 0.3, ior: 1.0, ..solid.clone() }, point).is_some());
+        let harmless =
+            [glass, Material { transmission: 0.0, ..solid.clone() }, Material { roughness: 0.3, ..solid.clone() }];
+        for material in harmless {
+            assert_eq!(warnings(material, point), None);
+        }
+        assert_eq!(warnings(solid, &format!("{point}\nradius_m = 0.1")), None);
     }
 
     fn is_lit(scene: &Scene) -> bool {

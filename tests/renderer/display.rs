@@ -79,6 +79,28 @@ fn light_and_exposure_may_be_in_any_unit() {
     }
 }
 
+/// Where gloss is kept apart, half floats hold up to 65504 times white; a brighter pixel is cut there, and counted.
+#[test]
+fn light_too_bright_for_half_floats_is_cut_and_counted() {
+    let subject = under_a_sun(1.0, 1e9);
+    let clipped = |exposure_ev, gloss| {
+        let mut settings = RenderSettings { exposure_ev, ..subject.accumulated(64, 36) };
+        settings.stages.needs.gloss = gloss;
+        let frame = Stage::alone(&subject, &settings).frame(0);
+        let brightest = frame.linear.left.pixels.as_flattened().iter().fold(0.0f32, |a, b| a.max(*b));
+        assert!(frame.linear.left.pixels.as_flattened().iter().all(|v| v.is_finite()));
+        (frame.report.tallies.map(|tally| tally.clipped), brightest)
+    };
+    let ([left, right], cut) = clipped(0.0, true);
+    let (none, whole) = clipped(0.0, false);
+    assert!(left > 100 && right > 0, "{left} and {right} pixels are clipped");
+    assert_eq!(none, [0, 0], "floats hold it all");
+    assert!(cut < 0.01 * whole, "{cut} is left of {whole}");
+    let (none, whole_again) = clipped(-17.0, true);
+    assert_eq!(none, [0, 0], "a shorter exposure keeps it all");
+    assert!((whole_again / whole - 1.0).abs() < 0.1, "{whole_again} is not {whole}");
+}
+
 /// Rows of images that nobody reads stay where they are.
 #[test]
 fn only_what_is_read_crosses_to_the_primary() {

@@ -85,12 +85,13 @@ pub fn rgb(texel: [f32; 4]) -> DVec3 {
     DVec3::new(texel[0].into(), texel[1].into(), texel[2].into())
 }
 
-/// Counts of a pixel: rays, samples that were dropped, and why the pixel is a hole.
+/// Counts of a pixel: rays, samples that were dropped, why the pixel is a hole, and whether its light was clipped.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Counts {
     pub rays: u32,
     pub dropped: u32,
     pub why: u32,
+    pub clipped: bool,
 }
 
 impl Counts {
@@ -98,11 +99,11 @@ impl Counts {
     pub const SKIPPED: u32 = 7;
 
     pub fn unpack(bits: u32) -> Self {
-        Self { rays: bits & 0xf_ffff, dropped: (bits >> 20) & 0xff, why: bits >> 28 }
+        Self { rays: bits & 0xf_ffff, dropped: (bits >> 20) & 0xff, why: (bits >> 28) & 7, clipped: bits >> 31 == 1 }
     }
 
     pub fn pack(self) -> u32 {
-        self.rays.min(0xf_ffff) | self.dropped.min(0xff) << 20 | self.why << 28
+        self.rays.min(0xf_ffff) | self.dropped.min(0xff) << 20 | self.why << 28 | u32::from(self.clipped) << 31
     }
 
     pub fn with_dropped(self, more: u32) -> Self {

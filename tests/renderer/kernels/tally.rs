@@ -9,14 +9,15 @@ const HEIGHT: u32 = 11;
 /// Pixels that one invocation sums.
 const SEGMENT: u32 = 64;
 
-/// Rays, dropped samples, holes by reason 1 to 6, pixels left to the filter.
-type Row = [u32; 9];
+/// Rays, dropped samples, holes by reason 1 to 6, pixels left to the filter, clipped pixels.
+type Row = [u32; 10];
 
 fn sum(pixels: &[u32], cases: &mut Cases) -> Row {
     let mut row = Row::default();
     for counts in pixels.iter().map(|&bits| Counts::unpack(bits)) {
         row[0] += counts.rays;
         row[1] += counts.dropped;
+        row[9] += u32::from(counts.clipped);
         match counts.why {
             0 => cases.meet("no hole"),
             1..=6 => {
@@ -39,6 +40,7 @@ fn compare(width: u32, seed: u64) {
         rays: random.pick(&[0, 1, 7, 900, 0xf_ffff]),
         dropped: random.pick(&[0, 0, 1, 255]),
         why: random.pick(&[0, 0, 1, 2, 3, 4, 5, 6, 7]),
+        clipped: random.pick(&[false, false, true]),
     };
     let tally: Vec<u32> = (0..constants.area()).map(|_| pixel().pack()).collect();
     // Sums are added to what is there.
