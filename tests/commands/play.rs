@@ -131,6 +131,26 @@ fn quality_falls_when_a_device_slows_down_and_comes_back() {
     assert!(frames > 0 && is_in_band[from..from + frames].iter().all(|within| !within), "{excursion}");
 }
 
+#[test]
+fn a_hung_device_costs_a_second_and_a_slow_one_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let devices = ["--virtual", "3", "--inject", "hang:dev1@frame12", "--disturb", "slow:dev2@18..28"];
+    let (_, run) = play(folder.path(), &[&devices[..], &["--budget-ms", "0.01..60", "--frames", "32"]].concat());
+    let rows = run["frames"].as_array().unwrap();
+    let ms = |row: &Value| row["makespan_ms"].as_f64().unwrap();
+    let faults = run["faults"].as_array().unwrap();
+    assert_eq!(faults.len(), 1, "{faults:?}");
+    assert_eq!(
+        (&faults[0]["frame"], &faults[0]["device"], &faults[0]["kind"]),
+        (&12.into(), &1.into(), &"hang".into())
+    );
+    // A machine that is busy with other things renders slower frames, which limits follow.
+    let slowest_ms = rows[..12].iter().map(ms).fold(0.0, f64::max);
+    let (allowed_ms, scheduling_ms) = ((10.0 * slowest_ms).max(1000.0), 300.0);
+    assert!(ms(&rows[12]) < allowed_ms + scheduling_ms, "{} ms after {slowest_ms} ms", ms(&rows[12]));
+    assert!(rows[13..].iter().all(|row| row["devices"] == 2 && ms(row) < allowed_ms), "{run}");
+}
+
 /// What a run says, beside what it writes.
 fn says(out: &Path, options: &[&str]) -> (String, String, Value) {
     let args = ["play", "builtin:cornell", "--fps", "1000", "--out", out.to_str().unwrap()];

@@ -65,6 +65,8 @@ impl Session {
         record_devices(&tracing.recorder, renderer.devices());
         let ladder = find_ladder(prepared, loaded, &mut renderer, &progress)?;
         let Prepared { options, choice, .. } = prepared;
+        // Timing settings takes frames of any length; the frames that count begin here.
+        renderer.set_budget(options.budget_ms.hi_ms());
         let denoiser = Denoiser::name_of(choice.denoiser);
         Ok(Self {
             fit,
