@@ -32,7 +32,7 @@ use diptych::report::bench::{
     svg, table,
 };
 use diptych::report::peers::Peers;
-use diptych::report::run::RunReport;
+use diptych::report::run::{FrameRow, RunReport};
 use diptych::stages::all_shader_text;
 
 use super::failure::Failure;
@@ -186,7 +186,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     }
     frames(&rows).write(&options.out.join("frames.csv"))?;
     let settings = settings::of_command_line(exposure_ev, args.measured());
-    let mut report = RunReport::new(settings, &devices, &loaded.scene, loaded.needs, !options.no_skip, Vec::new());
+    let mut report =
+        RunReport::new(settings, &devices, &loaded.scene, loaded.needs, !options.no_skip, Vec::<FrameRow>::new());
     report.warm_up_s = warm_up_s;
     report.write(&options.out.join("run.json"))?;
     tracing.finish()?;

@@ -18,7 +18,8 @@ pub struct FaultOptions {
     /// How often devices run their work, one number for all or one per device; for tests of unequal devices
     #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=64))]
     pub slowdown: Vec<u32>,
-    /// Go on without a device that is silent for so many milliseconds [default: by what frames took, 10 s or more]
+    /// Drop a device that is silent for MS milliseconds [default: by frame times, at least 10 s; in play and view
+    /// 0.6 s]
     #[arg(long, value_name = "MS", value_parser = clap::value_parser!(u64).range(1..=86_400_000))]
     pub watchdog_ms: Option<u64>,
 }

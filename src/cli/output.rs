@@ -17,6 +17,7 @@ use diptych::metrics::heatmap::number_colour;
 use diptych::passes::Aov;
 use diptych::passes::aov_image;
 use diptych::passes::tonemap::{DISPLAY, LINEAR};
+use diptych::report::record::Unfinished;
 use diptych::scene::optics::Optics;
 use diptych::scene::rig::{Eye, Rig};
 use diptych::stages::{Foveation, Polar};
@@ -24,11 +25,21 @@ use diptych::stages::{Foveation, Polar};
 use super::failure::Failure;
 
 /// Makes the folder that `option` names and checks that files can be made in it, before anything is rendered for it.
+/// Files that a killed run left there are kept under other names, which is said.
 pub fn prepare(dir: &Path, option: &str) -> Result<(), Failure> {
     std::fs::create_dir_all(dir)
         .and_then(|()| tempfile_in(dir))
         .with_context(|| format!("cannot write into '{}': choose another {option}", dir.display()))
-        .map_err(Failure::Run)
+        .map_err(Failure::Run)?;
+    if let Some(Unfinished { frames, kept }) = Unfinished::keep(dir)? {
+        let names: Vec<_> = kept.iter().filter_map(|path| path.file_name()?.to_str()).collect();
+        eprintln!(
+            "warning: the last run into '{}' did not finish: its {frames} frame(s) are kept in {}",
+            dir.display(),
+            names.join(" and ")
+        );
+    }
+    Ok(())
 }
 
 fn tempfile_in(dir: &Path) -> std::io::Result<()> {

@@ -10,11 +10,11 @@ mod page;
 mod path;
 mod session;
 
-use diptych::exec::TaskTiming;
 use diptych::passes::tonemap::{DISPLAY, LINEAR};
 use diptych::quality::Denoiser;
-use diptych::report::frames::FrameLine;
-use diptych::report::run::{FrameRow, RunReport};
+use diptych::report::record::{FrameRecord, SpooledRows};
+use diptych::report::run::RunReport;
+use diptych::report::samples::FrameSamples;
 use diptych::scene::head::Recording;
 use diptych::scene::rig::Rig;
 
@@ -91,30 +91,28 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         ));
     }
     let path = CameraPath::new(&loaded.shot.rig);
-    let (rows, tasks) = (Vec::new(), Vec::new());
-    let stale = Stale::find(&options.out);
-    let motion = Recording::new(loaded.space);
-    let mut run = Run { args, options, loaded: &loaded, session, path, motion, rows, tasks, stale };
+    let (stale, samples) = (Stale::find(&options.out), args.report.then(FrameSamples::default));
+    let motion = args.options.recording(loaded.space, &session.progress)?;
+    let record = session.record(&options.out)?;
+    let mut run = Run { args, options, loaded: &loaded, session, path, motion, record, samples, newest: None, stale };
     run.frames()?;
     let last = if args.report { Last::of(&mut run)? } else { None };
-    let Run { session, motion, rows, tasks, stale, .. } = run;
-    if let Some(path) = &args.options.record_motion {
-        motion.write(path)?;
-    }
+    let Run { session, motion, record, samples, stale, .. } = run;
+    motion.map_or(Ok(()), Recording::finish)?;
     session.progress.finish();
-    let report = session.report(&prepared, &loaded, rows);
-    FrameLine::csv_of(&report.frames).write(&options.out.join("frames.csv"))?;
+    let report = session.report(&prepared, &loaded, &record);
     report.write(&options.out.join("run.json"))?;
+    record.finish()?;
     stale.remove(options.quiet)?;
     session.ladder.write(&options.out.join("ladder.toml")).map_err(anyhow::Error::from)?;
     session.tracing.finish()?;
     drop(session.renderer);
-    if let Some(last) = &last {
+    if let (Some(last), Some(samples)) = (&last, &samples) {
         // The page has one camera, that of the last frame.
         loaded.shot.rig = last.rig.clone();
-        page::write(args, options, &loaded, &report, &tasks, last)?;
+        page::write(args, options, &loaded, &report, samples, last)?;
     }
-    conclude(args, options, &report);
+    conclude(args, options, &report, record.play.lacked_rung);
     interrupt::check()
 }
 
@@ -125,10 +123,12 @@ struct Run<'a> {
     loaded: &'a Loaded,
     session: Session,
     path: CameraPath,
-    motion: Recording,
-    rows: Vec<FrameRow>,
-    /// Of each row, where the page shows them.
-    tasks: Vec<Vec<TaskTiming>>,
+    motion: Option<Recording>,
+    record: FrameRecord,
+    /// Frames that the page shows.
+    samples: Option<FrameSamples>,
+    /// The number and the instant of the newest frame.
+    newest: Option<(u32, f64)>,
     stale: Stale,
 }
 
@@ -145,11 +145,16 @@ impl Run<'_> {
             let late_ms = pace.wait();
             let (rig, time_s) = (self.rig(index), self.time_s(index));
             let (row, frame) = self.session.render(decided, late_ms, &rig, time_s, index)?;
-            self.motion.add(time_s, &rig, time_s, self.session.gaze(time_s));
-            self.rows.push(if self.args.details { row.with_tasks(&frame) } else { row });
-            if self.args.report {
-                self.tasks.push(frame.tasks_since_begin());
+            if let Some(motion) = &mut self.motion {
+                motion.add(time_s, &rig, time_s, self.session.gaze(time_s))?;
             }
+            if let Some(samples) = &mut self.samples {
+                samples.add(&row, frame.tasks_since_begin());
+            }
+            let row = if self.args.details { row.with_tasks(&frame) } else { row };
+            self.record.add(&row)?;
+            self.newest = Some((index, time_s));
+            self.session.announce(&row, &frame);
             if self.args.save_every.is_some_and(|k| index % k == 0) {
                 self.save(Some(index))?;
                 pace.restart();
@@ -188,7 +193,7 @@ impl Run<'_> {
 
     /// Writes the last frame, if there is one.
     fn save(&mut self, number: Option<u32>) -> Result<(), Failure> {
-        let Some(&FrameRow { index, time_s, .. }) = self.rows.last() else { return Ok(()) };
+        let Some((index, time_s)) = self.newest else { return Ok(()) };
         let exposure_ev = self.loaded.shot.exposure_ev;
         let tags = output::tags(&self.rig(index), exposure_ev, self.options.size, time_s, index);
         FrameImages::read(&mut self.session.renderer, &[])?.write(&self.options.out, number, false, &tags)?;
@@ -198,7 +203,7 @@ impl Run<'_> {
 }
 
 /// Says how the budget was kept, and where things are.
-fn conclude(args: &Args, options: &RenderOptions, report: &RunReport) {
+fn conclude(args: &Args, options: &RenderOptions, report: &RunReport<&SpooledRows>, lacked_rung: bool) {
     let out = options.out.display();
     if options.json {
         say!("{}", serde_json::json!({ "event": "result", "out": out.to_string(), "play": report.play }));
@@ -210,7 +215,7 @@ fn conclude(args: &Args, options: &RenderOptions, report: &RunReport) {
     if let Some(play) = &report.play {
         say!("{}", play.rungs_table().text().trim_end());
         say!("{play}");
-        if report.frames.iter().filter_map(|f| f.control.as_ref()).any(|c| !c.fits) {
+        if lacked_rung {
             say!("at times no rung was expected to fit the budget: the cheapest was held");
         }
     }

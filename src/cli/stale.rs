@@ -1,6 +1,6 @@
 //! Pictures that an earlier run left in the folder of this one, where they would be taken for this one's.
 
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
@@ -14,23 +14,22 @@ use super::output::SHEET;
 /// What a picture shows, as its name says it, and which frame of a sequence it is of.
 type Picture = (String, Option<u32>);
 
-/// The pictures of an earlier run, and which of them this one has made anew.
+/// The pictures of an earlier run that this one has not made anew.
 pub struct Stale {
     folder: PathBuf,
-    earlier: Vec<(PathBuf, Picture)>,
-    written: BTreeSet<Picture>,
+    earlier: BTreeMap<Picture, PathBuf>,
 }
 
 impl Stale {
     /// What is in `folder` before anything is written there. Without a `run.json` of this program no file is taken for
     /// an earlier picture.
     pub fn find(folder: &Path) -> Self {
-        let mut earlier = Vec::new();
+        let mut earlier = BTreeMap::new();
         if has_run(folder) {
             let names = std::fs::read_dir(folder).into_iter().flatten().flatten().map(|entry| entry.path());
-            earlier.extend(names.filter_map(|path| Some((path.clone(), picture(path.file_name()?.to_str()?)?))));
+            earlier.extend(names.filter_map(|path| Some((picture(path.file_name()?.to_str()?)?, path))));
         }
-        Self { folder: folder.to_owned(), earlier, written: BTreeSet::new() }
+        Self { folder: folder.to_owned(), earlier }
     }
 
     /// A frame's pictures are written.
@@ -40,20 +39,20 @@ impl Stale {
         for aov in aovs.iter().map(|aov| aov.name()) {
             shown.extend([format!("left.{aov}.exr"), format!("right.{aov}.exr"), format!("{aov}.png")]);
         }
-        self.written.extend(shown.into_iter().map(|what| (what, number)));
+        for what in shown {
+            self.earlier.remove(&(what, number));
+        }
     }
 
     /// The contact sheet is written.
     pub fn wrote_sheet(&mut self) {
-        self.written.insert((SHEET.to_owned(), None));
+        self.earlier.remove(&(SHEET.to_owned(), None));
     }
 
     /// Removes the others, and says how many there were.
     pub fn remove(self, quiet: bool) -> Result<(), Failure> {
-        let Self { folder, earlier, written } = self;
-        let stale: Vec<PathBuf> =
-            earlier.into_iter().filter(|(_, picture)| !written.contains(picture)).map(|(path, _)| path).collect();
-        for path in &stale {
+        let Self { folder, earlier: stale } = self;
+        for path in stale.values() {
             std::fs::remove_file(path)
                 .with_context(|| format!("cannot remove {}, a picture of an earlier run", path.display()))?;
         }

@@ -109,6 +109,13 @@ impl Renderer {
         self.frames.limits.fixed = Some(limit);
     }
 
+    /// Sets the time that frames are to take at most from here on. It makes the run an interactive one: a device that
+    /// hangs costs at most a second, as long as frames take at most a tenth of one. In batch runs, 10 s or more pass
+    /// until it is dropped. A limit of [`Self::set_watchdog`] overrides both.
+    pub fn set_budget(&mut self, budget_ms: f64) {
+        self.frames.limits.budget_ms = Some(budget_ms);
+    }
+
     /// Sets the faults that are injected from here on.
     pub fn set_injected_faults(&mut self, injected: InjectedFaults) {
         self.frames.injected = injected;

@@ -5,35 +5,55 @@ use std::time::{Duration, Instant};
 
 use crate::device::WAIT_SLICES;
 
-/// Before there is a frame to go by: far slower than any device that is worth its place, and half a minute more.
+/// The limit before there is a frame to go by: far slower than any useful device, and half a minute more.
 const UNKNOWN_SAMPLE: Duration = Duration::from_micros(20);
 const UNKNOWN_BASE: Duration = Duration::from_secs(30);
-/// Later: this many times what the slowest frame took for each sample, and this at least.
+/// The limit of batch runs: this many times the slowest frame's time for each sample, and this at least.
 const TOLERANCE: f64 = 16.0;
 const FLOOR: Duration = Duration::from_secs(10);
+/// The limit of interactive runs: this many times the frame budget or the slowest recent frame, and this at least. A
+/// worker counts as hung after at most [`SILENT_SLICES`] + 1 slices, which are 0.83 s of this floor; the rest of a second
+/// is for the other devices to render the frame again.
+const INTERACTIVE_TOLERANCE: f64 = 6.0;
+const INTERACTIVE_FLOOR: Duration = Duration::from_millis(600);
+/// No limit that follows a budget is longer, in seconds.
+const DAY_S: f64 = 86_400.0;
+/// The slowest recent frame counts for this much less with each frame after it, which halves it in seven frames.
+const FADING: f64 = 0.9;
 
 /// Limit of the time that a device takes for its part of a frame.
 #[derive(Clone, Debug, Default)]
 pub struct Limits {
-    /// Asked for; else it follows from what frames took.
+    /// The limit that was asked for; without it, the limit follows from the times of frames.
     pub fixed: Option<Duration>,
-    /// Of the slowest frame.
+    /// The frame budget of an interactive run, none in batch runs. The control loop keeps expected frame times below it
+    /// at any quality, so the limit does not depend on the number of samples.
+    pub budget_ms: Option<f64>,
+    /// The slowest frame's time.
     ms_per_sample: Option<f64>,
+    /// The slowest recent frame's time, which fades.
+    recent_ms: f64,
 }
 
 impl Limits {
-    /// For a frame of so many samples, both eyes.
+    /// Returns the limit for a frame of this many samples, both eyes.
     pub fn limit(&self, samples: u64) -> Duration {
-        self.fixed.unwrap_or_else(|| match self.ms_per_sample {
-            None => UNKNOWN_BASE + UNKNOWN_SAMPLE.mul_f64(samples as f64),
-            Some(ms) => FLOOR.max(Duration::from_secs_f64(TOLERANCE * ms * samples as f64 * 1e-3)),
+        self.fixed.unwrap_or_else(|| match (self.ms_per_sample, self.budget_ms) {
+            (None, _) => UNKNOWN_BASE + UNKNOWN_SAMPLE.mul_f64(samples as f64),
+            (Some(ms), None) => FLOOR.max(Duration::from_secs_f64(TOLERANCE * ms * samples as f64 * 1e-3)),
+            (Some(_), Some(budget_ms)) => {
+                let limit_s = INTERACTIVE_TOLERANCE * self.recent_ms.max(budget_ms) * 1e-3;
+                INTERACTIVE_FLOOR.max(Duration::from_secs_f64(limit_s.min(DAY_S)))
+            }
         })
     }
 
-    /// A frame's makespan.
+    /// Learns from a frame's makespan.
     pub fn learn(&mut self, samples: u64, makespan_ms: f64) {
-        let ms = makespan_ms.max(0.0) / samples.max(1) as f64;
+        let makespan_ms = makespan_ms.max(0.0);
+        let ms = makespan_ms / samples.max(1) as f64;
         self.ms_per_sample = Some(self.ms_per_sample.map_or(ms, |slowest| slowest.max(ms)));
+        self.recent_ms = makespan_ms.max(FADING * self.recent_ms);
     }
 }
 
@@ -98,9 +118,9 @@ impl Watchdog {
         Self { slice: limit / WAIT_SLICES, slice_begin: Instant::now(), seen }
     }
 
-    /// How long to wait for an answer before the next look.
-    pub fn slice(&self) -> Duration {
-        self.slice
+    /// Returns the time until the next look.
+    pub fn until_look(&self) -> Duration {
+        self.slice.saturating_sub(self.slice_begin.elapsed())
     }
 
     /// The workers, by their place in `signs`, that have been silent for too long on their own account.
@@ -138,6 +158,34 @@ mod tests {
     }
 
     #[test]
+    fn limits_of_interactive_runs_follow_the_budget_and_forget_slow_frames() {
+        let mut limits = Limits::default();
+        limits.learn(1000, 20.0);
+        limits.budget_ms = Some(20.0);
+        assert_eq!(limits.limit(1000), INTERACTIVE_FLOOR);
+        // Quality changes the samples and not the time that is expected.
+        assert_eq!(limits.limit(64_000), INTERACTIVE_FLOOR);
+        // With the frame made again, a hang stays within a second.
+        assert!(INTERACTIVE_FLOOR / WAIT_SLICES * (SILENT_SLICES + 1) < Duration::from_millis(850));
+        // A device that becomes twice as slow stays far from the limit, at any frame time.
+        for ms in [20.0, 100.0, 500.0, 3000.0] {
+            limits.learn(1000, ms);
+            assert!(limits.limit(1000) >= Duration::from_secs_f64(2.5 * 2.0 * ms * 1e-3), "{ms}");
+        }
+        assert_eq!(limits.limit(1000), Duration::from_secs(18));
+        (0..60).for_each(|_| limits.learn(1000, 20.0));
+        assert_eq!(limits.limit(1000), INTERACTIVE_FLOOR);
+        // Budgets may be of any length.
+        for (budget_ms, limit_s) in [(1e300, 86_400), (2000.0, 12)] {
+            limits.budget_ms = Some(budget_ms);
+            assert_eq!(limits.limit(1000), Duration::from_secs(limit_s));
+        }
+        // A batch run remembers the slowest frame.
+        limits.budget_ms = None;
+        assert_eq!(limits.limit(1000), Duration::from_secs(48));
+    }
+
+    #[test]
     fn only_who_stands_still_on_his_own_account_is_hung() {
         let mut signs = [LifeSign::default(), LifeSign { depends: true, ..Default::default() }, LifeSign::default()];
         let mut watchdog = Watchdog::new(Duration::from_millis(8), &signs);
@@ -145,7 +193,7 @@ mod tests {
         for _ in 0..SILENT_SLICES {
             assert_eq!(found, [0; 0]);
             signs[2].beats += 1;
-            std::thread::sleep(watchdog.slice());
+            std::thread::sleep(watchdog.until_look());
             found = watchdog.silent(&signs);
         }
         assert_eq!(found, [0]);

@@ -123,7 +123,7 @@ impl WorkerPool {
             if let Some(answers) = self.ledger.take(ticket) {
                 return answers;
             }
-            match self.transport.reply(watchdog.slice()) {
+            match self.transport.reply(watchdog.until_look()) {
                 Some(reply) => self.ledger.answer(reply.ticket, reply.device, reply.answer),
                 None => {
                     for device in self.ledger.awaited(ticket).to_vec() {

@@ -1,9 +1,10 @@
-//! Files appear under their name whole or not at all: they are written aside and renamed.
+//! Files appear under their name whole or not at all: they are written aside and renamed. A [`LineFile`] grows in place
+//! instead, so that a long run that is killed leaves all but its last line.
 
 use std::ffi::OsString;
-use std::fs::{self, File};
-use std::io::{self, BufWriter, Write};
-use std::path::Path;
+use std::fs::{self, File, OpenOptions};
+use std::io::{self, BufRead, BufReader, BufWriter, Seek, SeekFrom, Write};
+use std::path::{Path, PathBuf};
 
 use super::ImageError;
 
@@ -20,10 +21,7 @@ pub fn atomic_write(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io:
 }
 
 fn write_and_rename(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>) -> io::Result<()> {
-    // A rename would put a plain file in the place of a device or a pipe.
-    if fs::metadata(path).is_ok_and(|there| !there.is_file()) {
-        return Err(io::Error::new(io::ErrorKind::InvalidInput, "there is something else than a file by that name"));
-    }
+    refuse_other_than_files(path)?;
     let no_name = || io::Error::new(io::ErrorKind::InvalidInput, "the path does not end in a file name");
     let name = path.file_name().ok_or_else(no_name)?;
     let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
@@ -37,6 +35,119 @@ fn write_and_rename(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> io:
     buffered.flush()?;
     drop(buffered);
     aside.persist(path).map_err(|e| e.error)
+}
+
+/// A file that grows by a line at a time, each in one write without a buffer. A last line without its newline is not
+/// whole, and readers ignore it.
+pub struct LineFile {
+    path: PathBuf,
+    file: File,
+}
+
+impl LineFile {
+    /// Creates or empties the file.
+    ///
+    /// # Errors
+    /// [`ImageError::Write`], also when `path` is something other than a file.
+    pub fn create(path: &Path) -> Result<Self, ImageError> {
+        let open = || {
+            let file = OpenOptions::new().read(true).append(true).create(true).open(path)?;
+            file.set_len(0).map(|()| file)
+        };
+        let file = refuse_other_than_files(path).and_then(|()| open());
+        let file = file.map_err(|source| ImageError::Write { path: path.to_owned(), source })?;
+        Ok(Self { path: path.to_owned(), file })
+    }
+
+    /// Adds a line, which ends with its newline.
+    ///
+    /// # Errors
+    /// [`ImageError::Write`]
+    pub fn add(&mut self, line: &[u8]) -> Result<(), ImageError> {
+        let written = self.file.write_all(line);
+        written.map_err(|source| ImageError::Write { path: self.path.clone(), source })
+    }
+
+    /// Calls `take` with each whole line, without its newline.
+    ///
+    /// # Errors
+    /// Those of `take` and of reading.
+    pub fn each_line<E: From<io::Error>>(&self, take: impl FnMut(&[u8]) -> Result<(), E>) -> Result<(), E> {
+        (&self.file).seek(SeekFrom::Start(0))?;
+        each_line(&self.file, take)
+    }
+
+    /// Removes the file.
+    ///
+    /// # Errors
+    /// [`ImageError::Write`]
+    pub fn remove(&self) -> Result<(), ImageError> {
+        fs::remove_file(&self.path).map_err(|source| ImageError::Write { path: self.path.clone(), source })
+    }
+
+    /// Gives the file its final name.
+    ///
+    /// # Errors
+    /// [`ImageError::Write`]
+    pub fn rename(self, path: &Path) -> Result<(), ImageError> {
+        let renamed = refuse_other_than_files(path).and_then(|()| fs::rename(&self.path, path));
+        renamed.map_err(|source| ImageError::Write { path: path.to_owned(), source })
+    }
+}
+
+fn each_line<E: From<io::Error>>(file: &File, mut take: impl FnMut(&[u8]) -> Result<(), E>) -> Result<(), E> {
+    let (mut reader, mut line) = (BufReader::new(file), Vec::new());
+    while reader.read_until(b'\n', &mut line)? > 0 {
+        if let Some(whole) = line.strip_suffix(b"\n") {
+            take(whole)?;
+        }
+        line.clear();
+    }
+    Ok(())
+}
+
+/// Returns the number of whole lines of a file, none if it is not there.
+///
+/// # Errors
+/// Those of reading it.
+pub fn count_lines(path: &Path) -> io::Result<Option<u64>> {
+    let mut lines = 0;
+    match File::open(path) {
+        Ok(file) => each_line(&file, |_| Ok::<_, io::Error>(lines += 1)).map(|()| Some(lines)),
+        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
+        Err(error) => Err(error),
+    }
+}
+
+/// Renames a file that a run left unfinished, so that a new run does not replace it: to its final name with
+/// `.unfinished` before the extension, and a number behind that if there is one already. Returns its new path.
+///
+/// # Errors
+/// [`ImageError::Write`]
+pub fn keep_unfinished(file: &Path, finished: &Path) -> Result<PathBuf, ImageError> {
+    let named = |number: Option<u32>| {
+        let mut name = finished.file_stem().unwrap_or_default().to_owned();
+        name.push(number.map_or_else(|| ".unfinished".to_owned(), |number| format!(".unfinished.{number}")));
+        if let Some(extension) = finished.extension() {
+            name.push(".");
+            name.push(extension);
+        }
+        finished.with_file_name(name)
+    };
+    let mut names = std::iter::once(None).chain((2..).map(Some)).map(named);
+    let is_free = |name: &PathBuf| fs::symlink_metadata(name).is_err();
+    let kept = names.find(is_free).unwrap_or_else(|| file.to_owned());
+    let renamed = fs::rename(file, &kept);
+    renamed.map_err(|source| ImageError::Write { path: kept.clone(), source })?;
+    Ok(kept)
+}
+
+/// Refuses a device or a pipe, in whose place a rename would put a plain file.
+fn refuse_other_than_files(path: &Path) -> io::Result<()> {
+    match fs::metadata(path).is_ok_and(|there| !there.is_file()) {
+        true => Err(io::Error::new(io::ErrorKind::InvalidInput, "there is something else than a file by that name")),
+        false => Ok(()),
+    }
 }
 
 #[cfg(test)]
@@ -92,5 +203,37 @@ mod tests {
             assert!(atomic_write(&path, |_| Ok(())).is_err(), "{path:?}");
         }
         assert!(names_in(folder.path()).is_empty());
+    }
+
+    #[test]
+    fn lines_are_there_as_soon_as_they_are_added_and_torn_ones_are_ignored() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.csv");
+        fs::write(&path, "of an earlier run").unwrap();
+        let mut file = LineFile::create(&path).unwrap();
+        assert_eq!(count_lines(&path).unwrap(), Some(0));
+        file.add(b"one\n").unwrap();
+        assert_eq!(fs::read(&path).unwrap(), b"one\n");
+        file.add(b"two\nthr").unwrap();
+        let mut lines = Vec::new();
+        file.each_line(|line| Ok::<_, io::Error>(lines.push(line.to_vec()))).unwrap();
+        assert_eq!(lines, [b"one", b"two"]);
+        assert_eq!(count_lines(&path).unwrap(), Some(2));
+        file.rename(&folder.path().join("b.csv")).unwrap();
+        assert_eq!(names_in(folder.path()), ["b.csv"]);
+        assert_eq!(count_lines(&path).unwrap(), None);
+        assert!(LineFile::create(folder.path()).is_err() && LineFile::create("".as_ref()).is_err());
+    }
+
+    #[test]
+    fn unfinished_files_are_kept_under_names_of_their_own() {
+        let folder = tempfile::tempdir().unwrap();
+        for (text, name) in [("1", "a.unfinished.csv"), ("2", "a.unfinished.2.csv"), ("3", "a.unfinished.3.csv")] {
+            fs::write(folder.path().join("a.part"), text).unwrap();
+            let kept = keep_unfinished(&folder.path().join("a.part"), &folder.path().join("a.csv")).unwrap();
+            assert_eq!((kept.as_path(), fs::read_to_string(&kept).unwrap()), (&*folder.path().join(name), text.into()));
+        }
+        assert_eq!(names_in(folder.path()).len(), 3);
+        assert!(keep_unfinished(&folder.path().join("a.part"), "a.csv".as_ref()).is_err());
     }
 }

@@ -43,6 +43,14 @@ impl Csv {
     }
 }
 
+/// A line of a file, with its newline.
+pub(super) fn line(cells: impl IntoIterator<Item: AsRef<[u8]>>) -> Vec<u8> {
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    // Memory takes whatever is written.
+    let _ = writer.write_record(cells);
+    writer.into_inner().unwrap_or_default()
+}
+
 /// A number with this many decimals, empty for none.
 pub(super) fn number(value: Option<f64>, decimals: usize) -> String {
     value.map_or(String::new(), |v| format!("{v:.decimals$}"))

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::csv::{Column, Csv, number, optional};
+use super::csv::{self, Column, Csv, number, optional};
 use super::play::ControlRow;
 use super::run::FrameRow;
 use crate::exec::RightEye;
@@ -96,6 +96,16 @@ impl FrameLine {
         if lines.iter().any(|l| l.control.is_some()) { all.beside(Csv::new(&CONTROL, lines)) } else { all }
     }
 
+    /// The first line of a file that grows, of frames that the control loop made.
+    pub fn header() -> Vec<u8> {
+        csv::line(COLUMNS.iter().chain(&CONTROL).map(|(name, _)| *name))
+    }
+
+    /// The line of such a frame.
+    pub fn text(&self) -> Vec<u8> {
+        csv::line(COLUMNS.iter().chain(&CONTROL).map(|(_, cell)| cell(self)))
+    }
+
     /// The same from the rows of `run.json`.
     pub fn csv_of(rows: &[FrameRow]) -> Csv {
         Self::csv(&rows.iter().map(Self::from).collect::<Vec<_>>())
@@ -116,8 +126,14 @@ mod tests {
         assert_eq!((table.columns.len(), table.lines[0].len()), (21, 21));
         let found = ["frame", "makespan_ms", "interval_ms", "fovea_inner", "fovea_outer"];
         assert_eq!(found.map(|name| table.value(0, name)), ["7", "20.5000", "", "0.15", "0.3"]);
-        let table = FrameLine::csv(&[FrameLine { control: Some(control), ..free }]);
+        let line = FrameLine { control: Some(control), ..free };
+        let table = FrameLine::csv(std::slice::from_ref(&line));
         let found = ["rung", "expected_ms", "fits", "in_band", "late_ms"];
         assert_eq!(found.map(|name| table.value(0, name)), ["3", "12.0000", "true", "false", "0.5000"]);
+        // A file that grows is the same.
+        let folder = tempfile::tempdir().unwrap();
+        table.write(&folder.path().join("frames.csv")).unwrap();
+        let grown = [FrameLine::header(), line.text()].concat();
+        assert_eq!(std::fs::read(folder.path().join("frames.csv")).unwrap(), grown);
     }
 }

@@ -4,8 +4,7 @@ use std::fmt;
 
 use serde::Serialize;
 
-use super::median;
-use super::run::FrameRow;
+use super::quantiles::Quantiles;
 
 /// A frame in a headset.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -53,19 +52,32 @@ pub struct HeadsetSummary {
     pub missed: u64,
 }
 
+/// Sums over the frames of a session, in memory that does not grow with their number.
+#[derive(Clone, Debug, Default)]
+pub struct HeadsetTally {
+    motion_to_photon_ms: Quantiles,
+    late_frames: usize,
+    missed: u64,
+}
+
+impl HeadsetTally {
+    /// Adds a frame.
+    pub fn add(&mut self, row: &HeadsetRow) {
+        row.motion_to_photon_ms.into_iter().for_each(|ms| self.motion_to_photon_ms.add(ms));
+        self.late_frames += usize::from(row.ahead_ms.is_some_and(|ms| ms < 0.0));
+        self.missed += u64::from(row.missed);
+    }
+}
+
 impl HeadsetSummary {
-    /// With what the frames tell.
-    pub fn with(self, frames: &[FrameRow]) -> Self {
-        let rows = || frames.iter().filter_map(|frame| frame.headset.as_ref());
-        let mut latencies: Vec<f64> = rows().filter_map(|row| row.motion_to_photon_ms).collect();
-        latencies.sort_by(f64::total_cmp);
-        let quantile = |q: f64| latencies.get((q * (latencies.len().max(1) - 1) as f64).round() as usize).copied();
+    /// Fills in the sums over frames.
+    pub fn with(self, frames: &HeadsetTally) -> Self {
         Self {
-            motion_to_photon_ms_p50: median(latencies.clone()),
-            motion_to_photon_ms_p95: quantile(0.95),
-            motion_to_photon_ms_max: latencies.last().copied(),
-            late_frames: rows().filter(|row| row.ahead_ms.is_some_and(|ms| ms < 0.0)).count(),
-            missed: rows().map(|row| u64::from(row.missed)).sum(),
+            motion_to_photon_ms_p50: frames.motion_to_photon_ms.median(),
+            motion_to_photon_ms_p95: frames.motion_to_photon_ms.quantile(0.95),
+            motion_to_photon_ms_max: frames.motion_to_photon_ms.most(),
+            late_frames: frames.late_frames,
+            missed: frames.missed,
             ..self
         }
     }

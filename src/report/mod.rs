@@ -18,9 +18,12 @@ pub mod pictures;
 pub mod play;
 pub mod plot;
 pub mod program;
+pub mod quantiles;
+pub mod record;
 pub mod rectified;
 pub mod rings;
 pub mod run;
+pub mod samples;
 pub mod scale;
 #[cfg(test)]
 mod schema;

@@ -282,9 +282,10 @@
       draw(svg, "text", { x: 0, y: (bottom + yRung(data.rungs - 1)) / 2 + 4, class: "muted" }, "rung");
     }
 
-    /** Where a disturbance begins and ends, px; a moment is 2 px wide. */
+    /** Where a disturbance begins and ends, px; a moment is 2 px wide. Of long runs, not every frame is there. */
     function extent({ from, to }) {
-      const [begin, end] = [from, Math.min(to, data.index[0] + count)].map((frame) => x(frame - data.index[0]));
+      const place = (frame) => data.index.findIndex((index) => index >= frame);
+      const [begin, end] = [from, to].map(place).map((at) => x(at < 0 ? count : at));
       return [begin, Math.max(end, begin + 2)];
     }
 

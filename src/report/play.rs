@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 use std::fmt;
-use std::ops::Range;
 
 use serde::{Deserialize, Serialize};
 
+use super::Table;
+use super::quantiles::Quantiles;
 use super::run::FrameRow;
 use super::study::cell;
-use super::{Table, median_of};
 use crate::control::{Measure, Rung};
 use crate::quality::FrameQuality;
 
@@ -104,7 +104,6 @@ pub struct PlaySummary {
 /// What all frames of a run have in common.
 #[derive(Clone, Debug)]
 pub struct Play {
-    pub budget_ms: [f64; 2],
     pub denoiser: &'static str,
     pub ladder: String,
     pub measure: Measure,
@@ -115,42 +114,114 @@ pub struct Play {
 
 const LATE_MS: f64 = 1.0;
 
-impl PlaySummary {
-    /// The summary of rows that the control loop made, none without any.
-    pub fn of(play: &Play, rows: &[FrameRow]) -> Option<Self> {
-        let skipped = if rows.len() > SETTLING_FRAMES { SETTLING_FRAMES } else { 0 };
-        let judged: Vec<(&FrameRow, &ControlRow)> =
-            rows[skipped..].iter().filter_map(|r| Some((r, r.control.as_ref()?))).collect();
-        let share = |is: &dyn Fn(&(&FrameRow, &ControlRow)) -> bool| {
-            judged.iter().filter(|row| is(row)).count() as f64 / judged.len() as f64
-        };
-        let [lo_ms, hi_ms] = play.budget_ms;
-        let mut times_ms: Vec<f64> = judged.iter().map(|(r, _)| r.makespan_ms).collect();
-        times_ms.sort_by(f64::total_cmp);
-        let quantile = |q: f64| times_ms.get((q * (times_ms.len() - 1) as f64).round() as usize).copied();
-        (!judged.is_empty()).then_some(())?;
-        Some(Self {
-            budget_ms: play.budget_ms,
+/// Sums over the frames of a run, in memory that does not grow with their number.
+#[derive(Clone, Debug)]
+pub struct PlayTally {
+    budget_ms: [f64; 2],
+    /// The number of rows so far.
+    rows: usize,
+    /// The first [`SETTLING_FRAMES`], which count where there are no others.
+    settling: Judged,
+    judged: Judged,
+    /// Whether no rung was expected to fit the budget at times.
+    pub lacked_rung: bool,
+}
+
+impl PlayTally {
+    pub fn new(budget_ms: [f64; 2]) -> Self {
+        let [settling, judged] = Default::default();
+        Self { budget_ms, rows: 0, settling, judged, lacked_rung: false }
+    }
+
+    /// Adds the row of a frame.
+    pub fn add(&mut self, row: &FrameRow) {
+        let part = if self.rows < SETTLING_FRAMES { &mut self.settling } else { &mut self.judged };
+        self.rows += 1;
+        if let Some(control) = &row.control {
+            part.add(row, control, self.budget_ms);
+            self.lacked_rung |= !control.fits;
+        }
+    }
+
+    /// Returns the summary of rows that the control loop made, none without any.
+    pub fn summary(&self, play: &Play) -> Option<PlaySummary> {
+        let judged = if self.rows > SETTLING_FRAMES { &self.judged } else { &self.settling };
+        let share = |frames: usize| frames as f64 / judged.frames as f64;
+        Some(PlaySummary {
+            budget_ms: self.budget_ms,
             denoiser: play.denoiser,
             ladder: play.ladder.clone(),
             measure: play.measure,
             rungs: play.rungs.len(),
             fps: play.fps,
             fit: play.fit.clone(),
-            judged_frames: judged.len(),
-            in_band_share: share(&|(_, c)| c.in_band),
-            above_share: share(&|(r, _)| r.makespan_ms > hi_ms),
-            below_share: share(&|(r, _)| r.makespan_ms < lo_ms),
-            makespan_ms_p50: quantile(0.5)?,
-            makespan_ms_p95: quantile(0.95)?,
-            makespan_ms_p99: quantile(0.99)?,
-            late_share: share(&|(_, c)| c.late_ms > LATE_MS),
-            rung_changes: judged.windows(2).filter(|pair| pair[0].1.rung != pair[1].1.rung).count(),
-            longest_excursion: longest_excursion(&judged),
-            rung_uses: rung_uses(play, &judged),
+            judged_frames: judged.frames,
+            in_band_share: share(judged.in_band),
+            above_share: share(judged.above),
+            below_share: share(judged.below),
+            makespan_ms_p50: judged.makespans_ms.quantile(0.5)?,
+            makespan_ms_p95: judged.makespans_ms.quantile(0.95)?,
+            makespan_ms_p99: judged.makespans_ms.quantile(0.99)?,
+            late_share: share(judged.late),
+            rung_changes: judged.rung_changes,
+            longest_excursion: judged.longest.clone(),
+            rung_uses: judged.rungs.iter().map(|(rung, frames)| rung_use(play, *rung, frames, judged.frames)).collect(),
         })
     }
+}
 
+/// Sums over frames that follow one another.
+#[derive(Clone, Debug, Default)]
+struct Judged {
+    frames: usize,
+    in_band: usize,
+    above: usize,
+    below: usize,
+    late: usize,
+    makespans_ms: Quantiles,
+    rung_changes: usize,
+    last_rung: Option<usize>,
+    /// The run of frames outside the band that the last frame is in, and the first of the longest.
+    excursion: Option<Excursion>,
+    longest: Option<Excursion>,
+    rungs: BTreeMap<usize, RungFrames>,
+}
+
+/// The frames of a rung.
+#[derive(Clone, Debug)]
+struct RungFrames {
+    quality: FrameQuality,
+    expected_ms: Quantiles,
+    frames: usize,
+}
+
+impl Judged {
+    fn add(&mut self, row: &FrameRow, control: &ControlRow, [lo_ms, hi_ms]: [f64; 2]) {
+        self.frames += 1;
+        self.above += usize::from(row.makespan_ms > hi_ms);
+        self.below += usize::from(row.makespan_ms < lo_ms);
+        self.in_band += usize::from(control.in_band);
+        self.late += usize::from(control.late_ms > LATE_MS);
+        self.makespans_ms.add(row.makespan_ms);
+        let changes = self.last_rung.replace(control.rung).is_some_and(|last| last != control.rung);
+        self.rung_changes += usize::from(changes);
+        if control.in_band {
+            self.excursion = None;
+        } else {
+            let excursion = self.excursion.get_or_insert(Excursion { first_frame: row.index, frames: 0 });
+            excursion.frames += 1;
+            if self.longest.as_ref().is_none_or(|longest| longest.frames < excursion.frames) {
+                self.longest = Some(excursion.clone());
+            }
+        }
+        let new = || RungFrames { quality: row.quality, expected_ms: Quantiles::default(), frames: 0 };
+        let rung = self.rungs.entry(control.rung).or_insert_with(new);
+        rung.frames += 1;
+        rung.expected_ms.add(control.expected_ms);
+    }
+}
+
+impl PlaySummary {
     /// Describes how the budget was kept, in words and rounded numbers.
     pub fn table(&self) -> Table {
         let percent = |share: f64| format!("{:.1} %", 100.0 * share);
@@ -196,41 +267,21 @@ impl PlaySummary {
     }
 }
 
-fn longest_excursion(judged: &[(&FrameRow, &ControlRow)]) -> Option<Excursion> {
-    let mut runs: Vec<Range<usize>> = Vec::new();
-    for (i, _) in judged.iter().enumerate().filter(|(_, (_, control))| !control.in_band) {
-        match runs.last_mut().filter(|run| run.end == i) {
-            Some(run) => run.end += 1,
-            None => runs.push(i..i + 1),
-        }
+fn rung_use(play: &Play, rung: usize, of: &RungFrames, judged: usize) -> RungUse {
+    let known = play.rungs.get(rung);
+    // With fewer iterations than the rung has, its error is not known either.
+    let estimated = known.is_none_or(|r| r.is_estimated || r.quality.most_iterations() != of.quality.iterations);
+    let error = known.map(|r| r.error);
+    RungUse {
+        rung,
+        denoiser: play.denoiser,
+        quality: of.quality,
+        expected_ms: of.expected_ms.median().unwrap_or(0.0),
+        error: error.filter(|_| !estimated),
+        estimated,
+        estimated_error: error.filter(|_| estimated),
+        share: of.frames as f64 / judged as f64,
     }
-    let longest = runs.into_iter().rev().max_by_key(ExactSizeIterator::len)?;
-    Some(Excursion { first_frame: judged[longest.start].0.index, frames: longest.len() as u32 })
-}
-
-fn rung_uses(play: &Play, judged: &[(&FrameRow, &ControlRow)]) -> Vec<RungUse> {
-    let mut frames: BTreeMap<usize, Vec<(&FrameRow, &ControlRow)>> = BTreeMap::new();
-    for frame in judged {
-        frames.entry(frame.1.rung).or_default().push(*frame);
-    }
-    let of = |(rung, frames): (usize, Vec<(&FrameRow, &ControlRow)>)| {
-        let quality = frames[0].0.quality;
-        let known = play.rungs.get(rung);
-        // With fewer iterations than the rung has, its error is not known either.
-        let estimated = known.is_none_or(|r| r.is_estimated || r.quality.most_iterations() != quality.iterations);
-        let error = known.map(|r| r.error);
-        RungUse {
-            rung,
-            denoiser: play.denoiser,
-            quality,
-            expected_ms: median_of(frames.iter().map(|(_, c)| c.expected_ms).collect()),
-            error: error.filter(|_| !estimated),
-            estimated,
-            estimated_error: error.filter(|_| estimated),
-            share: frames.len() as f64 / judged.len() as f64,
-        }
-    };
-    frames.into_iter().map(of).collect()
 }
 
 impl fmt::Display for Excursion {

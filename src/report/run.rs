@@ -283,9 +283,10 @@ impl FrameRow {
 }
 
 /// What was run, on which devices, and what each frame took.
+// `Rows` of frames are in memory, or in a file that is still to be read.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
-pub struct RunReport {
+pub struct RunReport<Rows = Vec<FrameRow>> {
     pub version: &'static str,
     pub command: String,
     pub settings: RunSettings,
@@ -298,7 +299,7 @@ pub struct RunReport {
     pub warm_up_s: f64,
     /// The number of frames before the first one that is kept.
     pub warm_up_frames: u32,
-    pub frames: Vec<FrameRow>,
+    pub frames: Rows,
     /// Devices that were taken out.
     pub faults: Vec<Fault>,
     /// The progress of frames that were accumulated.
@@ -315,14 +316,14 @@ pub struct RunReport {
     pub headset: Option<HeadsetSummary>,
 }
 
-impl RunReport {
+impl<Rows: Serialize> RunReport<Rows> {
     pub fn new(
         settings: RunSettings,
         devices: &[DeviceInfo],
         scene: &Scene,
         needs: SceneNeeds,
         skips: bool,
-        frames: Vec<FrameRow>,
+        frames: Rows,
     ) -> Self {
         Self {
             version: env!("CARGO_PKG_VERSION"),
@@ -349,6 +350,13 @@ impl RunReport {
         })
     }
 
+    /// The devices that were not taken out.
+    pub fn devices_left(&self) -> usize {
+        self.devices.iter().filter(|d| self.faults.iter().all(|f| f.device != d.index)).count()
+    }
+}
+
+impl RunReport {
     /// Rays over the time in which devices worked on frames: the makespans, without the parts that overlap with the
     /// frame before. If there are several frames, the first does not count, since caches are cold and stripes are not
     /// yet learned.
@@ -366,11 +374,6 @@ impl RunReport {
         let frames = &self.frames[..self.frames.len().saturating_sub(alone)];
         let intervals: Vec<f64> = frames.iter().filter_map(|f| f.interval_ms).collect();
         median(intervals)
-    }
-
-    /// The devices that were not taken out.
-    pub fn devices_left(&self) -> usize {
-        self.devices.iter().filter(|d| self.faults.iter().all(|f| f.device != d.index)).count()
     }
 
     /// Median of the frames' makespans, ms.

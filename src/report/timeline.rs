@@ -5,7 +5,7 @@ use serde::Serialize;
 
 use super::html::live;
 use super::lanes::round;
-use super::run::FrameRow;
+use super::samples::SampledFrame;
 
 /// Something that was done to a run.
 #[derive(Clone, Debug, Serialize)]
@@ -32,29 +32,28 @@ struct Data<'a> {
     setting: Vec<String>,
 }
 
-/// The figure, from rows that the control loop made. The page's swimlanes show the frame that is chosen in it.
+/// The figure, from frames that the control loop made. The page's swimlanes show the frame that is chosen in it.
 ///
 /// # Errors
 /// Those of [`live`].
 pub fn timeline(
     budget_ms: [f64; 2],
     rungs: usize,
-    rows: &[FrameRow],
+    frames: &[SampledFrame],
     disturbed: &[Disturbed],
 ) -> serde_json::Result<String> {
-    let told: Vec<_> = rows.iter().filter_map(|row| Some((row, row.control.as_ref()?))).collect();
     let finite = |ms: f64| ms.is_finite().then(|| round(ms));
     let data = Data {
         budget: budget_ms,
         rungs,
         disturbed,
-        index: told.iter().map(|(r, _)| r.index).collect(),
-        ms: told.iter().map(|(r, _)| round(r.makespan_ms)).collect(),
-        expected: told.iter().map(|(_, c)| finite(c.expected_ms)).collect(),
-        late: told.iter().map(|(_, c)| round(c.late_ms)).collect(),
-        rung: told.iter().map(|(_, c)| c.rung).collect(),
-        spp: told.iter().map(|(r, _)| round(r.quality.samples())).collect(),
-        setting: told.iter().map(|(r, _)| r.quality.to_string()).collect(),
+        index: frames.iter().map(|f| f.index).collect(),
+        ms: frames.iter().map(|f| round(f.makespan_ms)).collect(),
+        expected: frames.iter().map(|f| finite(f.control.expected_ms)).collect(),
+        late: frames.iter().map(|f| round(f.control.late_ms)).collect(),
+        rung: frames.iter().map(|f| f.control.rung).collect(),
+        spp: frames.iter().map(|f| round(f.quality.samples())).collect(),
+        setting: frames.iter().map(|f| f.quality.to_string()).collect(),
     };
     live("timeline", &data)
 }

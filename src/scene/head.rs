@@ -5,8 +5,7 @@
 //! to the right, y up, −z ahead; orientations are unit quaternions (x, y, z, w) that turn from the head's axes to those
 //! of the [`Space`].
 
-use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use glam::{DMat3, DQuat, DVec3};
 use serde::{Deserialize, Serialize};
@@ -19,7 +18,7 @@ use super::rig::{Rig, RigKey, Turning};
 use super::shot::Gaze;
 use super::shot::allowed::fits_f32;
 use crate::image::ImageError;
-use crate::image::file::atomic_write;
+use crate::image::file::{LineFile, keep_unfinished};
 
 /// Of the files that are written, and the only one that is read.
 const VERSION: u32 = 1;
@@ -274,38 +273,59 @@ fn from_line<'a, T: Deserialize<'a>>(number: usize, line: &'a [u8]) -> Result<T,
     serde_json::from_slice(line).map_err(|error| format!("line {number}: {}", place(error)))
 }
 
-/// Head motion in the making.
-#[derive(Clone, Debug)]
+/// Head motion in the making, in a file that grows beside its final name: `NAME.part`.
 pub struct Recording {
     space: Space,
-    samples: Vec<Sample>,
+    path: PathBuf,
+    file: LineFile,
+    samples: usize,
+    last_s: Option<f64>,
 }
 
 impl Recording {
-    /// In the space of a shot.
-    pub fn new(space: Space) -> Self {
-        Self { space, samples: Vec::new() }
+    /// Begins a file that [`HeadMotion::read`] will read, in the space of a shot. What a run left there that did not
+    /// finish is kept; returns where.
+    ///
+    /// # Errors
+    /// [`ImageError::Write`].
+    pub fn create(space: Space, path: &Path) -> Result<(Self, Option<PathBuf>), ImageError> {
+        let mut part = path.as_os_str().to_owned();
+        part.push(".part");
+        let part = PathBuf::from(part);
+        let kept = part.is_file().then(|| keep_unfinished(&part, path)).transpose()?;
+        let mut recording =
+            Self { space, path: path.to_owned(), file: LineFile::create(&part)?, samples: 0, last_s: None };
+        let eyes = space.eyes.map(|(eyes, _)| eyes);
+        recording.line(&Header { diptych_motion: VERSION, about: None, eyes })?;
+        Ok((recording, kept))
     }
 
     /// Adds where the rig is at `at_s` as the sample of `time_s`, unless that is no later than the one before, or there
     /// are as many as files may have.
-    pub fn add(&mut self, time_s: f64, rig: &Rig, at_s: f64, gaze: Option<[[f64; 2]; 2]>) {
-        if self.samples.len() < MOST_SAMPLES && self.samples.last().is_none_or(|last| last.time_s < time_s) {
-            self.samples.push(self.space.sample(time_s, &rig.key_at(at_s), gaze));
-        }
-    }
-
-    /// Writes a file that [`HeadMotion::read`] reads.
     ///
     /// # Errors
     /// [`ImageError::Write`].
-    pub fn write(&self, path: &Path) -> Result<(), ImageError> {
-        atomic_write(path, |out| {
-            let mut line = |value: serde_json::Result<String>| writeln!(out, "{}", value.map_err(io::Error::from)?);
-            let eyes = self.space.eyes.map(|(eyes, _)| eyes);
-            line(serde_json::to_string(&Header { diptych_motion: VERSION, about: None, eyes }))?;
-            self.samples.iter().try_for_each(|sample| line(serde_json::to_string(sample)))
-        })
+    pub fn add(&mut self, time_s: f64, rig: &Rig, at_s: f64, gaze: Option<[[f64; 2]; 2]>) -> Result<(), ImageError> {
+        if self.samples < MOST_SAMPLES && self.last_s.is_none_or(|last_s| last_s < time_s) {
+            (self.samples, self.last_s) = (self.samples + 1, Some(time_s));
+            self.line(&self.space.sample(time_s, &rig.key_at(at_s), gaze))?;
+        }
+        Ok(())
+    }
+
+    /// Gives the file its name.
+    ///
+    /// # Errors
+    /// [`ImageError::Write`].
+    pub fn finish(self) -> Result<(), ImageError> {
+        self.file.rename(&self.path)
+    }
+
+    fn line(&mut self, value: &impl Serialize) -> Result<(), ImageError> {
+        let failed = |error: serde_json::Error| ImageError::Write { path: self.path.clone(), source: error.into() };
+        let mut line = serde_json::to_vec(value).map_err(failed)?;
+        line.push(b'\n');
+        self.file.add(&line)
     }
 }
 

@@ -1,7 +1,9 @@
 //! `play` tells all of every frame, drops quality when a device slows down and takes it back, and says what is wrong with
 //! its options. Nothing here hangs on how fast the machine is: bands are wide, or follow from what it took before.
 
+use std::io::{BufRead, BufReader};
 use std::path::Path;
+use std::process::{Command, Stdio};
 
 use crate::common::diptych;
 use diptych::quality::FrameQuality;
@@ -129,6 +131,83 @@ fn quality_falls_when_a_device_slows_down_and_comes_back() {
     let excursion = &run["play"]["longest_excursion"];
     let [from, frames] = ["first_frame", "frames"].map(|key| excursion[key].as_u64().unwrap() as usize);
     assert!(frames > 0 && is_in_band[from..from + frames].iter().all(|within| !within), "{excursion}");
+}
+
+#[test]
+fn a_hung_device_costs_a_second_and_a_slow_one_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let devices = ["--virtual", "3", "--inject", "hang:dev1@frame12", "--disturb", "slow:dev2@18..28"];
+    let (_, run) = play(folder.path(), &[&devices[..], &["--budget-ms", "0.01..60", "--frames", "32"]].concat());
+    let rows = run["frames"].as_array().unwrap();
+    let ms = |row: &Value| row["makespan_ms"].as_f64().unwrap();
+    let faults = run["faults"].as_array().unwrap();
+    assert_eq!(faults.len(), 1, "{faults:?}");
+    assert_eq!(
+        (&faults[0]["frame"], &faults[0]["device"], &faults[0]["kind"]),
+        (&12.into(), &1.into(), &"hang".into())
+    );
+    // A machine that is busy with other things renders slower frames, which limits follow.
+    let slowest_ms = rows[..12].iter().map(ms).fold(0.0, f64::max);
+    let (allowed_ms, scheduling_ms) = ((10.0 * slowest_ms).max(1000.0), 300.0);
+    assert!(ms(&rows[12]) < allowed_ms + scheduling_ms, "{} ms after {slowest_ms} ms", ms(&rows[12]));
+    assert!(rows[13..].iter().all(|row| row["devices"] == 2 && ms(row) < allowed_ms), "{run}");
+}
+
+/// Names in a folder that are not pictures.
+fn names(folder: &Path) -> Vec<String> {
+    let names = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().file_name().into_string().unwrap());
+    let mut names: Vec<String> = names.filter(|name| !name.contains(".exr") && !name.contains(".png")).collect();
+    names.sort();
+    names
+}
+
+#[test]
+fn a_killed_run_leaves_every_finished_frame_and_the_next_one_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path();
+    let motion = out.join("head.jsonl");
+    let mut run = Command::new(env!("CARGO_BIN_EXE_diptych"))
+        .args(["play", "builtin:cornell", "--size", "48x32", "--json", "--fps", "1000", "--budget-ms", "0.01..30000"])
+        .args(["--frames", "1000000", "--record-motion", motion.to_str().unwrap(), "--out", out.to_str().unwrap()])
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // What was told is finished.
+    let events = BufReader::new(run.stdout.take().unwrap()).lines().map(Result::unwrap);
+    let told = events.filter(|event| event.contains("\"event\":\"frame\"")).take(12).count();
+    run.kill().unwrap();
+    run.wait().unwrap();
+    assert_eq!(told, 12);
+    assert_eq!(names(out), ["frames.csv", "head.jsonl.part", "run.json.rows.part"]);
+    let whole = |name: &str| -> Vec<String> {
+        let text = std::fs::read_to_string(out.join(name)).unwrap();
+        text.split_inclusive('\n').filter_map(|line| line.strip_suffix('\n')).map(str::to_owned).collect()
+    };
+    let (lines, rows) = (whole("frames.csv"), whole("run.json.rows.part"));
+    assert!(lines.len() > 12 && rows.len() >= lines.len() - 1 && whole("head.jsonl.part").len() > 12, "{lines:?}");
+    assert!(lines[0].starts_with("frame,time_s,devices,makespan_ms,") && lines[0].ends_with(",late_ms,decide_ms"));
+    for (i, (line, row)) in lines[1..].iter().zip(&rows).enumerate() {
+        let row: Value = serde_json::from_str(row).unwrap();
+        let cells: Vec<&str> = line.split(',').collect();
+        assert_eq!((cells.len(), cells[0], &row["index"]), (27, i.to_string().as_str(), &i.into()), "{line}");
+        assert_eq!(cells[3], format!("{:.4}", row["makespan_ms"].as_f64().unwrap()));
+    }
+
+    let again = ["--size", "48x32", "--frames", "3", "--budget-ms", "0.01..30000"];
+    let recorded = [&again[..], &["--record-motion", motion.to_str().unwrap()]].concat();
+    let (_, stderr, next) = says(out, &recorded);
+    let said = format!("did not finish: its {} frame(s) are kept in run.unfinished.jsonl and frames.unf", rows.len());
+    assert!(stderr.contains(&said) && stderr.contains("head.unfinished.jsonl"), "{said}: {stderr}");
+    assert_eq!(next["frames"].as_array().unwrap().len(), 3);
+    assert_eq!(whole("frames.csv").len(), 4);
+    assert_eq!(whole("run.unfinished.jsonl"), rows);
+    assert_eq!(whole("frames.unfinished.csv")[..lines.len()], lines);
+    let kept = ["frames.unfinished.csv", "head.unfinished.jsonl", "run.unfinished.jsonl"];
+    let all = ["frames.csv", kept[0], "head.jsonl", kept[1], "ladder.toml", "run.json", kept[2]];
+    assert_eq!(names(out), all);
+    // It finished, so there is nothing to say any more.
+    let (_, stderr, _) = says(out, &again);
+    assert!(!stderr.contains("did not finish") && names(out) == all, "{stderr}");
 }
 
 /// What a run says, beside what it writes.

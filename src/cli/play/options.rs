@@ -6,11 +6,13 @@ use anyhow::ensure;
 
 use diptych::control::{Budget, Ladder, Measure, Origin};
 use diptych::quality::{Denoiser, Quality};
+use diptych::scene::head::{Recording, Space};
 
 use super::Failure;
 use super::ladder::Choice;
 use crate::cli::foveation::FoveationOptions;
 use crate::cli::options::{DEVICES, DenoiserChoice, OUTPUT, QUALITY, RenderOptions, RunOptions, SCENE};
+use crate::cli::progress::Progress;
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct LoopOptions {
@@ -50,6 +52,17 @@ impl LoopOptions {
             fps: self.fps.unwrap_or(1e3 / self.budget_ms.hi_ms()),
             ..RenderOptions::single(self.run.clone(), &most)
         }
+    }
+
+    /// Begins the file of --record-motion, if there is to be one. A file that a killed run left is kept, which is said.
+    pub fn recording(&self, space: Space, progress: &Progress) -> Result<Option<Recording>, Failure> {
+        let Some(path) = &self.record_motion else { return Ok(None) };
+        let (recording, kept) = Recording::create(space, path)?;
+        if let Some(kept) = kept {
+            let kept = kept.display();
+            progress.warn(&format!("the last recording of {} did not finish: it is kept in {kept}", path.display()));
+        }
+        Ok(Some(recording))
     }
 
     /// Where the rungs are from, in words.

@@ -4,14 +4,16 @@ use std::time::Duration;
 
 use anyhow::Context;
 
-use diptych::exec::{Stereo, TaskTiming};
+use diptych::exec::Stereo;
 use diptych::image::RgbImage;
 use diptych::report::Table;
 use diptych::report::html::Section;
 use diptych::report::lanes::{LaneFrame, median_frame};
 use diptych::report::pictures::Group;
 use diptych::report::play::{PlaySummary, SETTLING_FRAMES};
-use diptych::report::run::{FrameRow, ReferenceRow, RunReport};
+use diptych::report::record::SpooledRows;
+use diptych::report::run::{ReferenceRow, RunReport};
+use diptych::report::samples::{FrameSamples, SampledFrame};
 use diptych::report::timeline::{Disturbed, timeline};
 use diptych::scene::rig::Rig;
 
@@ -30,6 +32,7 @@ const SPP_MAX: u32 = 1 << 14;
 
 /// The last frame, off the devices.
 pub struct Last {
+    index: u32,
     linear: Stereo<RgbImage>,
     pub rig: Rig,
     time_s: f64,
@@ -38,9 +41,8 @@ pub struct Last {
 impl Last {
     /// None before there is a frame.
     pub fn of(run: &mut Run) -> Result<Option<Self>, Failure> {
-        let Some(row) = run.rows.last() else { return Ok(None) };
-        let (rig, time_s) = (run.rig(row.index), row.time_s);
-        Ok(Some(Self { linear: run.session.renderer.read_linear()?, rig, time_s }))
+        let Some((index, time_s)) = run.newest else { return Ok(None) };
+        Ok(Some(Self { index, linear: run.session.renderer.read_linear()?, rig: run.rig(index), time_s }))
     }
 
     /// What `loaded` sees at the same instant, unbiased, with other random numbers.
@@ -71,18 +73,18 @@ pub fn write(
     args: &Args,
     options: &RenderOptions,
     loaded: &Loaded,
-    report: &RunReport,
-    tasks: &[Vec<TaskTiming>],
+    report: &RunReport<&SpooledRows>,
+    samples: &FrameSamples,
     last: &Last,
 ) -> Result<(), Failure> {
     let [lo_ms, hi_ms] = [args.options.budget_ms.lo_ms(), args.options.budget_ms.hi_ms()];
     let title = format!("{} at {} in {lo_ms} to {hi_ms} ms a frame", options.shot, options.size);
-    let mut sections = vec![pictures(args, options, loaded, last, report)?];
+    let mut sections = vec![pictures(args, options, loaded, last)?];
     if let Some(play) = &report.play {
-        sections.extend(budget(args, play, &report.frames)?);
+        sections.extend(budget(args, play, samples)?);
     }
-    let makespans_ms: Vec<f64> = report.frames.iter().map(|f| f.makespan_ms).collect();
-    let frames: Vec<LaneFrame> = report.frames.iter().zip(tasks).map(lane_frame).collect();
+    let makespans_ms: Vec<f64> = samples.frames().iter().map(|f| f.makespan_ms).collect();
+    let frames: Vec<LaneFrame> = samples.frames().iter().map(lane_frame).collect();
     let note = "The frame that is chosen above or here, at first one of median makespan.";
     sections.push(page::swimlanes(note.to_owned(), &frames, median_frame(&makespans_ms))?);
     let settings = Table::of_fields(&report.settings);
@@ -96,19 +98,14 @@ pub fn write(
 }
 
 /// The tasks' times are since the frame's begin.
-fn lane_frame<'a>((row, tasks): (&FrameRow, &'a Vec<TaskTiming>)) -> LaneFrame<'a> {
-    LaneFrame { name: format!("frame {}", row.index), makespan_ms: row.makespan_ms, begin_ms: 0.0, tasks }
+fn lane_frame(frame: &SampledFrame) -> LaneFrame<'_> {
+    let SampledFrame { index, makespan_ms, tasks, .. } = frame;
+    LaneFrame { name: format!("frame {index}"), makespan_ms: *makespan_ms, begin_ms: 0.0, tasks }
 }
 
-fn pictures(
-    args: &Args,
-    options: &RenderOptions,
-    loaded: &Loaded,
-    last: &Last,
-    report: &RunReport,
-) -> Result<Section, Failure> {
+fn pictures(args: &Args, options: &RenderOptions, loaded: &Loaded, last: &Last) -> Result<Section, Failure> {
     let (reference, row) = last.reference(args, options, loaded)?;
-    let index = report.frames.last().map_or(0, |f| f.index);
+    let index = last.index;
     let groups = [
         page::against(format!("frame {index}"), &last.linear, &reference, loaded)?,
         Group::of_frame(format!("reference, {} spp", row.spp), &reference, loaded.shot.exposure_ev),
@@ -125,13 +122,20 @@ fn pictures(
     page::pictures(note, &groups)
 }
 
-fn budget(args: &Args, play: &PlaySummary, rows: &[FrameRow]) -> Result<[Section; 2], Failure> {
+fn budget(args: &Args, play: &PlaySummary, samples: &FrameSamples) -> Result<[Section; 2], Failure> {
     let disturbed: Vec<Disturbed> = args.disturb.iter().map(disturbed).collect();
-    let figure = timeline(play.budget_ms, play.rungs, rows, &disturbed).context("cannot write down the frames")?;
+    let figure = timeline(play.budget_ms, play.rungs, samples.frames(), &disturbed);
+    let figure = figure.context("cannot write down the frames")?;
     let how = "Frame times in the shaded budget and samples per pixel, and below them the rung of the quality ladder, 0 \
         the cheapest. Triangles stand for frames beyond the axis. Choose a frame by a click or the arrow keys.";
     let judged = format!("The first {SETTLING_FRAMES} frames of a longer run settle the loop and are not judged.");
-    let notes = vec![how.to_owned(), judged];
+    let mut notes = vec![how.to_owned(), judged];
+    if samples.stride() > 1 {
+        notes.push(format!(
+            "The figures show the slowest of every {} frames that follow one another.",
+            samples.stride()
+        ));
+    }
     let rungs = vec![format!("Of the ladder: {}. Shares are of the frames that were judged.", play.ladder)];
     Ok([
         Section { heading: "Frames in their budget", notes, table: Some(play.table()), figure: Some(figure) },

@@ -2,13 +2,15 @@
 
 use std::cell::RefCell;
 use std::collections::HashMap;
+use std::path::Path;
 use std::time::Instant;
 
 use diptych::control::{Budget, Controller, Decision, ESTIMATES_EV, Ladder, Measure, Origin};
 use diptych::exec::ranks::Devices;
 use diptych::exec::{FrameReport, Renderer};
 use diptych::quality::{Denoiser, FrameQuality, Quality};
-use diptych::report::play::{ControlRow, Play, PlaySummary, SizeFit};
+use diptych::report::play::{ControlRow, Play, SizeFit};
+use diptych::report::record::{FrameRecord, SpooledRows};
 use diptych::report::rectified::RectifiedFrame;
 use diptych::report::run::{FrameRow, RunReport};
 use diptych::scene::rig::Rig;
@@ -65,6 +67,8 @@ impl Session {
         record_devices(&tracing.recorder, renderer.devices());
         let ladder = find_ladder(prepared, loaded, &mut renderer, &progress)?;
         let Prepared { options, choice, .. } = prepared;
+        // Timing settings takes frames of any length; the frames that count begin here.
+        renderer.set_budget(options.budget_ms.hi_ms());
         let denoiser = Denoiser::name_of(choice.denoiser);
         Ok(Self {
             fit,
@@ -124,20 +128,34 @@ impl Session {
         Ok((self.take_in(&frame, decided, late_ms, rig, time_s), frame))
     }
 
-    /// What run.json has of frames of these rows.
-    pub fn report(&self, prepared: &Prepared, loaded: &Loaded, rows: Vec<FrameRow>) -> RunReport {
+    /// Begins the record of the frames in a folder.
+    pub fn record(&self, folder: &Path) -> Result<FrameRecord, Failure> {
+        Ok(FrameRecord::create(folder, self.budget_ms())?)
+    }
+
+    fn budget_ms(&self) -> [f64; 2] {
+        [self.budget.lo_ms(), self.budget.hi_ms()]
+    }
+
+    /// Returns the contents of run.json.
+    pub fn report<'a>(
+        &self,
+        prepared: &Prepared,
+        loaded: &Loaded,
+        record: &'a FrameRecord,
+    ) -> RunReport<&'a SpooledRows> {
         let Prepared { options, choice, render, .. } = prepared;
         let devices = self.renderer.devices();
-        let budget_ms = [self.budget.lo_ms(), self.budget.hi_ms()];
+        let budget_ms = self.budget_ms();
         let mut settings = settings::in_force(render, loaded.exposure_ev(), devices);
         // A headset may have said what it is.
         settings.options.insert("budget_ms".to_owned(), format!("{}..{}", budget_ms[0], budget_ms[1]).into());
+        let rows = record.rows();
         let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !render.no_skip, rows);
         report.warm_up_s = self.warm_up_s;
         report.faults = self.renderer.faults().to_vec();
         report.rectified = self.renderer.rectified().map(|frame| RectifiedFrame::new(frame, render.size));
         let play = Play {
-            budget_ms,
             denoiser: Denoiser::name_of(choice.denoiser),
             ladder: options.ladder_name(&self.ladder),
             measure: self.ladder.origin().measure,
@@ -145,11 +163,11 @@ impl Session {
             fps: render.fps,
             fit: self.fit.clone(),
         };
-        report.play = PlaySummary::of(&play, &report.frames);
+        report.play = record.play.summary(&play);
         report
     }
 
-    /// Tells the controller, the trace and whoever listens.
+    /// Tells the controller and the trace; returns the frame's row.
     fn take_in(&mut self, frame: &FrameReport, decided: Decided, late_ms: f64, rig: &Rig, time_s: f64) -> FrameRow {
         let Decided { decision: Decision { rung, expected_ms, fits }, decide_ms } = decided;
         self.controller.observe(rung, frame.makespan_ms);
@@ -157,13 +175,19 @@ impl Session {
         if std::mem::replace(&mut self.lost, lost) != lost {
             self.controller.devices_changed();
         }
-        let budget_ms = [self.budget.lo_ms(), self.budget.hi_ms()];
+        let budget_ms = self.budget_ms();
         let in_band = (budget_ms[0]..=budget_ms[1]).contains(&frame.makespan_ms);
         let (quality, _) = &self.qualities[rung];
         self.tracing.record(quality, Some(FrameControl { rung, budget_ms }), frame);
         let mut row = FrameRow::new(frame, quality, rig, time_s);
-        let FrameQuality { spp, bounces, iterations, scale, fovea } = row.quality;
         row.control = Some(ControlRow { rung, expected_ms, fits, in_band, late_ms, decide_ms });
+        row
+    }
+
+    /// Tells whoever listens of a frame, once its row is recorded.
+    pub fn announce(&mut self, row: &FrameRow, frame: &FrameReport) {
+        let Some(ControlRow { rung, expected_ms, fits, in_band, late_ms, .. }) = row.control else { return };
+        let FrameQuality { spp, bounces, iterations, scale, fovea } = row.quality;
         self.progress.event(|| {
             serde_json::json!({
                 "event": "frame", "index": row.index, "rung": rung, "spp": spp, "bounces": bounces,
@@ -171,9 +195,8 @@ impl Session {
                 "fits": fits, "makespan_ms": row.makespan_ms, "in_band": in_band, "late_ms": late_ms,
             })
         });
-        self.live.observe(&row, &frame.busy_ms(), &self.progress);
+        self.live.observe(row, &frame.busy_ms(), &self.progress);
         self.faults.say_new(&self.renderer, &self.tracing, &self.progress);
-        row
     }
 }
 

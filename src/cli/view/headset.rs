@@ -16,8 +16,8 @@ use diptych::image::{Image, stereo};
 use diptych::passes::tonemap::DISPLAY;
 use diptych::passes::{Aov, aov_image};
 use diptych::report::headset::{HeadsetRow, HeadsetSummary};
+use diptych::report::record::FrameRecord;
 use diptych::report::rectified::RectifiedFrame;
-use diptych::report::run::FrameRow;
 use diptych::scene::head::Recording;
 
 use super::Args;
@@ -88,7 +88,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     session.renderer.set_pose_source(prepared.render.is_late.then(|| late.source()));
     let outputs = [DISPLAY, aov_image(0)];
     session.renderer.set_outputs(if headset.takes_depth() { &outputs } else { &outputs[..1] });
-    let motion = Recording::new(world.space);
+    let motion = prepared.options.recording(world.space, &session.progress)?;
+    let record = writes.then(|| session.record(&prepared.render.out)).transpose()?;
     let look = Look {
         scene: loaded.shot.name.clone(),
         eye: prepared.render.size,
@@ -96,9 +97,8 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         devices: session.renderer.devices().iter().map(|info| format!("dev{} {}", info.index, info.name)).collect(),
         is_foveated: prepared.render.foveated.is_on(),
     };
-    let (rows, news, board) = (Vec::new(), News::default(), None);
-    let mut show =
-        Show { session, headset, world, late, motion, writes, rows, look, news, board, opens_board: args.panel };
+    let (news, board) = (News::default(), None);
+    let mut show = Show { session, headset, world, late, motion, record, look, news, board, opens_board: args.panel };
     // What there is by then is written, whatever ended it.
     let shown = show.frames(&prepared);
     let finished = show.finish(args, &prepared, &loaded, first.period_ms());
@@ -162,10 +162,9 @@ struct Show {
     headset: Headset,
     world: World,
     late: Arc<Late>,
-    motion: Recording,
-    /// Whether rows are kept.
-    writes: bool,
-    rows: Vec<FrameRow>,
+    motion: Option<Recording>,
+    /// Without --out there is none.
+    record: Option<FrameRecord>,
     look: Look,
     news: News,
     /// While it is shown.
@@ -197,7 +196,7 @@ impl Show {
     }
 
     fn frame(&mut self, frame: &HeadsetFrame, index: u32, begin_s: f64) -> Result<(), Failure> {
-        let Self { session, headset, world, late, motion, look, news, board, opens_board, .. } = self;
+        let Self { session, headset, world, late, motion, record, look, news, board, opens_board } = self;
         let (rig, time_s) = (world.rig_of(frame)?, begin_s + frame.display_s);
         let decided = session.decide();
         if let Some(gaze) = frame.gaze {
@@ -230,32 +229,34 @@ impl Show {
             let series = [("predicted", ms), ("missed periods", frame.missed.into())];
             session.tracing.recorder.counter("motion to photon (ms)", 1e3 * report.begin_ms, &series);
         }
-        motion.add(time_s, shown_from, time_s, session.gaze(time_s));
-        if self.writes {
-            self.rows.push(row);
+        if let Some(motion) = motion {
+            motion.add(time_s, shown_from, time_s, session.gaze(time_s))?;
         }
+        if let Some(record) = record {
+            record.add(&row)?;
+        }
+        session.announce(&row, &report);
         Ok(())
     }
 
     /// Writes what is asked for, and says how it went.
     fn finish(self, args: &Args, prepared: &Prepared, loaded: &Loaded, period_ms: f64) -> Result<(), Failure> {
-        let Self { mut session, headset, motion, rows, .. } = self;
+        let Self { mut session, headset, motion, record, .. } = self;
         session.progress.finish();
         let options = &prepared.render;
-        if let Some(path) = &prepared.options.record_motion {
-            motion.write(path)?;
-        }
+        motion.map_or(Ok(()), Recording::finish)?;
         if let Some(path) = args.screenshot.as_ref().filter(|_| session.renderer.has_frame()) {
             write_png(path, &side_by_side(&session.renderer.read_display()?)?)?;
         }
-        if self.writes {
-            let mut report = session.report(prepared, loaded, rows);
-            let summary = summary(&headset, period_ms, options.is_late).with(&report.frames);
+        if let Some(record) = &record {
+            let mut report = session.report(prepared, loaded, record);
+            let summary = summary(&headset, period_ms, options.is_late).with(&record.headset);
             if !options.quiet && !options.json {
                 say!("{summary}");
             }
             report.headset = Some(summary);
             report.write(&options.out.join("run.json"))?;
+            record.finish()?;
         }
         session.tracing.finish()?;
         ended(&headset)

@@ -36,7 +36,7 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
     session.renderer.set_outputs(&[DISPLAY]);
     let options = &prepared.render;
     let mut camera = Camera::new(&loaded.shot.rig, options.time, speed_per_s(&loaded.scene));
-    let mut motion = Recording::new(loaded.space);
+    let mut motion = prepared.options.recording(loaded.space, &session.progress)?;
     let mut pace = Pace::new(options.fps);
     let mut before = Instant::now();
     for index in 0..prepared.frames.unwrap_or(u32::MAX) {
@@ -52,8 +52,11 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
         if let Some(gaze) = input.gaze {
             session.renderer.set_gaze([gaze; 2]);
         }
-        let (row, _) = session.render(decided, late_ms, &rig, time_s, index)?;
-        motion.add(time_s, &rig, time_s, session.gaze(time_s));
+        let (row, report) = session.render(decided, late_ms, &rig, time_s, index)?;
+        if let Some(motion) = &mut motion {
+            motion.add(time_s, &rig, time_s, session.gaze(time_s))?;
+        }
+        session.announce(&row, &report);
         let picture = session.renderer.read_display()?;
         let layers = session.renderer.foveation().zip(session.fovea(decided));
         let circles = layers.map(|(foveation, radii)| {
@@ -66,9 +69,7 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
         wake();
     }
     session.progress.finish();
-    if let Some(path) = &prepared.options.record_motion {
-        motion.write(path)?;
-    }
+    motion.map_or(Ok(()), Recording::finish)?;
     session.tracing.finish()
 }
 

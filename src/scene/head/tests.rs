@@ -46,13 +46,20 @@ fn what_is_recorded_is_replayed() {
     let path = folder.path().join("motion.jsonl");
     let (motion, shot) = (HeadMotion::parse(FILE.as_bytes()).unwrap(), shot());
     let rig = motion.rig(&shot).unwrap();
-    let mut recording = Recording::new(Space::of(&shot));
+    let part = folder.path().join("motion.jsonl.part");
+    std::fs::write(&part, "of a run that was killed").unwrap();
+    let (mut recording, kept) = Recording::create(Space::of(&shot), &path).unwrap();
+    assert_eq!(kept, Some(folder.path().join("motion.unfinished.jsonl")));
+    assert_eq!(std::fs::read_to_string(kept.unwrap()).unwrap(), "of a run that was killed");
     for (i, at_s) in [0.9, 1.3, 2.2, 3.0].into_iter().enumerate() {
-        recording.add(0.1 * i as f64, &rig, at_s, Some([[0.1, 0.9], [0.1, 0.1 * i as f64]]));
+        recording.add(0.1 * i as f64, &rig, at_s, Some([[0.1, 0.9], [0.1, 0.1 * i as f64]])).unwrap();
+        // Each is there at once, and nothing has the final name yet.
+        assert_eq!((std::fs::read_to_string(&part).unwrap().matches('\n').count(), path.exists()), (i + 2, false));
     }
     // The clock stood still.
-    recording.add(0.3, &rig, 1.0, None);
-    recording.write(&path).unwrap();
+    recording.add(0.3, &rig, 1.0, None).unwrap();
+    recording.finish().unwrap();
+    assert!(!part.exists());
     let read = HeadMotion::read(&path, &Budget::unlimited()).unwrap();
     assert_eq!(read.gaze().unwrap().map(|gaze| gaze.at(0.2)), [[0.1, 0.9], [0.1, 0.2]]);
     let again = read.rig(&shot).unwrap();
@@ -98,9 +105,7 @@ fn what_is_wrong_is_named_with_its_line() {
 
 #[test]
 fn recorded_orientations_are_of_unit_length() {
-    let mut recording = Recording::new(Space::of(&shot()));
-    recording.add(0.0, &shot(), 0.0, None);
-    let [x, y, z, w] = recording.samples[0].orientation;
+    let [x, y, z, w] = Space::of(&shot()).sample(0.0, &shot().key_at(0.0), None).orientation;
     assert!((x.hypot(y).hypot(z).hypot(w) - 1.0).abs() < 1e-12);
     // Down by an eighth of a turn.
     assert!((2.0 * x.abs().asin() - (FRAC_1_SQRT_2).asin()).abs() < 1e-9 && y.abs() + z.abs() < 1e-9, "{x} {y} {z}");

@@ -1,0 +1,123 @@
+//! The record of a session that may last for hours, in memory that does not grow: rows go to files as frames end, and
+//! sums and distributions are kept.
+
+use std::io;
+use std::path::{Path, PathBuf};
+
+use serde::ser::{Serialize, SerializeSeq, Serializer};
+
+use super::frames::FrameLine;
+use super::headset::HeadsetTally;
+use super::json::Text;
+use super::play::PlayTally;
+use super::run::FrameRow;
+use crate::image::ImageError;
+use crate::image::file::{LineFile, count_lines, keep_unfinished};
+
+/// Files of a folder: a line for each finished frame, and its row of `run.json` until that is written.
+const LINES: &str = "frames.csv";
+const ROWS: &str = "run.json.rows.part";
+
+/// The rows of frames inside a budget, as far as they are finished.
+pub struct FrameRecord {
+    lines: LineFile,
+    rows: SpooledRows,
+    pub play: PlayTally,
+    pub headset: HeadsetTally,
+}
+
+impl FrameRecord {
+    /// Begins in `folder`. The budget is that of frames, milliseconds.
+    ///
+    /// # Errors
+    /// [`ImageError`] if a file cannot be written.
+    pub fn create(folder: &Path, budget_ms: [f64; 2]) -> Result<Self, ImageError> {
+        let rows = SpooledRows(LineFile::create(&folder.join(ROWS))?);
+        let mut lines = LineFile::create(&folder.join(LINES))?;
+        lines.add(&FrameLine::header())?;
+        Ok(Self { lines, rows, play: PlayTally::new(budget_ms), headset: HeadsetTally::default() })
+    }
+
+    /// Adds the row of a frame, which is in the files when this returns.
+    ///
+    /// # Errors
+    /// [`ImageError`] if a file cannot be written.
+    pub fn add(&mut self, row: &FrameRow) -> Result<(), ImageError> {
+        self.rows.add(row)?;
+        self.lines.add(&FrameLine::from(row).text())?;
+        self.play.add(row);
+        row.headset.iter().for_each(|row| self.headset.add(row));
+        Ok(())
+    }
+
+    /// Returns the rows, for `run.json`.
+    pub fn rows(&self) -> &SpooledRows {
+        &self.rows
+    }
+
+    /// Removes the rows, once `run.json` has them.
+    ///
+    /// # Errors
+    /// [`ImageError`] if their file cannot be removed.
+    pub fn finish(&self) -> Result<(), ImageError> {
+        self.rows.0.remove()
+    }
+}
+
+/// Rows of frames in a file, a line of JSON each. They serialize as a list.
+pub struct SpooledRows(LineFile);
+
+impl SpooledRows {
+    fn add(&mut self, row: &FrameRow) -> Result<(), ImageError> {
+        let line = serde_json::to_vec(row).map(|mut line| {
+            line.push(b'\n');
+            line
+        });
+        match line {
+            Ok(line) => self.0.add(&line),
+            Err(error) => Err(ImageError::Write { path: ROWS.into(), source: error.into() }),
+        }
+    }
+}
+
+impl Serialize for SpooledRows {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        /// An error of reading the file, or of the serializer.
+        struct Failed<E>(E);
+        impl<E: serde::ser::Error> From<io::Error> for Failed<E> {
+            fn from(error: io::Error) -> Self {
+                Self(E::custom(error))
+            }
+        }
+        let mut list = serializer.serialize_seq(None)?;
+        let element = |line: &[u8]| list.serialize_element(&Text(line)).map_err(Failed);
+        self.0.each_line(element).map_err(|Failed(error)| error)?;
+        list.end()
+    }
+}
+
+/// Rows that a run left that was killed.
+pub struct Unfinished {
+    pub frames: u64,
+    /// The files that have them now.
+    pub kept: Vec<PathBuf>,
+}
+
+impl Unfinished {
+    /// Renames the files of a run that did not finish, so that the next run into the folder does not replace them. Returns
+    /// none where the last run finished.
+    ///
+    /// # Errors
+    /// [`ImageError`] if a file cannot be read or renamed.
+    pub fn keep(folder: &Path) -> Result<Option<Self>, ImageError> {
+        let rows = folder.join(ROWS);
+        let frames = count_lines(&rows).map_err(|source| ImageError::Read { path: rows.clone(), source })?;
+        let Some(frames) = frames.filter(|frames| *frames > 0) else { return Ok(None) };
+        let mut kept = vec![keep_unfinished(&rows, &folder.join("run.jsonl"))?];
+        let lines = folder.join(LINES);
+        if lines.is_file() {
+            kept.push(keep_unfinished(&lines, &lines)?);
+        }
+        Ok(Some(Self { frames, kept }))
+    }
+}

@@ -1,0 +1,95 @@
+//! Frames that a page shows of a run of any length, in bounded memory.
+
+use super::play::ControlRow;
+use super::run::FrameRow;
+use crate::exec::TaskTiming;
+use crate::quality::FrameQuality;
+
+/// The largest number of frames, and of their tasks, which take about 50 MB.
+const FRAMES_MAX: usize = 4096;
+const TASKS_MAX: usize = 240_000;
+
+/// A frame that the control loop made, with its tasks since its begin.
+#[derive(Clone, Debug)]
+pub struct SampledFrame {
+    pub index: u32,
+    pub makespan_ms: f64,
+    pub quality: FrameQuality,
+    pub control: ControlRow,
+    pub tasks: Vec<TaskTiming>,
+}
+
+/// All frames of a short run; of a longer one the slowest of each so many that follow one another, so that frames
+/// outside the budget remain.
+#[derive(Clone, Debug)]
+pub struct FrameSamples {
+    frames: Vec<SampledFrame>,
+    /// The number of frames that each stands for, and that the last one stands for so far.
+    stride: usize,
+    in_last: usize,
+    tasks: usize,
+}
+
+impl Default for FrameSamples {
+    fn default() -> Self {
+        Self { frames: Vec::new(), stride: 1, in_last: 1, tasks: 0 }
+    }
+}
+
+impl FrameSamples {
+    /// Adds a frame that the control loop made.
+    pub fn add(&mut self, row: &FrameRow, tasks: Vec<TaskTiming>) {
+        let Some(control) = row.control else { return };
+        let &FrameRow { index, makespan_ms, quality, .. } = row;
+        self.tasks += tasks.len();
+        let frame = SampledFrame { index, makespan_ms, quality, control, tasks };
+        match self.frames.last_mut().filter(|_| self.in_last < self.stride) {
+            Some(last) => {
+                self.in_last += 1;
+                let (kept, dropped) = slower(last.clone(), frame);
+                self.tasks -= dropped.tasks.len();
+                *last = kept;
+            }
+            None => {
+                self.in_last = 1;
+                self.frames.push(frame);
+            }
+        }
+        while self.frames.len() > FRAMES_MAX || (self.tasks > TASKS_MAX && self.frames.len() > 1) {
+            self.halve();
+        }
+    }
+
+    fn halve(&mut self) {
+        if self.frames.len().is_multiple_of(2) {
+            self.in_last += self.stride;
+        }
+        self.stride *= 2;
+        let mut frames = std::mem::take(&mut self.frames).into_iter();
+        while let Some(first) = frames.next() {
+            let kept = match frames.next() {
+                None => first,
+                Some(second) => {
+                    let (kept, dropped) = slower(first, second);
+                    self.tasks -= dropped.tasks.len();
+                    kept
+                }
+            };
+            self.frames.push(kept);
+        }
+    }
+
+    pub fn frames(&self) -> &[SampledFrame] {
+        &self.frames
+    }
+
+    /// Returns the number of frames that each stands for.
+    pub fn stride(&self) -> usize {
+        self.stride
+    }
+}
+
+/// Returns the slower frame, the earlier one of equals, and the other.
+fn slower(first: SampledFrame, second: SampledFrame) -> (SampledFrame, SampledFrame) {
+    if second.makespan_ms > first.makespan_ms { (second, first) } else { (first, second) }
+}
