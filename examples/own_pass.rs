@@ -54,7 +54,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 
 /// It reads one row more on each side of a stripe, and has the stripes of tonemap.
 fn outline(view: Eye) -> Pass {
-    let kernel = Kernel { text: Some(SHADER), ..Kernel::new("outline") };
+    let kernel = Kernel::from_text("outline", SHADER);
     let uses = [Use::read(EMISSION).halo(1), Use::write(OUTLINE)];
     Pass::new(OUTLINE_STAGE, view, tonemap::CUT, kernel).uses(uses)
 }
