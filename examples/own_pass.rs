@@ -60,6 +60,8 @@ fn outline(view: Eye) -> Pass {
 }
 
 fn main() -> anyhow::Result<()> {
+    // SAFETY: no other thread of this program reads the environment while devices are opened.
+    unsafe { device::set_environment_hook(|name, value| std::env::set_var(name, value)) };
     let file = std::env::args().nth(1).map_or_else(|| std::env::temp_dir().join("diptych_outline.png"), PathBuf::from);
     verify(&outline(Eye::Left))?;
     let (shot, scene) = load_shot("builtin:cornell")?;

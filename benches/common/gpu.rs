@@ -120,6 +120,8 @@ impl Gpu {
             Traversal::Hardware => TraversalChoice::Hardware,
         };
         let selection = Selection { traversal, ..Selection::default() };
+        // SAFETY: no other thread of a benchmark reads the environment while a device is opened.
+        unsafe { device::set_environment_hook(|name, value| std::env::set_var(name, value)) };
         let gpu = device::open(&selection).unwrap_or_else(|e| panic!("{e}")).swap_remove(0);
         let tables = workload.tables(layout);
         let scene = SceneBuffers::new(&gpu, &tables).expect("the scene fits");
