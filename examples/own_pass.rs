@@ -54,12 +54,14 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 
 /// It reads one row more on each side of a stripe, and has the stripes of tonemap.
 fn outline(view: Eye) -> Pass {
-    let kernel = Kernel { text: Some(SHADER), ..Kernel::new("outline") };
+    let kernel = Kernel::from_text("outline", SHADER);
     let uses = [Use::read(EMISSION).halo(1), Use::write(OUTLINE)];
     Pass::new(OUTLINE_STAGE, view, tonemap::CUT, kernel).uses(uses)
 }
 
 fn main() -> anyhow::Result<()> {
+    // SAFETY: no other thread of this program reads the environment while devices are opened.
+    unsafe { device::set_environment_hook(|name, value| std::env::set_var(name, value)) };
     let file = std::env::args().nth(1).map_or_else(|| std::env::temp_dir().join("diptych_outline.png"), PathBuf::from);
     verify(&outline(Eye::Left))?;
     let (shot, scene) = load_shot("builtin:cornell")?;

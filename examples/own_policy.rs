@@ -66,6 +66,8 @@ fn frames(count: usize) -> anyhow::Result<Vec<[RgbImage; 2]>> {
 }
 
 fn main() -> anyhow::Result<()> {
+    // SAFETY: no other thread of this program reads the environment while devices are opened.
+    unsafe { device::set_environment_hook(|name, value| std::env::set_var(name, value)) };
     let one = frames(1)?;
     let two = frames(2)?;
     // Bits are compared, not numbers, of which 0 and -0 would be equal.

@@ -55,7 +55,7 @@ fn source(version: &Version, access: SceneAccess) -> String {
         Version::Of(file) => std::fs::read_to_string(file).unwrap_or_else(|e| panic!("{}: {e}", file.display())),
     };
     let text = [before, &traverse, "//!include hits surface bsdf", include_str!("../rays.wgsl")].join("\n");
-    shader_text(&Kernel { text: Some(text.leak()), ..Kernel::with_scene("rays") }, access)
+    shader_text(&Kernel::from_text("rays", text.leak()).reading_scene(), access)
 }
 
 fn entry(binding: u32, ty: wgpu::BufferBindingType) -> wgpu::BindGroupLayoutEntry {
@@ -84,7 +84,8 @@ fn pipeline(
 ) -> wgpu::ComputePipeline {
     let descriptor =
         wgpu::ShaderModuleDescriptor { label: Some("rays"), source: wgpu::ShaderSource::Wgsl(text.into()) };
-    // SAFETY: as in the stages: loops end by themselves, no integer divisor is 0, bounds stay checked.
+    // SAFETY: loops end, integer divisors are not 0, and bounds stay checked. For a version that a file has, whoever
+    // names the file vouches for that.
     let module = unsafe { gpu.device.create_shader_module_trusted(descriptor, ShaderChecks::Fast.runtime_checks()) };
     let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: None,
@@ -119,6 +120,8 @@ impl Gpu {
             Traversal::Hardware => TraversalChoice::Hardware,
         };
         let selection = Selection { traversal, ..Selection::default() };
+        // SAFETY: no other thread of a benchmark reads the environment while a device is opened.
+        unsafe { device::set_environment_hook(|name, value| std::env::set_var(name, value)) };
         let gpu = device::open(&selection).unwrap_or_else(|e| panic!("{e}")).swap_remove(0);
         let tables = workload.tables(layout);
         let scene = SceneBuffers::new(&gpu, &tables).expect("the scene fits");

@@ -44,6 +44,7 @@ mod view;
 use std::process::ExitCode;
 
 use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+use diptych::device;
 
 use failure::Failure;
 use options::RunOptions;
@@ -88,14 +89,22 @@ enum Command {
     Man(manual::ManArgs),
 }
 
-/// Mesa's layer that chooses among GPUs asks the Wayland server, and complains on every start where none can be found, as
-/// in containers: there, it is left out.
-fn quiet_mesa() {
-    const LEAVES_LAYER_OUT: &str = "NODEVICE_SELECT";
+/// Tells drivers by the environment what they take nowhere else. Call it before the program starts threads.
+fn prepare_environment() {
+    // SAFETY: the program has no other thread yet.
+    let set = |name: &str, value: &str| unsafe { std::env::set_var(name, value) };
+    // Mesa's layer that chooses among GPUs asks the Wayland server, and complains on every start where none can be found,
+    // as in containers: there, it is left out.
     if cfg!(target_os = "linux") && std::env::var_os("XDG_RUNTIME_DIR").is_none() {
-        // SAFETY: the program has no other thread yet.
-        unsafe { std::env::set_var(LEAVES_LAYER_OUT, "1") };
+        set("NODEVICE_SELECT", "1");
     }
+    // Errors of our own say what the loader of OpenXR would write to stderr.
+    const LOADER_LOG: &str = "XR_LOADER_DEBUG";
+    if cfg!(feature = "xr") && std::env::var_os(LOADER_LOG).is_none() {
+        set(LOADER_LOG, "none");
+    }
+    // SAFETY: while the library opens a device, no other thread of the program reads the environment but by `std::env`.
+    unsafe { device::set_environment_hook(|name, value| std::env::set_var(name, value)) };
 }
 
 /// The command line's definition.
@@ -137,7 +146,7 @@ impl Command {
 }
 
 pub fn run() -> ExitCode {
-    quiet_mesa();
+    prepare_environment();
     let result = ranks::join().and_then(|()| if ranks::serves() { serve() } else { Ok(run_command()) });
     let status = result.unwrap_or_else(|failure| {
         eprint!("{}", failure.message());

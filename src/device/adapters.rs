@@ -1,6 +1,9 @@
 //! Which adapters there are, and which of them devices are to be opened on.
 
+use std::sync::PoisonError;
+
 use super::choice::by_default;
+use super::opening::OPENING;
 use super::{DeviceError, Quirks, Traversal, TraversalChoice};
 
 pub(super) const INSTALL_HINT: &str = "install a Vulkan driver (Debian or Ubuntu: `apt-get install mesa-vulkan-drivers`, \
@@ -80,8 +83,8 @@ pub struct Selection {
     pub adapters: Option<Vec<usize>>,
     /// Devices per adapter.
     pub virtual_devices: usize,
-    /// Worker threads of each device on a software adapter, one number for all or one per device; none:
-    /// cores / devices.
+    /// Worker threads of each device on a software adapter, one number for all or one per device; none: cores / devices.
+    /// Drivers that read it from the environment need [`super::set_environment_hook`]; none then leaves it to them.
     pub threads_per_device: Option<Vec<usize>>,
     pub traversal: TraversalChoice,
 }
@@ -175,6 +178,7 @@ fn report(index: usize, adapter: &wgpu::Adapter) -> AdapterReport {
 
 /// All adapters of this machine.
 pub fn adapters() -> Vec<AdapterReport> {
+    let _guard = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
     enumerate(&new_instance()).iter().enumerate().map(|(i, a)| report(i, a)).collect()
 }
 

@@ -7,6 +7,7 @@ mod adapters;
 mod checks;
 mod choice;
 mod clock;
+mod environment;
 mod failure;
 mod opening;
 #[cfg(feature = "xr")]
@@ -22,6 +23,7 @@ pub use adapters::{AdapterReport, DeviceInfo, RankName, Selection, adapters, cho
 pub use checks::ShaderChecks;
 pub use clock::GpuClock;
 pub(crate) use clock::{MOST_DRIFT, Offset as ClockOffset};
+pub use environment::set_environment_hook;
 pub use failure::{DeviceFailure, FailureKind, panic_text};
 #[cfg(feature = "xr")]
 pub use headset::HeadsetDevice;
@@ -65,6 +67,11 @@ pub enum DeviceError {
     TooMany(usize),
     #[error("{given} thread counts for {devices} devices: give one per device, or one for all")]
     ThreadCounts { given: usize, devices: usize },
+    #[error(
+        "adapter {index} ({name}) reads its number of threads from the environment variable {}, which this program does not let the library set: ask for no number of threads, or provide device::set_environment_hook",
+        environment::THREADS
+    )]
+    ThreadsUnsettable { index: usize, name: String },
 }
 
 /// A logical device with its queue. Polled from one thread at a time.

@@ -7,9 +7,9 @@ use super::adapters::{
     AdapterReport, DeviceInfo, IMMEDIATE_BYTES, MAX_DEVICES, Selection, adapters, choose, enumerate, new_instance,
     traversal_of,
 };
-use super::{DeviceError, DeviceFailure, FailureKind, GpuDevice, Quirks, Traversal};
+use super::{DeviceError, DeviceFailure, FailureKind, GpuDevice, Quirks, Traversal, environment};
 
-/// Held while a device is made, since the environment is the only way to tell Mesa its thread count.
+/// Held while a device is made or adapters are listed: a device may change the environment, which drivers read.
 pub(super) static OPENING: Mutex<()> = Mutex::new(());
 
 /// Opens the selected devices, one after another: drivers have crashed on concurrent creation.
@@ -35,40 +35,57 @@ pub fn open_with(
     }
     let cores = std::thread::available_parallelism().map_or(1, usize::from);
     let threads = match selection.threads_per_device.as_deref() {
-        None => vec![cores / count; count],
-        Some(&[all]) => vec![all; count],
-        Some(each) if each.len() == count => each.to_vec(),
+        None => vec![None; count],
+        Some(&[all]) => vec![Some(all); count],
+        Some(each) if each.len() == count => each.iter().copied().map(Some).collect(),
         Some(each) => return Err(DeviceError::ThreadCounts { given: each.len(), devices: count }),
     };
-    let adapters = chosen.iter().flat_map(|&a| std::iter::repeat_n(a, each)).zip(threads);
-    let mut first = Some(first);
-    let open = |(index, (adapter, threads)): (usize, (usize, usize))| {
-        let wanted = Wanted { index, adapter: &found[adapter], threads: threads.max(1), traversal };
-        let given = first.take().map_or(Ok(None), |first| first(&wanted))?;
-        given.map_or_else(|| open_one(&wanted), Ok)
+    let adapters = chosen.iter().flat_map(|&a| std::iter::repeat_n(&found[a], each)).zip(threads);
+    let wanted = |(index, (adapter, asked)): (usize, (_, Option<usize>))| {
+        let threads = threads_to_tell(adapter, asked, cores / count, environment::is_settable())?;
+        Ok(Wanted { index, adapter, threads, traversal })
     };
-    adapters.enumerate().map(open).collect()
+    let wanted = adapters.enumerate().map(wanted).collect::<Result<Vec<_>, DeviceError>>()?;
+    let mut first = Some(first);
+    let open = |wanted: &Wanted| {
+        let given = first.take().map_or(Ok(None), |first| first(wanted))?;
+        given.map_or_else(|| open_one(wanted), Ok)
+    };
+    wanted.iter().map(open).collect()
+}
+
+/// Returns the number of threads to tell the driver of an adapter: the one that is asked for, else `default`. Returns none
+/// where the driver takes none or, with no number asked for, none can be told.
+fn threads_to_tell(
+    adapter: &AdapterReport,
+    asked: Option<usize>,
+    default: usize,
+    is_settable: bool,
+) -> Result<Option<usize>, DeviceError> {
+    match (adapter.quirks.threads_by_environment, asked) {
+        (true, Some(_)) if !is_settable => {
+            Err(DeviceError::ThreadsUnsettable { index: adapter.index, name: adapter.name.clone() })
+        }
+        (is_taken, asked) => Ok((is_taken && is_settable).then_some(asked.unwrap_or(default).max(1))),
+    }
 }
 
 /// How a device is to be opened.
 pub struct Wanted<'a> {
     pub index: usize,
     pub(super) adapter: &'a AdapterReport,
-    /// Of a software adapter.
-    pub(super) threads: usize,
+    /// The number to tell the driver of a software adapter.
+    pub(super) threads: Option<usize>,
     pub(super) traversal: Traversal,
 }
 
 impl Wanted<'_> {
     /// Tells Mesa how many threads, which it reads while a device is made; under the lock of [`OPENING`].
     pub(super) fn tell_threads(&self) {
-        if self.adapter.quirks.threads_by_environment {
+        if let Some(threads) = self.threads {
             // A queue has a thread of its own, which does the work where there is no other. One other would take turns with
             // it, and each dispatch would wake both.
-            let others = if self.threads > 1 { self.threads } else { 0 };
-            // SAFETY: this happens under the lock; nothing else in this program reads or writes the environment from
-            // another thread at that time.
-            unsafe { std::env::set_var("LP_NUM_THREADS", others.to_string()) };
+            environment::set_threads(if threads > 1 { threads } else { 0 });
         }
     }
 
@@ -91,7 +108,7 @@ impl Wanted<'_> {
             name: name.clone(),
             driver: driver.clone(),
             kind: kind.clone(),
-            threads: quirks.threads_by_environment.then_some(self.threads),
+            threads: self.threads,
             traversal: self.traversal,
             max_storage_bytes: device.limits().max_storage_buffer_binding_size,
             clock_residual_us: 0.0,
@@ -143,4 +160,45 @@ pub(super) fn watched(
     device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| failed(error.into())));
     let (patience, pipelines) = (GpuDevice::START_PATIENCE, HashMap::new());
     GpuDevice { info, quirks, device, queue, patience, pipelines, failure, instance }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::device::traversal::tests::adapter;
+
+    #[test]
+    fn threads_are_told_by_the_hook_alone() {
+        let gpu = adapter("discrete GPU", true);
+        let quirks = Quirks { threads_by_environment: true, ..Quirks::default() };
+        let lavapipe = AdapterReport { quirks, ..adapter("software", false) };
+        for (asked, with_hook) in [(None, 4), (Some(3), 3), (Some(0), 1)] {
+            for is_settable in [false, true] {
+                assert_eq!(threads_to_tell(&gpu, asked, 4, is_settable).unwrap(), None);
+            }
+            assert_eq!(threads_to_tell(&lavapipe, asked, 4, true).unwrap(), Some(with_hook));
+            match threads_to_tell(&lavapipe, asked, 4, false) {
+                Ok(told) => assert_eq!((asked, told), (None, None)),
+                Err(error) => {
+                    assert!(asked.is_some());
+                    assert!(error.to_string().contains("LP_NUM_THREADS"), "{error}");
+                }
+            }
+        }
+    }
+
+    /// Tests of the library provide no hook.
+    #[test]
+    fn without_a_hook_no_device_is_opened_with_a_number_of_threads() {
+        let before = std::env::var_os(environment::THREADS);
+        for AdapterReport { index, .. } in adapters().iter().filter(|a| a.quirks.threads_by_environment) {
+            let asking = |threads_per_device| {
+                open(&Selection { adapters: Some(vec![*index]), threads_per_device, ..Selection::default() })
+            };
+            let refused = asking(Some(vec![1])).expect_err("it cannot be told");
+            assert!(refused.to_string().contains("LP_NUM_THREADS"), "{refused}");
+            assert_eq!(asking(None).expect("it chooses by itself")[0].info.threads, None);
+        }
+        assert_eq!(std::env::var_os(environment::THREADS), before);
+    }
 }

@@ -4,7 +4,7 @@ use std::sync::PoisonError;
 
 use super::adapters::{DeviceInfo, driver_name, kind_name, new_instance};
 use super::opening::{OPENING, watched};
-use super::{DeviceError, GpuDevice, Quirks, Traversal};
+use super::{DeviceError, GpuDevice, Quirks, Traversal, environment};
 
 /// Takes as little as it can from the devices that render: an integrated GPU is preferred, and on a software adapter it
 /// has one worker thread.
@@ -20,8 +20,7 @@ impl ScreenDevice {
     /// [`DeviceError::Surface`], [`DeviceError::NoScreen`] and [`DeviceError::Open`].
     pub fn open(window: impl Into<wgpu::SurfaceTarget<'static>>) -> Result<Self, DeviceError> {
         let _guard = OPENING.lock().unwrap_or_else(PoisonError::into_inner);
-        // SAFETY: as for devices that render; they are opened before the window is.
-        unsafe { std::env::set_var("LP_NUM_THREADS", "1") };
+        environment::set_threads(1);
         let instance = new_instance();
         let surface = instance.create_surface(window)?;
         let adapter = pollster::block_on(instance.request_adapter(&wgpu::RequestAdapterOptions {
@@ -64,7 +63,7 @@ pub(super) fn watched_screen(
         driver: driver_name(&described),
         name: described.name,
         kind: kind_name(described.device_type).to_owned(),
-        threads: quirks.threads_by_environment.then_some(1),
+        threads: (quirks.threads_by_environment && environment::is_settable()).then_some(1),
         traversal: Traversal::Compute,
         max_storage_bytes: device.limits().max_storage_buffer_binding_size,
         clock_residual_us: 0.0,

@@ -77,10 +77,10 @@ impl TraversalChoice {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
 
-    fn adapter(kind: &str, ray_queries: bool) -> AdapterReport {
+    pub fn adapter(kind: &str, ray_queries: bool) -> AdapterReport {
         AdapterReport {
             index: 7,
             name: "Fast One".to_owned(),

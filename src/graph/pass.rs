@@ -36,35 +36,56 @@ pub enum SceneUse {
 /// A compute shader.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Kernel {
-    /// The name of its file in `shaders/`, without the extension.
-    pub name: &'static str,
-    /// The text of the shader before includes are expanded. Without it, the text is that of the file.
-    pub text: Option<&'static str>,
+    /// The name of its file in `shaders/`, without the extension, or of a foreign shader.
+    pub(crate) name: &'static str,
+    /// Nothing outside this module sets it, so a foreign shader cannot pass for one of the library.
+    foreign_text: Option<&'static str>,
     /// The size of a workgroup, in invocations.
-    pub workgroup: [u32; 3],
-    pub scene: SceneUse,
+    pub(crate) workgroup: [u32; 3],
+    pub(crate) scene: SceneUse,
     /// Constants of its pass, by their names in the shader.
-    pub constants: &'static [Constant],
+    pub(crate) constants: &'static [Constant],
 }
 
 impl Kernel {
     /// A kernel from a file of `shaders/`, with workgroups of 8 x 8, that does not read the scene.
-    pub const fn new(name: &'static str) -> Self {
-        Self { name, text: None, workgroup: [8, 8, 1], scene: SceneUse::No, constants: &[] }
+    pub(crate) const fn new(name: &'static str) -> Self {
+        Self { name, foreign_text: None, workgroup: [8, 8, 1], scene: SceneUse::No, constants: &[] }
+    }
+
+    /// A foreign kernel, whose shader is not part of the library, with workgroups of 8 x 8, that does not read the scene.
+    /// `//!include` lines of its text bring in shared parts of the library's shaders. It runs with all run-time checks.
+    pub const fn from_text(name: &'static str, text: &'static str) -> Self {
+        Self { foreign_text: Some(text), ..Self::new(name) }
+    }
+
+    /// The text of a foreign kernel's shader before includes are expanded.
+    pub fn foreign_text(&self) -> Option<&'static str> {
+        self.foreign_text
     }
 
     /// A kernel like [`Self::new`] that reads the scene.
-    pub const fn with_scene(name: &'static str) -> Self {
-        Self { scene: SceneUse::Read, ..Self::new(name) }
+    pub(crate) const fn with_scene(name: &'static str) -> Self {
+        Self::new(name).reading_scene()
+    }
+
+    /// The same kernel, which reads the scene.
+    pub const fn reading_scene(self) -> Self {
+        Self { scene: SceneUse::Read, ..self }
+    }
+
+    /// The same kernel with workgroups of this size, in invocations.
+    pub const fn workgroup(self, workgroup: [u32; 3]) -> Self {
+        Self { workgroup, ..self }
     }
 
     /// A kernel with workgroups of 64 x 1 that changes the scene.
-    pub const fn changing_scene(name: &'static str) -> Self {
+    pub(crate) const fn changing_scene(name: &'static str) -> Self {
         Self { scene: SceneUse::Write, workgroup: [64, 1, 1], ..Self::new(name) }
     }
 
     /// The same kernel with these constants.
-    pub const fn with(self, constants: &'static [Constant]) -> Self {
+    pub(crate) const fn with(self, constants: &'static [Constant]) -> Self {
         Self { constants, ..self }
     }
 }

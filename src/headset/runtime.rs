@@ -13,9 +13,6 @@ use crate::image::Extent;
 /// One view for each eye.
 pub(super) const STEREO: ViewConfigurationType = ViewConfigurationType::PRIMARY_STEREO;
 
-/// What says whether the loader tells of its troubles, which our own errors do.
-const LOADER_LOG: &str = "XR_LOADER_DEBUG";
-
 /// A runtime with a headset. Nothing is shown yet.
 pub struct Runtime {
     pub(super) xr: Instance,
@@ -34,15 +31,12 @@ pub struct Runtime {
 }
 
 impl Runtime {
-    /// Finds the active runtime.
+    /// Finds the active runtime. OpenXR's loader writes its own messages to stderr as well, unless `XR_LOADER_DEBUG` is
+    /// `none`.
     ///
     /// # Errors
     /// [`HeadsetError`] for what is missing: a loader, a runtime, a headset.
     pub fn open() -> Result<Self, HeadsetError> {
-        if std::env::var_os(LOADER_LOG).is_none() {
-            // SAFETY: the program has no other thread yet that reads the environment.
-            unsafe { std::env::set_var(LOADER_LOG, "none") };
-        }
         // SAFETY: the library of that name is OpenXR's loader.
         let entry = unsafe { Entry::load(&()) }.map_err(|_| HeadsetError::NoLoader)?;
         let offered = entry.enumerate_extensions().map_err(unanswered)?;

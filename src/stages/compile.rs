@@ -3,7 +3,7 @@
 use super::StageSettings;
 use super::layout::PassConstants;
 use super::limits::LimitExceeded;
-use super::shader::{override_names, shader_text};
+use super::shader::{Shader, override_names};
 use crate::device::{GpuDevice, Pipeline, PipelineKey};
 use crate::graph::{Access, Format, Kernel, Pass, ProgramError, Use};
 
@@ -35,16 +35,17 @@ pub fn build(
     settings: &StageSettings,
 ) -> Result<Vec<Built>, StageError> {
     let kernel = pass.kernel;
-    let source = shader_text(&kernel, gpu.scene_access());
-    let declared = override_names(&source);
+    let shader = Shader::new(&kernel, gpu.scene_access());
+    let declared = override_names(shader.text());
     let mut one = |kind: Option<bool>, jitter| {
         let constants = settings.constants(jitter).into_iter().filter(|(n, _)| declared.contains(n)).collect();
         // Texts that are not files may share a name.
-        let key = PipelineKey { shader: kernel.text.unwrap_or(kernel.name), checks: settings.checks, constants };
+        let name = kernel.foreign_text().unwrap_or(kernel.name);
+        let key = PipelineKey { shader: name, checks: shader.checks(settings.checks), constants };
         let pipeline = match gpu.pipelines.get(&key) {
             Some(kept) => kept.clone(),
             None => {
-                let new = compile(gpu, pass, group0, &key, &source)?;
+                let new = compile(gpu, pass, group0, &key, &shader)?;
                 gpu.pipelines.entry(key).or_insert(new).clone()
             }
         };
@@ -62,38 +63,35 @@ fn compile(
     pass: &Pass,
     group0: &wgpu::BindGroupLayout,
     key: &PipelineKey,
-    source: &str,
+    shader: &Shader,
 ) -> Result<Pipeline, StageError> {
-    let shader = pass.kernel.name;
+    let name = pass.kernel.name;
     let scope = gpu.device.push_error_scope(wgpu::ErrorFilter::Validation);
-    let descriptor =
-        wgpu::ShaderModuleDescriptor { label: Some(shader), source: wgpu::ShaderSource::Wgsl(source.into()) };
-    // SAFETY: the shader is part of this crate. Its loops end, its integer divisors are not zero; bounds stay checked.
-    let module = unsafe { gpu.device.create_shader_module_trusted(descriptor, key.checks.runtime_checks()) };
+    let module = shader.module(&gpu.device, name, key.checks);
     let entries: Vec<_> = pass.uses.iter().enumerate().map(|(i, used)| layout_entry(i as u32, used)).collect();
-    let layout = gpu
-        .device
-        .create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(shader), entries: &entries });
+    let layout =
+        gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(name), entries: &entries });
     let pipeline_layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
-        label: Some(shader),
+        label: Some(name),
         bind_group_layouts: &[Some(group0), Some(&layout)],
         immediate_size: PASS_BYTES,
     });
     let constants: Vec<_> = key.constants.iter().map(|&(name, on)| (name, f64::from(u8::from(on)))).collect();
     let compute = gpu.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
-        label: Some(shader),
+        label: Some(name),
         layout: Some(&pipeline_layout),
         module: &module,
         entry_point: Some("main"),
         compilation_options: wgpu::PipelineCompilationOptions {
             constants: &constants,
-            zero_initialize_workgroup_memory: false,
+            // Foreign text might read what others left there.
+            zero_initialize_workgroup_memory: pass.kernel.foreign_text().is_some(),
         },
         cache: None,
     });
     if let Some(error) = pollster::block_on(scope.pop()) {
         let (device, what) = (gpu.info.index, error.to_string());
-        return Err(StageError::Pipeline { device, shader, what });
+        return Err(StageError::Pipeline { device, shader: name, what });
     }
     Ok(Pipeline { compute, layout })
 }

@@ -5,7 +5,7 @@ use wgpu::util::DeviceExt;
 
 use super::layout::{Frame, NO_CURVE, Sampling};
 use super::scene_tables::{SceneBuffers, SceneTables, layout_entries};
-use super::shader_text;
+use super::shader::Shader;
 use crate::accel::Accel;
 use crate::device::{self, Selection, ShaderChecks};
 use crate::graph::Kernel;
@@ -135,11 +135,8 @@ fn ask(scene: &Scene, p: Vec3, n: Vec3) -> Vec<Answer> {
 }
 
 fn probe(gpu: &device::GpuDevice, layouts: &[Option<&wgpu::BindGroupLayout>]) -> wgpu::ComputePipeline {
-    let source = shader_text(&Kernel { text: Some(PROBE), ..Kernel::with_scene("probe") }, gpu.scene_access());
-    let descriptor =
-        wgpu::ShaderModuleDescriptor { label: None, source: wgpu::ShaderSource::Wgsl(source.as_str().into()) };
-    // SAFETY: as for the stages, of whose text this is.
-    let module = unsafe { gpu.device.create_shader_module_trusted(descriptor, ShaderChecks::Fast.runtime_checks()) };
+    let shader = Shader::new(&Kernel::from_text("probe", PROBE).reading_scene(), gpu.scene_access());
+    let module = shader.module(&gpu.device, "probe", ShaderChecks::Full);
     let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
         label: None,
         bind_group_layouts: layouts,

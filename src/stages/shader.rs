@@ -6,7 +6,7 @@
 //! decides.
 
 use super::layout;
-use crate::device::{SceneAccess, Traversal};
+use crate::device::{SceneAccess, ShaderChecks, Traversal};
 use crate::graph::{Kernel, SceneUse};
 use crate::passes;
 use crate::wgsl::declare;
@@ -19,13 +19,53 @@ const TRAVERSE: &str = "traverse";
 /// The include by which shaders change rows of the scene's tables: `changed_tables_buffer` or `changed_tables_texture`.
 const CHANGED_TABLES: &str = "changed_tables";
 
-/// The whole text of a kernel's shader: the host's structs and constants, the kernel's own constants, and its file. With
-/// the scene comes how it reads the tables.
+/// The whole text of a kernel's shader and the run-time checks that it needs. Only [`Self::new`] makes one, so nothing
+/// else can call foreign text the library's own.
+pub(super) struct Shader {
+    text: String,
+    is_foreign: bool,
+}
+
+impl Shader {
+    /// Puts the text of a kernel's shader together. Foreign text stays foreign whatever it includes.
+    ///
+    /// # Panics
+    /// On a name or an include that no file has; a test goes through them all.
+    pub fn new(kernel: &Kernel, access: SceneAccess) -> Self {
+        Self { text: shader_text(kernel, access), is_foreign: kernel.foreign_text().is_some() }
+    }
+
+    pub fn text(&self) -> &str {
+        &self.text
+    }
+
+    /// Returns the checks that it runs with where the library's own shaders run with `own`.
+    pub fn checks(&self, own: ShaderChecks) -> ShaderChecks {
+        if self.is_foreign { ShaderChecks::Full } else { own }
+    }
+
+    /// Compiles it with [`Self::checks`].
+    pub fn module(&self, device: &wgpu::Device, label: &str, own: ShaderChecks) -> wgpu::ShaderModule {
+        let source = wgpu::ShaderSource::Wgsl(self.text.as_str().into());
+        let descriptor = wgpu::ShaderModuleDescriptor { label: Some(label), source };
+        match self.checks(own) {
+            ShaderChecks::Full => device.create_shader_module(descriptor),
+            // SAFETY: the library's own shaders alone come here. Their loops end, their integer divisors are not 0, they
+            // use ray queries as Vulkan defines, and their bounds stay checked.
+            ShaderChecks::Fast => unsafe {
+                device.create_shader_module_trusted(descriptor, ShaderChecks::Fast.runtime_checks())
+            },
+        }
+    }
+}
+
+/// Returns the whole text of a kernel's shader: the host's structs and constants, the kernel's own constants, and its
+/// file. With the scene comes how it reads the tables.
 ///
 /// # Panics
 /// On a name or an include that no file has; a test goes through them all.
 pub fn shader_text(kernel: &Kernel, SceneAccess { tables, traversal }: SceneAccess) -> String {
-    let text = kernel.text.unwrap_or_else(|| file(kernel.name, kernel.name));
+    let text = kernel.foreign_text().unwrap_or_else(|| file(kernel.name, kernel.name));
     let mut out = String::new();
     if kernel.scene == SceneUse::Read && traversal == Traversal::Hardware {
         // Before all declarations.

@@ -1,7 +1,8 @@
 use super::layout;
+use super::shader::Shader;
 use super::*;
 use crate::accel::{Instance, Node};
-use crate::device::{SceneAccess, Traversal};
+use crate::device::{SceneAccess, ShaderChecks, Traversal};
 use crate::graph::{Kernel, SceneUse, Stage};
 use crate::passes::{self, tests::all_specs};
 use crate::wgsl::{Declaration, ROW_BYTES};
@@ -66,6 +67,26 @@ fn hardware_traversal_is_in_the_shaders_that_read_the_scene() {
 }
 
 #[test]
+fn foreign_shaders_have_all_checks_and_own_ones_those_that_are_set() {
+    // Foreign text of the library's own, or by its name, stays foreign.
+    let own = Shader::new(&passes::kernels()[0], SceneAccess::default()).text().to_owned();
+    let include: &'static str = include_str!("../../shaders/tally.wgsl");
+    for (name, text) in [("outline", "fn main() {}"), ("tally", include), ("gbuffer", own.leak())] {
+        let foreign = Kernel::from_text(name, text);
+        for kernel in [foreign, foreign.with(&[("COUNT", 1)]), foreign.reading_scene().workgroup([1; 3])] {
+            let shader = Shader::new(&kernel, SceneAccess::default());
+            assert_eq!([ShaderChecks::Fast, ShaderChecks::Full].map(|set| shader.checks(set)), [ShaderChecks::Full; 2]);
+        }
+    }
+    for kernel in passes::kernels() {
+        let shader = Shader::new(&kernel, SceneAccess::default());
+        for set in [ShaderChecks::Fast, ShaderChecks::Full] {
+            assert_eq!(shader.checks(set), set, "{}", kernel.name);
+        }
+    }
+}
+
+#[test]
 fn every_need_is_an_override_of_path_tracing() {
     let source = shader_text_of("path_trace", SceneAccess::default());
     let declared = override_names(&source);
@@ -76,8 +97,7 @@ fn every_need_is_an_override_of_path_tracing() {
 
 #[test]
 fn shaders_have_the_constants_of_their_kernels() {
-    const COUNT: Kernel =
-        Kernel { text: Some("const_assert COUNT == 3u && LIST_HEADER == 4u;"), ..Kernel::new("count") };
+    const COUNT: Kernel = Kernel::from_text("count", "const_assert COUNT == 3u && LIST_HEADER == 4u;");
     let parses = |kernel: Kernel| naga::front::wgsl::parse_str(&shader_text(&kernel, SceneAccess::default())).is_ok();
     assert!(parses(COUNT.with(&[("COUNT", 3)])));
     assert!(!parses(COUNT.with(&[("COUNT", 4)])));

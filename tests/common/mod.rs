@@ -151,10 +151,17 @@ fn devices_by<K: Ord>(count: usize, key: impl FnMut(&GpuDevice) -> K) -> Vec<Gpu
             threads_per_device: Some(vec![1]),
             traversal,
         };
-        devices.extend(device::open(&selection).unwrap_or_else(|e| panic!("these tests need a device: {e}")));
+        devices.extend(open(&selection));
     }
     devices.iter_mut().enumerate().for_each(|(i, gpu)| gpu.info.index = i);
     devices
+}
+
+/// Opens devices, with a number of threads each.
+pub fn open(selection: &Selection) -> Vec<GpuDevice> {
+    // SAFETY: tests access the environment only through `std::env`, and list adapters only through the library.
+    unsafe { device::set_environment_hook(|name, value| std::env::set_var(name, value)) };
+    device::open(selection).unwrap_or_else(|e| panic!("these tests need a device: {e}"))
 }
 
 /// A renderer and what it renders.

@@ -142,6 +142,28 @@ fn what_needs_no_device_knows_no_wgpu() {
     }
 }
 
+/// Other threads may read the environment at any time, and only the program knows them: it changes the environment itself,
+/// or provides the hook by which the library does.
+#[test]
+fn the_library_does_not_change_the_environment() {
+    fn changes(tokens: TokenStream) -> bool {
+        tokens.into_iter().any(|token| match token {
+            TokenTree::Group(group) => changes(group.stream()),
+            other => ["set_var", "remove_var"].iter().any(|name| is(Some(&other), name)),
+        })
+    }
+    assert!(changes(
+        TokenStream::from_str("fn f() { unsafe { std::env::set_var(name, value) } }").expect("it is Rust")
+    ));
+    let wrong: Vec<PathBuf> = modules()
+        .iter()
+        .flat_map(|module| files(module))
+        .map(|(file, _)| file)
+        .filter(|file| changes(tokens_of(file)))
+        .collect();
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
 #[test]
 fn every_kind_of_path_is_found() {
     let text = "

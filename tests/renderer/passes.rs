@@ -91,7 +91,7 @@ fn check(
 }
 
 fn kernel(name: &'static str, text: &'static str, workgroup: [u32; 3]) -> Kernel {
-    Kernel { text: Some(text), workgroup, ..Kernel::new(name) }
+    Kernel::from_text(name, text).workgroup(workgroup)
 }
 
 fn pass(name: &'static str, view: Eye, group: CutGroup, kernel: Kernel) -> Pass {
@@ -245,6 +245,25 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
         vec![make, pass("test look up", view, READS, look_up).uses([Use::read(TABLE), Use::write(OUT)])]
     };
     check(2, passes, |_, x, y, frame| ((x + y) % 16).pow(2) + frame);
+}
+
+/// WGSL defines what a division by 0 gives, and only run-time checks keep to it on every device.
+#[test]
+fn shaders_that_are_not_the_librarys_run_with_all_checks() {
+    const DIVIDE: &str = "
+//!include frame
+@group(1) @binding(0) var<storage, read_write> quotients: array<u32>;
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let y = pass_.row_begin + id.y;
+    if id.x < pass_.width && y < pass_.row_end {
+        quotients[y * pass_.width + id.x] = (id.x + 100u * y + 1u) / frame.sampling.index;
+    }
+}";
+    let divide = |_: &FrameSpec, view| {
+        vec![pass("test divide", view, WRITES, kernel("test divide", DIVIDE, [8, 8, 1])).uses([Use::write(OUT)])]
+    };
+    check(2, divide, |_, x, y, frame| (x + 100 * y + 1) / frame.max(1));
 }
 
 /// Versions of an image, and what the frame before left of another, whoever had its rows.

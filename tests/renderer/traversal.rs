@@ -26,7 +26,7 @@ fn open(traversal: TraversalChoice) -> Option<GpuDevice> {
         threads_per_device: Some(vec![1]),
         traversal,
     };
-    Some(device::open(&selection).unwrap_or_else(|e| panic!("{e}")).remove(0))
+    Some(crate::common::open(&selection).remove(0))
 }
 
 /// What is seen of a subject: light and distance of each of the left eye's pixels.

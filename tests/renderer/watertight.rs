@@ -7,7 +7,7 @@ use crate::common::devices_to_lose;
 use crate::reference::sampling::Rng;
 use crate::reference::scenes::{add_matte, empty, icosphere, place};
 use diptych::accel::Accel;
-use diptych::device::{self, GpuDevice, Traversal};
+use diptych::device::{GpuDevice, Traversal};
 use diptych::scene::Mesh;
 use diptych::stages::layout::Frame;
 use diptych::stages::{SceneBuffers, SceneTables, scene_layout_entries, shader_text_of};
@@ -59,9 +59,7 @@ impl Tracer {
         let gpu = devices_to_lose(1).remove(0);
         let text = shader_text_of("gbuffer", gpu.scene_access()) + AIM;
         let descriptor = wgpu::ShaderModuleDescriptor { label: None, source: wgpu::ShaderSource::Wgsl(text.into()) };
-        let checks = device::ShaderChecks::Fast.runtime_checks();
-        // SAFETY: every loop of the traversal ends and no integer is divided; bounds are checked.
-        let module = unsafe { gpu.device.create_shader_module_trusted(descriptor, checks) };
+        let module = gpu.device.create_shader_module(descriptor);
         let storage = |read_only| wgpu::BufferBindingType::Storage { read_only };
         let mut scene_entries = vec![buffer_entry(0, wgpu::BufferBindingType::Uniform)];
         scene_entries.extend(scene_layout_entries(gpu.scene_access()));

@@ -29,7 +29,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
 }";
 
 fn kernel() -> Kernel {
-    Kernel { text: Some(TEXT), ..Kernel::new("test") }
+    Kernel::from_text("test", TEXT)
 }
 
 fn uses() -> [Use; 4] {
@@ -70,17 +70,14 @@ fn declarations_that_are_wrong_are_refused() {
     assert_eq!(check(kernel(), uses()[..3].to_vec()), Err(Mismatch::Undeclared(3)));
     let surplus = uses().into_iter().chain([Use::read(READ)]);
     assert_eq!(check(kernel(), surplus), Err(Mismatch::Unused("read")));
-    let unused = Kernel { text: Some(UNUSED), ..kernel() };
+    let unused = Kernel::from_text("test", UNUSED);
     assert_eq!(check(unused, [Use::read(READ)]), Err(Mismatch::Unused("read")));
 
-    let workgroup = Kernel { workgroup: [64, 1, 1], ..kernel() };
+    let workgroup = kernel().workgroup([64, 1, 1]);
     assert_eq!(check(workgroup, uses()), Err(Mismatch::Workgroup([64, 1, 1], [8, 8, 1])));
-    assert_eq!(
-        check(Kernel { scene: SceneUse::Read, ..kernel() }, uses()),
-        Err(Mismatch::Scene(SceneUse::Read, SceneUse::No))
-    );
-    let no_main = Kernel { text: Some("fn other() {}"), ..kernel() };
+    assert_eq!(check(kernel().reading_scene(), uses()), Err(Mismatch::Scene(SceneUse::Read, SceneUse::No)));
+    let no_main = Kernel::from_text("test", "fn other() {}");
     assert_eq!(check(no_main, []), Err(Mismatch::NoMain));
-    let invalid = check(Kernel { text: Some("fn main("), ..kernel() }, []);
+    let invalid = check(Kernel::from_text("test", "fn main("), []);
     assert!(matches!(invalid, Err(Mismatch::Invalid(_))), "{invalid:?}");
 }

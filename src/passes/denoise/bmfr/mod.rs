@@ -21,7 +21,7 @@ const FITTED: Resource = Resource::image("fitted", 16);
 const BLOCK: u32 = 32;
 
 const ACCUMULATE: Kernel = Kernel::new("bmfr_accumulate").with(gradient::CONSTANTS);
-const FIT: Kernel = Kernel { workgroup: [256, 1, 1], ..Kernel::new("fit").with(constants![BLOCK]) };
+const FIT: Kernel = Kernel::new("fit").with(constants![BLOCK]).workgroup([256, 1, 1]);
 
 /// Least share of a frame in accumulated light, before and after the fit.
 const LEAST_SHARE: f32 = 0.2;
