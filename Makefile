@@ -1,6 +1,7 @@
 # make demo    eight frames of the built-in scene on two virtual devices: the last one's stereo picture and a trace-file;
 #              and eight frames of a scene that moves, with all of them in one picture
-# make test    format, lints, documentation, tests; these are built in a profile of their own, `tests` of Cargo.toml
+# make lint    checks the format, lints with clippy, builds the documentation and checks links between documents
+# make test    builds and runs the tests, in the profile `tests` of Cargo.toml
 # make test-long    all tests with whole sweeps and many samples, and those that need scenes of others or Chromium
 # make test-view    the same for the window of `diptych view`, which needs Xvfb and xdotool to be tested
 # make test-hardware-rays    tests of the renderer with rays that the device follows by itself; fails where none can
@@ -15,9 +16,11 @@
 # make clean
 #
 # Everything else is built in the release profile, so that the program and the benchmarks share one build of each dependency.
-# Lints and documentation of `make test` share one check of each, and build scripts and procedural macros with its tests.
+# `make lint` has the profile of `make test`: clippy and the documentation share one check of each dependency, and the tests
+# share the build scripts and procedural macros.
 
 CARGO ?= cargo
+RUSTC ?= rustc
 DIPTYCH := $(or $(CARGO_TARGET_DIR),target)/release/diptych
 DEMO := out/demo
 PEERS := out/peers
@@ -29,7 +32,7 @@ ifndef XDG_RUNTIME_DIR
 export NODEVICE_SELECT := 1
 endif
 
-.PHONY: demo test test-long test-view test-hardware-rays test-mpi test-xr golden peers deps clean
+.PHONY: demo lint test test-long test-view test-hardware-rays test-mpi test-xr golden peers deps clean
 
 demo: deps
 	$(CARGO) build --release --locked
@@ -43,10 +46,17 @@ demo: deps
 	@echo "a scene that moves, every half a second: $(DEMO)/motion.png"
 	@echo "trace: $(DEMO)/trace.json (open it in https://ui.perfetto.dev)"
 
-test: deps
+lint:
 	$(CARGO) fmt --check
 	$(CARGO) clippy --profile tests --locked --all-targets -- -D warnings
+	$(CARGO) clippy --profile tests --locked --all-targets --features view,xr -- -D warnings
+	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --profile tests --locked --features view,xr
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --profile tests --locked
+	mkdir -p out
+	$(RUSTC) --edition 2024 -o out/links tools/links.rs
+	out/links
+
+test: deps
 	$(CARGO) test --profile tests --locked --lib --bins --tests
 	$(CARGO) test --profile tests --locked --doc
 
@@ -54,7 +64,6 @@ test-long: deps
 	DIPTYCH_TEST_LONG=1 $(CARGO) test --release --locked -- --include-ignored
 
 test-view: deps
-	$(CARGO) clippy --release --locked --all-targets --features view -- -D warnings
 	$(CARGO) test --release --locked --features view --bin diptych --test view
 
 test-hardware-rays: deps
@@ -80,7 +89,6 @@ test-mpi: deps
 	fi
 
 test-xr: deps
-	$(CARGO) clippy --release --locked --all-targets --features xr -- -D warnings
 	$(CARGO) test --release --locked --features xr --lib headset
 	$(CARGO) build --release --locked --features xr
 	mkdir -p out/xr/bin

@@ -6,6 +6,8 @@ mod control;
 #[path = "../common/effort.rs"]
 mod effort;
 mod imports;
+#[path = "../../tools/links.rs"]
+mod links;
 mod protocol;
 #[path = "../reference/mod.rs"]
 mod reference;
