@@ -10,11 +10,14 @@
 # make test-xr    builds the program with OpenXR and runs it in Monado's simulated headset and in one that a program wears,
 #              or in that of the runtime that XR_RUNTIME_JSON names; fails where there is neither, but with NO_XR=skip
 # make golden    hashes of the images of many kinds of frames, in out/golden.txt. BEFORE=FILE of another build: what differs
+# make release-check    all of these, and writes docs/release-check.md. STEPS="lint test": these alone. NEWER_MESA=COMMAND:
+#              under a second driver as well, under which that command runs another
 # make peers    diptych beside Mitsuba 3 with OIDN, both measured here: out/peers/NAME/NAME.md and .svg. SHOT=FILE for another shot
 # make deps    checks for a Vulkan driver and compilers; installs Mesa's driver where apt-get is and none was found; says
 #              where the software driver is an old, slow one
 # make clean
 #
+# RUN=COMMAND has tests, golden and their programs run by that command, under another driver for example.
 # Everything else is built in the release profile, so that the program and the benchmarks share one build of each dependency.
 # `make lint` has the profile of `make test`: clippy and the documentation share one check of each dependency, and the tests
 # share the build scripts and procedural macros.
@@ -32,7 +35,12 @@ ifndef XDG_RUNTIME_DIR
 export NODEVICE_SELECT := 1
 endif
 
-.PHONY: demo lint test test-long test-view test-hardware-rays test-mpi test-xr golden peers deps clean
+# Cargo runs tests by it.
+ifneq ($(RUN),)
+export CARGO_TARGET_$(shell $(RUSTC) -vV | sed -n 's/^host: //p' | tr a-z- A-Z_)_RUNNER := $(RUN)
+endif
+
+.PHONY: demo lint test test-long test-view test-hardware-rays test-mpi test-xr golden release-check peers deps clean
 
 demo: deps
 	$(CARGO) build --release --locked
@@ -68,7 +76,7 @@ test-view: deps
 
 test-hardware-rays: deps
 	$(CARGO) build --release --locked
-	@"$(DIPTYCH)" devices --json | grep -q '"ray_queries": true' || { \
+	@$(RUN) "$(DIPTYCH)" devices --json | grep -q '"ray_queries": true' || { \
 		echo "no adapter here has ray queries, which these tests are of: Mesa's software driver has them in version 25" >&2; exit 1; }
 	DIPTYCH_TRAVERSAL=hardware $(CARGO) test --release --locked --test renderer
 
@@ -98,8 +106,11 @@ test-xr: deps
 golden: deps
 	$(CARGO) build --release --locked
 	mkdir -p out
-	sh tools/golden.sh "$(DIPTYCH)" out/golden.txt
+	$(RUN) sh tools/golden.sh "$(DIPTYCH)" out/golden.txt
 	@[ -z "$(BEFORE)" ] || { diff "$(BEFORE)" out/golden.txt && echo "all images are the same"; }
+
+release-check:
+	@MAKE="$(MAKE)" sh tools/release-check.sh $(STEPS)
 
 # Python and its packages, none of which the program needs, are in a folder of their own.
 peers: deps
