@@ -1,6 +1,7 @@
 # make demo    eight frames of the built-in scene on two virtual devices: the last one's stereo picture and a trace-file;
 #              and eight frames of a scene that moves, with all of them in one picture
-# make test    format, lints, documentation, tests; these are built in a profile of their own, `tests` of Cargo.toml
+# make lint    checks the format, lints with clippy, builds the documentation and checks links between documents
+# make test    builds and runs the tests, in the profile `tests` of Cargo.toml
 # make test-long    all tests with whole sweeps and many samples, and those that need scenes of others or Chromium
 # make test-view    the same for the window of `diptych view`, which needs Xvfb and xdotool to be tested
 # make test-hardware-rays    tests of the renderer with rays that the device follows by itself; fails where none can
@@ -9,15 +10,20 @@
 # make test-xr    builds the program with OpenXR and runs it in Monado's simulated headset and in one that a program wears,
 #              or in that of the runtime that XR_RUNTIME_JSON names; fails where there is neither, but with NO_XR=skip
 # make golden    hashes of the images of many kinds of frames, in out/golden.txt. BEFORE=FILE of another build: what differs
+# make release-check    all of these, and writes docs/release-check.md. STEPS="lint test": these alone. NEWER_MESA=COMMAND:
+#              under a second driver as well, under which that command runs another
 # make peers    diptych beside Mitsuba 3 with OIDN, both measured here: out/peers/NAME/NAME.md and .svg. SHOT=FILE for another shot
 # make deps    checks for a Vulkan driver and compilers; installs Mesa's driver where apt-get is and none was found; says
 #              where the software driver is an old, slow one
 # make clean
 #
+# RUN=COMMAND has tests, golden and their programs run by that command, under another driver for example.
 # Everything else is built in the release profile, so that the program and the benchmarks share one build of each dependency.
-# Lints and documentation of `make test` share one check of each, and build scripts and procedural macros with its tests.
+# `make lint` has the profile of `make test`: clippy and the documentation share one check of each dependency, and the tests
+# share the build scripts and procedural macros.
 
 CARGO ?= cargo
+RUSTC ?= rustc
 DIPTYCH := $(or $(CARGO_TARGET_DIR),target)/release/diptych
 DEMO := out/demo
 PEERS := out/peers
@@ -29,7 +35,12 @@ ifndef XDG_RUNTIME_DIR
 export NODEVICE_SELECT := 1
 endif
 
-.PHONY: demo test test-long test-view test-hardware-rays test-mpi test-xr golden peers deps clean
+# Cargo runs tests by it.
+ifneq ($(RUN),)
+export CARGO_TARGET_$(shell $(RUSTC) -vV | sed -n 's/^host: //p' | tr a-z- A-Z_)_RUNNER := $(RUN)
+endif
+
+.PHONY: demo lint test test-long test-view test-hardware-rays test-mpi test-xr golden release-check peers deps clean
 
 demo: deps
 	$(CARGO) build --release --locked
@@ -43,10 +54,18 @@ demo: deps
 	@echo "a scene that moves, every half a second: $(DEMO)/motion.png"
 	@echo "trace: $(DEMO)/trace.json (open it in https://ui.perfetto.dev)"
 
-test: deps
+lint:
 	$(CARGO) fmt --check
 	$(CARGO) clippy --profile tests --locked --all-targets -- -D warnings
+	$(CARGO) clippy --profile tests --locked --all-targets --features view,xr -- -D warnings
+	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --profile tests --locked --features view,xr
 	RUSTDOCFLAGS="-D warnings" $(CARGO) doc --no-deps --profile tests --locked
+	cd tools/lint && $(CARGO) fmt --check
+	cd tools/lint && $(CARGO) clippy --quiet --locked --all-targets -- -D warnings
+	cd tools/lint && $(CARGO) test --quiet --locked
+	cd tools/lint && $(CARGO) run --quiet --locked -- ../..
+
+test: deps
 	$(CARGO) test --profile tests --locked --lib --bins --tests
 	$(CARGO) test --profile tests --locked --doc
 
@@ -54,12 +73,11 @@ test-long: deps
 	DIPTYCH_TEST_LONG=1 $(CARGO) test --release --locked -- --include-ignored
 
 test-view: deps
-	$(CARGO) clippy --release --locked --all-targets --features view -- -D warnings
 	$(CARGO) test --release --locked --features view --bin diptych --test view
 
 test-hardware-rays: deps
 	$(CARGO) build --release --locked
-	@"$(DIPTYCH)" devices --json | grep -q '"ray_queries": true' || { \
+	@$(RUN) "$(DIPTYCH)" devices --json | grep -q '"ray_queries": true' || { \
 		echo "no adapter here has ray queries, which these tests are of: Mesa's software driver has them in version 25" >&2; exit 1; }
 	DIPTYCH_TRAVERSAL=hardware $(CARGO) test --release --locked --test renderer
 
@@ -80,7 +98,6 @@ test-mpi: deps
 	fi
 
 test-xr: deps
-	$(CARGO) clippy --release --locked --all-targets --features xr -- -D warnings
 	$(CARGO) test --release --locked --features xr --lib headset
 	$(CARGO) build --release --locked --features xr
 	mkdir -p out/xr/bin
@@ -90,8 +107,11 @@ test-xr: deps
 golden: deps
 	$(CARGO) build --release --locked
 	mkdir -p out
-	sh tools/golden.sh "$(DIPTYCH)" out/golden.txt
+	$(RUN) sh tools/golden.sh "$(DIPTYCH)" out/golden.txt
 	@[ -z "$(BEFORE)" ] || { diff "$(BEFORE)" out/golden.txt && echo "all images are the same"; }
+
+release-check:
+	@MAKE="$(MAKE)" sh tools/release-check.sh $(STEPS)
 
 # Python and its packages, none of which the program needs, are in a folder of their own.
 peers: deps
@@ -105,4 +125,4 @@ deps:
 
 clean:
 	$(CARGO) clean
-	rm -rf $(DEMO)
+	rm -rf $(DEMO) tools/lint/target

@@ -92,7 +92,7 @@ impl Wanted<'_> {
     pub(super) fn descriptor(&self, limits: wgpu::Limits) -> wgpu::DeviceDescriptor<'static> {
         wgpu::DeviceDescriptor {
             label: Some("diptych"),
-            required_features: wgpu::Features::IMMEDIATES | wgpu::Features::TIMESTAMP_QUERY | self.traversal.features(),
+            required_features: self.traversal.features(),
             required_limits: wgpu::Limits { max_immediate_size: IMMEDIATE_BYTES, ..limits },
             experimental_features: self.traversal.experiments(),
             ..Default::default()

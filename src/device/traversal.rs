@@ -24,10 +24,12 @@ impl Traversal {
         }
     }
 
-    pub(super) fn features(self) -> wgpu::Features {
+    /// Features that devices are opened with.
+    pub(crate) fn features(self) -> wgpu::Features {
+        let always = wgpu::Features::IMMEDIATES | wgpu::Features::TIMESTAMP_QUERY;
         match self {
-            Self::Compute => wgpu::Features::empty(),
-            Self::Hardware => wgpu::Features::EXPERIMENTAL_RAY_QUERY,
+            Self::Compute => always,
+            Self::Hardware => always | wgpu::Features::EXPERIMENTAL_RAY_QUERY,
         }
     }
 

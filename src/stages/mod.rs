@@ -190,3 +190,5 @@ mod history_tests;
 mod light_density_tests;
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod variant_tests;

@@ -1,0 +1,102 @@
+//! Every text that a device may be given as a shader, in all its variants, validated without a device. wgpu does the same
+//! before it calls the driver.
+
+use naga::back::pipeline_constants::process_overrides;
+use naga::front::wgsl::{Frontend, Options};
+use naga::valid::{Capabilities, ModuleInfo, ValidationFlags, Validator};
+use naga::{Module, ShaderStage};
+
+use super::*;
+use crate::device::{SceneAccess, Tables, Traversal};
+use crate::passes;
+
+/// Capabilities that shaders have on devices opened for a traversal. All of wgpu's backends here convert half floats.
+fn capabilities(traversal: Traversal) -> Capabilities {
+    let features = traversal.features();
+    let mut capabilities = Capabilities::SHADER_FLOAT16_IN_FLOAT32;
+    capabilities.set(Capabilities::IMMEDIATES, features.contains(wgpu::Features::IMMEDIATES));
+    capabilities.set(Capabilities::RAY_QUERY, features.contains(wgpu::Features::EXPERIMENTAL_RAY_QUERY));
+    capabilities
+}
+
+fn validated(text: &str, traversal: Traversal) -> Result<(Module, ModuleInfo), String> {
+    let capabilities = capabilities(traversal);
+    let mut options = Options::new();
+    options.capabilities = capabilities;
+    let module = Frontend::new_with_options(options).parse(text).map_err(|e| e.emit_to_string(text))?;
+    let mut validator = Validator::new(ValidationFlags::all(), capabilities);
+    let info = validator.validate(&module).map_err(|e| e.emit_to_string(text))?;
+    Ok((module, info))
+}
+
+/// Validates a text with its override constants all off, each of them alone on, and all on. Returns how many these
+/// are.
+fn validate_variants(text: &str, traversal: Traversal) -> Result<usize, String> {
+    let (module, info) = validated(text, traversal)?;
+    let main = (ShaderStage::Compute, "main");
+    if !module.entry_points.iter().any(|entry| (entry.stage, entry.name.as_str()) == main) {
+        return Err("there is no compute shader main".to_owned());
+    }
+    let mut names = override_names(text);
+    names.sort_unstable();
+    let mut declared: Vec<_> = module.overrides.iter().filter_map(|(_, constant)| constant.name.as_deref()).collect();
+    declared.sort_unstable();
+    if declared != names {
+        return Err(format!("the shader declares {declared:?}, and {names:?} are found"));
+    }
+    let alone = names.iter().map(|&on| vec![on]);
+    let mut variants: Vec<Vec<&str>> = [Vec::new(), names.clone()].into_iter().chain(alone).collect();
+    variants.sort();
+    variants.dedup();
+    for on in &variants {
+        let value = |name: &&str| ((*name).to_owned(), f64::from(u8::from(on.contains(name))));
+        let constants = names.iter().map(value).collect();
+        process_overrides(&module, &info, Some(main), &constants).map_err(|e| format!("with {on:?}: {e}"))?;
+    }
+    Ok(variants.len())
+}
+
+#[test]
+fn every_variant_of_every_shader_is_valid() {
+    let settings = StageSettings::new(Extent::new(1, 1), SceneNeeds::ALL);
+    let settable: Vec<&str> = settings.constants(false).into_iter().map(|(name, _)| name).collect();
+    let mut texts = Vec::new();
+    for (tables, traversal) in
+        [Tables::Buffer, Tables::Texture].into_iter().flat_map(|t| Traversal::ALL.map(|u| (t, u)))
+    {
+        for kernel in passes::kernels() {
+            let text = shader_text(&kernel, SceneAccess { tables, traversal });
+            if texts.contains(&text) {
+                continue;
+            }
+            let of = format!("{} with {tables:?} and {traversal:?}", kernel.name);
+            for name in override_names(&text) {
+                assert!(settable.contains(&name), "{of}: nothing sets {name}");
+            }
+            validate_variants(&text, traversal).unwrap_or_else(|e| panic!("{of}: {e}"));
+            texts.push(text);
+        }
+    }
+}
+
+#[test]
+fn texts_that_are_not_valid_are_refused() {
+    let access = SceneAccess { traversal: Traversal::Hardware, ..Default::default() };
+    let text = shader_text_of("path_trace", access);
+    let refused = |text: &str, traversal, reason: &str| {
+        let error = validate_variants(text, traversal).expect_err(reason);
+        assert!(error.contains(reason), "{error}");
+    };
+    refused(&text, Traversal::Compute, "ray_query");
+    for (part, broken, reason) in [
+        ("override HAS_ALPHA: bool", "override HAS_ALPHA: u32", "HAS_ALPHA"),
+        ("override HAS_ALPHA: bool", "  override HAS_ALPHA: bool", "are found"),
+        ("fn main(", "fn other(", "no compute shader main"),
+    ] {
+        assert!(text.contains(part), "{part}");
+        refused(&text.replacen(part, broken, 1), Traversal::Hardware, reason);
+    }
+    let sized = |size: &str| format!("override ON: bool = true;\n@compute @workgroup_size({size}) fn main() {{}}");
+    assert_eq!(validate_variants(&sized("4u * u32(ON) + 4u"), Traversal::Compute), Ok(2));
+    refused(&sized("4u / u32(ON)"), Traversal::Compute, "with []");
+}
