@@ -10,6 +10,9 @@
 #              or in that of the runtime that XR_RUNTIME_JSON names; fails where there is neither, but with NO_XR=skip
 # make golden    hashes of the images of many kinds of frames, in out/golden.txt. BEFORE=FILE of another build: what differs
 # make peers    diptych beside Mitsuba 3 with OIDN, both measured here: out/peers/NAME/NAME.md and .svg. SHOT=FILE for another shot
+# make numbers    measures the tables of README.md and docs/results.md again, with nothing else running. TABLES="scale play":
+#              only these; SCENES=DIR: with scenes of others; NEWER_MESA=COMMAND: also under the driver that COMMAND runs
+#              commands with; WITH_PEERS=1: with Mitsuba and OIDN; ARGS=--smoke: tiny sizes, in out/numbers/smoke
 # make deps    checks for a Vulkan driver and compilers; installs Mesa's driver where apt-get is and none was found; says
 #              where the software driver is an old, slow one
 # make clean
@@ -29,7 +32,7 @@ ifndef XDG_RUNTIME_DIR
 export NODEVICE_SELECT := 1
 endif
 
-.PHONY: demo test test-long test-view test-hardware-rays test-mpi test-xr golden peers deps clean
+.PHONY: demo test test-long test-view test-hardware-rays test-mpi test-xr golden peers peers-packages numbers deps clean
 
 demo: deps
 	$(CARGO) build --release --locked
@@ -94,11 +97,21 @@ golden: deps
 	@[ -z "$(BEFORE)" ] || { diff "$(BEFORE)" out/golden.txt && echo "all images are the same"; }
 
 # Python and its packages, none of which the program needs, are in a folder of their own.
-peers: deps
+peers: deps peers-packages
 	$(CARGO) build --release --locked
+	$(PEERS)/venv/bin/python docs/peers/measure.py --diptych '"$(DIPTYCH)"' --out $(PEERS) $(SHOT)
+
+peers-packages:
 	[ -x $(PEERS)/venv/bin/pip ] || python3 -m venv $(PEERS)/venv
 	$(PEERS)/venv/bin/pip install --quiet --disable-pip-version-check --requirement docs/peers/requirements.txt
-	$(PEERS)/venv/bin/python docs/peers/measure.py --diptych '"$(DIPTYCH)"' --out $(PEERS) $(SHOT)
+
+# Commands that run another driver may have a variable of that name.
+unexport NEWER_MESA
+
+numbers: deps $(if $(WITH_PEERS),peers-packages)
+	$(CARGO) build --release --locked
+	python3 tools/results/measure.py --diptych "$(DIPTYCH)" --tables "$(TABLES)" $(if $(SCENES),--scenes "$(SCENES)") \
+		$(if $(NEWER_MESA),--driver "$(NEWER_MESA)") $(if $(WITH_PEERS),--peers $(PEERS)/venv/bin/python) $(ARGS)
 
 deps:
 	@sh tools/deps.sh

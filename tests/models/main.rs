@@ -10,3 +10,4 @@ mod protocol;
 #[path = "../reference/mod.rs"]
 mod reference;
 mod reference_selftest;
+mod results;
