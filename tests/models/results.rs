@@ -203,7 +203,7 @@ fn figures_that_were_not_measured_are_found() {
     }
 }
 
-/// Where there is Python.
+/// Compares nothing without Python.
 #[test]
 fn the_script_writes_what_is_measured() {
     let folder = tempfile::tempdir().expect("a folder can be made");

@@ -49,7 +49,7 @@ def git(*args):
 
 
 def commit():
-    """The commit, and if the program or what measures it differs from that."""
+    """The commit, marked if the program or these scripts differ from it."""
     sources = ("src", "shaders", "scenes", "Cargo.lock", "tools/results", "docs/peers/*.py")
     changed = git("status", "--porcelain", "--", *sources)
     return (git("rev-parse", "--short=7", "HEAD") or "unknown") + (" with changes" if changed else "")

@@ -1,4 +1,4 @@
-"""Measures what diptych needs nobody else for. Each function yields names of tables and the tables."""
+"""Measures diptych alone. Each function that measures yields names of tables and the tables."""
 
 import csv
 import hashlib
@@ -25,7 +25,7 @@ def column(key, title, decimals=None, percent=False):
 
 
 def shots(options, names):
-    """Those that are here as (name, what `render` takes), and a sentence about the others."""
+    """Pairs of a name and the shot that `render` takes, and a sentence about the shots that are absent."""
     files = {name: f"builtin:{name}" if name in BUILT_IN else options.scenes / f"{name}.toml" for name in names}
     here = [(name, shot) for name, shot in files.items() if name in BUILT_IN or shot.is_file()]
     absent = [name for name in names if name not in dict(here)]

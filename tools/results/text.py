@@ -58,11 +58,11 @@ def with_table(readme, name, table):
 
 
 def write(root, results):
-    """All files that follow from the results."""
+    """All files that follow from the results. README.md is last, since a place may be missing there."""
+    (root / "docs/results.json").write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n")
+    (root / "docs/results.md").write_text(page(results))
     readme = (root / "README.md").read_text()
     for name, table in results["tables"].items():
         if table["readme"]:
             readme = with_table(readme, name, table)
-    (root / "docs/results.json").write_text(json.dumps(results, indent=1, ensure_ascii=False) + "\n")
-    (root / "docs/results.md").write_text(page(results))
     (root / "README.md").write_text(readme)
