@@ -13,6 +13,9 @@
 # make release-check    all of these, and writes docs/release-check.md. STEPS="lint test": these alone. NEWER_MESA=COMMAND:
 #              under a second driver as well, under which that command runs another
 # make peers    diptych beside Mitsuba 3 with OIDN, both measured here: out/peers/NAME/NAME.md and .svg. SHOT=FILE for another shot
+# make numbers    measures the tables of README.md and docs/results.md again, with nothing else running. TABLES="scale play":
+#              only these; SCENES=DIR: with scenes of others; NEWER_MESA=COMMAND: also under the driver that COMMAND runs
+#              commands with; WITH_PEERS=1: with Mitsuba and OIDN; ARGS=--smoke: tiny sizes, in out/numbers/smoke
 # make deps    checks for a Vulkan driver and compilers; installs Mesa's driver where apt-get is and none was found; says
 #              where the software driver is an old, slow one
 # make clean
@@ -35,12 +38,15 @@ ifndef XDG_RUNTIME_DIR
 export NODEVICE_SELECT := 1
 endif
 
+# The command that it names may have a variable of that name.
+unexport NEWER_MESA
+
 # Cargo runs tests by it.
 ifneq ($(RUN),)
 export CARGO_TARGET_$(shell $(RUSTC) -vV | sed -n 's/^host: //p' | tr a-z- A-Z_)_RUNNER := $(RUN)
 endif
 
-.PHONY: demo lint test test-long test-view test-hardware-rays test-mpi test-xr golden release-check peers deps clean
+.PHONY: demo lint test test-long test-view test-hardware-rays test-mpi test-xr golden release-check peers peers-packages numbers deps clean
 
 demo: deps
 	$(CARGO) build --release --locked
@@ -111,14 +117,21 @@ golden: deps
 	@[ -z "$(BEFORE)" ] || { diff "$(BEFORE)" out/golden.txt && echo "all images are the same"; }
 
 release-check:
-	@MAKE="$(MAKE)" sh tools/release-check.sh $(STEPS)
+	@MAKE="$(MAKE)" NEWER_MESA="$(NEWER_MESA)" sh tools/release-check.sh $(STEPS)
 
 # Python and its packages, none of which the program needs, are in a folder of their own.
-peers: deps
+peers: deps peers-packages
 	$(CARGO) build --release --locked
+	$(PEERS)/venv/bin/python docs/peers/measure.py --diptych '"$(DIPTYCH)"' --out $(PEERS) $(SHOT)
+
+peers-packages:
 	[ -x $(PEERS)/venv/bin/pip ] || python3 -m venv $(PEERS)/venv
 	$(PEERS)/venv/bin/pip install --quiet --disable-pip-version-check --requirement docs/peers/requirements.txt
-	$(PEERS)/venv/bin/python docs/peers/measure.py --diptych '"$(DIPTYCH)"' --out $(PEERS) $(SHOT)
+
+numbers: deps $(if $(WITH_PEERS),peers-packages)
+	$(CARGO) build --release --locked
+	python3 tools/results/measure.py --diptych "$(DIPTYCH)" --tables "$(TABLES)" $(if $(SCENES),--scenes "$(SCENES)") \
+		$(if $(NEWER_MESA),--driver "$(NEWER_MESA)") $(if $(WITH_PEERS),--peers $(PEERS)/venv/bin/python) $(ARGS)
 
 deps:
 	@sh tools/deps.sh

@@ -15,6 +15,9 @@ state=out/release-check
 report=docs/release-check.md
 make=${MAKE:-make}
 steps=${*:-$all}
+# The command may have a variable of that name.
+newer=${NEWER_MESA:-}
+unset NEWER_MESA
 
 fail() {
     echo "release-check: $*" >&2
@@ -52,14 +55,14 @@ program() {
 
 # What devices $1, a command or nothing, gives the program: values of the field $2.
 devices() {
-    # NEWER_MESA may have arguments.
+    # The command may have arguments.
     # shellcheck disable=SC2086
     $1 "$(program)" devices --json 2>/dev/null | sed -n "s/.*\"$2\": \"\{0,1\}\([^\"]*[^\",]\)\"\{0,1\},*\$/\1/p" | sort -u
 }
 
 hardware_rays() {
     ${CARGO:-cargo} build --release --locked || exit 1
-    for run in "" "${NEWER_MESA:-}"; do
+    for run in "" "$newer"; do
         if devices "$run" ray_queries | grep -q true; then
             $make test-hardware-rays RUN="$run"
             exit
@@ -91,7 +94,7 @@ run_step() {
     run=
     case $1 in
     *-newer)
-        run=${NEWER_MESA:-}
+        run=$newer
         [ -n "$run" ] || skip "NEWER_MESA names no command"
         # Programs of doc tests are in the temporary folder, and the command need not have the system's.
         mkdir -p $state/tmp
@@ -156,7 +159,7 @@ driver() {
     echo "| diptych | $(sed -n 's/^version = "\(.*\)"$/\1/p' Cargo.toml | head -n 1) |"
     echo "| compiler | $(${RUSTC:-rustc} --version) |"
     echo "| driver | $(driver driver "") |"
-    [ -z "${NEWER_MESA:-}" ] && [ ! -e $state/driver-newer ] || echo "| driver of \`-newer\` | $(driver driver-newer "${NEWER_MESA:-false}") |"
+    [ -z "$newer" ] && [ ! -e $state/driver-newer ] || echo "| driver of \`-newer\` | $(driver driver-newer "${newer:-false}") |"
     echo
     echo "| step | result | ended (UTC) | duration | passed | failed | ignored | remarks |"
     echo "| --- | --- | --- | --- | --- | --- | --- | --- |"

@@ -108,6 +108,11 @@ def shape(kind, colour):
     return lambda x, y: ALONE[kind].format(x, y, style)
 
 
+def joined(x, y, points, style):
+    path = "L".join(f"{x.at(ms):.1f} {y.at(flip):.1f}" for _, ms, flip in points)
+    return f'<path d="M{path}" {style} fill="none"/>'
+
+
 def chart(title, table):
     """The SVG of such a file's text."""
     read = Points(table)
@@ -124,8 +129,10 @@ def chart(title, table):
     ]
     marks = []
     for name, points in lines:
-        path = "M" + "L".join(f"{x.at(ms):.1f} {y.at(flip):.1f}" for _, ms, flip in points)
-        parts.append(f'<path d="{path}" stroke="{colours[name]}" stroke-width="2" fill="none"/>')
+        parts.append(joined(x, y, points, f'stroke="{colours[name]}" stroke-width="2"'))
+        first = sorted((p[2:] for p in read.alone if p[:2] == (name, "first frame")), key=lambda p: p[1])
+        if len(first) > 1:
+            parts.append(joined(x, y, first, f'stroke="{colours[name]}" stroke-dasharray="4 4"'))
         marks += [(name, dot(colours[name]), *point) for point in points]
     marks += [(name, shape(kind, colours[name]), *point) for name, kind, *point in read.alone]
     for name, mark, label, ms, flip in marks:

@@ -4,18 +4,19 @@
 
 A shot is what `diptych render` takes. Both sides render the same scene, as `diptych export` writes it, from the same eyes
 at the same instant, with as many bounces, on the same cores, in turns. Both are judged by NVIDIA's FLIP against the same
-reference, Mitsuba's, after the same tonemapping at the shot's exposure; errors are means over both eyes. Times are of a
-stereo frame: diptych's are medians over the frames on the way to that instant, Mitsuba's of as many calls as there are
-rounds. Nobody's include loading, compiling or files. Writes NAME.md, a table, NAME.svg, a chart of it, and NAME.toml for
-`diptych bench --peers`.
+reference, Mitsuba's, after the same tonemapping at the shot's exposure; errors are means over both eyes. diptych renders
+each setting twice: the last frame of a path, with the history of those before, and the same frame as the first of a path,
+without history. Times are those of a stereo frame: with history, medians over the frames on the way to that instant;
+otherwise medians over the rounds. None of them includes loading, compiling or files. Writes NAME.md, tables, NAME.json,
+the same figures for programs, NAME.svg, a chart, and NAME.toml for `diptych bench --peers`.
 """
 
 import argparse
 import hashlib
 import json
 import os
-import platform
 import shlex
+import shutil
 import subprocess
 import sys
 import tempfile
@@ -29,17 +30,14 @@ INSTANT = (FRAMES - 1) / FPS
 PEER_SAMPLES = (1, 4, 16, 64)
 PEER, FAST, GUIDED = "Mitsuba", "Mitsuba + OIDN, fast", "Mitsuba + OIDN, high, albedo and normals"
 
-# What diptych is measured with. A frame without history is the first of its path, so that it knows as much as a peer's.
+# Settings of diptych: name, options, and True if the first frame of a path is measured beside the last.
 OURS = (
-    ("1 spp, render scale 0.5", ("--spp", "1", "--render-scale", "0.5")),
-    ("1 spp", ("--spp", "1")),
-    ("2 spp", ("--spp", "2")),
-    ("4 spp", ("--spp", "4")),
-    ("8 spp", ("--spp", "8")),
-    ("16 spp", ("--spp", "16")),
-    ("4 spp, not denoised", ("--spp", "4", "--denoiser", "none", "--reproject", "off")),
+    ("1 spp, render scale 0.5", ("--spp", "1", "--render-scale", "0.5"), False),
+    *((f"{spp} spp", ("--spp", str(spp)), True) for spp in (1, 2, 4, 8, 16)),
+    ("4 spp, not denoised", ("--spp", "4", "--denoiser", "none", "--reproject", "off"), False),
 )
-FIRST_FRAME_OF = "4 spp"
+FIRST_FRAME, NOT_DENOISED = ", first frame", ", not denoised"
+WITH_HISTORY, WITHOUT_HISTORY = f"{FRAMES}th frame of a path, with history", "first frame, no history"
 
 # Samples of a reference that are taken at a time; more take more memory.
 PASS = 64
@@ -54,6 +52,9 @@ def arguments():
     parser.add_argument("--bounces", type=int, default=6)
     parser.add_argument("--rounds", type=int, default=3, help="turns that both sides take")
     parser.add_argument("--reference-spp", type=int, default=4096)
+    parser.add_argument(
+        "--own-reference", action="store_true", help="judge diptych by its own reference, where materials differ"
+    )
     parser.add_argument("--cores", type=int, help="use so many cores only (Linux)")
     options = parser.parse_args()
     options.width, options.height = map(int, options.size.split("x"))
@@ -85,6 +86,7 @@ mi.set_variant("llvm_ad_rgb")
 
 import drjit  # noqa: E402
 from chart import chart  # noqa: E402
+from machine import processor  # noqa: E402
 from mitsuba_scene import Shot  # noqa: E402
 
 
@@ -190,20 +192,29 @@ class Diptych:
         return eyes, [frame["makespan_ms"] for frame in report["frames"]]
 
 
+    def reference(self, spp):
+        at = ("--time", INSTANT, "--reference", "--spp", spp)
+        eyes, _ = self.frame((), 1_000_000, at)
+        return eyes
+
+
 class Figures:
     """Milliseconds and FLIP of what has been measured, by renderer and setting."""
 
-    def __init__(self, reference, exposure_ev):
-        self.reference, self.exposure_ev, self.times, self.errors = reference, exposure_ev, {}, {}
+    def __init__(self, references, exposure_ev):
+        """`references` has the one of "diptych" and that of the others, under None."""
+        self.references, self.exposure_ev, self.times, self.errors = references, exposure_ev, {}, {}
 
     def add(self, name, note, eyes, times_ms):
+        reference = self.references.get(name, self.references[None])
         self.times.setdefault((name, note), []).extend(times_ms)
-        self.errors.setdefault((name, note), []).append(flip(self.reference, eyes, self.exposure_ev))
+        self.errors.setdefault((name, note), []).append(flip(reference, eyes, self.exposure_ev))
 
     def rows(self):
-        """(name, note, median, least and most milliseconds, FLIP) of each, in the order of measuring."""
+        """Median, least and most milliseconds and FLIP of each, in the order of measuring."""
         for (name, note), times in self.times.items():
-            yield name, note, median(times), min(times), max(times), float(np.mean(self.errors[name, note]))
+            ms = {"ms": median(times), "least_ms": min(times), "most_ms": max(times)}
+            yield {"renderer": name, "setting": note, **ms, "flip": float(np.mean(self.errors[name, note]))}
 
 
 def measure_peer(mitsuba, filters, figures, seed):
@@ -220,45 +231,38 @@ def measure_peer(mitsuba, filters, figures, seed):
 
 def measure_ours(ours, figures, seed):
     along = ("--frames", FRAMES, "--fps", FPS)
-    for note, settings in OURS:
+    for note, settings, with_first in OURS:
         eyes, times = ours.frame(settings, seed, along)
         figures.add("diptych", note, eyes, times[COLD:])
-        if note == FIRST_FRAME_OF:
-            # Cold, so the time is that of the frames which follow.
-            eyes, _ = ours.frame(settings, seed, ("--time", INSTANT, "--warm-up", 0))
-            figures.add("diptych", f"{note}, first frame", eyes, times[COLD:])
+        if with_first:
+            eyes, times = ours.frame(settings, seed, ("--time", INSTANT, "--warm-up", 0))
+            figures.add("diptych", note + FIRST_FRAME, eyes, times)
 
 
-def reference_of(mitsuba, files, folder):
-    """Kept in `folder` for later runs."""
-    key = hashlib.sha256(repr((options.size, options.bounces, options.reference_spp, INSTANT, mi.__version__)).encode())
+def reference_of(renderer, version, files, folder):
+    """Renders the reference, or reads it where `folder` has it from an earlier run."""
+    settings = (options.size, options.bounces, options.reference_spp, INSTANT, type(renderer).__name__, version)
+    key = hashlib.sha256(repr(settings).encode())
     for file in files:
         key.update(file.read_bytes())
     kept = folder / f"reference-{key.hexdigest()[:16]}.npy"
     if not kept.exists():
-        say(f"reference, {options.reference_spp} samples per pixel")
-        np.save(kept, mitsuba.reference(options.reference_spp))
+        say(f"reference by {type(renderer).__name__}, {options.reference_spp} samples per pixel")
+        np.save(kept, renderer.reference(options.reference_spp))
     return np.load(kept)
-
-
-def processor():
-    try:
-        names = [line.split(":", 1)[1].strip() for line in open("/proc/cpuinfo") if line.startswith("model name")]
-    except OSError:
-        names = []
-    name = names[0] if names else platform.processor() or platform.machine()
-    cores = options.cores or os.cpu_count()
-    return f"{cores} {'core' if cores == 1 else 'cores'} of {name}"
 
 
 def conditions(shot, ours):
     llvm = Path(os.environ.get("DRJIT_LIBLLVM_PATH", "its own")).resolve().name
+    judged = f"against Mitsuba's {options.reference_spp} samples per pixel"
+    if options.own_reference:
+        judged = f"of each renderer against its own reference of {options.reference_spp} samples per pixel"
     lines = [
-        f"{processor()}; diptych on {ours.driver}; Mitsuba {mi.__version__} with {llvm}; load {LOAD:.1f} before it.",
+        f"{processor(options.cores)}; diptych on {ours.driver}; Mitsuba {mi.__version__} with {llvm}; load {LOAD:.1f} before it.",
         f"{options.size} per eye, {options.bounces} bounces, {options.rounds} rounds in turns. Times are of a stereo frame.",
-        f"FLIP is the mean of both eyes at {ours.exposure_ev:g} EV against Mitsuba's {options.reference_spp} samples per pixel.",
-        f"diptych's frames are the last of {FRAMES} along the camera's path, with their history; Mitsuba's and diptych's "
-        "first frame know nothing of those before.",
+        f"FLIP is the mean of both eyes at {ours.exposure_ev:g} EV, {judged}.",
+        f"diptych's frames are the last of {FRAMES} along the camera's path, with history, and first frames of a path, which "
+        "have no history, as Mitsuba's have none.",
     ]
     if shot.departures:
         lines.append("Mitsuba's scene departs from the file's: " + "; ".join(sorted(shot.departures)) + ".")
@@ -270,24 +274,42 @@ def table(headers, rows):
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 
-def markdown(shot, figures, lines):
-    rows = list(figures.rows())
-    measured = [
-        [name, note, f"{ms:.0f}", f"{least:.0f} to {most:.0f}", f"{error:.3f}"]
-        for name, note, ms, least, most, error in rows
+def beside(rows):
+    """Each of OIDN's figures, with what diptych takes to reach its FLIP with and without history: None if nothing does."""
+    ours = [row for row in rows if row["renderer"] == "diptych" and not row["setting"].endswith(NOT_DENOISED)]
+
+    def reaching(error, first):
+        able = [row for row in ours if row["flip"] <= error and row["setting"].endswith(FIRST_FRAME) == first]
+        best = min(able, key=lambda row: row["ms"], default=None)
+        return best and {"setting": best["setting"].removesuffix(FIRST_FRAME), "ms": best["ms"]}
+
+    return [
+        row | {"with_history": reaching(row["flip"], False), "without_history": reaching(row["flip"], True)}
+        for row in rows
+        if row["renderer"] in (FAST, GUIDED)
     ]
-    ours = [row for row in rows if row[0] == "diptych"]
-    beside = []
-    for name, note, ms, _, _, error in rows:
-        if name in (FAST, GUIDED):
-            reaching = min((row for row in ours if row[5] <= error), key=lambda row: row[2], default=None)
-            cells = ["none", "-"]
-            if reaching:
-                cells = [f"{reaching[2]:.0f} ms ({reaching[1]})", f"{ms / reaching[2]:.1f}"]
-            beside.append([f"{error:.3f}", name, f"{ms:.0f} ms ({note})", *cells])
+
+
+def markdown(shot, rows, lines):
+    def cells(row, reached):
+        if reached is None:
+            return ["none", "-"]
+        return [f"{reached['ms']:.0f} ms ({reached['setting']})", f"{row['ms'] / reached['ms']:.1f}"]
+
+    compared = [
+        [f"{row['flip']:.3f}", row["renderer"], f"{row['ms']:.0f} ms ({row['setting']})"]
+        + cells(row, row["with_history"])
+        + cells(row, row["without_history"])
+        for row in beside(rows)
+    ]
+    measured = [
+        [r["renderer"], r["setting"], f"{r['ms']:.0f}", f"{r['least_ms']:.0f} to {r['most_ms']:.0f}", f"{r['flip']:.3f}"]
+        for r in rows
+    ]
+    ours = [f"diptych, {WITH_HISTORY}", "times as fast", f"diptych, {WITHOUT_HISTORY}", "times as fast"]
     return (
         f"## {shot.name}\n\n"
-        + table(["FLIP to reach", "of", "takes it", "diptych", "times as fast"], beside)
+        + table(["FLIP to reach", "of", "takes it", *ours], compared)
         + "\n"
         + table(["renderer", "setting", "ms", "least to most", "FLIP"], measured)
         + "\n"
@@ -299,9 +321,10 @@ def markdown(shot, figures, lines):
 def peers_file(figures, lines):
     """For `diptych bench --peers`."""
     text = "".join(f"# {line}\n" for line in lines) + f"\nexposure_ev = {figures.exposure_ev}\n"
-    for name, note, ms, _, _, error in figures.rows():
-        if name != "diptych":
-            text += f'\n[[peer]]\nname = "{name}"\ntime_ms = {ms:.1f}\nflip = {error:.4f}\nnote = "{note}"\n'
+    for row in figures.rows():
+        if row["renderer"] != "diptych":
+            text += f'\n[[peer]]\nname = "{row["renderer"]}"\ntime_ms = {row["ms"]:.1f}\n'
+            text += f'flip = {row["flip"]:.4f}\nnote = "{row["setting"]}"\n'
     return text
 
 
@@ -314,18 +337,25 @@ def compare(argument, device):
         mitsuba = Mitsuba(shot)
         filters = {FAST: Oidn(device, guided=False), GUIDED: Oidn(device, guided=True)}
         ours = Diptych(exported, Path(scratch) / "out")
-        reference = reference_of(mitsuba, sorted(exported.parent.iterdir()), folder)
+        files = sorted(exported.parent.iterdir())
+        references = {None: reference_of(mitsuba, mi.__version__, files, folder)}
+        if options.own_reference:
+            version = hashlib.sha256(Path(shutil.which(shlex.split(options.diptych)[-1])).read_bytes()).hexdigest()
+            references["diptych"] = reference_of(ours, version, files, folder)
         say(f"{shot.name}: warming up")
         ours.frame((), options.rounds, ())
-        measure_peer(mitsuba, filters, Figures(reference, ours.exposure_ev), seed=options.rounds)
-        figures = Figures(reference, ours.exposure_ev)
+        measure_peer(mitsuba, filters, Figures(references, ours.exposure_ev), seed=options.rounds)
+        figures = Figures(references, ours.exposure_ev)
         for number in range(options.rounds):
             say(f"{shot.name}: round {number + 1} of {options.rounds}")
             measure_peer(mitsuba, filters, figures, seed=number)
             measure_ours(ours, figures, seed=number)
     lines = conditions(shot, ours)
-    text = markdown(shot, figures, lines)
+    rows = list(figures.rows())
+    text = markdown(shot, rows, lines)
     (folder / f"{exported.stem}.md").write_text(text)
+    programs = {"driver": ours.driver, "conditions": lines, "rows": rows, "beside": beside(rows)}
+    (folder / f"{exported.stem}.json").write_text(json.dumps(programs, indent=2) + "\n")
     (folder / f"{exported.stem}.toml").write_text(peers_file(figures, lines))
     title = f"{shot.name}, {options.size}: error against time; beside points, samples per pixel"
     (folder / f"{exported.stem}.svg").write_text(chart(title, text))

@@ -11,4 +11,5 @@ mod protocol;
 #[path = "../reference/mod.rs"]
 mod reference;
 mod reference_selftest;
+mod results;
 mod sessions;

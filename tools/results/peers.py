@@ -1,0 +1,94 @@
+"""Measures diptych beside Mitsuba 3 with OIDN, by docs/peers/measure.py, and brings docs/peers/NAME.* up to date."""
+
+import json
+import os
+import re
+import shlex
+import shutil
+import subprocess
+
+from chart import chart
+from driver import ROOT
+from tables import WITH_HISTORY, WITHOUT_HISTORY, column, shots
+
+# Mitsuba's materials are brighter there than the file's, so that one reference for both would compare materials.
+OWN_REFERENCE = ("hotel-room",)
+
+
+def measure_peers(options, drivers):
+    """Runs docs/peers/measure.py, and brings docs/peers/NAME.* up to date."""
+    compared, undenoised, out = [], [], options.out / "peers"
+    here, absent = shots(options, ("cornell", "atrium", "hotel-room"))
+    # Where commands that run another driver see it as well.
+    scratch = options.out / "scratch"
+    scratch.mkdir(parents=True, exist_ok=True)
+    for name, shot in here:
+        sections = []
+        for driver in drivers:
+            program = shlex.join([*driver.command, driver.program])
+            settings = ["--size", options.size, "--reference-spp", options.peers_spp, "--rounds", options.rounds]
+            settings += ["--diptych", program, "--out", out, *(["--own-reference"] if name in OWN_REFERENCE else [])]
+            command = [options.peers, ROOT / "docs/peers/measure.py", *settings, shot]
+            environment = os.environ | {"TMPDIR": str(scratch)}
+            subprocess.run(list(map(str, command)), check=True, stdout=subprocess.DEVNULL, cwd=ROOT, env=environment)
+            files = out / name / name
+            sections.append(re.sub(r"\A## .*", f"## {driver.name}", files.with_suffix(".md").read_text()))
+            if driver is drivers[0]:
+                shutil.copy(files.with_suffix(".toml"), options.root / f"docs/peers/{name}.toml")
+            measured = json.loads(files.with_suffix(".json").read_text())
+            for row in measured["beside"]:
+                reached = {key: row[key] and row["ms"] / row[key]["ms"] for key in ("with_history", "without_history")}
+                peer = row["renderer"].removeprefix("Mitsuba + OIDN, ")
+                own = {"scene": name, "driver": driver.name, "peer": peer, "spp": int(row["setting"].split()[0])}
+                compared.append(own | {"ms": row["ms"], "flip": row["flip"]} | reached)
+            bare = {(row["renderer"], row["setting"]): row for row in measured["rows"]}
+            theirs, ours = bare["Mitsuba", "4 spp"], bare["diptych", "4 spp, not denoised"]
+            pair = {"peer_ms": theirs["ms"], "peer_flip": theirs["flip"], "ms": ours["ms"], "flip": ours["flip"]}
+            undenoised.append({"scene": name, "driver": driver.name} | pair | {"times": theirs["ms"] / ours["ms"]})
+        write_peer(options, name, sections)
+    columns = [
+        column("scene", "scene"),
+        column("driver", "driver"),
+        column("peer", "Mitsuba + OIDN"),
+        column("spp", "samples", 0),
+        column("flip", "its FLIP", 3),
+        column("ms", "its time, ms", 0),
+        column("with_history", WITH_HISTORY, 1),
+        column("without_history", WITHOUT_HISTORY, 1),
+    ]
+    note = (
+        f"{options.size} per eye, {options.rounds} rounds in turns, a reference of {options.peers_spp} samples. The last "
+        "two columns: how many times as fast diptych reaches that FLIP, with either kind of frame. Below 1 it is slower, "
+        "and – is a FLIP that none of its settings reaches."
+    )
+    common = {"note": note, "columns": columns, "absent": absent}
+    four = [row for row in compared if row["spp"] == 4]
+    title, place = "Time to the FLIP of Mitsuba + OIDN", "### Measure time against error"
+    yield "peers", {"title": f"{title} with 4 samples", "readme": place, "rows": four} | common
+    others = [row for row in compared if row["spp"] != 4]
+    yield "peers-more", {"title": f"{title} with 1, 16 and 64 samples", "readme": None, "rows": others} | common
+    yield "undenoised", {
+        "title": "Four samples without denoising",
+        "readme": None,
+        "note": f"{options.size} per eye, 4 samples per pixel, times of a stereo frame; both eyes fully traced.",
+        "columns": [
+            column("scene", "scene"),
+            column("driver", "driver"),
+            column("peer_ms", "Mitsuba, ms", 0),
+            column("peer_flip", "its FLIP", 3),
+            column("ms", "diptych, ms", 0),
+            column("flip", "its FLIP", 3),
+            column("times", "diptych times as fast", 2),
+        ],
+        "rows": undenoised,
+        "absent": absent,
+    }
+
+
+def write_peer(options, name, sections):
+    """The tables of all drivers below the introduction that docs/peers/NAME.md has, and their chart."""
+    file = options.root / f"docs/peers/{name}.md"
+    text = file.read_text().split("\n## ", 1)[0].rstrip("\n") + "\n\n" + "\n".join(sections)
+    file.write_text(text)
+    title = f"{name}, {options.size}: error against time; beside points, samples per pixel"
+    file.with_suffix(".svg").write_text(chart(title, text))
