@@ -174,7 +174,7 @@ fn compare(case: Case, cases: &mut Cases) {
     constants.history_rows = (!matches!(case.motion, Motion::None)).then_some(1);
     // While eyes hardly move, image points are whole pixels but for rounding, which decides whether a neighbour counts.
     let damaged = if matches!(case.motion, Motion::Moved | Motion::MovedBack) { 0.02 } else { 0.0 };
-    let views = eyes_before.map(|eye| eye.view());
+    let previous = Constants { eyes: eyes_before, ..constants.clone() }.as_previous();
     for stripe in stripes() {
         let guide = Wall::new(0.002, 0.2, 0.05).guides(&mut random, &constants, case.view);
         let (hit, radiance): (Vec<_>, Vec<_>) = (0..constants.area()).map(|_| present(&mut random, format)).unzip();
@@ -200,7 +200,7 @@ fn compare(case: Case, cases: &mut Cases) {
                 ("left_history", valid(&histories[0].light)),
                 ("accumulated", Buffer::image(&words[0])),
                 ("moments", Buffer::image(&words[1])),
-                ("previous", Buffer::whole(&views)),
+                ("previous", Buffer::whole(&previous)),
                 ("tally", Buffer::image(&tally)),
                 ("light_change", Buffer::whole(&[0.0f32])),
             ],

@@ -91,7 +91,7 @@ impl Kernel {
         buffers: &[(&str, Buffer)],
     ) -> Outputs {
         let pass = PassConstants { width: constants.width, height: constants.height, ..pass };
-        let outputs = self.run_bytes(&constants.bytes(), pass, groups, buffers);
+        let outputs = self.run_frame(&constants.frame(), pass, groups, buffers);
         for (name, buffer) in buffers {
             if let (Buffer::Image(before), Some(after)) = (buffer, outputs.0.get(*name)) {
                 let row = before.len() / constants.height as usize;
@@ -116,23 +116,13 @@ impl Kernel {
         groups: [u32; 2],
         buffers: &[(&str, Buffer)],
     ) -> Outputs {
-        self.run_bytes(bytemuck::bytes_of(frame), pass, groups, buffers)
-    }
-
-    fn run_bytes(
-        &self,
-        constants: &[u8],
-        pass: PassConstants,
-        groups: [u32; 2],
-        buffers: &[(&str, Buffer)],
-    ) -> Outputs {
         let mut bench = bench().lock().unwrap_or_else(PoisonError::into_inner);
         let key = (self.source.clone(), self.overrides.clone());
         if !bench.compiled.contains_key(&key) {
             let new = self.compile(&bench.gpu);
             bench.compiled.insert(key.clone(), new);
         }
-        self.dispatch(&bench.gpu, &bench.compiled[&key], constants, pass, groups, buffers)
+        self.dispatch(&bench.gpu, &bench.compiled[&key], bytemuck::bytes_of(frame), pass, groups, buffers)
     }
 
     fn compile(&self, gpu: &GpuDevice) -> Compiled {
