@@ -2,7 +2,7 @@
 // a pixel's path of the frame before is traced again in the scene of now, with the same random numbers from the same point
 // of the surface, wherever that has moved; what differs is light that has changed. Departures: the surface of a pixel of
 // now is followed back instead of one of before forwards; paths are traced beside those of the frame, in whose stead the
-// paper has them; pixels of several samples have none.
+// paper has them; after frames of several samples there are none.
 
 //!include frame grid rng scene light_tree environment lights trace traverse hits surface bsdf split path pack motion
 
@@ -24,8 +24,9 @@ fn all_luminance(light: SplitLight) -> f32 {
 fn light_again(hit: vec4<u32>, position: vec3<f32>, origin: vec3<f32>, pixel: vec2<u32>) -> SplitLight {
     let direction = normalize(position - origin);
     let first = surface_at(hit.x, bitcast<vec2<f32>>(hit.yz), origin, direction);
-    var rng = rng_in(frame.sampling.index - 1u, pixel, 0u, 0u);
-    let path = trace_path(first, direction, &rng);
+    // With the settings of the frame before: its quality may be another.
+    var rng = rng_in(previous.sampling, pixel, 0u, 0u);
+    let path = trace_path(first, direction, previous.sampling, &rng);
     var packed = pack_sampled(over(path.radiance, first.albedo), vec3<f32>(0.0));
     if HAS_GLOSS {
         packed = pack_sampled(over(path.radiance, first.matte), over(path.gloss, first.albedo - first.matte));
@@ -46,7 +47,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let pick = hash_combine(hash_combine(frame.sampling.index, tile.x), tile.y) % (TILE * TILE);
     let pixel = min(tile * TILE + vec2<u32>(pick % TILE, pick / TILE), size - 1u);
     let last = last_surface[pixel.y * size.x + pixel.x];
-    if last.w == NO_NORMAL || frame.history.rows == NO_HISTORY {
+    if last.w == NO_NORMAL || frame.history.rows == NO_HISTORY || previous.sampling.is_jittered != 0u {
         return;
     }
     let eye = previous.views[0];
@@ -66,7 +67,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let normal = unpack_normal(last.w);
     let off = abs(dot(normal, bitcast<vec3<f32>>(guide.xyz) - position));
     let is_same = guide.w != NO_NORMAL && off < 0.01 * point.z && dot(unpack_normal(guide.w), normal) > 0.9;
-    if !is_same || before.w == 0u || (before.w & TELLS_VARIANCE) != 0u || (hit.x & SPHERE) != 0u {
+    if !is_same || before.w == 0u || (hit.x & SPHERE) != 0u {
         return;
     }
     let then = all_luminance(unpack_sampled(before));

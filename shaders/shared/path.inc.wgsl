@@ -1,5 +1,5 @@
 // Paths: next-event estimation and bounces, joined by multiple importance sampling with the balance heuristic
-// (Veach 1997), on surfaces that light reaches the eye from through at most `frame.sampling.reflections` reflections.
+// (Veach 1997), on surfaces that light reaches the eye from through at most `Sampling::reflections` reflections.
 
 override HAS_CONSTANT_ENV: bool = true;
 
@@ -118,9 +118,8 @@ fn direct_light(s: Surface, v: vec3<f32>, medium: Medium, depth: u32, rng: ptr<f
     return radiance;
 }
 
-fn clamp_indirect(c: vec3<f32>) -> vec3<f32> {
+fn clamp_indirect(c: vec3<f32>, most: f32) -> vec3<f32> {
     let peak = max3(c);
-    let most = frame.sampling.indirect_clamp;
     return select(c, c * (most / peak), most > 0.0 && peak > most);
 }
 
@@ -151,7 +150,7 @@ fn gather(into: ptr<function, PathSample>, light: vec3<f32>, share: vec3<f32>) {
     }
 }
 
-fn trace_path(first: Surface, direction_in: vec3<f32>, rng: ptr<function, Rng>) -> PathSample {
+fn trace_path(first: Surface, direction_in: vec3<f32>, sampling: Sampling, rng: ptr<function, Rng>) -> PathSample {
     var result = PathSample(vec3<f32>(0.0), vec3<f32>(0.0), 0u);
     var s = first;
     var v = -direction_in;
@@ -162,11 +161,11 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, rng: ptr<function, Rng>) 
     var throughput = vec3<f32>(1.0);
     var rays = 0u;
     var share = vec3<f32>(1.0);
-    for (var depth = 1u; depth <= frame.sampling.reflections; depth += 1u) {
-        let is_last = depth == frame.sampling.reflections;
+    for (var depth = 1u; depth <= sampling.reflections; depth += 1u) {
+        let is_last = depth == sampling.reflections;
         if has_lights() {
             let direct = throughput * direct_light(s, v, medium, depth, rng, &rays, &share);
-            gather(&result, select(clamp_indirect(direct), direct, depth == 1u), share);
+            gather(&result, select(clamp_indirect(direct, sampling.indirect_clamp), direct, depth == 1u), share);
         }
         let b = sample_bsdf(s, v, random_at(rng, depth, LOBE_CHOICE).x, random_at(rng, depth, LOBE_DIRECTION));
         if !is_within(b.pdf, MOST_FLOAT) {
@@ -217,7 +216,7 @@ fn trace_path(first: Surface, direction_in: vec3<f32>, rng: ptr<function, Rng>) 
             }
         }
         found *= throughput;
-        gather(&result, select(clamp_indirect(found), found, depth == 1u), share);
+        gather(&result, select(clamp_indirect(found, sampling.indirect_clamp), found, depth == 1u), share);
         if !is_surface || is_last {
             break;
         }

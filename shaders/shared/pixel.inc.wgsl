@@ -97,7 +97,7 @@ fn sample_pixel(pixel: vec2<u32>, view: u32) {
         }
         var path = PathSample(vec3<f32>(0.0), vec3<f32>(0.0), 0u);
         if (hit.prim & SPHERE) == 0u {
-            path = trace_path(first.surface, direction, &rng);
+            path = trace_path(first.surface, direction, frame.sampling, &rng);
         }
         // Of finite samples, sums may be infinite.
         let with_radiance = reflected + path.radiance * first.transmittance;

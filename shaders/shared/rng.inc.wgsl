@@ -31,16 +31,16 @@ fn hash_combine(a: u32, b: u32) -> u32 {
 
 // `sample` counts from the frame's first.
 fn rng_for(pixel: vec2<u32>, view: u32, sample: u32) -> Rng {
-    return rng_in(frame.sampling.index, pixel, view, sample);
+    return rng_in(frame.sampling, pixel, view, sample);
 }
 
-// Of the frame with this number.
-fn rng_in(index: u32, pixel: vec2<u32>, view: u32, sample: u32) -> Rng {
-    let key = hash_combine(hash_combine(frame.sampling.seed, index), view);
-    let number = frame.sampling.sample_base + sample;
-    if SOBOL && frame.sampling.curve_shift < NO_CURVE {
+// The same in a frame with these constants.
+fn rng_in(sampling: Sampling, pixel: vec2<u32>, view: u32, sample: u32) -> Rng {
+    let key = hash_combine(hash_combine(sampling.seed, sampling.index), view);
+    let number = sampling.sample_base + sample;
+    if SOBOL && sampling.curve_shift < NO_CURVE {
         let place = spread_bits(pixel.x) | (spread_bits(pixel.y) << 1u);
-        return Rng(key, (place << frame.sampling.curve_shift) | number, 0u);
+        return Rng(key, (place << sampling.curve_shift) | number, 0u);
     }
     return Rng(hash_combine(hash_combine(key, pixel.x), pixel.y), number, 0u);
 }

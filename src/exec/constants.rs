@@ -75,6 +75,7 @@ pub fn constants(
             sampled_share: (quality.scale * quality.scale) as f32,
             // Pixels that wait for a later frame have their turn in time.
             mask_turn: if stages.keeps_history() { index.wrapping_mul(GOLDEN_RATIO) } else { 0 },
+            is_jittered: stages.jitter(spp).into(),
             ..Default::default()
         },
         foveation: layout::Foveation { layer_iterations: quality.iterations.into(), ..layers.unwrap_or_default() },

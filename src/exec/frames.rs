@@ -27,8 +27,8 @@ pub struct Inputs {
     pub quality: Quality,
     /// What its stages cost, held against other qualities.
     pub effort: Effort,
-    /// The eyes of the frame before.
-    pub previous: [layout::View; 2],
+    /// Constants of the frame before.
+    pub previous: layout::Previous,
     /// What it changes in the scene.
     pub update: SceneUpdate,
     /// Bounds of each body that moves, relative to the tables' origin, and by how much it has moved at most since the

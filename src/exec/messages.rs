@@ -44,9 +44,9 @@ pub struct FrameJob {
     pub plan: Plan,
     #[serde(with = "wire::pod")]
     pub constants: layout::Frame,
-    /// The eyes of the frame before.
+    /// Constants of the frame before.
     #[serde(with = "wire::pod")]
-    pub previous: [layout::View; 2],
+    pub previous: layout::Previous,
     /// What it changes in the scene.
     pub update: SceneUpdate,
     /// Where it leaves its images.
@@ -208,7 +208,10 @@ pub(super) mod tests {
         FrameJob {
             plan: Plan { seam, iterations: 5, assignment, history, outputs: Some(vec![LINEAR.into()]) },
             constants,
-            previous: [layout::View { tan_half_x: 0.3, ..Default::default() }; 2],
+            previous: layout::Previous {
+                views: [layout::View { tan_half_x: 0.3, ..Default::default() }; 2],
+                sampling: layout::Sampling { reflections: 3, ..Default::default() },
+            },
             update: SceneUpdate { rows: vec![(7, vec![1; 16])], pose: vec![[0.5; 4]] },
             place: Place { slot: 2, turn: 1 },
             reads: vec![LINEAR.into(), DISPLAY.into(), aov_image(3).into()],

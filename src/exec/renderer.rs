@@ -229,7 +229,7 @@ impl Renderer {
         if self.frames.is_full() {
             self.finish()?;
         }
-        let previous = self.last.as_ref().map_or(constants.camera.views, |l| l.constants.camera.views);
+        let previous = self.last.as_ref().map_or(&constants, |last| &last.constants).into();
         let last_s = self.last.as_ref().map_or(time_s, |l| l.time_s);
         let (update, moved) = self.tables.update(&mut constants, time_s, last_s);
         let place = Place::of(self.begun, self.settings.stages.frames_in_flight);
@@ -388,6 +388,6 @@ impl Renderer {
     fn history_rows(&self, inputs: &Inputs) -> Option<u32> {
         let keeps = self.settings.stages.keeps_history();
         let Inputs { constants, previous, moved, .. } = inputs;
-        keeps.then(|| history_rows(&constants.camera, previous, &self.tables, moved)).flatten()
+        keeps.then(|| history_rows(&constants.camera, &previous.views, &self.tables, moved)).flatten()
     }
 }

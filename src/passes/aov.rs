@@ -4,7 +4,7 @@ use super::gbuffer::{ALBEDO, EMISSION, HIT, TALLY};
 use super::polar::screen;
 use super::shown::{self, LATE_CUT};
 use super::tonemap::CUT;
-use super::{FrameSpec, PREVIOUS_VIEWS};
+use super::{FrameSpec, PREVIOUS};
 use crate::graph::{Kernel, Pass, Reach, Resource, Stage, Use};
 use crate::image::Extent;
 use crate::scene::rig::Eye;
@@ -75,7 +75,7 @@ fn pass(view: Eye, index: u8, aov: Aov, target: Resource, screen: Extent) -> Pas
             Use::read(EMISSION),
             Use::read(TALLY),
             Use::write(target),
-            Use::read(PREVIOUS_VIEWS),
+            Use::read(PREVIOUS),
         ])
         .args([aov as u32, screen.width, screen.height])
 }

@@ -31,8 +31,8 @@ use crate::quality::Denoiser;
 use crate::scene::rig::Eye;
 use denoise::Light;
 
-/// The eyes of the frame before, which the host sets.
-pub const PREVIOUS_VIEWS: Resource = Resource::constants("previous views", 192);
+/// Constants of the frame before, which the host sets.
+pub const PREVIOUS: Resource = Resource::constants("previous frame", 240);
 
 /// The passes of a frame, and what it does not need.
 #[derive(Clone, Debug, Default)]

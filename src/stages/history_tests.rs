@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{DVec3, UVec3, Vec2};
 
-use super::layout::{Camera, Display, Foveation, Frame, History, NO_CURVE, Sampling, View};
+use super::layout::{Camera, Display, Foveation, Frame, History, NO_CURVE, Previous, Sampling, View};
 use super::{DeviceStages, Place, SceneTables, StageSettings, StageTask, Stamps};
 use crate::accel::Accel;
 use crate::device::{self, GpuDevice, Selection};
@@ -29,7 +29,7 @@ struct Bench {
     stamps: Stamps,
     tables: SceneTables,
     frames: u32,
-    before: Option<[View; 2]>,
+    before: Option<Previous>,
 }
 
 fn spec(history_rows: Option<u32>) -> FrameSpec {
@@ -62,18 +62,12 @@ impl Bench {
     /// colours of both eyes and how many values were dropped.
     fn frame(&mut self, step: f64) -> (Vec<f32>, u32) {
         let (frame, place) = (self.constants(step), Place::of(u64::from(self.frames), 1));
-        let before = self.before.replace(frame.camera.views);
+        let before = self.before.replace(Previous::from(&frame));
         let assignment = Assignment::uniform(Stripes::even(EXTENT.height, 1));
         let program = Arc::new(program(before.map(|_| HISTORY_ROWS)));
         let graph = FrameGraph::build(&program, &assignment, before.map(|_| &assignment));
-        self.stages.set_frame(
-            &self.gpu,
-            &program,
-            &frame,
-            &before.unwrap_or(frame.camera.views),
-            &Default::default(),
-            place,
-        );
+        let previous = before.unwrap_or(Previous::from(&frame));
+        self.stages.set_frame(&self.gpu, &program, &frame, &previous, &Default::default(), place);
         let mut encoder = self.gpu.device.create_command_encoder(&Default::default());
         for task in graph.tasks_of(0) {
             if let TaskKind::Dispatch { pass, valid } = task.kind.clone() {

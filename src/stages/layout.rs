@@ -109,9 +109,10 @@ shared_structs! {
         pub sampled_share: f32,
         /// Added to every pixel's threshold of being sampled; 2^32 is a whole turn.
         pub mask_turn: u32,
+        /// 1 if samples are spread over their pixels, 0 if the only one goes through [`Camera::centre`].
+        pub is_jittered: u32,
         pub pad0: u32,
         pub pad1: u32,
-        pub pad2: u32,
     }
 
     /// Where shaders find the lights.
@@ -211,6 +212,12 @@ shared_structs! {
         pub display: Display,
     }
 
+    /// Constants of the frame before.
+    pub struct Previous {
+        pub views: [View; 2],
+        pub sampling: Sampling,
+    }
+
     /// Constants of a dispatch.
     pub struct PassConstants {
         pub view: u32,
@@ -241,6 +248,12 @@ impl View {
             forward: view.forward,
             ..Self::default()
         }
+    }
+}
+
+impl From<&Frame> for Previous {
+    fn from(frame: &Frame) -> Self {
+        Self { views: frame.camera.views, sampling: frame.sampling }
     }
 }
 

@@ -8,14 +8,14 @@ use std::sync::Arc;
 use super::StageSettings;
 use super::compile::{Built, StageError, buffer_entry, build};
 use super::images::{Images, Place};
-use super::layout::{Camera, Frame, PassConstants, Shown, View};
+use super::layout::{Camera, Frame, PassConstants, Previous, Shown};
 use super::limits;
 use super::scene_tables::{SceneBuffers, SceneTables, SceneUpdate, changing_entries, layout_entries, scene_buffers};
 use super::task::{StageTask, Stamps};
 use crate::device::GpuDevice;
 use crate::graph::{Access, Bound, Dispatch, Format, Kernel, Program, Resource, SceneUse, Use, runs};
 use crate::image::Extent;
-use crate::passes::{Moving, PREVIOUS_VIEWS};
+use crate::passes::{Moving, PREVIOUS};
 use crate::scene::rig::Eye;
 
 /// A kernel by its name, what it binds, and the frame's place.
@@ -132,7 +132,7 @@ impl DeviceStages {
         gpu: &GpuDevice,
         program: &Arc<Program>,
         frame: &Frame,
-        previous: &[View; 2],
+        previous: &Previous,
         update: &SceneUpdate,
         place: Place,
     ) {
@@ -142,8 +142,8 @@ impl DeviceStages {
         }
         (self.spp, self.place) = (frame.sampling.spp, place);
         gpu.queue.write_buffer(&self.frame, 0, bytemuck::bytes_of(frame));
-        if self.images.has(&PREVIOUS_VIEWS) {
-            gpu.queue.write_buffer(input(&self.images, PREVIOUS_VIEWS), 0, bytemuck::cast_slice(previous));
+        if self.images.has(&PREVIOUS) {
+            gpu.queue.write_buffer(input(&self.images, PREVIOUS), 0, bytemuck::bytes_of(previous));
         }
         let pose = self.settings.moving.as_ref().map(Moving::pose).filter(|pose| self.images.has(pose));
         if let Some(pose) = pose {

@@ -13,8 +13,10 @@ use diptych::accel::{Accel, Layout};
 use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
 use diptych::exec::ranks::Devices;
 use diptych::exec::{ExecError, FrameReport, RenderSettings, Renderer, Stereo};
+use diptych::graph::{Life, Pass};
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::tonemap::LINEAR;
+use diptych::passes::{Declarations, declare};
 use diptych::quality::Denoiser;
 use diptych::scene::Scene;
 use diptych::scene::load::load_shot;
@@ -162,6 +164,16 @@ pub fn open(selection: &Selection) -> Vec<GpuDevice> {
     // SAFETY: tests access the environment only through `std::env`, and list adapters only through the library.
     unsafe { device::set_environment_hook(|name, value| std::env::set_var(name, value)) };
     device::open(selection).unwrap_or_else(|e| panic!("these tests need a device: {e}"))
+}
+
+/// The renderer's own passes, of which these images can be read as well.
+pub fn with_outputs(names: &'static [&'static str]) -> Declarations {
+    let shown = move |mut pass: Pass| {
+        let images = pass.uses.iter_mut().map(|used| &mut used.image.resource);
+        images.filter(|image| names.contains(&image.name)).for_each(|image| image.life = Life::Output);
+        pass
+    };
+    Declarations::new(move |spec| declare(spec).passes.into_iter().map(shown).collect())
 }
 
 /// A renderer and what it renders.

@@ -1,15 +1,18 @@
 //! Frames that know the ones before them: they come closer to what is right, keep their energy, and drag nothing along.
 
-use crate::common::{Stage, Subject, is_thorough, still_rig};
+use crate::common::{Stage, Subject, is_thorough, still_rig, with_outputs};
 use crate::reference::scenes::{add_matte, empty, place, quad};
 use diptych::exec::{RenderSettings, Stereo};
+use diptych::graph::Resource;
 use diptych::image::{Image, RgbImage};
 use diptych::metrics::temporal::{History, Surfaces};
 use diptych::metrics::{self, Errors};
 use diptych::passes::Aov;
+use diptych::quality::Quality;
 use diptych::scene::load::load_shot;
 use diptych::scene::rig::{Rig, RigKey};
 use diptych::scene::{Light, LightKind};
+use diptych::schedule::Effort;
 use glam::{DVec3, Vec3};
 
 const WIDTH: u32 = 96;
@@ -79,6 +82,37 @@ fn more_samples_make_moving_frames_better() {
     let [one, four] = [flip(1), flip(4)];
     println!("FLIP {four} of four samples, {one} of one");
     assert!(four < 0.63 * one, "FLIP {four} of four samples, {one} of one");
+}
+
+/// Noisier frames than those before them are not taken for a change of light.
+#[test]
+fn frames_of_fewer_samples_keep_their_history() {
+    const FRAMES: u32 = 16;
+    const MANY: u32 = 16;
+    let subject = Subject::load("builtin:cornell");
+    let mut settings = subject.accumulated(WIDTH, HEIGHT);
+    (settings.stages.spp, settings.stages.mixes_spp) = (MANY, true);
+    settings.stages.declarations = with_outputs(&["moments"]);
+    let (denoiser, iterations) = (settings.stages.filter, [settings.stages.iterations; 3]);
+    // The mean number of frames in the history of all pixels.
+    let kept = |spp_of: &dyn Fn(u32) -> u32| {
+        let mut stage = Stage::alone(&subject, &settings);
+        for i in 0..FRAMES {
+            let spp = spp_of(i);
+            let quality = Quality { spp, bounces: 6, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
+            stage.renderer().set_quality(quality, Effort::default()).unwrap();
+            stage.frame(i);
+        }
+        let moments = stage.renderer().read_output(Resource::image("moments", 16)).unwrap().left;
+        let moments: Vec<[u32; 4]> = bytemuck::pod_collect_to_vec(&moments);
+        moments.iter().map(|m| f64::from(m[3] >> 24)).sum::<f64>() / moments.len() as f64
+    };
+    let constant = kept(&|_| 1);
+    let fewer = kept(&|i| if i < FRAMES - 4 { MANY } else { 1 });
+    let in_turns = kept(&|i| if i % 2 == 0 { MANY } else { 1 });
+    println!("{constant:.2} frames of 1 sample, {fewer:.2} after more samples, {in_turns:.2} in turns");
+    assert!(fewer > 0.9 * constant, "{fewer} frames after more samples, {constant} of 1 sample");
+    assert!(in_turns > 0.9 * constant, "{in_turns} frames in turns, {constant} of 1 sample");
 }
 
 #[test]

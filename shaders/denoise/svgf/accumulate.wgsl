@@ -233,7 +233,9 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
     let recent = mix(past.recent * scale, value.x, max(alpha, select(0.0, 1.0 / RECENT_FRAMES, sampled)));
     frames += select(0.0, 1.0, sampled);
     // Light has changed when the recent mean is off the long one by more than both may vary.
-    let spread = variance.x * (1.0 / (2.0 * RECENT_FRAMES - 1.0) + 1.0 / frames) * frames / total;
+    // Recent frames may have had fewer samples than others, and count as many as the one with fewest.
+    let fewest = min(total / frames, f32(min(frame.sampling.spp, previous.sampling.spp)));
+    let spread = variance.x * (1.0 / ((2.0 * RECENT_FRAMES - 1.0) * fewest) + 1.0 / total);
     let off = (recent - mean.x) * (recent - mean.x) / max(TRUSTED_DEVIATIONS * TRUSTED_DEVIATIONS * spread, unseen_square());
     let trust = select(1.0, max(1.0 / off, min(FEW_FRAMES / frames, 1.0)), off > 1.0 && frames > FEW_FRAMES);
     let observations = select(frames, total, tells_variance);

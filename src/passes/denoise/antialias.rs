@@ -5,7 +5,7 @@ use crate::graph::{Chain, Kernel, Pass, Resource, Stage, Use};
 use crate::passes::gbuffer::{ALBEDO, EMISSION, GUIDE, TALLY};
 use crate::passes::moving::last_surface;
 use crate::passes::tonemap::{CUT, finished};
-use crate::passes::{FrameSpec, PREVIOUS_VIEWS};
+use crate::passes::{FrameSpec, PREVIOUS};
 use crate::scene::rig::Eye;
 
 /// The image antialiased over frames, scene-referred RGB.
@@ -33,7 +33,7 @@ pub fn passes(spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
             Use::write(RESOLVED),
             Use::write(linear),
             Use::write(display),
-            Use::read(PREVIOUS_VIEWS),
+            Use::read(PREVIOUS),
             Use::add(TALLY),
             Use::read(last_surface(spec)).halo(spec.halo(RESOLVE_REACH_ROWS)).if_written(),
             last_guide,

@@ -8,7 +8,7 @@ use crate::image::Extent;
 use crate::passes::gbuffer::{GUIDE, HIT};
 use crate::passes::moving::last_surface;
 use crate::passes::path_trace::RADIANCE;
-use crate::passes::{FrameSpec, PREVIOUS_VIEWS};
+use crate::passes::{FrameSpec, PREVIOUS};
 use crate::scene::rig::Eye;
 use crate::wgsl::{Constant, constants};
 
@@ -53,7 +53,7 @@ pub fn passes(spec: &FrameSpec, view: Eye) -> Vec<Pass> {
             last(GUIDE),
             last(RADIANCE),
             Use::write(GRADIENT),
-            Use::read(PREVIOUS_VIEWS),
+            Use::read(PREVIOUS),
         ])
         .args([spec.extent.width, spec.extent.height, 0]);
     let smooth = Pass::new(Stage("gradient_smooth"), view, CUT, SMOOTH)

@@ -120,7 +120,7 @@ fn compare(case: Case, cases: &mut Cases) {
     let mut constants = Constants { centre: Vec2::new(0.3, 0.8), ..Constants::new(WIDTH, HEIGHT) };
     constants.history_rows = case.has_history.then_some(1);
     let eyes = constants.eyes.map(|eye| eye.moved(DVec3::new(0.07, -0.05, 0.02), -0.02, -0.06));
-    let views = eyes.map(|eye| eye.view());
+    let previous = Constants { eyes, ..constants.clone() }.as_previous();
     for stripe in stripes() {
         let guide = Wall::new(0.002, 0.2, 0.05).guides(&mut random, &constants, case.view);
         let before = [0, case.view].map(|view| Before::new(&mut random, &constants, view, eyes[view]));
@@ -150,7 +150,7 @@ fn compare(case: Case, cases: &mut Cases) {
                 ("left_guide", valid(&before[0].guide)),
                 ("left_accumulated", valid(&before[0].light)),
                 ("accumulated", Buffer::image(&words)),
-                ("previous", Buffer::whole(&views)),
+                ("previous", Buffer::whole(&previous)),
                 ("tally", Buffer::image(&tally)),
                 ("light_change", Buffer::whole(&[0.0f32])),
             ],

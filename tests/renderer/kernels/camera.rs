@@ -1,6 +1,6 @@
 //! The constants of a frame that kernels without a scene read, and the pinhole camera.
 
-use diptych::stages::layout::{self, Camera, Display, Frame, History, Sampling, View};
+use diptych::stages::layout::{self, Camera, Display, Frame, History, Previous, Sampling, View};
 use glam::{DQuat, DVec2, DVec3, Vec2, Vec3, Vec4};
 
 /// A pinhole. Its numbers are what the device is given, so they are f32; what follows from them is computed in f64.
@@ -141,10 +141,15 @@ impl Constants {
         (x < self.width && rows.contains(&y)).then(|| self.index(x, y))
     }
 
-    /// What the uniform buffer of group 0 holds.
-    pub fn bytes(&self) -> Vec<u8> {
+    /// Constants of this frame as the next one has them.
+    pub fn as_previous(&self) -> [Previous; 1] {
+        [Previous::from(&self.frame())]
+    }
+
+    /// Contents of the uniform buffer of group 0.
+    pub fn frame(&self) -> Frame {
         let Foveation { mask_turn, radii, gaze, layer_iterations, unsampled_share, sampled_share, .. } = self.foveation;
-        let frame = Frame {
+        Frame {
             camera: Camera {
                 views: self.eyes.map(|eye| eye.view()),
                 centre: self.centre,
@@ -163,7 +168,6 @@ impl Constants {
             history: History::new(self.history_rows, 0..0),
             display: Display { exposure: self.exposure, ..Default::default() },
             ..Frame::default()
-        };
-        bytemuck::bytes_of(&frame).to_vec()
+        }
     }
 }

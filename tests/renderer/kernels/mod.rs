@@ -18,6 +18,7 @@ mod compose;
 mod edges;
 mod fit;
 mod foveation;
+mod gradient;
 mod gradient_smooth;
 mod harness;
 mod inputs;

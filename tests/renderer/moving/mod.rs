@@ -4,6 +4,7 @@
 mod bytes;
 mod followed;
 mod history;
+mod rungs;
 mod twins;
 
 use crate::common::{Subject, still_rig};

@@ -8,7 +8,7 @@ use super::{CUT, Denoise, Light, antialias, gradient};
 use crate::graph::{Chain, Dispatch, Image, Kernel, Pass, Resource, Stage, Use};
 use crate::passes::gbuffer::{GUIDE, HIT, TALLY};
 use crate::passes::moving::last_surface;
-use crate::passes::{FrameSpec, PREVIOUS_VIEWS, tonemap};
+use crate::passes::{FrameSpec, PREVIOUS, tonemap};
 use crate::scene::rig::Eye;
 use crate::wgsl::constants;
 
@@ -52,7 +52,7 @@ fn accumulate(spec: &FrameSpec, pass: Pass, light: &mut Light, kept: Resource, l
         last(GUIDE).of(Eye::Left),
         last(kept).of(Eye::Left),
         Use::write(target),
-        Use::read(PREVIOUS_VIEWS),
+        Use::read(PREVIOUS),
         Use::add(TALLY),
         Use::read(gradient::change(spec)).of(Eye::Left).if_written(),
     ];

@@ -6,7 +6,7 @@ use super::{CUT, Denoise, Light, antialias, gradient};
 use crate::graph::{Chain, Image, Kernel, Pass, Resource, Stage, Use};
 use crate::passes::gbuffer::{GUIDE, HIT, TALLY};
 use crate::passes::moving::last_surface;
-use crate::passes::{FrameSpec, PREVIOUS_VIEWS};
+use crate::passes::{FrameSpec, PREVIOUS};
 use crate::scene::rig::Eye;
 use crate::wgsl::constants;
 
@@ -55,7 +55,7 @@ impl Denoise for Svgf {
                 last(HISTORY).of(Eye::Left),
                 Use::write(accumulated),
                 Use::write(MOMENTS),
-                Use::read(PREVIOUS_VIEWS),
+                Use::read(PREVIOUS),
                 Use::add(TALLY),
                 Use::read(gradient::change(spec)).of(Eye::Left).if_written(),
             ]);

@@ -34,7 +34,9 @@ struct Case {
     gloss: bool,
     view: usize,
     motion: Motion,
+    /// Of this frame and of the one before.
     spp: u32,
+    last_spp: u32,
     seed: u64,
 }
 
@@ -174,7 +176,7 @@ fn compare(case: Case, cases: &mut Cases) {
     constants.history_rows = (!matches!(case.motion, Motion::None)).then_some(1);
     // While eyes hardly move, image points are whole pixels but for rounding, which decides whether a neighbour counts.
     let damaged = if matches!(case.motion, Motion::Moved | Motion::MovedBack) { 0.02 } else { 0.0 };
-    let views = eyes_before.map(|eye| eye.view());
+    let previous = Constants { eyes: eyes_before, spp: case.last_spp, ..constants.clone() }.as_previous();
     for stripe in stripes() {
         let guide = Wall::new(0.002, 0.2, 0.05).guides(&mut random, &constants, case.view);
         let (hit, radiance): (Vec<_>, Vec<_>) = (0..constants.area()).map(|_| present(&mut random, format)).unzip();
@@ -200,7 +202,7 @@ fn compare(case: Case, cases: &mut Cases) {
                 ("left_history", valid(&histories[0].light)),
                 ("accumulated", Buffer::image(&words[0])),
                 ("moments", Buffer::image(&words[1])),
-                ("previous", Buffer::whole(&views)),
+                ("previous", Buffer::whole(&previous)),
                 ("tally", Buffer::image(&tally)),
                 ("light_change", Buffer::whole(&[0.0f32])),
             ],
@@ -214,7 +216,8 @@ fn compare(case: Case, cases: &mut Cases) {
             (_, 0) => vec![own()],
             _ => vec![own(), left()],
         };
-        let twin = Twin { constants: &constants, stripe: &stripe, gloss: case.gloss, view: case.view, before: &before };
+        let Case { gloss, view, last_spp, .. } = case;
+        let twin = Twin { constants: &constants, last_spp, stripe: &stripe, gloss, view, before: &before };
         for (x, y) in stripe.rows.clone().flat_map(|y| (0..WIDTH).map(move |x| (x, y))) {
             let at = constants.index(x, y);
             let now = now(format, hit[at][3], guide[at], radiance[at]);
@@ -232,7 +235,7 @@ fn compare(case: Case, cases: &mut Cases) {
 }
 
 /// Cases of all frames that have one before them.
-const WITH_HISTORY: [&str; 10] = [
+const WITH_HISTORY: [&str; 12] = [
     "no surface",
     "sampled",
     "not sampled",
@@ -243,13 +246,15 @@ const WITH_HISTORY: [&str; 10] = [
     "light that has changed",
     "variance that is known",
     "variance that is unknown",
+    "recent frames of few samples",
+    "recent frames of as many samples as all",
 ];
 
 #[test]
 fn a_first_frame_is_its_own_history() {
     let mut cases = Cases::default();
     for (gloss, seed) in [(false, 111), (true, 112)] {
-        compare(Case { gloss, view: 1, motion: Motion::None, spp: 3, seed }, &mut cases);
+        compare(Case { gloss, view: 1, motion: Motion::None, spp: 3, last_spp: 3, seed }, &mut cases);
     }
     cases.assert_met(&["no surface", "sampled", "nothing", "light that is not finite", "variance that is unknown"]);
 }
@@ -258,7 +263,7 @@ fn a_first_frame_is_its_own_history() {
 fn light_is_accumulated_while_the_eyes_stand_still() {
     for (gloss, seed) in [(false, 113), (true, 114)] {
         let mut cases = Cases::default();
-        compare(Case { gloss, view: 0, motion: Motion::Still, spp: 1, seed }, &mut cases);
+        compare(Case { gloss, view: 0, motion: Motion::Still, spp: 1, last_spp: 16, seed }, &mut cases);
         cases.assert_met(&WITH_HISTORY);
     }
 }
@@ -268,7 +273,7 @@ fn light_is_accumulated_while_the_eyes_stand_still() {
 fn light_is_accumulated_while_the_eyes_move_slowly() {
     for (gloss, seed) in [(false, 119), (true, 120)] {
         let mut cases = Cases::default();
-        compare(Case { gloss, view: 0, motion: Motion::Slow, spp: 1, seed }, &mut cases);
+        compare(Case { gloss, view: 0, motion: Motion::Slow, spp: 1, last_spp: 1, seed }, &mut cases);
         cases.assert_met(&WITH_HISTORY);
         cases.assert_met(if gloss { &[] } else { &["view-dependent history"] });
     }
@@ -278,7 +283,7 @@ fn light_is_accumulated_while_the_eyes_move_slowly() {
 fn light_is_accumulated_along_the_motion_of_the_eyes() {
     for (gloss, seed) in [(false, 115), (true, 116)] {
         let mut cases = Cases::default();
-        compare(Case { gloss, view: 0, motion: Motion::Moved, spp: 2, seed }, &mut cases);
+        compare(Case { gloss, view: 0, motion: Motion::Moved, spp: 2, last_spp: 1, seed }, &mut cases);
         cases.assert_met(&WITH_HISTORY);
         cases.assert_met(&["history that is not finite"]);
         cases.assert_met(if gloss { &[] } else { &["view-dependent history", "a sum that is not finite"] });
@@ -289,7 +294,7 @@ fn light_is_accumulated_along_the_motion_of_the_eyes() {
 fn the_right_eye_falls_back_on_the_left_ones_history() {
     for (gloss, seed) in [(false, 117), (true, 118)] {
         let mut cases = Cases::default();
-        compare(Case { gloss, view: 1, motion: Motion::MovedBack, spp: 1, seed }, &mut cases);
+        compare(Case { gloss, view: 1, motion: Motion::MovedBack, spp: 1, last_spp: 4, seed }, &mut cases);
         cases.assert_met(&WITH_HISTORY);
         cases.assert_met(&["the left eye's history"]);
     }

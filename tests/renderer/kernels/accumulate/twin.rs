@@ -58,6 +58,8 @@ pub struct After {
 
 pub struct Twin<'a> {
     pub constants: &'a Constants,
+    /// Samples per pixel of the frame before.
+    pub last_spp: u32,
     pub stripe: &'a Stripe,
     pub gloss: bool,
     pub view: usize,
@@ -192,8 +194,14 @@ impl Twin<'_> {
         frames += if is_sampled { 1.0 } else { 0.0 };
 
         // Where the recent mean is off the long one by more than both vary, light has changed: less of it is trusted.
-        let per_frame = variance.x * frames / total;
-        let expected = 9.0 * per_frame * (1.0 / 7.0 + 1.0 / frames);
+        // Recent frames count as many samples as the one of them with fewest.
+        let fewest = f64::from(self.constants.spp.min(self.last_spp)).min(total / frames);
+        cases.meet(if fewest < total / frames {
+            "recent frames of few samples"
+        } else {
+            "recent frames of as many samples as all"
+        });
+        let expected = 9.0 * variance.x * (1.0 / 7.0 / fewest + 1.0 / total);
         let unseen = (1e-10 / f64::from(self.constants.exposure)).powi(2);
         let off = (recent - mean.x).powi(2) / expected.max(unseen);
         let mut trust = 1.0;

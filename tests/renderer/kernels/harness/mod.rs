@@ -6,18 +6,18 @@ mod reflect;
 mod tests;
 
 use std::collections::HashMap;
-use std::sync::{Mutex, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 
 use diptych::device::GpuDevice;
 use diptych::device::SceneAccess;
 use diptych::stages::layout::{Frame, PassConstants};
-use diptych::stages::shader_text_of;
+use diptych::stages::{SceneBuffers, SceneTables, override_names, scene_layout_entries, shader_text_of};
 use wgpu::util::{BufferInitDescriptor, DeviceExt};
 
 pub use self::buffers::{Buffer, Outputs, Stripe, only_in};
 use self::reflect::{Binding, Kind, assert_same_names, binding, layout_entry};
 use super::camera::Constants;
-use crate::common;
+use crate::common::{self, Subject};
 
 /// Edge of the workgroups of most kernels.
 const TILE: u32 = 8;
@@ -37,12 +37,13 @@ struct Bench {
     compiled: HashMap<(String, Vec<Override>), Compiled>,
 }
 
-fn bench() -> &'static Mutex<Bench> {
+fn bench() -> MutexGuard<'static, Bench> {
     static BENCH: OnceLock<Mutex<Bench>> = OnceLock::new();
-    BENCH.get_or_init(|| {
+    let bench = BENCH.get_or_init(|| {
         let gpu = common::devices_to_lose(1).remove(0);
         Mutex::new(Bench { gpu, compiled: HashMap::new() })
-    })
+    });
+    bench.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// A shader with values for all of its override constants.
@@ -50,11 +51,22 @@ pub struct Kernel {
     name: &'static str,
     source: String,
     overrides: Vec<Override>,
+    /// The scene that it reads, if it reads one.
+    scene: Option<Arc<SceneTables>>,
 }
 
 impl Kernel {
     pub fn new(shader: &'static str, overrides: &[Override]) -> Self {
         Self::of(shader, shader_text_of(shader, SceneAccess::default()), overrides)
+    }
+
+    /// A kernel that reads this scene, which says how to compile it beside `overrides`.
+    pub fn with_scene(shader: &'static str, overrides: &[Override], subject: &Subject) -> Self {
+        let source = shader_text_of(shader, bench().gpu.scene_access());
+        let declared = override_names(&source);
+        let needs = subject.needs.constants().into_iter().filter(|(name, _)| declared.contains(name));
+        let overrides: Vec<_> = overrides.iter().copied().chain(needs).collect();
+        Self { scene: Some(Arc::clone(&subject.tables)), ..Self::of(shader, source, &overrides) }
     }
 
     /// The functions that `shader` includes, followed by a kernel of the test's own.
@@ -73,7 +85,7 @@ impl Kernel {
                 overrides.push((kind, false));
             }
         }
-        Self { name, source, overrides }
+        Self { name, source, overrides, scene: None }
     }
 
     /// Dispatches `columns` invocations for every row of the stripe that `pass` names. The pass's grid is the frame.
@@ -91,16 +103,7 @@ impl Kernel {
         buffers: &[(&str, Buffer)],
     ) -> Outputs {
         let pass = PassConstants { width: constants.width, height: constants.height, ..pass };
-        let outputs = self.run_bytes(&constants.bytes(), pass, groups, buffers);
-        for (name, buffer) in buffers {
-            if let (Buffer::Image(before), Some(after)) = (buffer, outputs.0.get(*name)) {
-                let row = before.len() / constants.height as usize;
-                let (begin, end) = (row * pass.row_begin as usize, row * pass.row_end as usize);
-                assert!(before[..begin] == after[..begin], "{}: '{name}' was written above the stripe", self.name);
-                assert!(before[end..] == after[end..], "{}: '{name}' was written below the stripe", self.name);
-            }
-        }
-        outputs
+        self.run_frame(&constants.frame(), pass, groups, buffers)
     }
 
     /// Dispatches so many workgroups of a pass that has no rows.
@@ -108,7 +111,7 @@ impl Kernel {
         self.run_frame(frame, PassConstants { args, ..Default::default() }, groups, buffers)
     }
 
-    /// Dispatches so many workgroups, with these constants of the frame.
+    /// Dispatches so many workgroups, with these constants of the frame. Images that are written have the rows of the pass.
     pub fn run_frame(
         &self,
         frame: &Frame,
@@ -116,23 +119,22 @@ impl Kernel {
         groups: [u32; 2],
         buffers: &[(&str, Buffer)],
     ) -> Outputs {
-        self.run_bytes(bytemuck::bytes_of(frame), pass, groups, buffers)
-    }
-
-    fn run_bytes(
-        &self,
-        constants: &[u8],
-        pass: PassConstants,
-        groups: [u32; 2],
-        buffers: &[(&str, Buffer)],
-    ) -> Outputs {
-        let mut bench = bench().lock().unwrap_or_else(PoisonError::into_inner);
+        let mut bench = bench();
         let key = (self.source.clone(), self.overrides.clone());
         if !bench.compiled.contains_key(&key) {
             let new = self.compile(&bench.gpu);
             bench.compiled.insert(key.clone(), new);
         }
-        self.dispatch(&bench.gpu, &bench.compiled[&key], constants, pass, groups, buffers)
+        let outputs = self.dispatch(&bench.gpu, &bench.compiled[&key], frame, pass, groups, buffers);
+        for (name, buffer) in buffers {
+            if let (Buffer::Image(before), Some(after)) = (buffer, outputs.0.get(*name)) {
+                let row = before.len() / pass.height as usize;
+                let (begin, end) = (row * pass.row_begin as usize, row * pass.row_end as usize);
+                assert!(before[..begin] == after[..begin], "{}: '{name}' was written above the stripe", self.name);
+                assert!(before[end..] == after[end..], "{}: '{name}' was written below the stripe", self.name);
+            }
+        }
+        outputs
     }
 
     fn compile(&self, gpu: &GpuDevice) -> Compiled {
@@ -151,7 +153,9 @@ impl Kernel {
         let group =
             |entries: &[_]| device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label, entries });
         let entries = |group| bindings.iter().filter(move |b| b.group == group).map(|b| layout_entry(b.number, b.kind));
-        let constants = group(&std::iter::once(layout_entry(0, Kind::Uniform)).chain(entries(0)).collect::<Vec<_>>());
+        let scene = self.scene.iter().flat_map(|_| scene_layout_entries(gpu.scene_access()));
+        let frame = std::iter::once(layout_entry(0, Kind::Uniform)).chain(scene);
+        let constants = group(&frame.chain(entries(0)).collect::<Vec<_>>());
         let buffers = group(&entries(1).collect::<Vec<_>>());
         let layout = device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label,
@@ -175,7 +179,7 @@ impl Kernel {
         &self,
         gpu: &GpuDevice,
         compiled: &Compiled,
-        constants: &[u8],
+        frame: &Frame,
         pass: PassConstants,
         [across, down]: [u32; 2],
         buffers: &[(&str, Buffer)],
@@ -187,7 +191,8 @@ impl Kernel {
         let made = |contents: &[u8], usage| {
             device.create_buffer_init(&BufferInitDescriptor { label: Some(self.name), contents, usage })
         };
-        let uniform = made(constants, wgpu::BufferUsages::UNIFORM);
+        let uniform = made(bytemuck::bytes_of(frame), wgpu::BufferUsages::UNIFORM);
+        let scene = self.scene.as_ref().map(|tables| SceneBuffers::new(gpu, tables).expect("the scene fits"));
         let bound: Vec<_> = (compiled.bindings.iter())
             .map(|binding| {
                 let bytes = buffers.iter().find(|(name, _)| *name == binding.name).map(|(_, b)| b.bytes());
@@ -203,7 +208,9 @@ impl Kernel {
             device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(self.name), layout, entries })
         };
         let of = |group| bound.iter().filter(move |(b, _)| b.group == group).map(|(b, buffer)| entry(b.number, buffer));
-        let frame_group = group(0, &std::iter::once(entry(0, &uniform)).chain(of(0)).collect::<Vec<_>>());
+        let of_scene = scene.iter().flat_map(SceneBuffers::entries);
+        let frame_group =
+            group(0, &std::iter::once(entry(0, &uniform)).chain(of_scene).chain(of(0)).collect::<Vec<_>>());
         let buffer_group = group(1, &of(1).collect::<Vec<_>>());
         let mut encoder = device.create_command_encoder(&Default::default());
         {

@@ -69,7 +69,7 @@ fn compare_within(tolerance: f64, turn: Option<Turn>, has_history: bool, seed: u
                 ("resolved", Buffer::image(&words[0])),
                 ("linear", Buffer::image(&words[1])),
                 ("display", Buffer::image(&tally)),
-                ("previous", Buffer::whole(&eyes.map(|eye| eye.view()))),
+                ("previous", Buffer::whole(&Constants { eyes, ..constants.clone() }.as_previous())),
                 ("tally", Buffer::image(&tally)),
                 ("last_surface", Buffer::whole(&[[0u32; 4]])),
                 ("last_guide", Buffer::whole(&[[0u32; 4]])),

@@ -1,0 +1,350 @@
+//! Temporal gradients.
+
+mod twin;
+
+use std::f64::consts::PI;
+use std::ops::Range;
+
+use diptych::accel::{Accel, Layout, SPHERE};
+use diptych::scene::needs::SceneNeeds;
+use diptych::scene::{Environment, Light as Lamp, LightKind, Material, Scene};
+use diptych::stages::layout::{Frame, History, NO_CURVE, PassConstants, Previous, Sampling};
+use glam::{DVec3, Vec3};
+
+use self::twin::{Before, TILE, Twin, World};
+use super::camera::{Constants, Eye};
+use super::edges::Surface;
+use super::harness::{Buffer, Kernel, Stripe, only_in};
+use super::inputs::{Cases, HEIGHT, Random, WIDTH};
+use super::pack::{Format, HALF, Light, NO_NORMAL, luminance, pack_guide};
+use crate::common::{Subject, still_rig};
+use crate::reference::scenes::{add_material, add_matte, empty, matte, place, quad};
+
+/// Columns and rows of tiles.
+const TILES: [u32; 2] = [WIDTH.div_ceil(TILE), HEIGHT.div_ceil(TILE)];
+
+const SUN: DVec3 = DVec3::new(0.3, -0.5, -0.8);
+const STRENGTH: DVec3 = DVec3::new(3.0, 2.5, 2.0);
+
+/// A folding screen, whose parts light one another, in the sun behind a board.
+fn screen() -> Scene {
+    let mut scene = empty("folding screen");
+    let [red, blue] = [Vec3::new(0.8, 0.3, 0.2), Vec3::new(0.1, 0.4, 0.9)].map(|c| add_matte(&mut scene, c));
+    let up = Vec3::Y * 6.0;
+    place(&mut scene, quad(Vec3::new(-4.0, -3.0, -2.4), Vec3::new(2.8, 0.0, -2.4), up, red));
+    place(&mut scene, quad(Vec3::new(-1.2, -3.0, -4.8), Vec3::X * 2.2, up, blue));
+    place(&mut scene, quad(Vec3::new(1.0, -3.0, -4.8), Vec3::new(2.8, 0.0, 2.4), up, red));
+    place(&mut scene, quad(Vec3::new(-1.4, -0.5, -3.3), Vec3::X * 2.0, Vec3::Y * 2.2, blue));
+    let kind = LightKind::Directional { direction: SUN.as_vec3().normalize(), angle_rad: 0.0 };
+    scene.lights.push(Lamp { kind, strength: STRENGTH.as_vec3() });
+    scene
+}
+
+/// The same with lamps of all kinds, some light from all around, and parts that shine.
+fn lit_screen(gloss: bool) -> Scene {
+    let mut scene = screen();
+    if gloss {
+        (scene.materials[0].specular, scene.materials[0].roughness) = (1.0, 0.4);
+    }
+    scene.environment = Environment::Constant(Vec3::new(0.1, 0.2, 0.3));
+    let glow = add_material(&mut scene, Material { emissive: Vec3::splat(6.0), ..matte() });
+    place(&mut scene, quad(Vec3::new(-0.5, 2.8, -4.0), Vec3::X, Vec3::Z, glow));
+    let kind = LightKind::Point { position: Vec3::new(1.5, -1.5, -2.5), radius: 0.2 };
+    scene.lights.push(Lamp { kind, strength: Vec3::splat(2.0) });
+    scene
+}
+
+fn subject(scene: Scene, gloss: bool) -> (Subject, World) {
+    let triangles = Accel::build_with(&scene, Layout::Flat).unwrap().triangles;
+    let corners = triangles.iter().map(|t| [t.v0, t.v1, t.v2].map(Vec3::as_dvec3)).collect();
+    let world = World { triangles: corners, sun: SUN.normalize(), strength: STRENGTH };
+    let rig = still_rig(Vec3::ZERO, Vec3::NEG_Z, Vec3::Y, 0.5);
+    let mut subject = Subject::laid_out("folding screen", scene, rig, Layout::Flat);
+    // One shader for all scenes.
+    subject.needs = SceneNeeds::of(&lit_screen(gloss));
+    (subject, world)
+}
+
+/// Images of what an eye sees: hits and guides.
+fn seen(world: &World, constants: &Constants, eye: &Eye) -> (Vec<[u32; 4]>, Vec<[u32; 4]>) {
+    let pixel = |i: u32| {
+        let direction = eye.ray(constants.through(i % WIDTH, i / WIDTH), constants.size());
+        let Some(met) = world.meets(eye.origin.as_dvec3(), direction, 0.0) else {
+            return ([u32::MAX, 0, 0, 0], [0, 0, 0, NO_NORMAL]);
+        };
+        let [u, v] = met.weights.map(|w| (w as f32).to_bits());
+        let normal = world.normal_towards(met.triangle, direction);
+        ([met.triangle as u32, u, v, 0], pack_guide(met.position, normal))
+    };
+    (0..WIDTH * HEIGHT).map(pixel).unzip()
+}
+
+/// Settings of one path for each pixel.
+fn sampling(index: u32, reflections: u32) -> Sampling {
+    Sampling { index, reflections, spp: 1, sampled_share: 1.0, ..Default::default() }
+}
+
+/// The gradients of a frame whose settings are all others than those of the frame before.
+fn gradients(
+    subject: &Subject,
+    format: Format,
+    (constants, history): (&Constants, History),
+    previous: Previous,
+    stripe: &Stripe,
+    [last_surface, hit, guide, radiance]: [&[[u32; 4]]; 4],
+) -> Vec<[f32; 2]> {
+    let own = Sampling { seed: 77, spp: 4, sample_base: 3, curve_shift: 2, ..sampling(constants.index, 5) };
+    let mut frame = Frame { history, sampling: own, ..constants.frame() };
+    subject.tables.describe(&mut frame);
+    let [width, height] = TILES;
+    let pass = PassConstants { width, height, ..stripe.pass(0, [WIDTH, HEIGHT, 0]) };
+    let before = vec![[f32::NAN; 2]; (width * height) as usize];
+    let outputs = Kernel::with_scene("gradient", &overrides(format), subject).run_frame(
+        &frame,
+        pass,
+        [1, 1],
+        &[
+            ("last_surface", Buffer::whole(last_surface)),
+            ("last_hit", Buffer::whole(hit)),
+            ("last_guide", Buffer::whole(guide)),
+            ("last_radiance", Buffer::whole(radiance)),
+            ("gradient", Buffer::image(&before)),
+            ("previous", Buffer::whole(&[previous])),
+        ],
+    );
+    outputs.get("gradient")
+}
+
+fn overrides(format: Format) -> [(&'static str, bool); 3] {
+    [("SOBOL", true), ("HAS_GLOSS", format.gloss), ("HAS_MOTION", true)]
+}
+
+/// A pixel of the frame before: what is there may be gone, or was not sampled, or is a lamp.
+fn damaged(random: &mut Random, hit: &mut [u32; 4], guide: &mut [u32; 4], radiance: &mut [u32; 4]) {
+    match random.bits() % 20 {
+        0 => *guide = [0, 0, 0, NO_NORMAL],
+        1 => guide[3] = pack_guide(DVec3::ZERO, DVec3::new(0.9, 0.1, 0.2).normalize())[3],
+        2 => guide[2] = (f32::from_bits(guide[2]) + 0.4).to_bits(),
+        3..6 => *radiance = [0; 4],
+        6 => hit[0] = SPHERE,
+        _ => {}
+    }
+}
+
+struct Case {
+    gloss: bool,
+    /// Step and upward turn of the eye since the frame before.
+    step: (DVec3, f64),
+    is_jittered: bool,
+    history_rows: Option<u32>,
+    lost: Range<u32>,
+    /// Whether rows that are not there hold what they would if they were.
+    tempts: bool,
+    seed: u64,
+}
+
+fn compare(case: &Case, cases: &mut Cases) {
+    let (subject, world) = subject(screen(), case.gloss);
+    let mut random = Random::new(case.seed);
+    let mut constants = Constants { index: 40 + case.seed as u32, exposure: 1.3, ..Constants::new(WIDTH, HEIGHT) };
+    constants.history_rows = case.history_rows;
+    let format = Format { gloss: case.gloss, exposure: constants.exposure.into() };
+    let eye = constants.eyes[0].moved(case.step.0, 0.01, case.step.1);
+    let previous = Constants { eyes: [eye; 2], ..constants.clone() };
+    let views = previous.frame().camera.views;
+    let settings = Sampling { is_jittered: case.is_jittered.into(), ..sampling(7, 1) };
+    let mut unclear = 0;
+    let inside = [(0..7, 0..7), (2..5, 1..6), (3..4, 3..4), (4..7, 3..7), (0..2, 0..3)];
+    for stripe in inside.map(|(rows, valid)| Stripe { rows, valid }) {
+        let (_, mut last_surface) = seen(&world, &constants, &constants.eyes[0]);
+        last_surface.iter_mut().filter(|_| random.chance(0.05)).for_each(|bits| bits[3] = NO_NORMAL);
+        let (mut hit, mut guide) = seen(&world, &constants, &eye);
+        let light = luminance(STRENGTH) / PI;
+        let mut radiance: Vec<_> = (0..constants.area())
+            .map(|_| {
+                let light = Light { matte: random.color(1.5 * light), ..random.light(0.1) };
+                match random.bits() % 4 {
+                    0 => format.pack_sampled(&Light::default()),
+                    _ if case.is_jittered => format.pack_sampled_with(&light),
+                    _ => format.pack_sampled(&light),
+                }
+            })
+            .collect();
+        for ((hit, guide), radiance) in hit.iter_mut().zip(&mut guide).zip(&mut radiance) {
+            damaged(&mut random, hit, guide, radiance);
+        }
+        let before = Before {
+            eye,
+            is_jittered: case.is_jittered,
+            guide: guide.iter().map(|bits| Surface::unpack(*bits)).collect(),
+            hit: hit.clone(),
+            then: radiance.iter().map(|bits| Some(format.unpack_sampled(*bits)?.luminances().element_sum())).collect(),
+        };
+        let rows = |tiles: &Range<u32>| tiles.start * TILE..(tiles.end * TILE).min(HEIGHT);
+        let own = only_in(&rows(&stripe.rows), WIDTH, &last_surface);
+        let readable = if case.tempts { 0..HEIGHT } else { rows(&stripe.valid) };
+        let [hit, guide, radiance] = [&hit, &guide, &radiance].map(|image| only_in(&readable, WIDTH, image));
+        let found = gradients(
+            &subject,
+            format,
+            (&constants, History::new(case.history_rows, case.lost.clone())),
+            Previous { views, sampling: settings },
+            &stripe,
+            [&own, &hit, &guide, &radiance],
+        );
+        let last_surface: Vec<_> = last_surface.iter().map(|bits| Surface::unpack(*bits)).collect();
+        let lost = case.lost.clone();
+        let twin = Twin {
+            world: &world,
+            constants: &constants,
+            stripe: &stripe,
+            lost,
+            last_surface: &last_surface,
+            before: &before,
+        };
+        for (x, y) in stripe.rows.clone().flat_map(|y| (0..TILES[0]).map(move |x| (x, y))) {
+            let got = found[(y * TILES[0] + x) as usize].map(f64::from);
+            let Some(want) = twin.tile((x, y), cases) else {
+                unclear += 1;
+                continue;
+            };
+            // Gloss is beside matte light, in half floats.
+            let allowed = (1e-4 + if case.gloss { HALF } else { 0.0 }) * want.y;
+            let off = (got[0] - want.x).abs().max((got[1] - want.y).abs());
+            assert!(off <= allowed, "{got:?} instead of {want} at ({x}, {y}) of {stripe:?}");
+        }
+    }
+    assert!(unclear < 20, "{unclear} tiles are left to rounding");
+}
+
+const WITH_HISTORY: [&str; 9] = [
+    "no surface",
+    "another surface",
+    "not sampled",
+    "a lamp",
+    "rows that are not there",
+    "dark as before",
+    "dark",
+    "lit",
+    "lit as well",
+];
+
+#[test]
+fn gradients_are_how_much_light_on_a_surface_has_changed() {
+    for (gloss, tempts, seed) in [(false, false, 141), (true, false, 142), (false, true, 143), (true, true, 144)] {
+        let mut cases = Cases::default();
+        let step = (DVec3::new(0.05, -0.04, 0.03), 0.12);
+        let case = Case { gloss, step, is_jittered: false, history_rows: Some(6), lost: 0..0, tempts, seed };
+        (0..3).for_each(|i| compare(&Case { seed: 10 * seed + i, lost: 0..0, ..case }, &mut cases));
+        cases.assert_met(&WITH_HISTORY);
+        cases.assert_met(&["outside the image"]);
+    }
+}
+
+#[test]
+fn rows_that_are_lost_or_too_far_have_no_gradients() {
+    let mut cases = Cases::default();
+    let step = (DVec3::new(0.0, 0.02, 0.0), -0.12);
+    let case =
+        Case { gloss: false, step, is_jittered: false, history_rows: Some(2), lost: 8..12, tempts: true, seed: 151 };
+    compare(&case, &mut cases);
+    cases.assert_met(&["lost rows", "beyond the reach", "lit as well"]);
+    compare(&Case { step: (DVec3::Z * -9.0, 0.0), history_rows: Some(8), lost: 0..0, ..case }, &mut cases);
+    cases.assert_met(&["behind the eye"]);
+}
+
+#[test]
+fn frames_without_history_or_of_several_samples_have_no_gradients() {
+    for (gloss, is_jittered, history_rows) in [(false, false, None), (false, true, Some(6)), (true, true, Some(6))] {
+        let mut cases = Cases::default();
+        let step = (DVec3::ZERO, 0.0);
+        compare(&Case { gloss, step, is_jittered, history_rows, lost: 0..0, tempts: true, seed: 161 }, &mut cases);
+        cases.assert_met(&[if is_jittered { "several samples" } else { "no history" }]);
+    }
+}
+
+/// The radiance image of paths that are traced with these settings.
+fn traced(
+    subject: &Subject,
+    format: Format,
+    constants: &Constants,
+    sampling: Sampling,
+    [hit, guide]: [&[[u32; 4]]; 2],
+) -> Vec<[u32; 4]> {
+    let mut frame = Frame { sampling, ..constants.frame() };
+    subject.tables.describe(&mut frame);
+    let whole = Stripe { rows: 0..HEIGHT, valid: 0..HEIGHT };
+    let pass = PassConstants { width: WIDTH, height: HEIGHT, ..whole.pass(0, [0, 1, 0]) };
+    let nothing = vec![[0u32; 4]; constants.area()];
+    let overrides = [("SOBOL", true), ("HAS_GLOSS", format.gloss), ("JITTER", false), ("MEASURES_VARIANCE", false)];
+    let outputs = Kernel::with_scene("path_trace", &overrides, subject).run_frame(
+        &frame,
+        pass,
+        [WIDTH.div_ceil(8), HEIGHT.div_ceil(8)],
+        &[
+            ("hit_image", Buffer::image(hit)),
+            ("albedo_image", Buffer::image(&nothing)),
+            ("emission_image", Buffer::image(&nothing)),
+            ("radiance_image", Buffer::image(&nothing)),
+            ("tally_image", Buffer::image(&vec![0u32; constants.area()])),
+            ("guide_image", Buffer::whole(guide)),
+            ("holes", Buffer::whole(&[0u32; 4])),
+        ],
+    );
+    outputs.get("radiance_image")
+}
+
+/// Gradients after a frame that was traced with `settings`, if it is said to have been traced with `said`; its eyes and this
+/// frame's are the same.
+fn after(scene: Scene, gloss: bool, settings: Sampling, said: &[Sampling]) -> Vec<Vec<[f32; 2]>> {
+    let (subject, world) = subject(scene, gloss);
+    let constants = Constants { history_rows: Some(0), index: 9, exposure: 1.3, ..Constants::new(WIDTH, HEIGHT) };
+    let format = Format { gloss, exposure: constants.exposure.into() };
+    let (hit, guide) = seen(&world, &constants, &constants.eyes[0]);
+    let radiance = traced(&subject, format, &constants, settings, [&hit, &guide]);
+    let views = constants.frame().camera.views;
+    let whole = Stripe { rows: 0..TILES[1], valid: 0..TILES[1] };
+    let gradients = |sampling: &Sampling| {
+        let (previous, images) = (Previous { views, sampling: *sampling }, [&guide, &hit, &guide, &radiance]);
+        let history = History::new(Some(0), 0..0);
+        gradients(&subject, format, (&constants, history), previous, &whole, images.map(Vec::as_slice))
+    };
+    said.iter().map(gradients).collect()
+}
+
+#[test]
+fn sunlight_that_stays_is_no_change_at_all() {
+    for gloss in [false, true] {
+        let settings = sampling(5, 1);
+        let found = after(screen(), gloss, settings, &[settings]).remove(0);
+        assert!(found.iter().all(|[change, _]| *change == 0.0), "{found:?}");
+        assert!(found.iter().filter(|[_, light]| *light > 0.1).count() > 20, "{found:?}");
+    }
+}
+
+/// Paths of several reflections in the light of all kinds of lamps are those of the frame before, whatever this frame's are.
+#[test]
+fn paths_are_those_of_the_frame_before() {
+    for gloss in [false, true] {
+        let settings = Sampling { seed: 3, sample_base: 1, indirect_clamp: 0.05, ..sampling(5, 3) };
+        let others = [
+            Sampling { index: 6, ..settings },
+            Sampling { seed: 4, ..settings },
+            Sampling { sample_base: 2, ..settings },
+            Sampling { curve_shift: 1, ..settings },
+            Sampling { curve_shift: NO_CURVE, ..settings },
+            Sampling { reflections: 2, ..settings },
+            Sampling { indirect_clamp: 0.0, ..settings },
+        ];
+        let same = Sampling { is_jittered: 1, ..settings };
+        let all: Vec<_> = [settings, same].into_iter().chain(others).collect();
+        let found = after(lit_screen(gloss), gloss, settings, &all);
+        let changed = |found: &[[f32; 2]]| found.iter().filter(|[change, light]| change.abs() > 1e-3 * light).count();
+        assert_eq!(changed(&found[0]), 0, "{:?}", found[0]);
+        assert!(found[0].iter().filter(|[_, light]| *light > 0.1).count() > 30, "{:?}", found[0]);
+        assert!(found[1].as_flattened().iter().all(|v| *v == 0.0), "of several samples: {:?}", found[1]);
+        for (found, other) in found[2..].iter().zip(others) {
+            assert!(changed(found) > 2, "{} tiles changed with {other:?}", changed(found));
+        }
+    }
+}

@@ -1,0 +1,84 @@
+//! A change of quality is not a change of light: history is kept as it is at a constant quality.
+
+use crate::common::{Stage, Subject, with_outputs};
+use crate::reference::scenes::moving;
+use diptych::graph::Resource;
+use diptych::quality::{Denoiser, Quality};
+use diptych::schedule::Effort;
+
+use super::watched;
+
+const WIDTH: u32 = 96;
+const HEIGHT: u32 = 64;
+const FPS: f64 = 72.0;
+
+/// Samples per pixel, bounces and render scale.
+type Rung = (u32, u32, f64);
+
+/// Frames before the last one.
+const BEFORE: usize = 5;
+
+/// Bits of the gradients of a run's last frame, and the mean fraction of history that it drops.
+struct Last {
+    gradients: Vec<u32>,
+    dropped: f64,
+}
+
+/// Renders frames of which the last has a rung of its own; the numbers of frames are `stride` apart.
+fn play(subject: &Subject, denoiser: Denoiser, [rung, last]: [Rung; 2], stride: u32) -> Last {
+    let mut settings = subject.accumulated(WIDTH, HEIGHT);
+    let stages = &mut settings.stages;
+    (stages.filter, stages.spp, stages.mixes_spp, stages.sparse) = (Some(denoiser), 3, true, true);
+    stages.declarations = with_outputs(&["gradient", "light_change"]);
+    let iterations = [stages.iterations; 3];
+    let mut stage = Stage::alone(subject, &settings);
+    for (i, (spp, bounces, scale)) in (0..).zip([rung; BEFORE].into_iter().chain([last])) {
+        let denoiser = Some(denoiser);
+        let quality = Quality { spp, bounces, denoiser, iterations, fovea: None, polar: None, scale };
+        stage.renderer().set_quality(quality, Effort::default()).unwrap();
+        stage.frame_at(0.3 + f64::from(i) / FPS, stride * i);
+    }
+    let mut read = |name| stage.renderer().read_output(Resource::image(name, 4)).unwrap().left;
+    let dropped: Vec<f32> = bytemuck::pod_collect_to_vec(&read("light_change"));
+    Last {
+        gradients: bytemuck::pod_collect_to_vec(&read("gradient")),
+        dropped: dropped.iter().map(|v| f64::from(*v)).sum::<f64>() / dropped.len() as f64,
+    }
+}
+
+const USUAL: Rung = (1, 6, 1.0);
+
+/// Gradients compare the paths of the frame before with themselves, whatever those of the frame are.
+#[test]
+fn a_change_of_bounces_or_scale_changes_no_gradient() {
+    let subject = watched(moving::everything());
+    for (before, after) in [
+        (USUAL, (1, 1, 1.0)),
+        ((1, 2, 1.0), (1, 6, 1.0)),
+        (USUAL, (1, 6, 0.5)),
+        ((1, 6, 0.5), USUAL),
+        (USUAL, (1, 2, 0.7)),
+    ] {
+        let [constant, changed] = [before, after].map(|last| play(&subject, Denoiser::Svgf, [before, last], 1));
+        println!("{before:?} to {after:?}: drops {:.4} instead of {:.4}", changed.dropped, constant.dropped);
+        assert!(constant.gradients.iter().any(|bits| *bits != 0), "there are no gradients");
+        assert!(constant.gradients == changed.gradients, "gradients of {before:?} to {after:?}");
+    }
+}
+
+#[test]
+fn a_change_of_samples_drops_no_more_history_than_none() {
+    let subject = watched(moving::everything());
+    for denoiser in [Denoiser::Svgf, Denoiser::Bmfr] {
+        let dropped = |rungs, stride| play(&subject, denoiser, rungs, stride).dropped;
+        let many = (3, 6, 1.0);
+        let constant = dropped([USUAL; 2], 1);
+        let (more, apart) = (dropped([USUAL, many], 1), dropped([USUAL; 2], 7));
+        println!("{denoiser:?} drops {constant:.4}, with more samples {more:.4}, with numbers apart {apart:.4}");
+        assert!(constant > 0.0, "{denoiser:?}: there are no gradients");
+        // The middle of a pixel is another in frames of several samples, and so are random numbers of other frames.
+        assert!(more.max(apart) < 2.0 * constant, "{denoiser:?}: {more} and {apart} instead of {constant}");
+        let none = [[many, USUAL], [many; 2]].map(|rungs| dropped(rungs, 1));
+        assert_eq!(none, [0.0; 2], "{denoiser:?}: samples of a frame of several cannot be told apart");
+    }
+}
