@@ -10,6 +10,7 @@
 # In an editor or notebook that knows `# %%` cells: set `FOLDER` below and run cell after cell.
 
 # %%
+import io
 import json
 import sys
 from pathlib import Path
@@ -31,9 +32,13 @@ PLOTS.mkdir(parents=True, exist_ok=True)
 
 
 def table(name):
-    """The CSV file of that name as a data frame, empty where there is none."""
+    """The CSV file of that name as a data frame, empty where there is none. `frames.csv` of `play` grows by a line per
+    frame, so a last line without its newline is not whole and is left out."""
     path = FOLDER / name
-    return pd.read_csv(path) if path.exists() else pd.DataFrame()
+    if not path.exists():
+        return pd.DataFrame()
+    whole, newline, _ = path.read_text(encoding="utf-8").rpartition("\n")
+    return pd.read_csv(io.StringIO(whole + newline)) if whole else pd.DataFrame()
 
 
 def keep(figure, name):
@@ -89,7 +94,8 @@ if "rung" in frames:
     below.step(frames["frame"], frames["spp"] * frames["scale"] ** 2, where="post")
     below.set_ylabel("samples per pixel")
     below.set_xlabel("frame")
-    above.set_title(f"{title}: {run['play']['in_band_share']:.1%} of frames in budget")
+    share = f": {run['play']['in_band_share']:.1%} of frames in budget" if "play" in run else ""
+    above.set_title(title + share)
     keep(figure, "rungs")
 
 # %% [markdown]

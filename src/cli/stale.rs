@@ -1,10 +1,14 @@
 //! Pictures that an earlier run left in the folder of this one, where they would be taken for this one's.
 
 use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::BufReader;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
 use clap::ValueEnum;
+use serde::Deserialize;
+use serde::de::IgnoredAny;
 
 use diptych::passes::Aov;
 
@@ -66,12 +70,24 @@ impl Stale {
 /// Whether the folder has a `run.json` of this program, of a command that writes pictures: `scale` and `bench`, which have
 /// `--counts`, write none.
 fn has_run(folder: &Path) -> bool {
-    let run = std::fs::read(folder.join("run.json")).ok();
-    let run = run.and_then(|bytes| serde_json::from_slice::<serde_json::Value>(&bytes).ok());
-    run.is_some_and(|run| {
-        let has_all = ["version", "command", "devices", "scene", "frames"].iter().all(|key| run.get(key).is_some());
-        has_all && run.get("settings").is_some_and(|settings| settings.get("counts").is_none())
-    })
+    /// What tells it from other files. Frames may be those of hours, and are passed over as they are read.
+    #[derive(Deserialize)]
+    struct Run {
+        #[serde(rename = "version")]
+        _version: IgnoredAny,
+        #[serde(rename = "command")]
+        _command: IgnoredAny,
+        #[serde(rename = "devices")]
+        _devices: IgnoredAny,
+        #[serde(rename = "scene")]
+        _scene: IgnoredAny,
+        #[serde(rename = "frames")]
+        _frames: IgnoredAny,
+        settings: serde_json::Map<String, serde_json::Value>,
+    }
+    let file = File::open(folder.join("run.json")).ok().map(BufReader::new);
+    let run: Option<Run> = file.and_then(|file| serde_json::from_reader(file).ok());
+    run.is_some_and(|run| !run.settings.contains_key("counts"))
 }
 
 /// What `left.0007.exr` shows, `left.exr`, and that it is of frame 7; none of a name that this program does not give.
