@@ -74,7 +74,7 @@ mod tests {
     use crate::scene::budget::Budget;
     use crate::scene::builtin::BUILTINS;
     use crate::scene::complete::{Overrides, complete};
-    use crate::scene::load::load_shot;
+    use crate::scene::load::{load_shot, lost_light};
     use crate::scene::motion::Motion;
     use crate::scene::shot::Draft;
     use crate::scene::{AlphaMode, Clearcoat, Instance, Material, Mesh, NormalMap, Texture, TextureRef, Volume, Wrap};
@@ -99,7 +99,7 @@ mod tests {
     /// Everything by value, but numbers that reading rounds anew: normals, angles and lengths in metres.
     #[track_caller]
     fn assert_same(what: &str, (shot, scene): (&Shot, &Scene), (shot_read, read): (&Shot, &Scene)) {
-        assert_eq!(read.warnings, Vec::<String>::new(), "{what}");
+        assert_eq!(read.warnings, Vec::from_iter(lost_light(scene)), "{what}");
         assert_eq!(read.materials, scene.materials, "{what}");
         assert_eq!((&read.textures, &read.images), (&scene.textures, &scene.images), "{what}");
         assert_eq!(read.environment, scene.environment, "{what}");

@@ -57,7 +57,7 @@ pub fn load_shot_within(arg: &str, overrides: &Overrides, access: Access) -> Res
 }
 
 /// Warns of delta lights before smooth glass with a volume, which refracts their light where no sample finds it.
-fn lost_light(scene: &Scene) -> Option<String> {
+pub(super) fn lost_light(scene: &Scene) -> Option<String> {
     let lights = scene.lights.iter().filter(|light| light.is_delta()).count();
     // Where the index is 1, light goes straight on whatever the roughness.
     let is_lost = |m: &&Material| m.may_transmit_smoothly() || (m.ior - 1.0).abs() < 1e-3;
