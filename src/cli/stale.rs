@@ -70,7 +70,7 @@ impl Stale {
 /// Whether the folder has a `run.json` of this program, of a command that writes pictures: `scale` and `bench`, which have
 /// `--counts`, write none.
 fn has_run(folder: &Path) -> bool {
-    /// What tells it from other files. Frames may be those of hours, and are passed over as they are read.
+    /// Members that such a file has. Frames may be those of hours, so they are skipped as they are read.
     #[derive(Deserialize)]
     struct Run {
         #[serde(rename = "version")]

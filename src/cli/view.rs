@@ -30,7 +30,7 @@ use shared::Shared;
 use window::{App, Look, Wake};
 
 /// A window writes no files but those that options name.
-const OUT: &str = "With --xr: where run.json goes; made if it is not there";
+const OUT: &str = "With --xr: where run.json and frames.csv go; made if it is not there";
 
 #[derive(clap::Args, Clone, Debug)]
 #[command(mut_arg("out", |out| out.required(false).default_value(".").hide(!cfg!(feature = "xr")).help(OUT)))]

@@ -71,7 +71,7 @@ impl LineFile {
     /// Calls `take` with each whole line, without its newline.
     ///
     /// # Errors
-    /// Those of `take` and of reading.
+    /// Errors of `take` and of reading.
     pub fn each_line<E: From<io::Error>>(&self, take: impl FnMut(&[u8]) -> Result<(), E>) -> Result<(), E> {
         (&self.file).seek(SeekFrom::Start(0))?;
         each_line(&self.file, take)
@@ -109,14 +109,19 @@ fn each_line<E: From<io::Error>>(file: &File, mut take: impl FnMut(&[u8]) -> Res
 /// Returns the number of whole lines of a file, none if it is not there.
 ///
 /// # Errors
-/// Those of reading it.
+/// Errors of reading the file.
 pub fn count_lines(path: &Path) -> io::Result<Option<u64>> {
+    let file = match File::open(path) {
+        Ok(file) => file,
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+        Err(error) => return Err(error),
+    };
     let mut lines = 0;
-    match File::open(path) {
-        Ok(file) => each_line(&file, |_| Ok::<_, io::Error>(lines += 1)).map(|()| Some(lines)),
-        Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
-        Err(error) => Err(error),
-    }
+    each_line(&file, |_| {
+        lines += 1;
+        Ok::<_, io::Error>(())
+    })?;
+    Ok(Some(lines))
 }
 
 /// Renames a file that a run left unfinished, so that a new run does not replace it: to its final name with
@@ -216,7 +221,11 @@ mod tests {
         assert_eq!(fs::read(&path).unwrap(), b"one\n");
         file.add(b"two\nthr").unwrap();
         let mut lines = Vec::new();
-        file.each_line(|line| Ok::<_, io::Error>(lines.push(line.to_vec()))).unwrap();
+        let take = |line: &[u8]| {
+            lines.push(line.to_vec());
+            Ok::<_, io::Error>(())
+        };
+        file.each_line(take).unwrap();
         assert_eq!(lines, [b"one", b"two"]);
         assert_eq!(count_lines(&path).unwrap(), Some(2));
         file.rename(&folder.path().join("b.csv")).unwrap();

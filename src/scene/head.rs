@@ -283,8 +283,8 @@ pub struct Recording {
 }
 
 impl Recording {
-    /// Begins a file that [`HeadMotion::read`] will read, in the space of a shot. What a run left there that did not
-    /// finish is kept; returns where.
+    /// Begins a file that [`HeadMotion::read`] will read, in the space of a shot. A file that a run left unfinished is
+    /// renamed; returns its new path as well.
     ///
     /// # Errors
     /// [`ImageError::Write`].

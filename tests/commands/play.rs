@@ -172,7 +172,7 @@ fn a_killed_run_leaves_every_finished_frame_and_the_next_one_says_so() {
         .stdout(Stdio::piped())
         .spawn()
         .unwrap();
-    // What was told is finished.
+    // Frames that are announced are finished.
     let events = BufReader::new(run.stdout.take().unwrap()).lines().map(Result::unwrap);
     let told = events.filter(|event| event.contains("\"event\":\"frame\"")).take(12).count();
     run.kill().unwrap();

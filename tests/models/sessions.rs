@@ -64,7 +64,7 @@ fn row(index: u32) -> FrameRow {
             expected_ms: 14.0 + rung as f64,
             fits: true,
             in_band,
-            late_ms: if index % 10 == 0 { 2.0 } else { 0.0 },
+            late_ms: if index.is_multiple_of(10) { 2.0 } else { 0.0 },
             decide_ms: 0.01,
         }),
         headset: Some(HeadsetRow {
@@ -138,7 +138,7 @@ fn an_hour_of_frames_takes_the_memory_of_its_first_minutes() {
     assert_eq!(summary.above_share, above);
 }
 
-/// Takes what is written, and fails once the thread holds more than this.
+/// A sink that fails once the thread holds more bytes than this.
 struct Probe(isize);
 
 impl std::io::Write for Probe {

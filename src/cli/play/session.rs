@@ -184,7 +184,7 @@ impl Session {
         row
     }
 
-    /// Tells whoever listens of a frame, once its row is recorded.
+    /// Announces a frame whose row is recorded, on the terminal or as a line of JSON.
     pub fn announce(&mut self, row: &FrameRow, frame: &FrameReport) {
         let Some(ControlRow { rung, expected_ms, fits, in_band, late_ms, .. }) = row.control else { return };
         let FrameQuality { spp, bounces, iterations, scale, fovea } = row.quality;
