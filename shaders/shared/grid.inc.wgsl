@@ -11,6 +11,8 @@ const TAU: f32 = 6.2831855;
 const FOVEA_DEG: f32 = 5.79;
 const FOVEA_AREA: f32 = 105.31813;
 const ACUITY_SUM: f32 = 522.90064;
+// Most of a visual-polar image's rings that have fewer columns than it.
+const MOST_SHORT: f32 = 0.5;
 
 fn pixel_index(pixel: vec2<u32>) -> u32 {
     return pixel.y * pass_.width + pixel.x;
@@ -21,14 +23,16 @@ fn is_in_square(eye_fovea_rows: f32, row: i32) -> bool {
     return LOG_POLAR && f32(row) < eye_fovea_rows;
 }
 
-// Columns of a row of an image that an eye sees: rings within the fovea have the fewer, the smaller they are.
+// Columns of a row of an image that an eye sees: rings within the fovea have the fewer, the smaller they are. Where most
+// of an image is fovea, or all of it, its outer rings have all columns nonetheless.
 fn row_length(eye_fovea_rows: f32, row: i32) -> f32 {
     let width = f32(frame.camera.width);
     if LOG_POLAR {
         return select(frame.camera.log_polar.columns, eye_fovea_rows, is_in_square(eye_fovea_rows, row));
     }
     if POLAR {
-        return clamp(ceil(width * (f32(row) + 0.5) / eye_fovea_rows), 1.0, width);
+        let short_rows = min(eye_fovea_rows, MOST_SHORT * f32(frame.camera.height));
+        return clamp(ceil(width * (f32(row) + 0.5) / short_rows), 1.0, width);
     }
     return width;
 }

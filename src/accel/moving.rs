@@ -50,11 +50,12 @@ pub struct Placed {
     /// At most as many as there are instances.
     pub nodes: Vec<Node>,
     pub levels: usize,
+    /// The number of bodies that are too small, too stretched or too far away for rays to follow them.
+    pub left_out: u32,
 }
 
 impl Placed {
-    /// The tree's first node is to be number `root`. Without `poses`, nothing moves. A body that is too small, too stretched or too far
-    /// away for rays to follow it is left out.
+    /// The tree's first node is to be number `root`. Without `poses`, nothing moves.
     pub(super) fn new(
         placements: &[Placement],
         skins: &Skins,
@@ -70,7 +71,8 @@ impl Placed {
                 there.push((number, instance));
             }
         }
-        let mut out = Self { instances: vec![Instance::STILL], numbers: vec![[0; 4]], ..Self::default() };
+        let left_out = (placements.len() - there.len()) as u32;
+        let mut out = Self { instances: vec![Instance::STILL], numbers: vec![[0; 4]], left_out, ..Self::default() };
         if boxes.is_empty() {
             out.nodes.push(Node::default());
             return out;

@@ -55,7 +55,8 @@ fn polar_rows(camera: &Camera, previous: &[View; 2], tables: &SceneTables, moved
             let distance = now.origin.distance(now.origin.clamp(low, high));
             if *by > 0.0 { sine_of(f64::from(by / (distance - by).max(0.0))) } else { 0.0 }
         });
-        let turned = f64::from(now.gaze.angle_between(last.gaze)) + stepped + own.fold(0.0, f64::max);
+        let [gaze, last_gaze] = [now, last].map(|view| view.gaze.as_dvec3());
+        let turned = gaze.angle_between(last_gaze) + stepped + own.fold(0.0, f64::max);
         // Where the outermost ring is another, all rings are more or fewer.
         let stretched = f64::from((now.fovea_rows / last.fovea_rows - 1.0).abs() * now.rows.max(last.rows));
         turned * per_radian + stretched

@@ -212,7 +212,7 @@ pub(super) mod tests {
                 views: [layout::View { tan_half_x: 0.3, ..Default::default() }; 2],
                 sampling: layout::Sampling { reflections: 3, ..Default::default() },
             },
-            update: SceneUpdate { rows: vec![(7, vec![1; 16])], pose: vec![[0.5; 4]] },
+            update: SceneUpdate { rows: vec![(7, vec![1; 16])], pose: vec![[0.5; 4]], left_out: 3 },
             place: Place { slot: 2, turn: 1 },
             reads: vec![LINEAR.into(), DISPLAY.into(), aov_image(3).into()],
             cuts: vec![Cut { task: 4, at: Position { run: 1, row: 16 } }],

@@ -357,6 +357,7 @@ impl Renderer {
             tallies: Default::default(),
             pixels: inputs.constants.camera.views.map(|view| self.settings.stages.pixels(&view)),
             row_tallies: Default::default(),
+            bodies_left_out: inputs.update.left_out,
             devices: left,
             ranks: self.devices.iter().filter_map(|d| Some(d.rank.as_ref()?.number)).collect(),
             assignment: plan.assignment.clone(),

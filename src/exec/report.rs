@@ -101,6 +101,8 @@ pub struct FrameReport {
     pub pixels: [u64; 2],
     /// Per eye and row.
     pub row_tallies: [Vec<RowTally>; 2],
+    /// The number of moving bodies that it lacks: rays cannot follow what is too small, too stretched or too far away.
+    pub bodies_left_out: u32,
     /// Those that were left when it was begun.
     pub devices: Vec<usize>,
     /// The rank of each device of the run; none in a run of one process.

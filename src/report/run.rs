@@ -225,6 +225,8 @@ pub struct FrameRow {
     /// How it came to a headset, where it was shown in one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub headset: Option<HeadsetRow>,
+    /// The number of moving bodies that the frame lacks, since they were too small, too stretched or too far away.
+    pub bodies_left_out: u32,
 }
 
 impl FrameRow {
@@ -273,6 +275,7 @@ impl FrameRow {
             tasks: Vec::new(),
             control: None,
             headset: None,
+            bodies_left_out: frame.bodies_left_out,
         }
     }
 

@@ -69,7 +69,7 @@ impl Polar {
     /// The pixels of an eye's image that are there.
     pub(super) fn pixels(&self, view: &View, screen: Extent) -> u64 {
         match &self.space {
-            PolarSpace::Visual => visual::pixels(view, visual::grid(screen).width),
+            PolarSpace::Visual => visual::pixels(view, visual::grid(screen)),
             PolarSpace::Log(map) => log::pixels(&log::constants(map, screen), view),
         }
     }

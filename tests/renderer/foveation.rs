@@ -142,6 +142,40 @@ fn a_render_scale_samples_its_square_of_all_pixels_and_keeps_the_mean() {
     }
 }
 
+/// Views so narrow that the whole screen is in the fovea, and wider ones, wherever the gaze is.
+#[test]
+fn narrow_visual_polar_images_are_close_to_those_of_the_screen() {
+    const BLOCK: usize = 8;
+    let mut subject = Subject::load("builtin:checker");
+    for yfov_deg in [1.0f64, 3.0, 20.0] {
+        subject.rig.yfov_rad = yfov_deg.to_radians();
+        let mut settings = RenderSettings { bounces: 1, ..subject.settings(WIDTH, HEIGHT) };
+        settings.stages.spp = 8;
+        let expected = Stage::alone(&subject, &settings).frame(0);
+        for (x, y) in [(0.5, 0.5), (0.2, 0.3), (1.0, 0.9)] {
+            settings.stages.polar = Some(Polar { gaze: towards(x, y), space: PolarSpace::Visual });
+            let found = Stage::alone(&subject, &settings).frame(0);
+            for (found, expected) in eyes(&found.linear).into_iter().zip(eyes(&expected.linear)) {
+                let [found, expected] = [found, expected].map(|image| block_means(image, BLOCK));
+                let off: f64 = found.iter().zip(&expected).map(|(a, b)| (a - b).abs()).sum();
+                let off = off / expected.iter().sum::<f64>();
+                assert!(off < 0.15, "{yfov_deg} degrees, gaze at {x}, {y}: {off}");
+            }
+        }
+    }
+}
+
+/// Means of the brightness of square blocks of pixels.
+fn block_means(image: &RgbImage, size: usize) -> Vec<f64> {
+    let (columns, rows) = (WIDTH as usize / size, HEIGHT as usize / size);
+    let mut means = vec![0.0; columns * rows];
+    for (i, pixel) in image.pixels.iter().enumerate() {
+        let block = i / WIDTH as usize / size * columns + i % WIDTH as usize / size;
+        means[block] += pixel.iter().map(|c| f64::from(*c)).sum::<f64>() / (3 * size * size) as f64;
+    }
+    means
+}
+
 #[test]
 fn a_full_render_scale_changes_no_byte_where_others_are_possible() {
     let subject = Subject::load("builtin:checker");

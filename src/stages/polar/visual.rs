@@ -16,6 +16,10 @@ use crate::stages::layout::View;
 
 /// Where acuity begins to fall, degrees from the gaze.
 pub const FOVEA_DEG: f64 = 5.79;
+/// Most of an image's rings that have fewer columns than it; as shaders have it.
+const MOST_SHORT: f64 = 0.5;
+/// The least eccentricity that an outermost ring is taken to have, degrees.
+const LEAST_DEG: f64 = 1e-6;
 /// Square degrees that the fovea covers.
 const FOVEA_AREA: f64 = PI * FOVEA_DEG * FOVEA_DEG;
 /// What acuity sums up to over a disc is a multiple of this, square degrees.
@@ -35,15 +39,26 @@ fn acuity_within(degrees: f64) -> f64 {
     FOVEA_AREA + ACUITY_SUM * (part(degrees) - part(FOVEA_DEG))
 }
 
-/// The share of rings that the fovea has where the outermost is at `degrees`: density is continuous at its rim.
+/// Returns the rings of the fovea over those of an image whose outermost is at `degrees`: density is continuous at its
+/// rim. It is above 1 where all of the image is in the fovea.
 fn fovea_share(degrees: f64) -> f64 {
-    2.0 * FOVEA_AREA / (FOVEA_AREA + acuity_within(degrees))
+    1.0 / rings_within(degrees.max(LEAST_DEG))
+}
+
+/// Returns the pixels of an image over those that it would have without shorter rings; `share` is [`fovea_share`].
+fn pixel_share(share: f64) -> f64 {
+    1.0 - 0.5 * share.min(MOST_SHORT)
+}
+
+/// Returns the angle between two directions, degrees; it is as exact for small angles as for others.
+fn degrees_between(a: DVec3, b: DVec3) -> f64 {
+    a.cross(b).length().atan2(a.dot(b)).to_degrees()
 }
 
 impl View {
     /// The place in the rows, from the gaze, at which this eye's visual-polar image shows what lies in a direction.
     pub(crate) fn ring_of(&self, direction: DVec3) -> f64 {
-        f64::from(self.fovea_rows) * rings_within(direction.angle_between(self.gaze.as_dvec3()).to_degrees())
+        f64::from(self.fovea_rows) * rings_within(degrees_between(direction, self.gaze.as_dvec3()))
     }
 }
 
@@ -54,9 +69,10 @@ fn rings_within(degrees: f64) -> f64 {
 
 /// The eccentricity of the corner that is farthest from the gaze, degrees.
 fn farthest_corner(view: &View, gaze: Vec3) -> f64 {
-    let corner = |x: f32, y: f32| view.forward + view.right * (x * view.tan_half_x) + view.up * (y * view.tan_half_y);
-    let corners = [corner(-1.0, -1.0), corner(-1.0, 1.0), corner(1.0, -1.0), corner(1.0, 1.0)];
-    corners.map(|c| f64::from(gaze.angle_between(c)).to_degrees()).into_iter().fold(0.0, f64::max)
+    let [forward, right, up] = [view.forward, view.right, view.up].map(Vec3::as_dvec3);
+    let (right, up) = (right * f64::from(view.tan_half_x), up * f64::from(view.tan_half_y));
+    let corners = [-right - up, up - right, right - up, right + up].map(|c| forward + c);
+    corners.map(|c| degrees_between(gaze.as_dvec3(), c)).into_iter().fold(0.0, f64::max)
 }
 
 /// Columns and rows of the images for a screen of this size.
@@ -71,35 +87,47 @@ pub(super) fn place_of(seen: &View, screen: Extent) -> impl Fn(DVec3) -> PolarPl
     let (gaze, forward) = (seen.gaze.as_dvec3(), seen.forward.as_dvec3());
     // Of a pixel in the middle of the screen, steradians.
     let middle = (2.0 * f64::from(seen.tan_half_y) / f64::from(screen.height)).powi(2);
+    let grid = grid(screen);
     // Of the fovea, pixels per steradian; it falls with acuity.
-    let most = f64::from(seen.fovea_rows) * f64::from(grid(screen).width) / (2.0 * PI * FOVEA_DEG.to_radians().powi(2));
+    let most = f64::from(seen.fovea_rows) * f64::from(grid.width) / (2.0 * PI * FOVEA_DEG.to_radians().powi(2));
+    let short_rows = f64::from(short_rows(&seen, grid.height));
     move |ray| {
-        let degrees = ray.angle_between(gaze).to_degrees();
+        let degrees = degrees_between(ray, gaze);
+        let row = seen.ring_of(ray);
+        // Rings of the fovea that have all columns have the fewer for their size, the wider they are.
+        let thinned = if degrees < FOVEA_DEG { row.max(short_rows) / f64::from(seen.fovea_rows) } else { 1.0 };
         // Columns are counted on the sphere, acuity on a plane.
         let angle = degrees.max(1e-9).to_radians();
-        let density = most * acuity(degrees) * angle / angle.sin() * middle * ray.dot(forward).powi(3);
-        PolarPlace { row: seen.ring_of(ray), density }
+        let density = most / thinned * acuity(degrees) * angle / angle.sin() * middle * ray.dot(forward).powi(3);
+        PolarPlace { row, density }
     }
 }
 
 /// A view that looks at its gaze, with so many rows where the gaze is in the middle.
 pub(super) fn look(view: View, rows: u32) -> View {
     let share = fovea_share(farthest_corner(&view, view.gaze));
-    // As many pixels as where the gaze is in the middle, which leaves a share of rings / 2 out in the fovea.
+    // As many pixels as where the gaze is in the middle.
     let centred = fovea_share(farthest_corner(&view, view.forward));
-    let rows = (f64::from(rows) * (1.0 - 0.5 * centred) / (1.0 - 0.5 * share)).round().max(1.0);
+    let rows = (f64::from(rows) * pixel_share(centred) / pixel_share(share)).round().max(1.0);
     View { rows: rows as f32, fovea_rows: (rows * share) as f32, ..view }
 }
 
 /// The pixels of an eye's image that are there.
-pub(super) fn pixels(view: &View, columns: u32) -> u64 {
-    (0..view.rows as u32).map(|row| u64::from(row_length(view, columns, row))).sum()
+pub(super) fn pixels(view: &View, grid: Extent) -> u64 {
+    (0..view.rows as u32).map(|row| u64::from(row_length(view, grid, row))).sum()
 }
 
-/// Columns of a ring, in images of so many columns; as shaders have it.
-fn row_length(view: &View, columns: u32, row: u32) -> u32 {
-    let length = (columns as f32 * (row as f32 + 0.5) / view.fovea_rows).ceil();
-    length.clamp(1.0, columns as f32) as u32
+/// Returns the number of rings that have fewer columns than the image: those of the fovea, but never so many that hardly any
+/// ring has all columns.
+fn short_rows(view: &View, rows: u32) -> f32 {
+    view.fovea_rows.min((MOST_SHORT * f64::from(rows)) as f32)
+}
+
+/// Columns of a ring; as shaders have it.
+fn row_length(view: &View, grid: Extent, row: u32) -> u32 {
+    let columns = grid.width as f32;
+    let length = (columns * (row as f32 + 0.5) / short_rows(view, grid.height)).ceil();
+    length.clamp(1.0, columns) as u32
 }
 
 #[cfg(test)]
@@ -133,17 +161,42 @@ mod tests {
     #[test]
     fn densities_add_up_to_the_pixels_that_are_on_the_screen() {
         let screen = Extent::new(96, 90);
-        let eye = rig::View { origin: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: -Vec3::Z, tan_half_yfov: 0.8 };
-        let polar = towards([0.5, 0.5]);
-        let places = polar.places(Eye::Left, 0.0, &eye, screen);
-        let (grid, seen) = (polar.grid(screen), polar.seen(Eye::Left, 0.0, &eye, screen));
-        // Within the circle that touches the upper and the lower side of the screen.
-        let whole = f64::from(0.8f32).atan().to_degrees();
-        let rows = f64::from(seen.fovea_rows) * rings_within(whole);
-        let within: f64 = places.iter().filter(|p| p.row < rows).map(|p| p.density).sum();
-        let columns = f64::from(grid.width);
-        let expected = columns * (rows - 0.5 * f64::from(seen.fovea_rows));
-        assert!((within / expected - 1.0).abs() < 0.02, "{within} of {expected}");
+        for tan_half_yfov in [0.8, 0.1, 0.02] {
+            let eye = rig::View { origin: Vec3::ZERO, right: Vec3::X, up: Vec3::Y, forward: -Vec3::Z, tan_half_yfov };
+            let polar = towards([0.5, 0.5]);
+            let places = polar.places(Eye::Left, 0.0, &eye, screen);
+            let (grid, seen) = (polar.grid(screen), polar.seen(Eye::Left, 0.0, &eye, screen));
+            // Within the circle that touches the upper and the lower side of the screen.
+            let rows = f64::from(seen.fovea_rows) * rings_within(f64::from(tan_half_yfov).atan().to_degrees());
+            let within: f64 = places.iter().filter(|p| p.row < rows).map(|p| p.density).sum();
+            let short = f64::from(short_rows(&seen, grid.height));
+            let expected = f64::from(grid.width) * (rows - 0.5 * short);
+            assert!((within / expected - 1.0).abs() < 0.02, "{tan_half_yfov}: {within} of {expected}");
+        }
+    }
+
+    /// The fovea's rim is beside all screens of less than 5.79 degrees around the gaze.
+    #[test]
+    fn narrow_views_have_rings_and_pixels() {
+        let screen = Extent::new(640, 360);
+        let grid = grid(screen);
+        for yfov_deg in [1e-6, 0.01, 1.0, 2.0, 3.0, 4.0, 5.0, 7.0, 10.0, 15.0, 20.0] {
+            let eye = view(yfov_deg, 16.0 / 9.0);
+            for gaze in [[0.5, 0.5], [0.3, 0.6], [0.0, 0.0], [1.0, 0.5], [0.62, 0.97]] {
+                let seen = towards(gaze).look(0, 0.0, eye, screen);
+                let share = pixels(&seen, grid) as f64 / screen.area() as f64;
+                let told = format!("{yfov_deg} degrees, {gaze:?}: {} rows, {share} of the pixels", seen.rows);
+                assert!(seen.rows >= 0.8 * grid.height as f32 && seen.rows <= grid.height as f32, "{told}");
+                assert!((0.3..0.4).contains(&share), "{told}");
+                // The outermost ring is at the farthest corner.
+                let corner =
+                    rings_within(farthest_corner(&seen, seen.gaze).max(LEAST_DEG)) * f64::from(seen.fovea_rows);
+                assert!(
+                    (corner / f64::from(seen.rows) - 1.0).abs() < 1e-4,
+                    "{told}: the farthest corner is at {corner}"
+                );
+            }
+        }
     }
 
     #[test]
@@ -166,7 +219,7 @@ mod tests {
             let share = |gaze| {
                 let seen = towards(gaze).look(0, 0.0, eye, screen);
                 assert!(seen.rows <= grid.height as f32 && seen.fovea_rows > 0.0 && seen.fovea_rows < seen.rows);
-                pixels(&seen, grid.width) as f64 / screen.area() as f64
+                pixels(&seen, grid) as f64 / screen.area() as f64
             };
             let centred = share([0.5, 0.5]);
             assert!((centred - 0.391).abs() < 0.03, "{screen}: {centred}");

@@ -21,6 +21,8 @@ pub struct SceneUpdate {
     pub rows: Vec<(u32, Vec<u8>)>,
     /// Joints and weights of bodies that change their shape.
     pub pose: Vec<[f32; 4]>,
+    /// The number of bodies that the frame lacks, since rays cannot follow them.
+    pub left_out: u32,
 }
 
 /// How a scene moves.
@@ -73,6 +75,7 @@ impl SceneTables {
             update.rows.push((self.instances, bytes_of(&placed.instances).into_owned()));
             update.rows.push((self.numbers, bytes_of(&placed.numbers).into_owned()));
             frame.geometry.instance_count = placed.instances.len() as u32;
+            update.left_out = placed.left_out;
         }
         let mut scene = rest.clone();
         motion.place(&now, &mut scene);

@@ -7,13 +7,45 @@ mod history;
 mod rungs;
 mod twins;
 
-use crate::common::{Subject, still_rig};
-use crate::reference::scenes::moving;
+use crate::common::{Stage, Subject, still_rig};
+use crate::reference::scenes::{add_matte, add_mesh, moving, quad};
+use diptych::quality::Quality;
+use diptych::report::run::FrameRow;
 use diptych::scene::Scene;
+use diptych::scene::motion::Target;
+use diptych::scene::motion::keys::Interpolation;
+use glam::{DVec3, Vec3};
 
 /// Eyes that stand still, in one place.
 pub fn watched(scene: Scene) -> Subject {
     let camera = moving::camera();
     let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
     Subject::new(&scene.name.clone(), scene, rig)
+}
+
+/// What shrinks to nothing in the middle of its motion is counted there, and nowhere else.
+#[test]
+fn bodies_that_are_left_out_of_a_frame_are_counted() {
+    let mut draft = moving::Draft::room("shrinking");
+    let red = add_matte(&mut draft.scene, Vec3::new(0.8, 0.2, 0.2));
+    let corner = Vec3::new(-0.5, -0.5, 0.0);
+    let mesh = add_mesh(&mut draft.scene, quad(corner, Vec3::X, Vec3::Y, red));
+    for (x, shrinks) in [(-0.7, true), (0.7, false)] {
+        let node = draft.node(None, DVec3::new(x, 0.9, 0.0), DVec3::ONE);
+        let least = if shrinks { 0.0 } else { 0.1 };
+        let scales = [[1.0; 3], [least; 3], [1.0; 3]].concat();
+        draft.animate(Target::Scale(node), Interpolation::Linear, &[0.0, 1.0, 2.0], &scales);
+        draft.body(mesh, node, None, Vec::new());
+    }
+    let subject = watched(draft.done());
+    let settings = subject.settings(32, 24);
+    let quality =
+        Quality { spp: 1, bounces: 6, denoiser: None, iterations: [0; 3], fovea: None, polar: None, scale: 1.0 };
+    let mut stage = Stage::alone(&subject, &settings);
+    for (index, (time_s, expected)) in (0..).zip([(0.0, 0), (0.5, 0), (1.0, 1), (1.5, 0), (3.0, 1)]) {
+        let report = stage.frame_at(time_s, index).report;
+        assert_eq!(report.bodies_left_out, expected, "{time_s} s");
+        let row = FrameRow::new(&report, &quality, &subject.rig, time_s);
+        assert_eq!(serde_json::to_value(&row).unwrap()["bodies_left_out"], expected, "{time_s} s");
+    }
 }
