@@ -27,6 +27,10 @@ fn light_again(hit: vec4<u32>, position: vec3<f32>, origin: vec3<f32>, pixel: ve
     // With the settings of the frame before: its quality may be another.
     var rng = rng_in(previous.sampling, pixel, 0u, 0u);
     let path = trace_path(first, direction, previous.sampling, &rng);
+    // Samples that are dropped are black.
+    if was_cut_short || !is_finite(path.radiance) || !is_finite(path.gloss) {
+        return SplitLight();
+    }
     var packed = pack_sampled(over(path.radiance, first.albedo), vec3<f32>(0.0));
     if HAS_GLOSS {
         packed = pack_sampled(over(path.radiance, first.matte), over(path.gloss, first.albedo - first.matte));

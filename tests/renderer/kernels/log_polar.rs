@@ -1,13 +1,16 @@
-//! Log-polar images: rays, image points and the pixels that are traced against the formulas in f64, and neighbours.
+//! Log-polar images: rays, image points and the pixels that are traced against the formulas in f64, neighbours, blur, and
+//! the map of auxiliary images to the screen.
 
 use std::f64::consts::TAU;
 
 use diptych::quality::LogPolar;
 use diptych::stages::layout::{self, Camera, Frame, PassConstants, View};
-use glam::{DVec2, Vec2, Vec3};
+use glam::{DVec2, DVec3, Vec2, Vec3};
 
 use super::camera::Eye;
-use super::harness::{Buffer, Kernel};
+use super::harness::{Buffer, Kernel, Stripe, only_in};
+use super::inputs::{Cases, Random};
+use super::pack::rgb;
 
 const LOG_POLAR: [(&str, bool); 2] = [("POLAR", true), ("LOG_POLAR", true)];
 
@@ -235,4 +238,112 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>) {
             assert_eq!(found[(row * image.width() + column) as usize], expected, "{column}, {row} by {dx}, {dy}");
         }
     }
+}
+
+#[test]
+fn auxiliary_images_have_the_pixel_that_shows_a_point() {
+    let (width, height) = (96, 80);
+    let mut cases = Cases::default();
+    for ((_, mode), gaze) in LogPolar::PRESETS.iter().flat_map(|mode| GAZES.map(|gaze| (mode, gaze))) {
+        let image = Image::new(*mode, [width, height].map(f64::from), gaze);
+        let mut polar = vec![[f32::NAN; 4]; (image.width() * image.rows()) as usize];
+        for (column, row) in image.pixels() {
+            polar[(row * image.width() + column) as usize] = [column as f32, row as f32, 0.5, 2.0];
+        }
+        let before = Random::new(191).rubbish::<4>((width * height) as usize);
+        for rows in [0..height, 30..41] {
+            let stripe = Stripe { valid: 0..height, rows };
+            let pass = PassConstants { width, height, ..stripe.pass(1, [0; 3]) };
+            let groups = [width.div_ceil(8), (stripe.rows.end - stripe.rows.start).div_ceil(8)];
+            let buffers = [("polar", Buffer::whole(&polar)), ("aov", Buffer::image(&before))];
+            let outputs = Kernel::new("aov_to_screen", &LOG_POLAR).run_frame(&image.frame(), pass, groups, &buffers);
+            let aov = outputs.get::<[f32; 4]>("aov");
+            for (x, y) in stripe.rows.clone().flat_map(|y| (0..width).map(move |x| (x, y))) {
+                let at = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+                let away = at - image.gaze;
+                let distance = away.length();
+                let is_around_gaze = distance < image.radius();
+                let place = if is_around_gaze {
+                    at - image.gaze.floor() + 0.5 * image.square()
+                } else {
+                    let turn = (away.to_angle() / TAU).rem_euclid(1.0);
+                    DVec2::new(turn * image.columns(), image.square() + image.ring_of(distance))
+                };
+                // Closer than a pixel there is nothing but the innermost ring.
+                let is_clear = (place - place.round()).abs().min_element() > 2e-3 && distance > 1.01;
+                if !is_around_gaze && !is_clear || (distance - image.radius()).abs() < 1e-3 {
+                    cases.meet("left to rounding");
+                    continue;
+                }
+                // Rings begin a pixel beyond the square's disc.
+                let first = if is_around_gaze { 0 } else { image.square() as u32 };
+                let [column, row] = [place.x.floor() as u32, (place.y as u32).clamp(first, image.rows() - 1)];
+                cases.meet(if is_around_gaze { "around the gaze" } else { "rings" });
+                let expected = [column as f32, row as f32, 0.5, 2.0];
+                assert_eq!(aov[(y * width + x) as usize], expected, "{at}, gaze at {}", image.gaze);
+            }
+        }
+    }
+    let [gaze, rings, unclear] = ["around the gaze", "rings", "left to rounding"].map(|case| cases.count(case));
+    assert!(gaze > 100 && rings > 100 && 50 * unclear < rings, "{gaze}, {rings}, {unclear} are left to rounding");
+}
+
+/// Blur as in section 3.5 of the paper: shares of a Gaussian's weights of 1, 2 and 1, which rise with the distance.
+#[test]
+fn rings_are_blurred_by_the_next_pixels_where_the_gaze_is_far() {
+    let mut random = Random::new(192);
+    let mut cases = Cases::default();
+    let image = Image::new(LogPolar::COMPOSITE, [96.0, 80.0], GAZES[1]);
+    let (rim, columns, rows) = (image.square() as u32, image.columns() as u32, image.rows());
+    let area = (image.width() * rows) as usize;
+    let mut source = vec![[f32::NAN; 4]; area];
+    for (column, row) in image.pixels() {
+        let color = DVec3::from_array(std::array::from_fn(|_| random.within(0.0..1.0)));
+        source[(row * image.width() + column) as usize] = color.as_vec3().extend(9.0).to_array();
+    }
+    let before = random.rubbish::<4>(area);
+    let stripes = [(0..rows, 0..rows), (rim - 3..rim + 9, rim - 4..rim + 10), (rim + 5..rows, rim + 5..rows)];
+    for (stripe, [begins, full], axis) in stripes
+        .into_iter()
+        .flat_map(|stripe| [[12.0, 40.0], [30.0, 30.0]].map(|blur| (stripe.clone(), blur)))
+        .flat_map(|(stripe, blur)| [0, 1].map(|axis| (stripe.clone(), blur, axis)))
+    {
+        let stripe = Stripe { rows: stripe.0, valid: stripe.1 };
+        let mut frame = image.frame();
+        (frame.camera.log_polar.blur_begins, frame.camera.log_polar.blur_full) = (begins as f32, full as f32);
+        let pass = PassConstants { width: image.width(), height: rows, ..stripe.pass(1, [axis, 1, 0]) };
+        let readable = if axis == 0 { &stripe.rows } else { &stripe.valid };
+        let buffers = [
+            ("source", Buffer::image(&only_in(readable, image.width(), &source))),
+            ("blurred", Buffer::image(&before)),
+        ];
+        let outputs = Kernel::new("polar_blur", &LOG_POLAR).run_frame(&frame, pass, image.groups(), &buffers);
+        let found = outputs.get::<[u32; 4]>("blurred");
+        for (x, y) in stripe.rows.clone().flat_map(|y| (0..image.width()).map(move |x| (x, y))) {
+            let at = (y * image.width() + x) as usize;
+            if x >= image.length(y) {
+                assert_eq!(found[at], before[at], "({x}, {y}) is no pixel");
+                continue;
+            }
+            let light = |x: u32, y: u32| rgb(source[(y * image.width() + x) as usize]);
+            let mut want = light(x, y);
+            let distance = if y < rim { 0.0 } else { image.distance(f64::from(y - rim) + 0.5) };
+            if y >= rim && begins < full && distance > begins {
+                let share = ((distance - begins) / (full - begins)).min(1.0);
+                let [low, high] = [stripe.valid.start.max(rim), stripe.valid.end.min(rows) - 1];
+                let [one, other] = match axis {
+                    0 => [light((x + columns - 1) % columns, y), light((x + 1) % columns, y)],
+                    _ => [light(x, (y - 1).max(low)), light(x, (y + 1).min(high))],
+                };
+                let gaussian = 0.25 * one + 0.5 * want + 0.25 * other;
+                want = want.lerp(gaussian, share);
+                cases.meet(if share < 1.0 { "a share" } else { "in full" });
+            } else {
+                cases.meet(if y < rim { "around the gaze" } else { "as it was" });
+            }
+            let off = (rgb(found[at].map(f32::from_bits)) - want).abs().max_element();
+            assert!(off < 1e-4, "({x}, {y}) of {stripe:?}: off by {off}");
+        }
+    }
+    cases.assert_met(&["a share", "in full", "around the gaze", "as it was"]);
 }

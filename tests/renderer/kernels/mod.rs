@@ -16,6 +16,7 @@ mod bmfr_accumulate;
 mod camera;
 mod compose;
 mod edges;
+mod eyes;
 mod fit;
 mod foveation;
 mod gradient;

@@ -1,12 +1,15 @@
 //! Visual-polar images: rays and image points against the formulas in f64, neighbours on rings, and the map to the screen.
 
+mod blur;
+
 use std::f64::consts::{PI, TAU};
 
 use diptych::stages::layout::{Camera, Display, Frame, PassConstants, View};
 use glam::{DVec2, DVec3, Vec2, Vec3, Vec3Swizzles};
 
 use super::camera::Eye;
-use super::harness::{Buffer, Kernel};
+use super::harness::{Buffer, Kernel, Stripe};
+use super::inputs::{Cases, Random};
 
 const POLAR: (&str, bool) = ("POLAR", true);
 
@@ -95,6 +98,21 @@ impl Polar {
             if acuity_within(middle) < sum { low = middle } else { high = middle }
         }
         low
+    }
+
+    /// The place in the rows at an eccentricity, degrees.
+    fn row_of(&self, degrees: f64) -> f64 {
+        if degrees < FOVEA_DEG {
+            return self.fovea_rows * degrees / FOVEA_DEG;
+        }
+        0.5 * self.fovea_rows * (1.0 + acuity_within(degrees) / FOVEA_AREA)
+    }
+
+    /// The place in a direction: in whole turns around the gaze, and in the rows.
+    fn place_of(&self, ray: DVec3) -> DVec2 {
+        let up = self.right.cross(self.gaze);
+        let turn = ray.dot(up).atan2(ray.dot(self.right)) / TAU;
+        DVec2::new(turn.rem_euclid(1.0), self.row_of(ray.angle_between(self.gaze).to_degrees()))
     }
 
     fn ray(&self, column: f64, row: f64, length: u32) -> DVec3 {
@@ -246,4 +264,57 @@ fn what_is_seen_in_a_direction_is_on_the_screen_where_it_is() {
             assert!(off < 0.05, "{gaze}: {off} at {at}, {e} degrees from the gaze");
         }
     }
+}
+
+/// An image whose pixels are numbered; what is no pixel is not finite.
+fn numbered(polar: &Polar) -> Vec<[f32; 4]> {
+    let mut image = vec![[f32::NAN; 4]; (polar.columns * polar.rows) as usize];
+    for (column, row) in polar.pixels() {
+        image[(row * polar.columns + column) as usize] = [column as f32, row as f32, 0.5, 2.0];
+    }
+    image
+}
+
+#[test]
+fn auxiliary_images_have_the_pixel_in_the_direction_of_the_screens() {
+    let (width, height) = (96, 58);
+    let mut cases = Cases::default();
+    for gaze in GAZES {
+        let polar = Polar::new(gaze);
+        let before = Random::new(181).rubbish::<4>((width * height) as usize);
+        for rows in [0..height, 20..29, 49..height] {
+            let stripe = Stripe { valid: 0..height, rows };
+            let pass = PassConstants { width, height, ..stripe.pass(1, [0; 3]) };
+            let groups = [width.div_ceil(8), (stripe.rows.end - stripe.rows.start).div_ceil(8)];
+            let buffers = [("polar", Buffer::whole(&numbered(&polar))), ("aov", Buffer::image(&before))];
+            let outputs = Kernel::new("aov_to_screen", &[POLAR]).run_frame(&polar.frame(), pass, groups, &buffers);
+            let aov = outputs.get::<[f32; 4]>("aov");
+            for (x, y) in stripe.rows.clone().flat_map(|y| (0..width).map(move |x| (x, y))) {
+                let at = DVec2::new(f64::from(x) + 0.5, f64::from(y) + 0.5);
+                let place = polar.place_of(polar.eye.ray(at, DVec2::new(width.into(), height.into())));
+                // Beyond the outermost ring, what it shows goes on.
+                let row = (place.y as u32).min(polar.rows - 1);
+                let column = place.x * f64::from(polar.length(row));
+                let is_beyond = place.y > f64::from(polar.rows) + 0.1;
+                // Towards the gaze all columns meet.
+                let is_clear = |v: f64, off: f64| (v - v.round()).abs() > off;
+                if place.y < 0.1 || !(is_beyond || is_clear(place.y, 2e-3)) || !is_clear(column, 2e-3) {
+                    cases.meet("left to rounding");
+                    continue;
+                }
+                cases.meet(match row {
+                    _ if is_beyond => "beyond the rings",
+                    row if f64::from(row) < polar.fovea_rows => "fovea",
+                    _ => "periphery",
+                });
+                assert_eq!(
+                    aov[(y * width + x) as usize],
+                    [column.floor() as f32, row as f32, 0.5, 2.0],
+                    "{gaze}: {at}"
+                );
+            }
+        }
+    }
+    cases.assert_met(&["fovea", "periphery", "beyond the rings"]);
+    assert!(cases.count("left to rounding") < 500, "{} are left to rounding", cases.count("left to rounding"));
 }
