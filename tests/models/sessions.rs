@@ -51,6 +51,7 @@ fn row(index: u32) -> FrameRow {
         right_eye: None,
         nonfinite_samples: 0,
         clipped_pixels: 0,
+        bodies_left_out: 0,
         stripes: vec![180, 180],
         stage_stripes: BTreeMap::from([("path_trace.left".to_owned(), vec![180, 180])]),
         transferred_bytes: 4096,
