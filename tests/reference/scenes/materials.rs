@@ -117,7 +117,7 @@ fn opaque_with_a_volume() -> (Scene, Pinhole) {
     add_panels(&mut scene, [opaque.clone(), glass(Vec3::ONE, 0.3), opaque]);
     let panels = scene.instances.len() - 3;
     for panel in &mut scene.instances[panels..] {
-        panel.world_from_local = panel.world_from_local * Affine3A::from_rotation_y(std::f32::consts::PI);
+        panel.world_from_local *= Affine3A::from_rotation_y(std::f32::consts::PI);
     }
     (scene, camera())
 }
