@@ -78,7 +78,14 @@ impl Release {
         let mut script = Command::new("sh");
         script.arg(self.path("tools/release-check.sh")).args(steps);
         script.env("PATH", path).env("NEWER_MESA", newer_mesa).env_remove("MAKE").env_remove("RUSTC");
-        script.env_remove("CARGO_TARGET_DIR").env_remove("GOLDEN").output().unwrap().status.success()
+        script
+            .env_remove("CARGO")
+            .env_remove("CARGO_TARGET_DIR")
+            .env_remove("GOLDEN")
+            .output()
+            .unwrap()
+            .status
+            .success()
     }
 
     fn report(&self) -> String {
