@@ -77,10 +77,11 @@ fn along_u(mesh: &Mesh, map: TextureRef) -> Vec<Vec3> {
     along
 }
 
-/// Of a corner: its tangent, and how far a position moves with u there.
+/// A corner's tangent, and how far a position moves with u there.
 type Made = Option<(Vec4, f32)>;
 
-/// What MikkTSpace makes of each corner; none where it has nothing to say. Also whether every triangle with an area was taken.
+/// Makes a tangent for each corner by MikkTSpace, none where that has nothing to say. Also returns whether every triangle
+/// with an area was taken.
 fn generate(mesh: &Mesh, map: TextureRef) -> (Vec<[Made; 3]>, bool) {
     let uvs = mesh.uvs[map.uv_set].iter().map(|&uv| map.uv_from_uv.transform_point2(uv)).collect();
     let bits = |v: u32| mesh.positions[v as usize].to_array().map(f32::to_bits);
