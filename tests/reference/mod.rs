@@ -29,6 +29,7 @@ pub mod microfacet;
 pub mod sampling;
 pub mod scenes;
 pub mod surface;
+pub mod tangents;
 pub mod texture;
 pub mod ztest;
 

@@ -2,11 +2,14 @@
 
 use crate::common::{Stage, Subject, is_thorough, still_rig};
 use crate::reference::scenes::{lit, materials, matte, moving};
+use crate::reference::tangents;
 use crate::reference::ztest::{Estimate, assert_agrees, compare, mean_and_variance, verdict};
 use crate::reference::{Pinhole, Reference};
 use diptych::exec::RenderSettings;
 use diptych::image::{Extent, RgbImage};
 use diptych::scene::Scene;
+use diptych::scene::gltf;
+use diptych::scene::load::load_shot;
 use diptych::scene::rig::Eye;
 use diptych::stages::Sampler;
 
@@ -184,6 +187,33 @@ fn scenes_that_move_are_unbiased_at_every_time() {
         (moving::switched(), 1.3),
     ];
     hold_at(scenes.map(|(scene, time_s)| (subject((scene, moving::camera())), time_s)), &MOVING);
+}
+
+/// Tangents that are not in the file are those that glTF names: of base maps and coats', of both coordinate sets, without
+/// normals too, and where the image is mirrored.
+#[test]
+fn normal_maps_without_tangents_are_those_of_the_definition() {
+    let (scene, camera) = materials::mapped_without_tangents();
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("mapped.glb");
+    gltf::write(&file, &scene).unwrap();
+    let (_, mut loaded) = load_shot(file.to_str().unwrap()).unwrap();
+    (loaded.environment, loaded.lights) = (scene.environment, scene.lights);
+    let mut subject = subject((loaded, camera));
+    let mut mapped = 0;
+    for mesh in &mut subject.scene.meshes {
+        let material = &subject.scene.materials[mesh.material];
+        let Some(map) = material.normal_map.or(material.clearcoat.normal_map) else { continue };
+        let found = mesh.tangents.clone();
+        tangents::define(mesh, map.texture);
+        for (found, expected) in found.iter().zip(&mesh.tangents) {
+            assert!(found.distance(*expected) < 1e-3, "{found} is not {expected}");
+        }
+        mapped += 1;
+    }
+    assert_eq!(mapped, 3);
+    // Enough to see an image that is turned over where it is mirrored.
+    hold_against_the_reference([subject], &CARD);
 }
 
 #[test]

@@ -190,8 +190,11 @@ impl Vertices<'_, '_> {
         ];
         let still: usize = attributes.iter().filter(|(is_there, _)| *is_there).map(|(_, bytes)| bytes).sum();
         let influence = if self.wanted.influences { size_of::<Influence>() } else { 0 };
-        let moved = influence + morphs::bytes_per_vertex(self.targets());
-        let made = mapped && !has(Semantic::Tangents);
+        let made = mapped && !(has(Semantic::Tangents) && has(Semantic::Normals));
+        // Tangents of each target; while they are made, also positions and normals of one, and derivatives of two.
+        let targets = self.targets().len();
+        let made_of_targets = if made && targets > 0 { (targets + 4) * size_of::<Vec3>() } else { 0 };
+        let moved = influence + morphs::bytes_per_vertex(self.targets()) + made_of_targets;
         let per_triangle = size_of::<[u32; 3]>() + if made { tangents::BYTES_PER_TRIANGLE + 6 * moved } else { 0 };
         (self.used.len() * (still + moved) + triangles * per_triangle) as u64
     }

@@ -33,11 +33,56 @@ pub fn give(mesh: &mut Mesh, map: TextureRef, given: Option<Vec<Vec4>>, place: &
             warnings.note("normal maps are left out where very many triangles meet", place);
         }
         split(mesh, &tangents);
+        morph(mesh, map);
     }
 }
 
-/// A tangent per corner; none where MikkTSpace has nothing to say. Also whether every triangle with an area was taken.
-fn generate(mesh: &Mesh, map: TextureRef) -> (Vec<[Option<Vec4>; 3]>, bool) {
+/// Gives each morph target the tangents of its shape, since a mesh without tangents has those of its moved vertices (glTF
+/// 2.0, 3.7.2.2). Directions in which u grows blend as positions do, so offsets are in units of their size at rest.
+fn morph(mesh: &mut Mesh, map: TextureRef) {
+    let mut morphs = std::mem::take(&mut mesh.morphs);
+    let rest = if morphs.is_empty() { Vec::new() } else { along_u(mesh, map) };
+    for morph in &mut morphs {
+        morph.tangents = Vec::new();
+        let moved = |rest: &[Vec3], by: &[Vec3]| -> Vec<Vec3> {
+            rest.iter().enumerate().map(|(i, v)| v + by.get(i).copied().unwrap_or_default()).collect()
+        };
+        let mut positions = moved(&mesh.positions, &morph.positions);
+        let mut normals = moved(&mesh.normals, &morph.normals);
+        normals.iter_mut().zip(&mesh.normals).for_each(|(n, rest)| *n = n.normalize_or(*rest));
+        if positions == mesh.positions && normals == mesh.normals || positions.iter().any(|p| !p.is_finite()) {
+            continue;
+        }
+        std::mem::swap(&mut positions, &mut mesh.positions);
+        std::mem::swap(&mut normals, &mut mesh.normals);
+        let shape = along_u(mesh, map);
+        (mesh.positions, mesh.normals) = (positions, normals);
+        let offset = |((shape, rest), tangent): ((&Vec3, &Vec3), &Vec4)| {
+            let offset = *shape / rest.length() - tangent.truncate();
+            if *shape != Vec3::ZERO && offset.is_finite() { offset } else { Vec3::ZERO }
+        };
+        morph.tangents = shape.iter().zip(&rest).zip(&mesh.tangents).map(offset).collect();
+    }
+    mesh.morphs = morphs;
+}
+
+/// Returns the derivative of each vertex's position along u, in its tangent's direction; 0 where it has none.
+fn along_u(mesh: &Mesh, map: TextureRef) -> Vec<Vec3> {
+    let mut along = vec![Vec3::ZERO; mesh.positions.len()];
+    for (&vertex, made) in mesh.triangles.as_flattened().iter().zip(generate(mesh, map).0.as_flattened()) {
+        if let Some((tangent, size)) = made {
+            along[vertex as usize] = *size * tangent.truncate();
+        }
+    }
+    along
+}
+
+/// A corner's tangent, and how far a position moves with u there.
+type Made = Option<(Vec4, f32)>;
+
+/// Makes a tangent for each corner by MikkTSpace, none where that has nothing to say. Also returns whether every triangle
+/// with an area was taken.
+fn generate(mesh: &Mesh, map: TextureRef) -> (Vec<[Made; 3]>, bool) {
     let uvs = mesh.uvs[map.uv_set].iter().map(|&uv| map.uv_from_uv.transform_point2(uv)).collect();
     let bits = |v: u32| mesh.positions[v as usize].to_array().map(f32::to_bits);
     let mut crowd: HashMap<[u32; 3], u32> = HashMap::new();
@@ -67,7 +112,7 @@ struct Corners<'a> {
     /// The triangles to look at.
     faces: Vec<usize>,
     /// Per triangle of the mesh.
-    tangents: Vec<[Option<Vec4>; 3]>,
+    tangents: Vec<[Made; 3]>,
 }
 
 impl Corners<'_> {
@@ -105,7 +150,8 @@ impl bevy_mikktspace::Geometry for Corners<'_> {
     fn set_tangent(&mut self, made: Option<TangentSpace>, face: usize, corner: usize) {
         let encode = |made: TangentSpace| {
             let direction = Vec3::from_array(made.tangent()).try_normalize()?;
-            Some(direction.extend(if made.is_orientation_preserving() { -1.0 } else { 1.0 }))
+            let sign = if made.is_orientation_preserving() { -1.0 } else { 1.0 };
+            Some((direction.extend(sign), made.tangent_magnitude()))
         };
         self.tangents[self.faces[face]][corner] = made.and_then(encode);
     }
@@ -113,12 +159,12 @@ impl bevy_mikktspace::Geometry for Corners<'_> {
 
 /// Gives each vertex the tangent of its corners; where they disagree, the others get copies of it. Corners without a
 /// tangent take their vertex's, which without any is zero.
-fn split(mesh: &mut Mesh, corners: &[[Option<Vec4>; 3]]) {
+fn split(mesh: &mut Mesh, corners: &[[Made; 3]]) {
     let mut tangents: Vec<Option<Vec4>> = vec![None; mesh.positions.len()];
     let mut copies: HashMap<(u32, [u32; 4]), u32> = HashMap::new();
     let Mesh { positions, normals, uvs: [uvs_0, uvs_1], colors, triangles, influences, morphs, .. } = mesh;
     for (vertex, &tangent) in triangles.as_flattened_mut().iter_mut().zip(corners.as_flattened()) {
-        let Some(tangent) = tangent else { continue };
+        let Some((tangent, _)) = tangent else { continue };
         let original = *vertex as usize;
         if *tangents[original].get_or_insert(tangent) == tangent {
             continue;

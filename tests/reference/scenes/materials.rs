@@ -3,8 +3,8 @@
 //! To add a row: a function that returns the scene and its camera, and its line in [`ALL`]. Keep small bright lights
 //! away from smooth glass and metal, for their caustics hide every bias.
 
-use diptych::scene::{AlphaMode, Clearcoat, Light, LightKind, Material, Scene, Volume};
-use glam::{Affine3A, Vec3, vec3, vec4};
+use diptych::scene::{AlphaMode, Clearcoat, Light, LightKind, Material, Mesh, NormalMap, Scene, Volume};
+use glam::{Affine3A, Vec3, vec2, vec3, vec4};
 
 use super::studio::{Pictures, add_balls, add_panels, camera, dielectric, glass, metal, second, studio, turned};
 use super::{add_material, add_matte, add_mesh, block, icosphere, instance, matte, place, quad, scaled_at};
@@ -270,4 +270,47 @@ fn ior_one_and_zero() -> (Scene, Pinhole) {
     let passing = Material { specular: 0.6, volume: amber(0.6), transmission: 1.0, ..tinted.clone() };
     add_balls(&mut scene, [haze, tinted, passing]);
     (scene, camera())
+}
+
+/// Normal maps, on the base or on a coat alone, of bent sheets without tangents.
+pub fn mapped_without_tangents() -> (Scene, Pinhole) {
+    let mut scene = studio("normal maps without tangents");
+    let map = Pictures::add(&mut scene).waves;
+    let on = |texture| Some(NormalMap { texture, scale: 1.0 });
+    let coat = Clearcoat { factor: 1.0, roughness: 0.3, normal_map: on(second(map)), ..Clearcoat::default() };
+    let materials = [
+        (Material { normal_map: on(turned(map)), ..metal(vec3(0.9, 0.6, 0.3), 0.4) }, true),
+        (Material { clearcoat: coat, ..dielectric(vec3(0.1, 0.2, 0.3), 0.8) }, true),
+        (Material { normal_map: on(map), ..metal(vec3(0.5, 0.8, 0.6), 0.4) }, false),
+    ];
+    for (i, (material, has_normals)) in materials.into_iter().enumerate() {
+        let material = add_material(&mut scene, material);
+        let mesh = add_mesh(&mut scene, bent_sheet(material, has_normals));
+        instance(&mut scene, mesh, Affine3A::from_translation(vec3(1.05 * (i as f32 - 1.0), 0.55, 0.0)));
+    }
+    (scene, camera())
+}
+
+/// A sheet that is bent around an upright axis. On both coordinate sets its image is mirrored in the middle, where vertices
+/// are shared.
+fn bent_sheet(material: usize, has_normals: bool) -> Mesh {
+    const COLUMNS: u32 = 8;
+    const ROWS: u32 = 5;
+    let mut mesh = Mesh { material, ..Mesh::default() };
+    for (row, column) in (0..=ROWS).flat_map(|row| (0..=COLUMNS).map(move |column| (row, column))) {
+        let [s, t] = [column as f32 / COLUMNS as f32 - 0.5, row as f32 / ROWS as f32];
+        let (sin, cos) = (2.0 * s).sin_cos();
+        mesh.positions.push(vec3(0.5 * sin, t - 0.5, 0.4 * cos - 0.3));
+        if has_normals {
+            mesh.normals.push(vec3(0.4 * sin, 0.0, 0.5 * cos).normalize());
+        }
+        mesh.uvs[0].push(vec2(2.0 * s.abs() + 0.4 * t, 1.0 - 0.5 * t * (1.0 + t)));
+        mesh.uvs[1].push(vec2(t, 1.5 * s.abs() + 0.2 * t));
+    }
+    let at = |row: u32, column: u32| row * (COLUMNS + 1) + column;
+    for (row, column) in (0..ROWS).flat_map(|row| (0..COLUMNS).map(move |column| (row, column))) {
+        let [a, b, c, d] = [at(row, column), at(row, column + 1), at(row + 1, column + 1), at(row + 1, column)];
+        mesh.triangles.extend([[a, b, c], [a, c, d]]);
+    }
+    mesh
 }

@@ -101,6 +101,35 @@ fn vertices_are_split_where_the_image_is_mirrored() {
     }
 }
 
+/// A mesh without tangents has those of its moved vertices, whatever its targets say.
+#[test]
+fn morph_targets_have_the_tangents_of_their_shapes() {
+    // The right side is lifted by the first, and turned out of the plane by the second.
+    let lift = [0.0, 0.0, 0.0, 0.0, 2.0, 0.0, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0];
+    let turn = [0.0, 0.0, 0.0, -0.5, 0.0, 0.5, -0.5, 0.0, 0.5, 0.0, 0.0, 0.0];
+    let wrong = [0.0, 0.0, 7.0].repeat(4);
+    for has_normals in [true, false] {
+        let mut draft = quad(UPRIGHT);
+        if !has_normals {
+            let attributes = &mut draft.json["meshes"][0]["primitives"][0]["attributes"];
+            attributes.as_object_mut().unwrap().remove("NORMAL");
+        }
+        let targets = [lift, turn].map(|offsets| {
+            let [positions, tangents] = [&offsets[..], &wrong[..]].map(|values| draft.floats("VEC3", values));
+            json!({"POSITION": positions, "TANGENT": tangents})
+        });
+        draft.json["meshes"][0]["primitives"][0]["targets"] = json!(targets);
+        for weights in [[0.0, 0.0], [1.0, 0.0], [0.25, 0.0], [0.0, 1.0]] {
+            draft.json["meshes"][0]["weights"] = json!(weights);
+            let [lift, turn] = weights;
+            // Tangents are perpendicular to the normals of the file, which stay.
+            let out = if has_normals { 0.0 } else { 0.5 * turn };
+            let along_u = Vec3::new(1.0 - 0.5 * turn, 2.0 * lift, out).normalize();
+            assert_all(&draft.scene().meshes[0], along_u.extend(1.0));
+        }
+    }
+}
+
 #[test]
 fn tangents_of_the_file_are_kept_where_a_map_needs_them() {
     let mut draft = quad(UPRIGHT);
