@@ -36,5 +36,4 @@ mod svgf;
 mod tally;
 mod tonemap;
 mod variance;
-
 mod visual_polar;

@@ -34,17 +34,17 @@ fn acuity_within(degrees: f64) -> f64 {
 }
 
 /// An eye's image.
-struct Polar {
-    eye: Eye,
+pub struct Polar {
+    pub eye: Eye,
     gaze: DVec3,
     right: DVec3,
-    columns: u32,
-    rows: u32,
+    pub columns: u32,
+    pub rows: u32,
     fovea_rows: f64,
 }
 
 impl Polar {
-    fn new(gaze: DVec2) -> Self {
+    pub fn new(gaze: DVec2) -> Self {
         let eye = Eye::at_origin(Vec2::new(1.0, 0.6)).moved(DVec3::new(0.2, -0.1, 0.4), 0.3, -0.2);
         let (right, up, forward) = (eye.right.as_dvec3(), eye.up.as_dvec3(), eye.forward.as_dvec3());
         let gaze = (forward + right * gaze.x + up * gaze.y).normalize();
@@ -63,7 +63,7 @@ impl Polar {
         }
     }
 
-    fn frame(&self) -> Frame {
+    pub fn frame(&self) -> Frame {
         Frame {
             camera: Camera {
                 views: [self.view(); 2],
@@ -77,12 +77,12 @@ impl Polar {
         }
     }
 
-    fn length(&self, row: u32) -> u32 {
+    pub fn length(&self, row: u32) -> u32 {
         let length = (f64::from(self.columns) * (f64::from(row) + 0.5) / self.fovea_rows).ceil();
         (length as u32).clamp(1, self.columns)
     }
 
-    fn pixels(&self) -> impl Iterator<Item = (u32, u32)> {
+    pub fn pixels(&self) -> impl Iterator<Item = (u32, u32)> {
         (0..self.rows).flat_map(|row| (0..self.length(row)).map(move |column| (column, row)))
     }
 
@@ -109,7 +109,7 @@ impl Polar {
     }
 
     /// The place in a direction: in whole turns around the gaze, and in the rows.
-    fn place_of(&self, ray: DVec3) -> DVec2 {
+    pub fn place_of(&self, ray: DVec3) -> DVec2 {
         let up = self.right.cross(self.gaze);
         let turn = ray.dot(up).atan2(ray.dot(self.right)) / TAU;
         DVec2::new(turn.rem_euclid(1.0), self.row_of(ray.angle_between(self.gaze).to_degrees()))
