@@ -1,4 +1,4 @@
-//! From rectified images to what eyes show, also from where they are later.
+//! Resampling of rectified images to those that eyes show, also from where they are later.
 
 mod twin;
 
