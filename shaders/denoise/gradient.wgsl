@@ -24,7 +24,7 @@ fn all_luminance(light: SplitLight) -> f32 {
 fn light_again(hit: vec4<u32>, position: vec3<f32>, origin: vec3<f32>, pixel: vec2<u32>) -> SplitLight {
     let direction = normalize(position - origin);
     let first = surface_at(hit.x, bitcast<vec2<f32>>(hit.yz), origin, direction);
-    // With the settings of the frame before: its quality may be another.
+    // The frame before may have had another quality: its own settings apply.
     var rng = rng_in(previous.sampling, pixel, 0u, 0u);
     let path = trace_path(first, direction, previous.sampling, &rng);
     // Samples that are dropped are black.

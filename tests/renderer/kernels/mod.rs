@@ -8,7 +8,7 @@
 //! [`harness`] asserts that rows outside the stripe are not written.
 //!
 //! The test of a new kernel is one more file: a twin, inputs, and a call of [`harness::Kernel::run`] that names the
-//! shader's bindings.
+//! shader's bindings. [`harness::Kernel::with_scene`] makes a kernel that reads a scene.
 
 mod accumulate;
 mod atrous;
@@ -36,5 +36,4 @@ mod svgf;
 mod tally;
 mod tonemap;
 mod variance;
-
 mod visual_polar;

@@ -34,7 +34,7 @@ struct Case {
     gloss: bool,
     view: usize,
     motion: Motion,
-    /// Of this frame and of the one before.
+    /// Samples per pixel of this frame and of the one before.
     spp: u32,
     last_spp: u32,
     seed: u64,

@@ -1,4 +1,4 @@
-//! From rectified images to what eyes show, also from where they are later.
+//! Resampling of rectified images to those that eyes show, also from where they are later.
 
 mod twin;
 
@@ -11,6 +11,7 @@ use super::harness::{Buffer, Kernel, Outputs, Stripe};
 use super::inputs::{Cases, HEIGHT, Random, WIDTH};
 use super::pack::{floats, rgb};
 use super::tonemap::{display_levels, shows};
+use super::visual_polar::Polar;
 
 /// Columns and rows of what is shown.
 const SIZE: [u32; 2] = [26, 17];
@@ -61,7 +62,9 @@ fn run(
     let [width, height] = SIZE;
     let pass = PassConstants { width, height, ..stripe.pass(view, [WIDTH, HEIGHT, is_motion.into()]) };
     let groups = [width.div_ceil(8), (pass.row_end - pass.row_begin).div_ceil(8)];
-    Kernel::new(kernel, &[]).run_frame(frame, pass, groups, buffers)
+    let polar = [("POLAR", true)];
+    let overrides = if frame.camera.views[0].rows > 0.0 { &polar[..] } else { &[] };
+    Kernel::new(kernel, overrides).run_frame(frame, pass, groups, buffers)
 }
 
 /// The whole image, and stripes at its borders and inside. All of the rectified image may be read.
@@ -77,7 +80,7 @@ fn pixels(stripe: &Stripe) -> impl Iterator<Item = (usize, DVec2)> + use<> {
 }
 
 const SCALES: [f64; 4] = [0.05, 0.8, 2.5, 12.0];
-/// Where an eye is later, in pixels of the rectified image times the distance.
+/// Places of later eyes, in pixels of the rectified image times the distance.
 const MOVED: [DVec3; 3] = [DVec3::ZERO, DVec3::new(5.0, -3.0, 0.2), DVec3::new(-4.0, 2.0, -0.4)];
 
 /// A rectified image with the distances of what it shows; some of it is sky, and some behind the eye as it is later.
@@ -178,6 +181,51 @@ fn later_eyes_see_surfaces_where_they_are_from_there() {
     }
     cases.assert_met(&SHAPES);
     cases.assert_met(&["where it was", "moved", "sky", "behind the eye"]);
+    let unclear = cases.count("left to rounding");
+    assert!(unclear < 50, "{unclear} pixels are left to rounding, {} are not", cases.count("moved"));
+}
+
+/// Surfaces are as far as a visual-polar image says, whose pixels beyond the ends of its rings are not finite.
+#[test]
+fn later_eyes_find_surfaces_in_polar_images() {
+    let mut random = Random::new(177);
+    let mut cases = Cases::default();
+    let polar = Polar::new(DVec2::new(-0.2, 0.1));
+    let distance = |column: u32, row: u32| match (column / 20 + row / 9) % 4 {
+        0 => 0.0,
+        band => 3.0 + 0.1 * f64::from(band),
+    };
+    let mut emission = vec![[f32::NAN; 4]; (polar.columns * polar.rows) as usize];
+    for (column, row) in polar.pixels() {
+        emission[(row * polar.columns + column) as usize] = floats(DVec3::ONE, distance(column, row));
+    }
+    let image = Rectified { emission, ..Rectified::new(&mut random, 0) };
+    let size = image.constants.size();
+    let eyes = [0, 1].map(|_| shown(&mut random, 0.7, MOVED[1]));
+    let (shown, eyes) = frame(&image.constants, eyes);
+    let camera = Camera { shown: shown.camera.shown, ..polar.frame().camera };
+    let frame = Frame { camera, display: shown.display, ..polar.frame() };
+    for (stripe, view) in stripes() {
+        let place = |at, cases: &mut Cases| {
+            let is_clear = std::cell::Cell::new(true);
+            let found = eyes[view].later_place(
+                at,
+                |[x, y]| {
+                    let through = DVec2::new(x as f64, y as f64) + 0.5;
+                    let place = polar.place_of(polar.eye.ray(through, size));
+                    let row = (place.y as u32).min(polar.rows - 1);
+                    let column = place.x * f64::from(polar.length(row));
+                    let off = |v: f64| (v - v.round()).abs();
+                    is_clear.set(is_clear.get() && off(place.y).min(off(column)) > 2e-3);
+                    depth(&polar.eye, distance(column as u32, row), through, size)
+                },
+                cases,
+            );
+            found.filter(|_| is_clear.get())
+        };
+        compare_light("to_later_eye", &image, &frame, (&stripe, view), &mut cases, place);
+    }
+    cases.assert_met(&["moved", "sky"]);
     let unclear = cases.count("left to rounding");
     assert!(unclear < 50, "{unclear} pixels are left to rounding, {} are not", cases.count("moved"));
 }

@@ -11,7 +11,7 @@ const WIDTHS: [f64; 2] = [0.1, 8.0];
 /// Rounds in which the surface is looked for that an eye sees from elsewhere.
 const ROUNDS: u32 = 8;
 
-/// What an eye shows of its rectified image, which has `size` pixels.
+/// Map from the image that an eye shows to its rectified one, which has `size` pixels.
 #[derive(Clone, Copy)]
 pub struct Shown {
     pub from_shown: DMat3,

@@ -34,17 +34,17 @@ fn acuity_within(degrees: f64) -> f64 {
 }
 
 /// An eye's image.
-struct Polar {
-    eye: Eye,
+pub struct Polar {
+    pub eye: Eye,
     gaze: DVec3,
     right: DVec3,
-    columns: u32,
-    rows: u32,
+    pub columns: u32,
+    pub rows: u32,
     fovea_rows: f64,
 }
 
 impl Polar {
-    fn new(gaze: DVec2) -> Self {
+    pub fn new(gaze: DVec2) -> Self {
         Self::with_fovea(gaze, 0.21)
     }
 
@@ -68,7 +68,7 @@ impl Polar {
         }
     }
 
-    fn frame(&self) -> Frame {
+    pub fn frame(&self) -> Frame {
         Frame {
             camera: Camera {
                 views: [self.view(); 2],
@@ -82,13 +82,13 @@ impl Polar {
         }
     }
 
-    fn length(&self, row: u32) -> u32 {
+    pub fn length(&self, row: u32) -> u32 {
         let short = self.fovea_rows.min(0.5 * f64::from(self.rows));
         let length = (f64::from(self.columns) * (f64::from(row) + 0.5) / short).ceil();
         (length as u32).clamp(1, self.columns)
     }
 
-    fn pixels(&self) -> impl Iterator<Item = (u32, u32)> {
+    pub fn pixels(&self) -> impl Iterator<Item = (u32, u32)> {
         (0..self.rows).flat_map(|row| (0..self.length(row)).map(move |column| (column, row)))
     }
 
@@ -115,7 +115,7 @@ impl Polar {
     }
 
     /// The place in a direction: in whole turns around the gaze, and in the rows.
-    fn place_of(&self, ray: DVec3) -> DVec2 {
+    pub fn place_of(&self, ray: DVec3) -> DVec2 {
         let up = self.right.cross(self.gaze);
         let turn = ray.dot(up).atan2(ray.dot(self.right)) / TAU;
         DVec2::new(turn.rem_euclid(1.0), self.row_of(ray.angle_between(self.gaze).to_degrees()))
