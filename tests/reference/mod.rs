@@ -33,6 +33,7 @@ pub mod tangents;
 pub mod texture;
 pub mod ztest;
 
+use std::ops::Range;
 use std::sync::Mutex;
 
 use diptych::image::Extent;
@@ -85,6 +86,9 @@ pub enum Emitters {
     /// Bounce rays run into it.
     BounceHits,
 }
+
+/// Samples of each light at the first surface of a path.
+const FIRST_LIGHT_SAMPLES: u32 = 2;
 
 enum Found {
     Nothing,
@@ -155,13 +159,43 @@ impl<'a> Reference<'a> {
                 }
             }
         };
-        let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
-        std::thread::scope(|scope| {
-            for _ in 0..threads {
-                scope.spawn(work);
-            }
-        });
+        on_all_cores(work);
         Estimate::from_moments(extent, &pixels)
+    }
+
+    /// Independent renders of `spp` paths per pixel, one for each of the `seeds`. The paths of a render are points of a
+    /// lattice, so that errors cancel within a pixel and among pixels: best are powers of two, of pixels as well.
+    pub fn renders(
+        &self,
+        camera: &Pinhole,
+        extent: Extent,
+        spp: u32,
+        bounces: u32,
+        seeds: Range<u64>,
+    ) -> Vec<Vec<[f64; 3]>> {
+        let pixel = |seed: u64, (x, y): (u32, u32)| {
+            let path = |index: u32| {
+                let mut rng = Rng::of_lattice(seed, u64::from((y * extent.width + x) * spp + index));
+                let [jx, jy] = rng.uniforms();
+                self.radiance(camera.ray(f64::from(x) + jx, f64::from(y) + jy, extent), bounces, &mut rng)
+            };
+            ((0..spp).map(path).sum::<DVec3>() / f64::from(spp)).to_array()
+        };
+        let render = |seed: u64| {
+            let pixels = (0..extent.height).flat_map(|y| (0..extent.width).map(move |x| (x, y)));
+            pixels.map(|at| pixel(seed, at)).collect::<Vec<_>>()
+        };
+        let mut renders = vec![Vec::new(); seeds.clone().count()];
+        let rest = Mutex::new(seeds.zip(&mut renders));
+        let work = || {
+            loop {
+                let next = rest.lock().unwrap().next();
+                let Some((seed, place)) = next else { break };
+                *place = render(seed);
+            }
+        };
+        on_all_cores(work);
+        renders
     }
 
     /// Mean radiance that arrives at `origin` from the way `direction` points, as an image of one pixel.
@@ -199,7 +233,11 @@ impl<'a> Reference<'a> {
             let Some(bsdf) = surface.bsdf.as_ref().filter(|_| reflections < most_reflections) else {
                 break;
             };
-            radiance += segment.throughput * lighting.direct(&Receiver { surface, bsdf, medium: &segment.medium }, rng);
+            let receiver = Receiver { surface, bsdf, medium: &segment.medium };
+            // Direct light of the first surface makes most of the noise, and further samples cost little beside a path.
+            let samples = if reflections == 0 { FIRST_LIGHT_SAMPLES } else { 1 };
+            let direct: DVec3 = (0..samples).map(|_| lighting.direct(&receiver, rng)).sum();
+            radiance += segment.throughput * direct / f64::from(samples);
             let Some(scattered) = bsdf.sample(rng.uniforms()) else {
                 break;
             };
@@ -279,4 +317,13 @@ impl<'a> Reference<'a> {
         let light = &self.surfaces.scene.lights[sphere.light];
         lights::sphere_radiance(light, sphere.radius, from_centre.normalize())
     }
+}
+
+fn on_all_cores(work: impl Fn() + Copy + Send) {
+    let threads = std::thread::available_parallelism().map_or(1, |n| n.get());
+    std::thread::scope(|scope| {
+        for _ in 0..threads {
+            scope.spawn(work);
+        }
+    });
 }

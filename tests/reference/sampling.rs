@@ -20,12 +20,39 @@ fn unit_from_bits(bits: u64) -> f64 {
 /// SplitMix64, one generator per (seed, stream); a stream is a pixel.
 pub struct Rng {
     state: u64,
+    point: Option<LatticePoint>,
 }
+
+/// A point of a lattice whose coordinates are drawn one after another.
+struct LatticePoint {
+    /// Van der Corput's radical inverse of the point's number, in units of 2^-64.
+    step: u64,
+    shift: u64,
+    drawn: usize,
+}
+
+/// Generating vector of a rank-1 lattice of up to 2^20 points (`exod2_base2_m20` of Kuo and Nuyens; Cools, Kuo & Nuyens,
+/// "Constructing embedded lattice rules for multivariate integration", SIAM J. Sci. Comput. 28(6), 2006). Any vector gives
+/// the same mean: a good one makes less noise.
+const GENERATOR: [u64; 40] = [
+    1, 182667, 469891, 498753, 110745, 446247, 250185, 118627, 245333, 283199, 408519, 391023, 246327, 126539, 399185,
+    461527, 300343, 69681, 516695, 436179, 106383, 238523, 413283, 70841, 47719, 300129, 113029, 123925, 410745,
+    211325, 17489, 511893, 40767, 186077, 519471, 255369, 101819, 243573, 66189, 152143,
+];
 
 impl Rng {
     pub fn new(seed: u64, stream: u64) -> Self {
         let state = mix(mix(seed.wrapping_add(GOLDEN)) ^ mix(stream.wrapping_mul(GOLDEN)));
-        Self { state }
+        Self { state, point: None }
+    }
+
+    /// Draws its first uniform numbers from the point `index` of an extensible lattice, shifted at random by `seed` (Cranley
+    /// & Patterson 1976). 2^k points with one seed, from a multiple of 2^k on, make less noise than independent numbers;
+    /// each has the same distribution.
+    pub fn of_lattice(seed: u64, index: u64) -> Self {
+        let shift = Self::new(seed, 0).state;
+        let state = mix(shift ^ mix(index.wrapping_add(GOLDEN)));
+        Self { state, point: Some(LatticePoint { step: index.reverse_bits(), shift, drawn: 0 }) }
     }
 
     pub fn bits(&mut self) -> u64 {
@@ -35,7 +62,12 @@ impl Rng {
 
     /// Uniform in [0, 1).
     pub fn uniform(&mut self) -> f64 {
-        unit_from_bits(self.bits())
+        let Some((generator, point)) = self.point.as_mut().and_then(|p| Some((GENERATOR.get(p.drawn)?, p))) else {
+            return unit_from_bits(self.bits());
+        };
+        point.drawn += 1;
+        let shift = mix(point.shift.wrapping_add(GOLDEN.wrapping_mul(point.drawn as u64)));
+        unit_from_bits(point.step.wrapping_mul(*generator).wrapping_add(shift))
     }
 
     pub fn uniforms<const N: usize>(&mut self) -> [f64; N] {

@@ -1,5 +1,6 @@
 //! N devices give the same bytes as one, however rows are shared out, and so do more general and more checked shaders.
 
+mod needs;
 mod quality;
 
 use crate::common::{Stage, Subject, devices_to_lose, diptych, is_thorough, shared_shot};
@@ -8,7 +9,6 @@ use diptych::exec::{RenderSettings, Stereo};
 use diptych::graph::{Assignment, HaloPlan, Seam};
 use diptych::image::RgbImage;
 use diptych::quality::{Denoiser, LogPolar, PolarSpace, Quality};
-use diptych::scene::needs::SceneNeeds;
 use diptych::scene::shot::Gaze;
 use diptych::schedule::{CostModel, Effort, Even, Heft, Measured, Policy, Static};
 use diptych::stages::{Foveation, Polar, Sampler};
@@ -337,23 +337,6 @@ fn scenes_from_files_give_the_bytes_of_one_device() {
             let subject = Subject::load(&shot);
             hold_against_one_device(&subject, &subject.denoised(WIDTH, HEIGHT), &[3]);
         }
-    }
-}
-
-#[test]
-fn code_that_a_scene_does_not_need_changes_no_byte() {
-    // Compiling everything is dear, and several samples need it once more.
-    let all = [("builtin:cornell", 1), ("builtin:forest", 1), ("builtin:checker", 3), ("builtin:checker", 1)];
-    let count = if is_thorough() { all.len() } else { 1 };
-    for (shot, spp) in all.into_iter().take(count) {
-        let subject = Subject::load(shot);
-        let mut settings = subject.denoised(48, 27);
-        settings.stages.spp = spp;
-        settings.stages.needs = subject.needs;
-        let needed = Stage::alone(&subject, &settings).frame(0).linear;
-        settings.stages.needs = SceneNeeds::ALL;
-        let all = Stage::alone(&subject, &settings).frame(0).linear;
-        assert_same(&format!("{shot} at {spp} spp with everything compiled in"), &needed, &all);
     }
 }
 

@@ -4,7 +4,9 @@ use std::f64::consts::PI;
 
 use diptych::image::{Extent, Image, RgbImage};
 
+use crate::reference::Reference;
 use crate::reference::sampling::Rng;
+use crate::reference::scenes::matte;
 use crate::reference::ztest::{Estimate, Moments, assert_agrees, compare, mean_and_variance, verdict};
 
 /// K renders of independent noise around `mean`, standard deviation 0.3.
@@ -83,4 +85,48 @@ fn exact_images_agree_to_rounding() {
     assert!(verdict(&compare(&flat(0.5), &flat(0.5 * (1.0 + 1e-6))), 0.005).is_empty());
     assert!(verdict(&compare(&flat(0.0), &flat(0.0)), 0.005).is_empty());
     assert!(!verdict(&compare(&flat(0.5), &flat(0.5005)), 0.005).is_empty());
+}
+
+/// Renders whose pixels share a random number: the spread of the renders' means tells how far the image's mean is off.
+#[test]
+fn errors_that_pixels_share_are_in_the_variance_of_the_image() {
+    let extent = Extent::new(16, 8);
+    let estimate = |mean: f64, seed: u64| {
+        let render = |k: u64| {
+            let shared = mean * (1.0 + 0.02 * (Rng::new(seed, k).uniform() - 0.5));
+            vec![[shared; 3]; extent.area()]
+        };
+        Estimate::from_renders(extent, (0..32).map(render).collect())
+    };
+    let image_mean = |against: Vec<String>| against.iter().any(|line| line.contains("image mean"));
+    let (mut squares, mut seen) = (0.0, 0);
+    for seed in 0..200 {
+        let report = compare(&estimate(1.0, 2 * seed), &estimate(1.0, 2 * seed + 1));
+        assert!(!image_mean(verdict(&report, 0.01)), "{report}");
+        squares += report.image_z[0] * report.image_z[0] / 200.0;
+        // The standard error is 0.02 / √12 / √32 · √2 = 0.00144, known as well as 62 degrees of freedom tell.
+        let bias = 0.00144 * (3.8 + 1.3);
+        assert!((0.7 * bias..1.3 * bias).contains(&report.surely_found[0]), "{report}");
+        let biased = compare(&estimate(1.0, 2 * seed), &estimate(1.0 + bias, 2 * seed + 1));
+        seen += u32::from(image_mean(verdict(&biased, 0.01)));
+    }
+    assert!((squares - 1.0).abs() < 0.35, "{squares}");
+    assert!((160..200).contains(&seen), "a bias that nine of ten tries find is found {seen} times in 200");
+}
+
+/// A lattice has the mean of independent paths, and less noise.
+#[test]
+fn renders_of_a_lattice_have_the_mean_of_independent_paths() {
+    let (scene, camera) = matte::environment_only();
+    let reference = Reference::new(&scene);
+    let extent = Extent::new(16, 8);
+    let lattice = Estimate::from_renders(extent, reference.renders(&camera, extent, 16, 1, 0..32));
+    let independent = reference.render(&camera, extent, 512, 1, 1);
+    assert_agrees("lattice", &independent, &lattice, 0.015);
+    let paths = Estimate::from_renders(
+        extent,
+        (0..32).map(|seed| reference.render(&camera, extent, 16, 1, seed).mean).collect(),
+    );
+    let [a, b] = [&lattice, &paths].map(Estimate::variance_of_image);
+    assert!(a < 0.5 * b, "{a} and {b}");
 }

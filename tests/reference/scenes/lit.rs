@@ -1,5 +1,5 @@
 //! The same things, matte, glossy and metal, under one kind of light each, and under many. Bright lamps stand outside the
-//! picture, whose edges would make most of its noise.
+//! picture, whose edges would make most of its noise, and the floor fills it, so that no pixel is black.
 //!
 //! To add a row: a line in [`ALL`] with a function that adds the light to [`things`].
 
@@ -8,7 +8,7 @@ use diptych::scene::{AlphaMode, Clearcoat, Environment, Light, LightKind, Materi
 use glam::{Vec2, Vec3, vec2, vec3, vec4};
 
 use super::pictures::sky;
-use super::studio::{Pictures, add_balls, camera, dielectric, ground, metal, second, turned};
+use super::studio::{Pictures, add_balls, dielectric, ground, metal, second, turned};
 use super::{add_material, matte, place, quad};
 use crate::reference::Pinhole;
 
@@ -30,11 +30,11 @@ pub const ALL: [Row; 10] = [
 
 /// Emissive triangles that send less than their material says, or from behind.
 pub const CARDS: [Row; 5] = [
-    ("masked", |scene| add_cards(scene, Card::Masked)),
-    ("blended", |scene| add_cards(scene, Card::Blended)),
-    ("textured_mask", |scene| add_cards(scene, Card::Textured)),
-    ("coated", |scene| add_cards(scene, Card::Coated)),
-    ("seen_from_behind", |scene| add_cards(scene, Card::FromBehind)),
+    ("masked", |scene| add_card(scene, Card::Masked)),
+    ("blended", |scene| add_card(scene, Card::Blended)),
+    ("textured_mask", |scene| add_card(scene, Card::Textured)),
+    ("coated", |scene| add_card(scene, Card::Coated)),
+    ("seen_from_behind", |scene| add_card(scene, Card::FromBehind)),
 ];
 
 /// A floor with a matte, a glossy and a rough metal ball, in that light.
@@ -44,7 +44,7 @@ pub fn things(name: &str, add_light: fn(&mut Scene)) -> (Scene, Pinhole) {
     let matte = Material { base_color: base.extend(1.0), ..matte() };
     add_balls(&mut scene, [matte, dielectric(base, 0.35), metal(base, 0.5)]);
     add_light(&mut scene);
-    (scene, camera())
+    (scene, Pinhole::looking_at(vec3(0.0, 2.6, 3.4), vec3(0.0, 0.35, 0.0), Vec3::Y, 30.0))
 }
 
 fn add_lamps(scene: &mut Scene) {
@@ -52,11 +52,11 @@ fn add_lamps(scene: &mut Scene) {
     let lamp = |emissive, double_sided| Material { base_color: black, emissive, double_sided, ..matte() };
     let wide = add_material(scene, lamp(vec3(2.0, 1.5, 1.0), false));
     place(scene, quad(vec3(-1.8, 2.4, -1.0), 2.4 * Vec3::X, 2.0 * Vec3::Z, wide));
-    let strip = add_material(scene, lamp(vec3(0.5, 1.5, 3.0), true));
-    place(scene, quad(vec3(2.4, 0.3, -0.5), 0.6 * Vec3::Z, 1.2 * Vec3::Y, strip));
+    let strip = add_material(scene, lamp(vec3(0.25, 0.6, 1.2), true));
+    place(scene, quad(vec3(2.9, 0.3, -0.8), 1.4 * Vec3::Z, 1.6 * Vec3::Y, strip));
 }
 
-/// What is special about the cards of [`add_cards`].
+/// What is special about the lamp of [`add_card`].
 #[derive(Clone, Copy, PartialEq)]
 enum Card {
     Masked,
@@ -66,18 +66,18 @@ enum Card {
     FromBehind,
 }
 
-/// Two lamps with nothing else to light the scene: one above that looks down, one upright that is seen at a slant.
-fn add_cards(scene: &mut Scene, kind: Card) {
+/// A lamp with nothing else to light the scene. It hangs above and faces down, a little towards the camera.
+fn add_card(scene: &mut Scene, kind: Card) {
     let pictures = Pictures::add(scene);
     let lamp = |emissive: Vec3| {
         let plain = Material { base_color: vec4(0.1, 0.1, 0.1, 1.0), emissive, ..matte() };
         match kind {
             Card::Masked => Material { alpha_mode: AlphaMode::Mask { cutoff: 0.5 }, ..plain },
-            Card::Blended => Material { base_color: vec4(0.1, 0.1, 0.1, 0.5), alpha_mode: AlphaMode::Blend, ..plain },
+            Card::Blended => Material { base_color: vec4(0.1, 0.1, 0.1, 0.9), alpha_mode: AlphaMode::Blend, ..plain },
             Card::Textured => Material {
                 base_color_texture: Some(turned(pictures.checker)),
                 emissive_texture: Some(second(pictures.steps)),
-                alpha_mode: AlphaMode::Mask { cutoff: 0.6 },
+                alpha_mode: AlphaMode::Mask { cutoff: 0.25 },
                 ..plain
             },
             Card::Coated => Material {
@@ -92,29 +92,23 @@ fn add_cards(scene: &mut Scene, kind: Card) {
             Card::FromBehind => Material { double_sided: true, ..plain },
         }
     };
-    let above = add_material(scene, lamp(vec3(4.0, 3.0, 2.0)));
-    let upright = add_material(scene, lamp(vec3(1.5, 2.5, 4.0)));
-    let mut cards = [
-        quad(vec3(-1.2, 2.4, -1.0), 2.4 * Vec3::X, 2.0 * Vec3::Z, above),
-        quad(vec3(-2.0, 0.3, -0.9), 2.0 * Vec3::Z, 1.3 * Vec3::Y, upright),
+    let lamp = add_material(scene, lamp(vec3(8.0, 6.0, 4.0)));
+    let mut card = quad(vec3(-1.2, 3.2, -1.5), 2.4 * Vec3::X, vec3(0.0, 0.8, 2.2), lamp);
+    card.uvs = [
+        vec![vec2(-0.1, 1.1), vec2(1.2, 1.0), vec2(1.0, 0.0), vec2(0.1, -0.1)],
+        vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y],
     ];
-    for card in &mut cards {
-        card.uvs = [
-            vec![vec2(-0.1, 1.1), vec2(1.2, 1.0), vec2(1.0, 0.0), vec2(0.1, -0.1)],
-            vec![Vec2::ZERO, Vec2::X, Vec2::ONE, Vec2::Y],
-        ];
-        // Half of the one card is cut out; the other fades along its length.
-        if matches!(kind, Card::Masked | Card::Blended) {
-            card.colors = [1.0, 0.0, 0.0, 1.0].map(|a| vec4(1.0, 1.0, 1.0, a)).to_vec();
-        }
-        if kind == Card::Coated {
-            card.tangents = vec![(card.positions[1] - card.positions[0]).normalize().extend(1.0); 4];
-        }
-        if kind == Card::FromBehind {
-            card.triangles.iter_mut().for_each(|t| t.swap(1, 2));
-        }
+    // A part of a masked card is cut out; a blended one fades along its length.
+    if matches!(kind, Card::Masked | Card::Blended) {
+        card.colors = [1.0, 0.3, 0.3, 1.0].map(|a| vec4(1.0, 1.0, 1.0, a)).to_vec();
     }
-    cards.into_iter().for_each(|card| place(scene, card));
+    if kind == Card::Coated {
+        card.tangents = vec![(card.positions[1] - card.positions[0]).normalize().extend(1.0); 4];
+    }
+    if kind == Card::FromBehind {
+        card.triangles.iter_mut().for_each(|t| t.swap(1, 2));
+    }
+    place(scene, card);
 }
 
 fn point(radius: f32) -> Light {

@@ -248,7 +248,7 @@ fn specular_textures() -> (Scene, Pinhole) {
 }
 
 /// A ball and a panel that light the floor and are seen in a metal ball and from behind.
-fn unlit() -> (Scene, Pinhole) {
+pub fn unlit() -> (Scene, Pinhole) {
     let mut scene = studio("unlit");
     let pictures = Pictures::add(&mut scene);
     let shown = Material { base_color: vec4(0.9, 0.5, 0.2, 1.0), unlit: true, ..dielectric(Vec3::ONE, 0.5) };

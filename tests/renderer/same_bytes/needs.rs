@@ -1,0 +1,90 @@
+//! Code that a scene does not need is compiled out and changes no byte, for each flag of [`SceneNeeds`].
+
+use std::collections::BTreeMap;
+
+use super::assert_same;
+use crate::common::{Stage, Subject, is_thorough, still_rig};
+use crate::reference::Pinhole;
+use crate::reference::scenes::studio::{add_panels, glass};
+use crate::reference::scenes::{instance, lit, materials, matte, scaled_at, sky};
+use diptych::accel::Layout;
+use diptych::image::Extent;
+use diptych::scene::needs::SceneNeeds;
+use diptych::scene::{Environment, Scene};
+use glam::{Vec3, vec3};
+
+/// Four scenes that between them have each flag on and each off.
+fn scenes() -> [(Scene, Pinhole, Layout); 4] {
+    let add = |scene: &mut Scene, rows: &[(&'static str, fn(&mut Scene))], name: &str| {
+        let (_, light) = rows.iter().find(|row| row.0 == name).unwrap_or_else(|| panic!("there is no row {name}"));
+        light(scene);
+    };
+    let (mut plain, before_plain) = matte::point_spot_directional();
+    let again = plain.instances.last().expect("there is a block").mesh;
+    instance(&mut plain, again, scaled_at(0.4, vec3(-0.1, 0.2, 1.2)));
+    let (mut coated, before_coated) = lit::things("coated, under a sky and a sphere", |_| ());
+    add(&mut coated, &lit::CARDS, "coated");
+    add(&mut coated, &lit::ALL, "sphere");
+    coated.environment = Environment::Map { image: sky(Extent::new(16, 8)).into(), rotation_deg: 0.0 };
+    let (mut cut_out, before_cut_out) = lit::things("cut out, under a sun", |_| ());
+    add(&mut cut_out, &lit::CARDS, "masked");
+    add(&mut cut_out, &lit::CARDS, "textured_mask");
+    add(&mut cut_out, &lit::ALL, "directional");
+    let (mut unlit, before_unlit) = materials::unlit();
+    add_panels(&mut unlit, [glass(Vec3::ONE, 0.0)]);
+    [
+        (plain, before_plain, Layout::TwoLevel),
+        (coated, before_coated, Layout::Flat),
+        (cut_out, before_cut_out, Layout::Flat),
+        (unlit, before_unlit, Layout::Flat),
+    ]
+}
+
+fn subjects() -> [Subject; 4] {
+    scenes().map(|(scene, camera, layout)| {
+        let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
+        Subject::laid_out(&scene.name.clone(), scene, rig, layout)
+    })
+}
+
+/// The scene's needs with those of its tables.
+fn needs(subject: &Subject) -> SceneNeeds {
+    SceneNeeds { instances: subject.tables.has_instances(), ..subject.needs }
+}
+
+/// Flags by name, so that those that are added to the struct count as well.
+fn flags(needs: SceneNeeds) -> BTreeMap<String, bool> {
+    serde_json::from_value(serde_json::to_value(needs).unwrap()).unwrap()
+}
+
+#[test]
+fn each_need_is_met_by_one_of_the_scenes_and_not_by_another() {
+    let all = subjects().map(|subject| flags(needs(&subject)));
+    for name in flags(SceneNeeds::ALL).keys() {
+        let values = all.each_ref().map(|flags| flags[name]);
+        assert!(values.contains(&true) && values.contains(&false), "the scenes have `{name}` as {values:?}");
+    }
+}
+
+/// Frames of a scene's own shaders have the bytes of shaders with everything.
+#[test]
+fn code_that_a_scene_does_not_need_changes_no_byte() {
+    let mut cases: Vec<_> = subjects().into_iter().map(|subject| (subject, 1)).collect();
+    if is_thorough() {
+        // Several samples are further code.
+        let shots = [("builtin:cornell", 1), ("builtin:forest", 1), ("builtin:checker", 1), ("builtin:checker", 3)];
+        cases.extend(shots.map(|(shot, spp)| (Subject::load(shot), spp)));
+    }
+    for (subject, spp) in &cases {
+        let mut settings = subject.denoised(32, 18);
+        settings.stages.spp = *spp;
+        let [needed, all] = [needs(subject), SceneNeeds::ALL].map(|needs| {
+            settings.stages.needs = needs;
+            let mut stage = Stage::alone(subject, &settings);
+            [0, 1].map(|index| stage.frame(index).linear)
+        });
+        for (needed, all) in needed.iter().zip(&all) {
+            assert_same(&format!("{} at {spp} spp with everything compiled in", subject.name), needed, all);
+        }
+    }
+}
