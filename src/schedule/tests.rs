@@ -293,6 +293,20 @@ fn simulated_devices_take_as_long_as_real_ones() {
 }
 
 #[test]
+fn a_model_knows_the_cost_of_stripes_that_it_has_not_seen() {
+    let speeds = [1.0, 2.0, 0.5];
+    let world = World::sky_over_city(spec(360, 3, 5, Seam::None), &speeds);
+    let world = World { ms_per_ray: vec![2e-4; 360], ..world };
+    let (_, model) = world.play(&mut Measured::new(360, 3), 12);
+    for pass in model.program().passes().iter().map(|p| &p.pass).filter(|p| p.stage.name() != "hole_fill") {
+        for (device, rows) in (0..3).flat_map(|device| [0..90, 100..260, 300..360].map(|rows| (device, rows))) {
+            let [expected, told] = [world.pass_ms(pass, device, &rows), model.pass_ms(pass, device, &rows)];
+            assert!((told / expected - 1.0).abs() < 0.02, "{}, {rows:?}: {told} for {expected}", pass.stage.name());
+        }
+    }
+}
+
+#[test]
 fn a_device_without_a_stripe_is_taken_to_be_like_the_others() {
     let world = World::sky_over_city(spec(40, 2, 0, Seam::None), &[1.0, 1.0]);
     let mut model = CostModel::new(&world.spec, &Declarations::default());

@@ -20,7 +20,7 @@ use glam::{Vec3, vec3};
 const EXTENT: Extent = Extent::new(16, 8);
 
 /// Renders that an estimate is of at least, so that their spread is known, and at most.
-const RENDERS: Range<u64> = 32..4096;
+const RENDERS: Range<u64> = 32..16384;
 
 /// Samples of a render, and those of scenes of which the first tell that they are noisy: points that are many are spread
 /// better.
