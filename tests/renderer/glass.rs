@@ -93,6 +93,30 @@ fn delta_lights_shine_through_panes() {
     }
 }
 
+/// A spherical light in a volume, of which rays meet no surface behind the one that they came in by.
+#[test]
+fn a_volume_dims_a_lamp_in_it() {
+    let clearness = vec3(0.8, 0.5, 0.2);
+    let volume = Some(Volume { attenuation_color: clearness, attenuation_distance: 0.5 });
+    let mut scene = empty("lamp in glass");
+    let glass = add_material(&mut scene, Material { volume, ..clear() });
+    place(&mut scene, quad(vec3(-9.0, 0.8, -9.0), 18.0 * Vec3::Z, 18.0 * Vec3::X, glass));
+    let lamp = LightKind::Point { position: vec3(0.0, -0.2, 0.0), radius: 0.5 };
+    scene.lights.push(Light { kind: lamp, strength: Vec3::splat(std::f32::consts::PI) });
+    let camera = Pinhole::looking_at(vec3(0.0, 2.0, 0.0), Vec3::ZERO, Vec3::X, 1.0);
+    let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
+    let subject = Subject::new("lamp in glass", scene, rig);
+    let mut settings = subject.settings(SIZE, SIZE);
+    settings.stages.spp = 256;
+    let image = Stage::alone(&subject, &settings).frame(0).linear.left;
+    // 0.5 below the surface; radiance of the lamp is 1 / radius², and in glass that from outside 1.5² times as much.
+    let expected = clearness.map(|c| 4.0 * 0.96 / 2.25 * c).to_array();
+    for (c, expected) in expected.into_iter().enumerate() {
+        let mean = image.pixels.iter().map(|p: &[f32; 3]| p[c]).sum::<f32>() / image.pixels.len() as f32;
+        assert!((mean / expected - 1.0).abs() < 0.02, "{mean} is not {expected}");
+    }
+}
+
 /// The volume of an opaque material shows nowhere, whatever else is in the scene and whatever is compiled in.
 #[test]
 fn an_opaque_surface_with_a_volume_is_opaque() {
