@@ -93,6 +93,34 @@ fn delta_lights_shine_through_panes() {
     }
 }
 
+/// A lamp below the surface of water is dimmed over its way to that surface, and the floor beside a lamp over that from the
+/// lamp as well.
+#[test]
+fn volumes_absorb_light_on_each_way_through_them() {
+    let absorption = [0.5f64, 1.0, 2.0];
+    let below_water = |light: Light, per_metre: [f64; 3]| {
+        let mut scene = floor();
+        scene.lights.push(light);
+        let attenuation_color = Vec3::from(per_metre.map(|a| (-a).exp() as f32));
+        let volume = Some(Volume { attenuation_color, attenuation_distance: 1.0 });
+        let water = add_material(&mut scene, Material { ior: 1.0, volume, ..clear() });
+        place(&mut scene, quad(vec3(-9.0, 0.5, -9.0), 18.0 * Vec3::Z, 18.0 * Vec3::X, water));
+        let image = rendered(&scene, |settings| settings.bounces = 2);
+        [0, 1, 2].map(|c| image.pixels.iter().map(|p: &[f32; 3]| f64::from(p[c])).sum::<f64>())
+    };
+    // From the floor or a lamp's front to the surface, aslant, then from the point to the floor.
+    let up = 0.5 * (0.9f64.powi(2) + 0.3f64.powi(2)).sqrt() / 0.9;
+    for (height, radius, way) in [(0.4f32, 0.0f32, up + 0.4), (0.0, 0.2, up - 0.2)] {
+        let kind = LightKind::Point { position: vec3(0.0, height, 0.0), radius };
+        let light = Light { kind, strength: Vec3::splat(3.0) };
+        let (clear, dimmed) = (below_water(light, [0.0; 3]), below_water(light, absorption));
+        for c in 0..3 {
+            let (found, expected) = (dimmed[c] / clear[c], (-absorption[c] * way).exp());
+            assert!((found / expected - 1.0).abs() < 0.03, "radius {radius}: {found} of the light, not {expected}");
+        }
+    }
+}
+
 /// The volume of an opaque material shows nowhere, whatever else is in the scene and whatever is compiled in.
 #[test]
 fn an_opaque_surface_with_a_volume_is_opaque() {
