@@ -116,6 +116,48 @@ impl FrameLine {
 mod tests {
     use super::*;
 
+    /// Others read columns by their place as well, so that their order stays and new ones come last.
+    #[test]
+    fn every_column_has_its_own_number_at_its_own_place() {
+        let line = FrameLine {
+            index: 1,
+            time_s: 0.25,
+            devices: 2,
+            makespan_ms: 3.0,
+            interval_ms: Some(4.0),
+            predicted_ms: Some(5.0),
+            plan_ms: 6.0,
+            aov_ms: 7.0,
+            busy_ms: 8.0,
+            quality: FrameQuality { spp: 9, bounces: 10, iterations: 11, scale: 0.5, fovea: Some([0.12, 0.13]) },
+            rays: 14,
+            right_eye: Some(RightEye {
+                reprojected_fraction: 0.15,
+                antialiasing_fraction: 0.16,
+                hole_fraction: 0.17,
+                hole_fractions: Default::default(),
+                unsampled_fraction: 0.52,
+            }),
+            nonfinite_samples: 18,
+            transferred_bytes: 19,
+            control: Some(ControlRow {
+                rung: 20,
+                expected_ms: 21.0,
+                fits: true,
+                in_band: false,
+                late_ms: 22.0,
+                decide_ms: 23.0,
+            }),
+        };
+        let header = "frame,time_s,devices,makespan_ms,interval_ms,predicted_ms,plan_ms,aov_ms,busy_ms,spp,bounces,\
+            iterations,scale,fovea_inner,fovea_outer,rays,reprojected_fraction,antialiasing_fraction,hole_fraction,\
+            nonfinite_samples,transferred_bytes,rung,expected_ms,fits,in_band,late_ms,decide_ms\n";
+        let numbers = "1,0.25,2,3.0000,4.0000,5.0000,6.0000,7.0000,8.0000,9,10,11,0.5,0.12,0.13,14,0.150000,0.160000,\
+            0.170000,18,19,20,21.0000,true,false,22.0000,23.0000\n";
+        assert_eq!(String::from_utf8(FrameLine::header()).unwrap(), header);
+        assert_eq!(String::from_utf8(line.text()).unwrap(), numbers);
+    }
+
     #[test]
     fn columns_of_the_control_loop_are_there_where_it_was() {
         let control =

@@ -34,6 +34,20 @@ fn it_prints_passes_transfers_and_what_is_left_out() {
 }
 
 #[test]
+fn each_seam_policy_has_its_own_passes_and_transfers() {
+    let of = |seam: &str| graph(&["--virtual", "2", "--denoiser", "atrous", "--seam", seam]);
+    let [none, filter, halo] = ["none", "filter", "halo"].map(of);
+    assert_eq!([&none, &filter, &halo].map(|text| lines(text, "seam_filter").len()), [0, 2, 0], "{filter}");
+    assert_eq!([&none, &filter, &halo].map(|text| lines(text, "atrous").len()), [10; 3], "{halo}");
+    let crossing = |text: &str| -> f64 {
+        let line = text.lines().find(|line| line.contains("MiB cross between devices")).unwrap();
+        let words: Vec<&str> = line.split_whitespace().collect();
+        words[words.iter().position(|word| *word == "MiB").unwrap() - 1].parse().unwrap()
+    };
+    assert!(crossing(&none) < crossing(&filter) && crossing(&filter) < crossing(&halo), "{none}{filter}{halo}");
+}
+
+#[test]
 fn it_writes_a_graph_for_graphviz() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("frame.dot");

@@ -144,9 +144,13 @@ fn pixels_that_are_not_finite_are_counted_and_harm_nothing_else() {
     assert_eq!((odd.nonfinite_px, black.nonfinite_px), (3, 0));
     assert_eq!((odd.flip, odd.rmse, odd.ssim, odd.psnr), (black.flip, black.rmse, black.ssim, black.psnr));
 
-    let extreme = RgbImage::filled(reference.extent, [f32::MAX, -f32::MAX, f32::MIN_POSITIVE]);
-    let errors = compare(&extreme, &reference).unwrap();
-    assert!(errors.rmse.is_finite() && (0.0..=1.0).contains(&errors.flip), "{errors:?}");
+    // On a screen the largest floats are as bright and as dark as others far out.
+    let filled = |pixel| RgbImage::filled(reference.extent, pixel);
+    let errors = compare(&filled([f32::MAX, -f32::MAX, f32::MIN_POSITIVE]), &reference).unwrap();
+    let expected = f64::from(f32::MAX) * (2.0f64 / 3.0).sqrt();
+    assert!((errors.rmse / expected - 1.0).abs() < 1e-9, "{errors:?} instead of {expected}");
+    let saturated = compare(&filled([1e20, -1.0, 0.0]), &reference).unwrap();
+    assert!((errors.flip - saturated.flip).abs() < 1e-9, "{errors:?} instead of {saturated:?}");
 }
 
 /// A reference and an image in a folder, both of the same size.

@@ -5,6 +5,8 @@ use diptych::exec::{ExecError, RenderSettings, Stereo};
 use diptych::image::RgbImage;
 use diptych::image::display::tonemap;
 use diptych::passes::tonemap::DISPLAY;
+use diptych::quality::Quality;
+use diptych::report::run::FrameRow;
 use diptych::scene::load::load_shot;
 use diptych::scene::rig::Eye;
 use diptych::scene::{Environment, Light, LightKind};
@@ -89,7 +91,13 @@ fn light_too_bright_for_half_floats_is_cut_and_counted() {
         let frame = Stage::alone(&subject, &settings).frame(0);
         let brightest = frame.linear.left.pixels.as_flattened().iter().fold(0.0f32, |a, b| a.max(*b));
         assert!(frame.linear.left.pixels.as_flattened().iter().all(|v| v.is_finite()));
-        (frame.report.tallies.map(|tally| tally.clipped), brightest)
+        let clipped = frame.report.tallies.map(|tally| tally.clipped);
+        let iterations = [settings.stages.iterations; 3];
+        let denoiser = settings.stages.filter;
+        let quality = Quality { spp: 1, bounces: 6, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
+        let row = FrameRow::new(&frame.report, &quality, &subject.rig, 0.0);
+        assert_eq!(row.clipped_pixels, clipped[0] + clipped[1]);
+        (clipped, brightest)
     };
     let ([left, right], cut) = clipped(0.0, true);
     let (none, whole) = clipped(0.0, false);

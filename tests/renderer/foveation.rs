@@ -236,6 +236,22 @@ fn a_mask_that_turns_samples_every_pixel_in_three_frames() {
     }
 }
 
+/// A gaze that an eye tracker gives during a run counts as one of the settings does.
+#[test]
+fn a_gaze_that_is_set_is_each_eyes_own() {
+    let subject = Subject::load("builtin:cornell");
+    let sampled = |at_first, later: Option<[[f64; 2]; 2]>| {
+        let mut stage = Stage::alone(&subject, &settings(&subject, Foveation::new(at_first, [0; 3])));
+        later.into_iter().for_each(|eyes| stage.renderer().set_gaze(eyes));
+        stage.frame(0);
+        let spp = stage.aov(0);
+        [spp.left, spp.right]
+    };
+    let expected = sampled(towards(0.25, 0.6), None);
+    assert!(expected[0] != expected[1], "the eyes look to one place");
+    assert!(sampled(towards(0.5, 0.5), Some([[0.25, 0.6], [0.75, 0.6]])) == expected);
+}
+
 /// Mean radiance of the pixels that a condition on their number holds for.
 fn mean(image: &RgbImage, counts: impl Fn(usize) -> bool) -> f64 {
     let pixels = || image.pixels.iter().enumerate().filter(|(i, _)| counts(*i));

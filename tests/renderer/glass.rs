@@ -93,27 +93,31 @@ fn delta_lights_shine_through_panes() {
     }
 }
 
-/// A spherical light in a volume, of which rays meet no surface behind the one that they came in by.
+/// A lamp below the surface of water is dimmed over its way to that surface, and the floor beside a lamp over that from the
+/// lamp as well.
 #[test]
-fn a_volume_dims_a_lamp_in_it() {
-    let clearness = vec3(0.8, 0.5, 0.2);
-    let volume = Some(Volume { attenuation_color: clearness, attenuation_distance: 0.5 });
-    let mut scene = empty("lamp in glass");
-    let glass = add_material(&mut scene, Material { volume, ..clear() });
-    place(&mut scene, quad(vec3(-9.0, 0.8, -9.0), 18.0 * Vec3::Z, 18.0 * Vec3::X, glass));
-    let lamp = LightKind::Point { position: vec3(0.0, -0.2, 0.0), radius: 0.5 };
-    scene.lights.push(Light { kind: lamp, strength: Vec3::splat(std::f32::consts::PI) });
-    let camera = Pinhole::looking_at(vec3(0.0, 2.0, 0.0), Vec3::ZERO, Vec3::X, 1.0);
-    let rig = still_rig(camera.origin, camera.forward, camera.up, camera.tan_half_yfov);
-    let subject = Subject::new("lamp in glass", scene, rig);
-    let mut settings = subject.settings(SIZE, SIZE);
-    settings.stages.spp = 256;
-    let image = Stage::alone(&subject, &settings).frame(0).linear.left;
-    // 0.5 below the surface; radiance of the lamp is 1 / radius², and in glass that from outside 1.5² times as much.
-    let expected = clearness.map(|c| 4.0 * 0.96 / 2.25 * c).to_array();
-    for (c, expected) in expected.into_iter().enumerate() {
-        let mean = image.pixels.iter().map(|p: &[f32; 3]| p[c]).sum::<f32>() / image.pixels.len() as f32;
-        assert!((mean / expected - 1.0).abs() < 0.02, "{mean} is not {expected}");
+fn volumes_absorb_light_on_each_way_through_them() {
+    let absorption = [0.5f64, 1.0, 2.0];
+    let below_water = |light: Light, per_metre: [f64; 3]| {
+        let mut scene = floor();
+        scene.lights.push(light);
+        let attenuation_color = Vec3::from(per_metre.map(|a| (-a).exp() as f32));
+        let volume = Some(Volume { attenuation_color, attenuation_distance: 1.0 });
+        let water = add_material(&mut scene, Material { ior: 1.0, volume, ..clear() });
+        place(&mut scene, quad(vec3(-9.0, 0.5, -9.0), 18.0 * Vec3::Z, 18.0 * Vec3::X, water));
+        let image = rendered(&scene, |settings| settings.bounces = 2);
+        [0, 1, 2].map(|c| image.pixels.iter().map(|p: &[f32; 3]| f64::from(p[c])).sum::<f64>())
+    };
+    // From the floor or a lamp's front to the surface, aslant, then from the point to the floor.
+    let up = 0.5 * (0.9f64.powi(2) + 0.3f64.powi(2)).sqrt() / 0.9;
+    for (height, radius, way) in [(0.4f32, 0.0f32, up + 0.4), (0.0, 0.2, up - 0.2)] {
+        let kind = LightKind::Point { position: vec3(0.0, height, 0.0), radius };
+        let light = Light { kind, strength: Vec3::splat(3.0) };
+        let (clear, dimmed) = (below_water(light, [0.0; 3]), below_water(light, absorption));
+        for c in 0..3 {
+            let (found, expected) = (dimmed[c] / clear[c], (-absorption[c] * way).exp());
+            assert!((found / expected - 1.0).abs() < 0.03, "radius {radius}: {found} of the light, not {expected}");
+        }
     }
 }
 

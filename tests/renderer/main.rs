@@ -17,6 +17,7 @@ mod lights;
 mod loss;
 mod moving;
 mod passes;
+mod predictions;
 mod ranks;
 #[path = "../reference/mod.rs"]
 mod reference;

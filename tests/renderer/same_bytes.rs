@@ -181,8 +181,6 @@ fn learned_stripes_that_move_along_the_camera_path_give_the_bytes_of_one_device(
         }
         let edges: Vec<_> = three.iter().map(|f| f.report.stripe_edges()).collect();
         assert!(edges.iter().any(|e| *e != edges[0]), "{name}: no stripe moved: {edges:?}");
-        let predicted: Vec<_> = three.iter().map(|f| f.report.predicted_ms).collect();
-        assert!(predicted[0].is_none() && predicted[1..].iter().all(Option::is_some), "{predicted:?}");
     }
 }
 

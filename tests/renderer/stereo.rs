@@ -74,9 +74,10 @@ fn few_pixels_of_the_atrium_are_holes() {
     assert_eq!(subject.rig.baseline_m, 0.064);
     let settings = RenderSettings { bounces: 1, ..subject.denoised(640, 360) };
     let frame = Stage::alone(&subject, &settings).frame(0);
-    let fraction = frame.hole_fraction();
-    println!("holes {:.1} %: {:?}", 100.0 * fraction, frame.report.tallies[1].holes);
-    assert!((0.01..0.15).contains(&fraction), "{fraction} of the right eye are holes");
+    // By reason, 8.5 % in all; drivers round pixels at rims differently.
+    let (found, expected) = (frame.report.tallies[1].holes, [2042u64, 12694, 769, 3775, 0, 354]);
+    let is_close = |(found, expected): (&u64, &u64)| found.abs_diff(*expected) <= expected / 20 + 10;
+    assert!(found.iter().zip(&expected).all(is_close), "{found:?} pixels are holes, not {expected:?}");
     assert_eq!(frame.report.tallies[0].holes, [0; 6], "the left eye has no holes");
 }
 

@@ -262,6 +262,25 @@ fn no_bounces_are_direct_light_as_is_one() {
     assert!(render(1) != render(2));
 }
 
+/// Runs of one seed are alike, and those of two are as independent as two frames.
+#[test]
+fn seeds_name_random_numbers_of_their_own() {
+    let subject = subject(matte::box_area_light());
+    let render = |seed, index| {
+        let settings = RenderSettings { seed, ..subject.settings(WIDTH, HEIGHT) };
+        Stage::alone(&subject, &settings).frame(index).linear.left
+    };
+    let [first, again, other, later] = [(1, 0), (1, 0), (2, 0), (1, 1)].map(|(seed, index)| render(seed, index));
+    assert!(first == again);
+    let differing = |image: &RgbImage| first.pixels.iter().zip(&image.pixels).filter(|(a, b)| a != b).count();
+    let [of_seeds, of_frames] = [&other, &later].map(differing);
+    assert!(of_frames > first.pixels.len() / 2, "{of_frames} pixels have light of their own in another frame");
+    assert!(
+        of_seeds.abs_diff(of_frames) < of_frames / 10,
+        "{of_seeds} with another seed, {of_frames} in another frame"
+    );
+}
+
 /// Batches, running means and jitter: many samples in one frame have the mean of many frames of few samples.
 #[test]
 fn samples_of_a_frame_and_of_several_frames_have_one_mean() {

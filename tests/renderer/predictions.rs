@@ -1,0 +1,82 @@
+//! Predictions follow from measured frames alone, so they are checked to rounding, however busy the machine is.
+
+use std::collections::BTreeMap;
+
+use crate::common::{Stage, Subject};
+use diptych::control::TRACING;
+use diptych::exec::{FrameReport, TimedTask};
+use diptych::graph::FrameGraph;
+use diptych::quality::Quality;
+use diptych::scene::rig::Eye;
+use diptych::schedule::{CostModel, Effort, Heft, Measured, Policy, simulate_at};
+
+const WIDTH: u32 = 64;
+const HEIGHT: u32 = 72;
+const DEVICES: usize = 3;
+
+fn work(factor: f64) -> Effort {
+    Effort::new(TRACING.map(|stage| (stage, factor)))
+}
+
+/// Asserts that each device's stages cost in the model as much as the frame measured. This holds for the first two
+/// frames; later ones enter a mean.
+fn assert_learned(costs: &CostModel, report: &FrameReport) {
+    let mut sums: BTreeMap<_, [f64; 2]> = BTreeMap::new();
+    for task in &report.tasks {
+        let TimedTask::Gpu(stage) = task.kind else { continue };
+        let mut passes = report.program.passes().iter().map(|linked| &linked.pass);
+        let pass = passes.find(|pass| (pass.stage, pass.view) == (stage, task.view)).unwrap();
+        let sum = sums.entry((task.device, task.view == Eye::Right, stage.name())).or_default();
+        sum[0] += task.end_ms - task.begin_ms;
+        sum[1] += costs.pass_ms(pass, task.device, &task.rows);
+    }
+    assert!(sums.len() > DEVICES, "{sums:?}");
+    // A time of 0 says nothing.
+    for (of, [measured_ms, learned_ms]) in sums.into_iter().filter(|(_, [measured_ms, _])| *measured_ms > 0.0) {
+        assert!((learned_ms / measured_ms - 1.0).abs() < 1e-9, "{of:?}: {learned_ms} ms of {measured_ms}");
+    }
+}
+
+#[track_caller]
+fn assert_close(found: Option<f64>, expected: Option<f64>) {
+    let is_close = match (found, expected) {
+        (Some(found), Some(expected)) => (found / expected - 1.0).abs() < 1e-9,
+        _ => found == expected,
+    };
+    assert!(is_close, "{found:?} ms instead of {expected:?}");
+}
+
+#[test]
+fn frames_are_predicted_by_the_costs_of_those_before_and_their_own_work() {
+    let subject = Subject::load("builtin:cornell");
+    let settings = subject.denoised(WIDTH, HEIGHT);
+    let stages = &settings.stages;
+    let (spp, denoiser, iterations) = (stages.spp, stages.filter, [stages.iterations; 3]);
+    let quality =
+        Quality { spp, bounces: settings.bounces, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
+    let policies: [Box<dyn Policy>; 2] =
+        [Box::new(Measured::new(HEIGHT, DEVICES)), Box::new(Heft::new(HEIGHT, DEVICES))];
+    for policy in policies {
+        let mut stage = Stage::with(&subject, &settings, DEVICES, policy);
+        for (index, factor) in [3.0, 2.0, 0.5, 1.0].into_iter().enumerate() {
+            let effort = work(factor);
+            stage.renderer().set_quality(quality, effort.clone()).unwrap();
+            let before = stage.renderer().costs().clone();
+            let report = stage.frame(index as u32).report;
+            let graph = FrameGraph::build(&report.program, &report.assignment, None);
+            let of = |costs: &CostModel, effort: &Effort| simulate_at(&graph, costs, effort).unwrap().makespan_ms;
+            assert_close(report.predicted_ms, (index > 0).then(|| of(&before, &effort)));
+            let learned = stage.renderer().costs().clone();
+            if index < 2 {
+                assert_learned(&learned, &report);
+            }
+            // The next frame on these stripes, of other work.
+            for other in [1.0, 100.0].map(|more| work(more * factor)) {
+                assert_close(stage.renderer().predicted_ms(&quality, &other), Some(of(&learned, &other)));
+            }
+            let [same, more] =
+                [1.0, 100.0].map(|more| stage.renderer().predicted_ms(&quality, &work(more * factor)).unwrap());
+            assert!(more > same, "{more} ms for 100 times the work, {same} ms for the same");
+        }
+    }
+}
