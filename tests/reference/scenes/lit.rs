@@ -12,7 +12,7 @@ use super::studio::{Pictures, add_balls, dielectric, ground, metal, second, turn
 use super::{add_material, matte, place, quad};
 use crate::reference::Pinhole;
 
-type Row = (&'static str, fn(&mut Scene));
+pub type Row = (&'static str, fn(&mut Scene));
 
 /// Every kind of light with its name.
 pub const ALL: [Row; 10] = [

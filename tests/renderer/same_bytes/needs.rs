@@ -15,7 +15,7 @@ use glam::{Vec3, vec3};
 
 /// Four scenes that between them have each flag on and each off.
 fn scenes() -> [(Scene, Pinhole, Layout); 4] {
-    let add = |scene: &mut Scene, rows: &[(&'static str, fn(&mut Scene))], name: &str| {
+    let add = |scene: &mut Scene, rows: &[lit::Row], name: &str| {
         let (_, light) = rows.iter().find(|row| row.0 == name).unwrap_or_else(|| panic!("there is no row {name}"));
         light(scene);
     };
@@ -32,6 +32,7 @@ fn scenes() -> [(Scene, Pinhole, Layout); 4] {
     add(&mut cut_out, &lit::ALL, "directional");
     let (mut unlit, before_unlit) = materials::unlit();
     add_panels(&mut unlit, [glass(Vec3::ONE, 0.0)]);
+    add(&mut unlit, &lit::ALL, "point");
     [
         (plain, before_plain, Layout::TwoLevel),
         (coated, before_coated, Layout::Flat),
