@@ -123,7 +123,7 @@ pub struct PlayTally {
     /// The first [`SETTLING_FRAMES`], which count where there are no others.
     settling: Judged,
     judged: Judged,
-    /// Whether no rung was expected to fit the budget at times.
+    /// True if at times no rung was expected to fit the budget.
     pub lacked_rung: bool,
 }
 

@@ -225,7 +225,7 @@ impl Material {
         self.volume.filter(|_| self.transmission > 0.0)
     }
 
-    /// Whether parts of it may transmit light through facets that are as smooth as a mirror, which light sampling does not
+    /// Returns true if parts of it may transmit light through facets as smooth as a mirror, which light sampling does not
     /// find. Textures can only make a surface smoother.
     pub fn may_transmit_smoothly(&self) -> bool {
         let is_smooth = self.roughness < SMOOTH_ROUGHNESS || self.metallic_roughness_texture.is_some();
@@ -280,8 +280,8 @@ pub struct Light {
 }
 
 impl Light {
-    /// Whether light sampling alone finds it: it has no surface that a ray could meet, and the disc of a sun is no part of
-    /// the sky.
+    /// Returns true if light sampling alone finds it: it has no surface that a ray could meet, and the disc of a sun is no
+    /// part of the sky.
     pub fn is_delta(&self) -> bool {
         match self.kind {
             LightKind::Point { radius, .. } | LightKind::Spot { radius, .. } => radius <= 0.0,

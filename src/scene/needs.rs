@@ -49,7 +49,7 @@ fn has_gloss(m: &Material) -> bool {
     !m.unlit && (m.clearcoat.factor > 0.0 || (is_smooth && reflects))
 }
 
-/// Whether parts of it may be thin and smooth, so that light passes straight on.
+/// Returns true if parts of it may be thin and smooth, so that light passes straight on.
 fn is_pane(m: &Material) -> bool {
     m.enclosed_volume().is_none() && m.may_transmit_smoothly()
 }
