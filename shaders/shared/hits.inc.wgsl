@@ -116,7 +116,7 @@ fn light_visibility(origin: vec3<f32>, p: vec3<f32>, light: LightSample, key: u3
             from_ = next;
             is_done = max3(visibility) <= 0.0 || t_max <= 0.0;
             panes += 1u;
-            if !is_done && panes == MOST_PANES {
+            if !is_done && panes > MOST_PANES {
                 was_cut_short = true;
                 is_done = true;
             }

@@ -65,7 +65,7 @@ pub(super) fn lost_light(scene: &Scene) -> Option<String> {
     let used = scene.instances.iter().map(|instance| &scene.materials[scene.meshes[instance.mesh].material]);
     let glass = used.filter(refracts).map(|m| m.name.as_str()).next().filter(|_| lights > 0)?;
     Some(format!(
-        "{lights} directional lights, or points and spots without a radius, cast no light through smooth glass that has a \
+        "{lights} delta light(s) (suns, points and spots without a radius) cast no light through smooth glass that has a \
          volume (material '{glass}'): use emissive surfaces, lights with a radius or a roughness of at least 0.011"
     ))
 }
