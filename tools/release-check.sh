@@ -5,7 +5,7 @@
 #
 # Steps whose names end in -newer run under a second driver: NEWER_MESA is a command that runs another one under it. Without
 # steps all are run. A step that lacks a tool is skipped. One that fails does not stop the others, but the status is 1 then.
-# Results of the same commit are kept, so that the other steps can be run later. GOLDEN is a folder with golden.txt and
+# Results of other steps stay in the report, each with the commit that it is of, so that they can be run later. GOLDEN is a folder with golden.txt and
 # golden-newer.txt of an earlier build, if there is one: images must have these hashes.
 set -eu
 
@@ -31,6 +31,7 @@ for step in $steps; do
     esac
 done
 commit=$(git rev-parse HEAD)
+short=$(printf %.7s "$commit")
 [ -z "$(git status --porcelain -- . ":!$report")" ] || fail "commit your changes first: results are those of a commit"
 [ "$(cat $state/commit 2>/dev/null)" = "$commit" ] || rm -rf $state
 mkdir -p $state
@@ -136,7 +137,7 @@ for step in $steps; do
     *) result=**failed** remark=$(sed -n 's/^test \(.*\) \.\.\. FAILED$/`\1`/p' "$log" | sort -u | head -n 5 | paste -s -d ' ' -) ;;
     esac
     duration=$(printf '%d:%02d:%02d' $((took / 3600)) $((took / 60 % 60)) $((took % 60)))
-    echo "| $step | $result | $(date -u '+%F %R') | $duration | $(tests "$log") | $remark |" >"$state/$step.row"
+    echo "| $step | $result | $short | $(date -u '+%F %R') | $duration | $(tests "$log") | $remark |" >"$state/$step.row"
     echo "release-check: $step: $result $remark"
 done
 
@@ -150,7 +151,8 @@ driver() {
 {
     echo "# Release check"
     echo
-    echo "\`make release-check\` writes this file. Columns of numbers are tests; durations are hours, minutes and seconds."
+    echo "\`make release-check\` writes this file. Each step has the commit that it was last run on. Columns of numbers are"
+    echo "tests; durations are hours, minutes and seconds."
     echo
     echo "| | |"
     echo "| --- | --- |"
@@ -161,10 +163,12 @@ driver() {
     echo "| driver | $(driver driver "") |"
     [ -z "$newer" ] && [ ! -e $state/driver-newer ] || echo "| driver of \`-newer\` | $(driver driver-newer "${newer:-false}") |"
     echo
-    echo "| step | result | ended (UTC) | duration | passed | failed | ignored | remarks |"
-    echo "| --- | --- | --- | --- | --- | --- | --- | --- |"
+    echo "| step | result | commit | ended (UTC) | duration | passed | failed | ignored | remarks |"
+    echo "| --- | --- | --- | --- | --- | --- | --- | --- | --- |"
     for step in $all; do
-        cat "$state/$step.row" 2>/dev/null || echo "| $step | not run | – | – | – | – | – | |"
+        # Also those of earlier commits.
+        cat "$state/$step.row" 2>/dev/null || grep "^| $step |" $report 2>/dev/null ||
+            echo "| $step | not run | – | – | – | – | – | – | |"
     done
 } >"$state/report"
 cp $state/report $report
