@@ -1,8 +1,9 @@
 #!/bin/sh
 # Hashes of the images of many kinds of frames, to hold one build against another: golden.sh DIPTYCH FILE
 #
-# Writes FILE, one line per image of every run: SHA-256, run, image. Images depend on the Vulkan driver, so files of the
-# same driver are compared. What may differ from run to run of one build is left out: the division is even or stated.
+# Writes FILE, one line per image of every run: SHA-256, run, image. Images depend on the Vulkan driver, so compare files of
+# the same driver. What may differ from run to run of one build is left out: the division is even or stated. Of frames that
+# are shown late there is no image but a table of errors.
 set -eu
 diptych=$1
 file=$2
@@ -21,6 +22,16 @@ run() {
     done) >>"$file.part"
     rm -rf "${folder:?}/$name"
 }
+
+# The same scene, read from glTF, and head motion of eyes that are turned apart.
+"$diptych" export builtin:studio --out "$folder/gltf" >/dev/null
+left='"position_m": [-0.032, 0, 0], "orientation": [0, 0.0436, 0, 0.999], "fov": {"left": -0.9, "right": 0.7, "up": 0.8, "down": -0.8}'
+right='"position_m": [0.032, 0, 0], "orientation": [0, -0.0436, 0, 0.999], "fov": {"left": -0.7, "right": 0.9, "up": 0.8, "down": -0.8}'
+head=$(dirname "$0")/../scenes/head.jsonl
+{
+    printf '{"diptych_motion": 1, "eyes": {"left": {%s}, "right": {%s}}}\n' "$left" "$right"
+    sed 1d "$head"
+} >"$folder/eyes.jsonl"
 
 for count in 1 2 3; do
     divided="--virtual $count --threads-per-device 1 --balance even"
@@ -55,10 +66,24 @@ for count in 1 2 3; do
         run "towers-d$count" builtin:towers $divided --frames 2 --warm-up 0
         run "checker-d$count" builtin:checker $divided --frames 2 --warm-up 0
         run "furnace-d$count" builtin:furnace $divided --frames 2 --warm-up 0
+        run "visual-polar-d$count" $atrium --foveation visual-polar --gaze 0.4,0.6 --frames 2 --warm-up 0
+        for mode in fov composite-kernel; do
+            run "log-polar-$mode-d$count" $atrium --foveation log-polar --polar $mode --frames 2 --warm-up 0
+        done
+        run "moving-d$count" builtin:studio $divided --frames 3 --fps 8 --warm-up 0 --aov motion,last_position
+        run "moving-bmfr-d$count" builtin:studio $divided --denoiser bmfr --frames 3 --fps 8 --warm-up 0
+        run "head-d$count" $atrium --motion "$head" --time 0.5 --frames 2 --warm-up 0
+        run "eyes-d$count" $atrium --motion "$folder/eyes.jsonl" --time 0.5 --frames 2 --warm-up 0 --aov motion,normal
+        run "eyes-polar-d$count" $atrium --motion "$folder/eyes.jsonl" --time 0.5 --foveation visual-polar --gaze 0.4,0.6
+        run "gltf-d$count" "$folder/gltf/studio.toml" $divided --frames 2 --warm-up 0
     }
 done
 run "flight" builtin:cornell --virtual 2 --threads-per-device 1 --frames 4 --frames-in-flight 2 --warm-up 0
 run "static" builtin:cornell --virtual 2 --threads-per-device 1 --ratios 5,3 --frames 2 --warm-up 0
 run "uneven" builtin:cornell --virtual 2 --threads-per-device 1 --ratios 1,1 --ratios atrous=3,1 --ratios tonemap=1,4 --ratios path_trace.left=2,3 --frames 3 --warm-up 0
+late="$folder/late"
+"$diptych" bench --preset late --shots builtin:cornell --motion "$folder/eyes.jsonl" --size "$size" --reference-spp 16 \
+    --instants 2 --threads-per-device 1 --balance even --virtual 2 --out "$late" --quiet >/dev/null
+printf '%s  late late.csv\n' "$(sha256sum <"$late/late.csv" | cut -d' ' -f1)" >>"$file.part"
 mv "$file.part" "$file"
 wc -l "$file"
