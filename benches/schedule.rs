@@ -77,7 +77,7 @@ fn median(values: &mut [f64]) -> f64 {
 fn main() {
     let Options { reps, devices, height, iterations } = options();
     let frame = FrameSpec::new(Extent::new(height * 16 / 9, height), devices);
-    let spec = FrameSpec { filter: Some(Denoiser::Atrous), iterations, ..frame };
+    let spec = FrameSpec { filter: Some(Denoiser::ATROUS), iterations, ..frame };
     println!("ms per frame, medians of {reps} frames, {devices} devices, {height} rows, {iterations} iterations");
     let policies: [Box<dyn Policy>; 2] =
         [Box::new(Measured::new(height, devices)), Box::new(Heft::new(height, devices))];

@@ -4,22 +4,18 @@
 //! `cargo run --release --example own_pass -- [FILE.png]`
 
 use std::path::PathBuf;
-use std::sync::Arc;
-use std::time::Instant;
 
-use diptych::accel::Accel;
-use diptych::device::{self, Selection};
-use diptych::exec::{RenderSettings, Renderer, TimedTask};
+use diptych::exec::TimedTask;
 use diptych::graph::{Kernel, Pass, Resource, Stage, Use};
 use diptych::image::display::write_png;
 use diptych::image::stereo::side_by_side;
 use diptych::image::{Extent, Image};
 use diptych::passes::gbuffer::EMISSION;
 use diptych::passes::{Declarations, declare, tonemap};
-use diptych::scene::load::load_shot;
 use diptych::scene::rig::Eye;
 use diptych::schedule::Even;
-use diptych::stages::{SceneTables, verify};
+use diptych::stages::verify;
+use diptych::{LoadedScene, Renderer};
 
 const EXTENT: Extent = Extent::new(160, 90);
 
@@ -60,22 +56,18 @@ fn outline(view: Eye) -> Pass {
 }
 
 fn main() -> anyhow::Result<()> {
-    // SAFETY: no other thread of this program reads the environment while devices are opened.
-    unsafe { device::set_environment_hook(|name, value| std::env::set_var(name, value)) };
     let file = std::env::args().nth(1).map_or_else(|| std::env::temp_dir().join("diptych_outline.png"), PathBuf::from);
     verify(&outline(Eye::Left))?;
-    let (shot, scene) = load_shot("builtin:cornell")?;
-    let tables = Arc::new(SceneTables::new(&scene, Accel::build(&scene)?)?);
-    let mut settings = RenderSettings::new(EXTENT, &scene, &tables);
-    settings.stages.declarations = Declarations::new(|spec| {
+    let scene = LoadedScene::load("builtin:cornell")?;
+    let passes = Declarations::new(|spec| {
         let mut passes = declare(spec).passes;
         passes.extend(Eye::ALL.map(outline));
         passes
     });
-    let devices = device::open(&Selection { virtual_devices: 2, ..Selection::default() })?;
-    let policy = Box::new(Even::new(EXTENT.height, devices.len()));
-    let mut renderer = Renderer::new(devices, tables, settings, policy, Instant::now())?;
-    let report = renderer.render(&shot.rig, 0.0, 0)?;
+    let builder = Renderer::builder(&scene).size(EXTENT.width, EXTENT.height).devices(2);
+    let builder = builder.policy(|rows, devices| Box::new(Even::new(rows, devices)));
+    let mut renderer = builder.configure(|settings| settings.stages.declarations = passes).build()?;
+    let report = renderer.render(&renderer.frame(&scene.shot.rig, 0.0, 0))?;
     for task in report.tasks.iter().filter(|task| task.kind == TimedTask::Gpu(OUTLINE_STAGE)) {
         let (device, rows, ms) = (task.device, &task.rows, task.end_ms - task.begin_ms);
         println!("outline of the {} eye, rows {rows:?} on device {device}: {ms:.2} ms", task.view);

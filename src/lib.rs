@@ -6,8 +6,8 @@
 //!
 //! The modules stand in the order in which a frame flows through them, and a module uses only those above it.
 //!
-//! 1. [`scene::load::load_shot`] reads a shot: a [`scene::Scene`] and the [`scene::rig::Rig`] that sees it.
-//!    [`accel::Accel`] builds the tree that rays walk, and [`stages::SceneTables`] lays both out for shaders.
+//! 1. [`LoadedScene::load`] reads a shot: a [`scene::Scene`] and the [`scene::rig::Rig`] that sees it. [`accel::Accel`]
+//!    builds the tree that rays walk, and [`stages::SceneTables`] lays both out for shaders.
 //! 2. [`passes::declare`] says which passes a frame has, as plain data: a [`graph::Pass`] names its shader and the images
 //!    that it reads and writes.
 //! 3. A [`schedule::Policy`] divides the rows among the devices, and [`graph::FrameGraph`] is the DAG of tasks and
@@ -16,55 +16,58 @@
 //! 5. [`schedule::CostModel`] learns from the times of the frame. [`control::Controller`] may pick the
 //!    [`quality::Quality`] of the next one, so that it stays within a budget.
 //!
-//! [`metrics`] compares images, [`accumulation`] makes references, [`trace`] and [`report`] say where time went.
+//! [`metrics`] compares images, [`accumulation`] makes references, and [`trace`] says where time went. The feature `cli`, on
+//! by default, adds the commands of the program as the module `cli`, and their tables and charts as `report`.
 //!
 //! # Render a frame
 //!
 //! ```no_run
-//! use std::{path::Path, sync::Arc, time::Instant};
+//! use diptych::image::exr;
+//! use diptych::{LoadedScene, Renderer};
 //!
-//! use diptych::accel::Accel;
-//! use diptych::device::{self, Selection};
-//! use diptych::exec::{RenderSettings, Renderer};
-//! use diptych::image::{Extent, exr};
-//! use diptych::scene::load::load_shot;
-//! use diptych::schedule::Measured;
-//! use diptych::stages::SceneTables;
-//!
-//! # fn main() -> Result<(), Box<dyn std::error::Error>> {
-//! let (shot, scene) = load_shot("builtin:cornell")?;
-//! let tables = Arc::new(SceneTables::new(&scene, Accel::build(&scene)?)?);
-//! let extent = Extent::new(640, 360);
-//! let settings = RenderSettings::new(extent, &scene, &tables);
-//!
-//! let devices = device::open(&Selection { virtual_devices: 2, ..Selection::default() })?;
-//! let policy = Box::new(Measured::new(extent.height, devices.len()));
-//! let mut renderer = Renderer::new(devices, tables, settings, policy, Instant::now())?;
-//!
-//! let report = renderer.render(&shot.rig, 0.0, 0)?;
-//! println!("{:.1} ms", report.makespan_ms);
-//! exr::write_rgb(Path::new("left.exr"), &renderer.read_linear()?.left)?;
-//! # Ok(())
-//! # }
+//! fn main() -> Result<(), Box<dyn std::error::Error>> {
+//!     let scene = LoadedScene::load("builtin:cornell")?;
+//!     let mut renderer = Renderer::builder(&scene).size(640, 360).devices(2).build()?;
+//!     let report = renderer.render(&renderer.frame(&scene.shot.rig, 0.0, 0))?;
+//!     println!("{:.1} ms", report.makespan_ms);
+//!     exr::write_rgb("left.exr".as_ref(), &renderer.read_linear()?.left)?;
+//!     Ok(())
+//! }
 //! ```
 //!
-//! The folder `examples/` has this as a program, a policy and a pass of one's own.
+//! The folder `examples/` has this as a program, a pass of your own, and a policy of your own in all commands.
 
 pub mod image;
 pub mod scene;
-pub mod quality;
 pub mod wgsl;
 pub mod accel;
 pub mod graph;
 pub mod passes;
+pub mod quality;
 pub mod schedule;
 pub mod control;
 pub mod device;
 pub mod stages;
+pub mod loaded;
 pub mod exec;
+pub mod session;
 #[cfg(feature = "xr")]
 pub mod headset;
 pub mod metrics;
 pub mod accumulation;
 pub mod trace;
+#[cfg(feature = "cli")]
 pub mod report;
+#[cfg(feature = "cli")]
+pub mod cli;
+
+pub use control::{Budget, Controller, Ladder};
+pub use device::Selection;
+pub use exec::{FrameReport, RenderSettings, Renderer, Stereo};
+pub use image::Extent;
+pub use loaded::{LoadError, LoadedScene};
+pub use quality::{Denoiser, Quality};
+pub use scene::Scene;
+pub use scene::rig::Rig;
+pub use schedule::{CostModel, Policy};
+pub use session::Session;

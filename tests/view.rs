@@ -8,6 +8,7 @@ use std::path::Path;
 use std::process::{Child, Command, Output, Stdio};
 use std::time::{Duration, Instant};
 
+use ::diptych::exec::FrameParams;
 use ::diptych::image::display::DisplayImage;
 use ::diptych::image::{Extent, Image};
 use common::{Stage, Subject, diptych, still_rig};
@@ -269,7 +270,8 @@ fn a_free_camera_finds_the_same_history_as_one_on_a_path() {
     };
     let mut stage = Stage::even(&on_path, &settings, 2);
     for (i, (pose, path_frame)) in poses.iter().zip(&path_frames).enumerate() {
-        let report = stage.renderer().render(pose, 0.0, i as u32).unwrap();
+        let params = FrameParams { rig: pose.clone(), ..stage.params(0.0, i as u32) };
+        let report = stage.renderer().render(&params).unwrap();
         assert_eq!(report.spec.history_rows.is_some(), i > 0, "frame {i}");
         let free = stage.renderer().read_linear().unwrap();
         let pairs = free.left.pixels.as_flattened().iter().zip(path_frame.left.pixels.as_flattened());

@@ -79,7 +79,7 @@ pub fn accumulate(
         let pass_begin = Instant::now();
         let first = accumulation.samples();
         let count = job.pass_spp.min(job.spp - first);
-        let report = renderer.render_samples(job.rig, job.time_s, job.frame, first..first + count)?;
+        let report = renderer.render_samples(&renderer.frame(job.rig, job.time_s, job.frame), first..first + count)?;
         let dropped = report.tallies.iter().map(|t| t.nonfinite).sum();
         accumulation.add(first / job.pass_spp, &renderer.read_linear()?, count, dropped);
         passes += 1;

@@ -9,6 +9,7 @@ mod judge;
 mod koskela;
 mod late;
 mod leria;
+mod over_shots;
 mod page;
 mod peres;
 mod preset;
@@ -22,18 +23,19 @@ use std::time::Duration;
 
 use anyhow::Context;
 
-use diptych::accumulation::hash_of;
-use diptych::control::{Ladder, Measure, Origin};
-use diptych::device::{DeviceInfo, SceneAccess};
-use diptych::quality::{Denoiser, LogPolar, Quality};
-use diptych::report::Table;
-use diptych::report::bench::{
+use crate::accumulation::hash_of;
+use crate::control::{Ladder, Measure, Origin};
+use crate::device::{DeviceInfo, SceneAccess};
+use crate::loaded::LoadedScene;
+use crate::quality::{Denoiser, LogPolar, Quality};
+use crate::report::Table;
+use crate::report::bench::{
     ERROR, ERROR_NOTE, Row, Shared, csv, exposure_note, frames, ladder_svg, mark_front, regret_table, regrets, slopes,
     svg, table,
 };
-use diptych::report::peers::Peers;
-use diptych::report::run::{FrameRow, RunReport};
-use diptych::stages::all_shader_text;
+use crate::report::peers::Peers;
+use crate::report::run::{FrameRow, RunReport};
+use crate::stages::all_shader_text;
 
 use super::failure::Failure;
 use super::foveation::{FoveationMode, FoveationOptions};
@@ -43,7 +45,7 @@ use super::output;
 use super::page::and_page;
 use super::reference::{PASS_SPP, seconds};
 use super::settings;
-use super::setup::{self, Loaded, Tracing};
+use super::setup::{self, Tracing};
 use grid::Grid;
 use journal::Journal;
 use page::Page;
@@ -53,70 +55,77 @@ use reference::Reference;
 pub struct Args {
     #[command(flatten)]
     pub options: RunOptions,
-    /// Virtual devices on each chosen adapter
+    /// Virtual devices on each adapter
     #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     virtual_devices: u16,
     /// Samples per pixel to measure [default: 1,2,4,8,16]
     #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=1 << 20), help_heading = options::QUALITY)]
     spp: Vec<u32>,
-    /// Reflections that light takes to measure; the reference has the most of them [default: 2,6]
+    /// Maximum bounces to measure [default: 2,6]
+    ///
+    /// The reference has the most of them.
     #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(0..=1024), help_heading = options::QUALITY)]
     bounces: Vec<u32>,
-    /// Denoisers to measure [default: all]
-    #[arg(long, value_delimiter = ',', value_name = "LIST", value_parser = Denoiser::value_parser(), help_heading = options::QUALITY)]
+    /// Denoisers to measure [default: none,atrous,svgf]
+    #[arg(long, value_delimiter = ',', value_name = "LIST", value_parser = options::denoiser_parser(), help_heading = options::QUALITY)]
     denoiser: Vec<DenoiserChoice>,
     /// Iterations of denoisers to measure [default: 3,5]
     #[arg(long, value_delimiter = ',', value_name = "N,N,…", value_parser = clap::value_parser!(u32).range(1..=i64::from(Denoiser::MAX_ITERATIONS)), help_heading = options::QUALITY)]
     iterations: Vec<u32>,
-    /// What follows the gaze, to measure [default: none]
+    /// Foveation modes to measure [default: none]
     #[arg(long, value_delimiter = ',', value_name = "LIST", conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
     foveation: Vec<FoveationMode>,
-    /// Log-polar images to measure, a mode or SIGMA,ALPHA,GAZE,ASPECT; composite without this option
+    /// Log-polar mode or SIGMA,ALPHA,GAZE,ASPECT [default: composite mode]
     #[arg(long, value_name = "MODE", conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
     polar: Option<LogPolar>,
-    /// Render scales to measure; those below 1 with the fewest samples [default: 1,0.7,0.5]
+    /// Render scales to measure [default: 1,0.7,0.5]
+    ///
+    /// Those below 1 are measured with the fewest samples.
     #[arg(
         long = "render-scale",
+        alias = "scale",
         value_delimiter = ',',
         value_name = "F,F,…",
         value_parser = render_scale,
         conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
     scale: Vec<f64>,
-    /// Also measure the rungs of this ladder, and say how far each is from the best setting that takes no longer, within
-    /// 3 %
+    /// Also measure the rungs of this ladder and print their regret
+    ///
+    /// Regret is the error above the best setting that takes no longer, within 3 %.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["seams", "preset"], help_heading = options::QUALITY)]
     ladder: Option<PathBuf>,
-    /// A small grid against a coarse reference, where options do not say otherwise
+    /// Measure a small grid against a coarse reference
     #[arg(long, help_heading = options::QUALITY)]
     quick: bool,
-    /// Measure everything anew; else settings that an earlier run with the same --out has measured are taken from there
+    /// Measure everything again instead of resuming
     #[arg(long, help_heading = options::OUTPUT)]
     fresh: bool,
-    /// Frames of each setting that are timed and compared; of the grid two at least, as flicker is between frames
+    /// Timed and compared frames per setting, at least two in the grid
     #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u32).range(1..=1000), help_heading = options::SCENE)]
     repeats: u32,
-    /// Frames before those: drivers compile, stripes settle
+    /// Frames before the timed ones
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(0..=1000), help_heading = options::SCENE)]
     warm_up: u32,
-    /// A folder whose left.exr and right.exr are right, from whatever renderer [default: render them]
+    /// Folder of left.exr and right.exr to compare with [default: render them]
     #[arg(
         long = "reference-images",
+        alias = "reference",
         value_name = "DIR",
         conflicts_with_all = ["reference_spp", "reference_time_limit", "reference_dir"], help_heading = options::QUALITY)]
     reference: Option<PathBuf>,
     /// Samples per pixel of the reference [default: 1024, with --quick 256]
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(2 * i64::from(PASS_SPP)..), help_heading = options::QUALITY)]
     reference_spp: Option<u32>,
-    /// Seconds after which it must do with fewer; a later run goes on with it
+    /// Seconds for the reference; a later run resumes it
     #[arg(long, default_value = "600", value_name = "S", value_parser = seconds, help_heading = options::QUALITY)]
     reference_time_limit: Duration,
-    /// Where references are kept for later runs [default: reference in --out]
-    #[arg(long = "reference-cache", value_name = "DIR", help_heading = options::OUTPUT)]
+    /// Folder of references for later runs [default: reference in --out]
+    #[arg(long = "reference-cache", alias = "reference-dir", value_name = "DIR", help_heading = options::OUTPUT)]
     reference_dir: Option<PathBuf>,
-    /// Also write report.html, a page with all of it and pictures
+    /// Also write report.html
     #[arg(long, help_heading = options::OUTPUT)]
     report: bool,
-    /// With --report: other renderers' times and FLIP to stand beside ours, as in docs/peers
+    /// With --report: other renderers' times and FLIP, as in docs/peers
     #[arg(long, value_name = "FILE", requires = "report", conflicts_with_all = ["seams", "preset"], help_heading = options::OUTPUT)]
     peers: Option<PathBuf>,
     #[command(flatten)]
@@ -213,7 +222,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 }
 
 /// Hash of everything that a setting's time and errors hang on, but the reference and the setting itself.
-fn subject(args: &Args, loaded: &Loaded, devices: &[DeviceInfo]) -> Result<String, Failure> {
+fn subject(args: &Args, loaded: &LoadedScene, devices: &[DeviceInfo]) -> Result<String, Failure> {
     let quiet = RunOptions { out: PathBuf::new(), trace: None, quiet: true, json: false, ..args.options.clone() };
     let plan = reference::plan(args)?;
     let seen = plan.fingerprint(loaded, 0).key();

@@ -5,15 +5,15 @@ mod text;
 
 use std::path::{Path, PathBuf};
 
+use crate::exec::Stereo;
+use crate::image::display::{DisplayImage, write_png};
+use crate::image::exr::{ColourFile, ColourSource, Tags, read_colour};
+use crate::image::{Extent, stereo};
+use crate::metrics::heatmap::{flip_heatmap, heatmap};
+use crate::metrics::rings::{Ring, Viewing};
+use crate::metrics::seams::SeamError;
+use crate::metrics::{Errors, MEASURES, Pair};
 use anyhow::Context;
-use diptych::exec::Stereo;
-use diptych::image::display::{DisplayImage, write_png};
-use diptych::image::exr::{ColourFile, ColourSource, Tags, read_colour};
-use diptych::image::{Extent, stereo};
-use diptych::metrics::heatmap::{flip_heatmap, heatmap};
-use diptych::metrics::rings::{Ring, Viewing};
-use diptych::metrics::seams::SeamError;
-use diptych::metrics::{Errors, MEASURES, Pair};
 use serde::Serialize;
 
 use super::failure::Failure;
@@ -28,30 +28,34 @@ pub struct Args {
     reference: PathBuf,
     /// What is judged, likewise; of a sequence, rendered with --aov motion,position,normal
     image: PathBuf,
-    /// Stops by which both are brightened to be shown, for PSNR, SSIM, FLIP, flicker, ghosting and the maps [default:
-    /// as the reference says, else as the image says, else 0]
+    /// Exposure of displayed values, stops [default: the reference's]
+    ///
+    /// Without one in the reference file, the image's is used, else 0.
     #[arg(long, value_name = "EV", value_parser = exposure, allow_negative_numbers = true)]
     exposure: Option<f32>,
-    /// Writes the error of display values as a colour-coded PNG, of two eyes side by side
+    /// Write the error of displayed values as a heatmap (PNG)
     #[arg(long, value_name = "FILE")]
     heatmap: Option<PathBuf>,
-    /// Writes the FLIP of each pixel as a PNG in the colours of magma, of two eyes side by side
+    /// Write FLIP per pixel as a heatmap (PNG)
     #[arg(long, value_name = "FILE")]
     flip_map: Option<PathBuf>,
-    /// Also the errors in N rings of equal viewing angle around the gaze, out to the farthest corner
+    /// Also report errors in N rings of equal viewing angle around the gaze
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1000))]
     rings: Option<u16>,
-    /// Where the viewer looks, 0 to 1 from the left and from the top
+    /// Gaze as a fraction of the image from the top left
     #[arg(long, value_name = "X,Y", default_value = "0.5,0.5", value_parser = gaze, requires = "rings")]
     gaze: [f64; 2],
-    /// Vertical field of view of the images, degrees, for the rings [default: as the reference says, else as the image
-    /// says, else 70]
+    /// Vertical field of view for --rings, degrees [default: the reference's]
+    ///
+    /// Without one in the reference file, the image's is used, else 70.
     #[arg(long, value_name = "DEG", value_parser = yfov, requires = "rings")]
     yfov: Option<f64>,
-    /// Also the RMSE within 4 rows of where stripes meet over the RMSE elsewhere; R are rows with which stripes begin
-    #[arg(long = "seam-rows", value_name = "R,R,…", value_delimiter = ',')]
+    /// Also report the error near seams; R are the first rows of stripes
+    ///
+    /// The RMSE within 4 rows of these seams over the RMSE elsewhere.
+    #[arg(long = "seam-rows", alias = "seams", value_name = "R,R,…", value_delimiter = ',')]
     seams: Vec<u32>,
-    /// As JSON
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }

@@ -1,13 +1,13 @@
 //! `diptych devices`.
 
-use diptych::device;
-use diptych::report::text_table;
+use crate::device;
+use crate::report::text_table;
 
 use super::failure::Failure;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// As JSON
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }

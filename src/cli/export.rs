@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use diptych::scene::export::export;
+use crate::scene::export::export;
 
 use super::failure::Failure;
 use super::output;
@@ -10,12 +10,12 @@ use super::scene_options::SceneOptions;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// A shot (.toml), a .gltf/.glb, or builtin:NAME
+    /// Shot (.toml), .gltf/.glb or builtin:NAME
     shot: String,
-    /// Where NAME.glb and NAME.toml go; made if it is not there
+    /// Folder for NAME.glb and NAME.toml; created if missing
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-    /// Of a scene that moves: when it is written, in seconds
+    /// Time of a dynamic scene, seconds
     #[arg(long, default_value_t = 0.0, value_name = "T", allow_negative_numbers = true)]
     time: f64,
     #[command(flatten)]

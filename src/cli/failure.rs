@@ -1,13 +1,16 @@
 //! Why a command ends without doing its job, and the exit status that says so.
 
-use diptych::accel::AccelError;
-use diptych::accumulation::{AccumulateError, CheckpointError};
-use diptych::device::DeviceError;
-use diptych::graph::StripesError;
-use diptych::image::ImageError;
-use diptych::scene::SceneError;
+use crate::accel::AccelError;
+use crate::accumulation::{AccumulateError, CheckpointError};
+use crate::device::DeviceError;
+use crate::exec::BuildError;
+use crate::graph::StripesError;
+use crate::image::ImageError;
+use crate::loaded::LoadError;
+use crate::scene::SceneError;
+use crate::session::CalibrationError;
 
-use super::interrupt;
+use super::signals;
 
 /// Inputs are the user's to mend, runs are not.
 pub enum Failure {
@@ -38,7 +41,7 @@ impl Failure {
         match self {
             Self::Input(_) => 2,
             Self::Run(_) => 1,
-            Self::Interrupted => interrupt::exit_status(),
+            Self::Interrupted => signals::exit_status(),
         }
     }
 }
@@ -60,7 +63,17 @@ macro_rules! input_errors {
     };
 }
 
-input_errors!(SceneError, AccelError, StripesError);
+input_errors!(SceneError, AccelError, LoadError, StripesError);
+
+impl From<BuildError> for Failure {
+    fn from(error: BuildError) -> Self {
+        match error {
+            BuildError::Device(error) => error.into(),
+            BuildError::Exec(error) => error.into(),
+            error => Self::Input(error.into()),
+        }
+    }
+}
 
 impl From<DeviceError> for Failure {
     fn from(error: DeviceError) -> Self {
@@ -74,21 +87,31 @@ impl From<DeviceError> for Failure {
     }
 }
 
-impl From<diptych::exec::ExecError> for Failure {
-    fn from(error: diptych::exec::ExecError) -> Self {
+impl From<crate::exec::ExecError> for Failure {
+    fn from(error: crate::exec::ExecError) -> Self {
         Self::Run(error.into())
+    }
+}
+
+impl From<CalibrationError> for Failure {
+    fn from(error: CalibrationError) -> Self {
+        match error {
+            CalibrationError::Exec(error) => error.into(),
+            CalibrationError::Stopped => Self::Interrupted,
+            error => Self::Run(error.into()),
+        }
     }
 }
 
 #[cfg(feature = "xr")]
-impl From<diptych::headset::HeadsetError> for Failure {
-    fn from(error: diptych::headset::HeadsetError) -> Self {
+impl From<crate::headset::HeadsetError> for Failure {
+    fn from(error: crate::headset::HeadsetError) -> Self {
         Self::Run(error.into())
     }
 }
 
-impl From<diptych::exec::ranks::RankError> for Failure {
-    fn from(error: diptych::exec::ranks::RankError) -> Self {
+impl From<crate::exec::ranks::RankError> for Failure {
+    fn from(error: crate::exec::ranks::RankError) -> Self {
         Self::Run(error.into())
     }
 }

@@ -4,22 +4,22 @@ use std::str::FromStr;
 
 use clap::{Args, ValueEnum};
 
-use diptych::quality::{Denoiser, LogPolar, PolarSpace, Quality};
-use diptych::scene::shot::Gaze;
-use diptych::stages::{Foveation, Polar};
+use crate::quality::{Denoiser, LogPolar, PolarSpace, Quality};
+use crate::scene::shot::Gaze;
+use crate::stages::{Foveation, Polar};
 
-use super::options::DenoiserChoice;
+use super::denoisers::DenoiserChoice;
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum FoveationMode {
-    /// Every pixel alike
+    /// The same quality everywhere
     #[default]
     None,
-    /// Three layers around the gaze, fewer samples and more filtering outwards
+    /// Three layers: fewer samples and more filtering away from the gaze
     Layers,
-    /// Images whose pixels are as dense as acuity asks for around the gaze, mapped to the screen
+    /// Visual-polar space: pixels as dense as visual acuity
     VisualPolar,
-    /// Images whose rings grow with their distance from the gaze, mapped to the screen, as --polar has it
+    /// Log-polar space, by --polar
     LogPolar,
 }
 
@@ -49,20 +49,21 @@ impl FoveationMode {
 }
 
 #[derive(Args, Clone, Debug, Default)]
-#[command(next_help_heading = super::options::QUALITY)]
+#[command(next_help_heading = super::headings::QUALITY)]
 pub struct FoveationOptions {
-    /// What follows the gaze
+    /// Foveated rendering
     #[arg(long, default_value = "none")]
     pub foveation: FoveationMode,
-    /// Where both eyes look, fractions of an eye's image from the top left, or each one: X,Y or LX,LY,RX,RY [default: the
-    /// shot's gaze]
+    /// Gaze as fractions of the image, X,Y or LX,LY,RX,RY [default: the shot's]
     #[arg(long, value_name = "X,Y")]
     pub gaze: Option<GazeOption>,
-    /// Log-polar images: fov, kernel, composite (as without this option), composite-kernel, or SIGMA,ALPHA,GAZE,ASPECT: by
-    /// how much fewer pixels there are, the kernel's exponent, radians around the gaze in full, rings over directions
-    #[arg(long, value_name = "MODE")]
+    /// Log-polar mode or SIGMA,ALPHA,GAZE,ASPECT [default: composite mode]
+    ///
+    /// Modes are fov, kernel, composite and composite-kernel. SIGMA: downsampling factor; ALPHA: kernel exponent; GAZE:
+    /// full-resolution radius, radians; ASPECT: rings / directions.
+    #[arg(hide_short_help = true, long, value_name = "MODE")]
     pub polar: Option<LogPolar>,
-    /// Iterations of the denoiser; with layers of the inner, middle and outer one [default: 5; 2,3,5 with layers]
+    /// Denoiser iterations, also per layer as M,N,P [default: 5; 2,3,5 with layers]
     #[arg(long, value_name = "M[,N,P]", value_parser = iterations)]
     pub iterations: Option<[u32; 3]>,
     /// Radii of the layers, where they are not the usual ones.
@@ -196,14 +197,14 @@ fn numbers<T: FromStr>(text: &str, is_allowed: fn(&T) -> bool) -> Option<Vec<T>>
     text.split(',').map(|n| n.trim().parse().ok().filter(is_allowed)).collect()
 }
 
-/// The configurations of Peres, section 6, in the order of [`diptych::report::peres::CONFIGURATIONS`].
+/// The configurations of Peres, section 6, in the order of [`crate::report::peres::CONFIGURATIONS`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Preset {
-    /// Every pixel alike: 4 samples, 5 iterations
+    /// No foveation: 4 samples, 5 iterations
     Base,
-    /// Foveated, denoised in two layers of 3 and 5 iterations
+    /// Foveated, two denoising layers of 3 and 5 iterations
     Nh2ld,
-    /// Foveated, denoised in three layers of 2, 3 and 5 iterations
+    /// Foveated, three denoising layers of 2, 3 and 5 iterations
     Nh3ld,
 }
 

@@ -3,11 +3,11 @@
 use std::io::Write;
 use std::path::PathBuf;
 
-use diptych::graph::FrameGraph;
-use diptych::image::file::atomic_write;
-use diptych::passes::{FrameSpec, declare};
-use diptych::report::program::{dot, left_out_table, passes_table, transfers_table};
-use diptych::schedule::CostModel;
+use crate::graph::FrameGraph;
+use crate::image::file::atomic_write;
+use crate::passes::{FrameSpec, declare};
+use crate::report::program::{dot, left_out_table, passes_table, transfers_table};
+use crate::schedule::CostModel;
 
 use super::failure::Failure;
 use super::options::{self, RenderOptions};
@@ -18,10 +18,10 @@ use super::setup;
 pub struct Args {
     #[command(flatten)]
     options: RenderOptions,
-    /// Devices that the frame is shared out among; none is opened
+    /// Devices that the frame is distributed over; none is opened
     #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     virtual_devices: u16,
-    /// Write the tasks of each device, with their stripes and transfers, for Graphviz
+    /// Write the tasks of all devices for Graphviz
     #[arg(long, value_name = "FILE", help_heading = options::OUTPUT)]
     dot: Option<PathBuf>,
 }

@@ -4,6 +4,7 @@ use std::io::Write;
 use std::path::PathBuf;
 
 use anyhow::Context;
+use clap::Command;
 use clap_complete::Shell;
 
 use super::failure::Failure;
@@ -11,28 +12,28 @@ use super::output;
 
 #[derive(clap::Args)]
 pub struct CompletionArgs {
-    /// Whose completions to print
+    /// Shell
     shell: Shell,
 }
 
 #[derive(clap::Args)]
 pub struct ManArgs {
-    /// Where diptych.1 and a page for each command go; made if it is not there
+    /// Folder for the manual pages; created if missing
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
 }
 
-pub fn completions(args: &CompletionArgs) -> Result<(), Failure> {
+pub fn completions(args: &CompletionArgs, mut command: Command) -> Result<(), Failure> {
     let mut text = Vec::new();
-    clap_complete::generate(args.shell, &mut super::command(), "diptych", &mut text);
+    clap_complete::generate(args.shell, &mut command, "diptych", &mut text);
     // A reader who has left is none of its concern.
     let _ = std::io::stdout().write_all(&text);
     Ok(())
 }
 
-pub fn man(args: &ManArgs) -> Result<(), Failure> {
+pub fn man(args: &ManArgs, command: Command) -> Result<(), Failure> {
     output::prepare(&args.out, "--out")?;
-    clap_mangen::generate_to(super::command(), &args.out)
+    clap_mangen::generate_to(command, &args.out)
         .with_context(|| format!("cannot write into '{}'", args.out.display()))?;
     say!("manual pages: {} (read one with `man -l FILE`)", args.out.display());
     Ok(())

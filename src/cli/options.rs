@@ -5,57 +5,37 @@ use std::path::PathBuf;
 
 use clap::{Args, ValueEnum};
 
-use diptych::device::{ShaderChecks, TraversalChoice};
-use diptych::graph::{HaloPlan, Seam};
-use diptych::image::Extent;
-use diptych::passes::Aov;
-use diptych::quality::{Denoiser, Quality};
-use diptych::report::once;
-use diptych::schedule::RatioRule;
-use diptych::stages::Sampler;
+use crate::device::{ShaderChecks, TraversalChoice};
+use crate::graph::{HaloPlan, Seam};
+use crate::image::Extent;
+use crate::passes::Aov;
+use crate::quality::Quality;
+use crate::report::once;
+use crate::schedule::RatioRule;
+use crate::stages::Sampler;
 
-use super::faults::FaultOptions;
+use super::balance::Balance;
+pub use super::denoisers::{DenoiserChoice, denoiser_parser};
+use super::fault_options::FaultOptions;
 use super::foveation::FoveationOptions;
+pub use super::headings::{DEVICES, OUTPUT, QUALITY, SCENE, TESTS};
 use super::scene_options::SceneOptions;
-
-/// Sections of a command's help, in their order.
-pub const SCENE: &str = "What to render";
-pub const QUALITY: &str = "Quality";
-pub const DEVICES: &str = "Devices";
-pub const OUTPUT: &str = "Output";
-pub const TESTS: &str = "For tests";
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, serde::Serialize)]
-#[serde(rename_all = "snake_case")]
-pub enum Balance {
-    /// The same rows for every device
-    Even,
-    /// By --ratios
-    Static,
-    /// By what past frames cost
-    Measured,
-    /// ... by list scheduling of blocks of rows
-    Heft,
-}
-
-/// A denoiser or none. clap takes an `Option` by that name for an option that may be left out.
-pub type DenoiserChoice = Option<Denoiser>;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum SeamOption {
-    /// Stripes are filtered apart
+    /// Filter stripes separately
     None,
-    /// ... and smoothed where they meet
+    /// Filter stripes separately and smooth the seams
     Filter,
-    /// Filters read across: the same bytes as one device
+    /// Filter across stripes: the same bytes as one device
     Halo,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum HaloOption {
-    /// Whatever costs less, for each iteration
+    /// The cheaper of both, for each iteration
     Cost,
-    /// Receive a wide margin once, filter it oneself
+    /// Receive a wide margin once and filter it redundantly
     Recompute,
     /// Receive a narrow margin before every iteration
     Exchange,
@@ -75,29 +55,36 @@ pub struct RunOptions {
     pub shot: String,
     #[command(flatten)]
     pub scene: SceneOptions,
-    /// Size of each eye, WIDTHxHEIGHT
+    /// Size of each eye in pixels, WIDTHxHEIGHT
     #[arg(long, default_value = "640x360", help_heading = SCENE)]
     pub size: Extent,
-    /// Seconds along the camera path and the scene's animations
-    #[arg(long, default_value_t = 0.0, value_name = "T", allow_negative_numbers = true, help_heading = SCENE)]
+    /// Time on the camera path and in animations, seconds
+    #[arg(hide_short_help = true, long, default_value_t = 0.0, value_name = "T", allow_negative_numbers = true, help_heading = SCENE)]
     pub time: f64,
-    /// Head motion in place of the camera's path, as --record-motion of play and view leaves it: JSON lines
-    #[arg(long, value_name = "FILE", help_heading = SCENE)]
+    /// Replay head motion from FILE instead of the camera path
+    ///
+    /// `play` and `view` record such files with --record-motion: JSON lines of poses, and of the eyes if they are
+    /// asymmetric.
+    #[arg(hide_short_help = true, long, value_name = "FILE", help_heading = SCENE)]
     pub motion: Option<PathBuf>,
-    #[arg(long, default_value_t = 0, help_heading = QUALITY)]
+    /// Seed of all random numbers
+    #[arg(hide_short_help = true, long, default_value_t = 0, help_heading = QUALITY)]
     pub seed: u32,
-    #[arg(long, default_value = "sobol", help_heading = QUALITY)]
+    /// Random number generator
+    #[arg(hide_short_help = true, long, default_value = "sobol", help_heading = QUALITY)]
     pub sampler: Sampler,
-    /// off: both eyes are fully traced
+    /// Reproject the right eye from the left one; off traces both eyes in full
     #[arg(long, default_value = "on", help_heading = QUALITY)]
     pub reproject: Switch,
-    /// Upper bound of indirect radiance; biased
-    #[arg(long, value_name = "V", help_heading = QUALITY)]
+    /// Upper bound of indirect radiance (biased)
+    #[arg(hide_short_help = true, long, value_name = "V", help_heading = QUALITY)]
     pub clamp: Option<f32>,
-    /// Adapters by their number in `diptych devices` [default: all hardware GPUs, each once, else the software one]
+    /// Adapters by number in `diptych devices` [default: all hardware GPUs]
+    ///
+    /// Each GPU is used once, even if several APIs list it. Without a hardware GPU the software adapter is used.
     #[arg(long, value_delimiter = ',', value_name = "N,N,…", help_heading = DEVICES)]
     pub devices: Option<Vec<usize>>,
-    /// Worker threads of software devices, one number for all or one per device [default: cores / devices]
+    /// Threads per software device, one number or a list [default: cores / devices]
     #[arg(
         long,
         value_delimiter = ',',
@@ -106,46 +93,53 @@ pub struct RunOptions {
         help_heading = DEVICES
     )]
     pub threads_per_device: Option<Vec<u16>>,
-    /// Work is handed to a device in portions predicted to take at most so many milliseconds, since systems reset devices
-    /// that are at one for seconds [default: 200 on GPUs, no bound on software adapters]
-    #[arg(long, value_name = "MS", value_parser = max_dispatch_ms, help_heading = DEVICES)]
+    /// Longest predicted submission, ms [default: 200 on GPUs, none on CPUs]
+    ///
+    /// Longer work is split, because GPU watchdogs (TDR on Windows) reset devices that are busy for seconds.
+    #[arg(hide_short_help = true, long, value_name = "MS", value_parser = max_dispatch_ms, help_heading = DEVICES)]
     pub max_dispatch_ms: Option<f64>,
-    /// How rays find what they meet [default: auto, and run.json tells what that came to]
-    #[arg(long, default_value = "auto", hide_default_value = true, help_heading = DEVICES)]
+    /// Ray traversal by compute shaders or ray queries [default: automatic choice]
+    ///
+    /// run.json records the choice.
+    #[arg(hide_short_help = true, long, default_value = "auto", hide_default_value = true, help_heading = DEVICES)]
     pub traversal: TraversalChoice,
-    /// Rank 0 sends the scene's files to the other ranks, which then need none of their own
+    /// Send the files of the scene from rank 0 to all other ranks
     #[cfg(feature = "mpi")]
-    #[arg(long, help_heading = DEVICES)]
+    #[arg(hide_short_help = true, long, help_heading = DEVICES)]
     pub broadcast_scene: bool,
-    /// How stripes are cut [default: measured; static with --ratios]
-    #[arg(long, help_heading = DEVICES)]
-    pub balance: Option<Balance>,
-    /// Share of rows per device, as 5,1,2; of a stage as atrous=1,1,2; of a stage and view as path_trace.left=5,1,2
+    /// Load-balancing policy [default: measured; static with --ratios]
+    ///
+    /// `scale` compares several.
+    #[arg(long, value_delimiter = ',', value_name = "NAME", value_parser = Balance::value_parser(), help_heading = DEVICES)]
+    pub balance: Vec<Balance>,
+    /// Rows per device as 5,1,2, also per group of stages and eye
+    ///
+    /// denoise=1,2 is for the group of all filters, path_trace.left=1,2 for one group and the left eye.
     #[arg(long, value_name = "A,B,…", help_heading = DEVICES)]
     pub ratios: Vec<RatioRule>,
-    /// What happens where stripes meet
+    /// Filtering across stripes
     #[arg(long, default_value = "halo", help_heading = DEVICES)]
     pub seam: SeamOption,
-    /// How halo rows come about
-    #[arg(long, default_value = "cost", help_heading = DEVICES)]
+    /// Source of the rows that filters read around a stripe
+    #[arg(hide_short_help = true, long, default_value = "cost", help_heading = DEVICES)]
     pub halo: HaloOption,
-    /// Where results go; made if it is not there
+    /// Folder for all output files; created if missing
     #[arg(long, value_name = "DIR", help_heading = OUTPUT)]
     pub out: PathBuf,
-    /// Write a trace-file (Chrome trace events; opens in Perfetto)
+    /// Write a trace for Perfetto (Chrome trace events)
     #[arg(long, value_name = "FILE", help_heading = OUTPUT)]
     pub trace: Option<PathBuf>,
-    /// No progress
+    /// Print no progress
     #[arg(long, help_heading = OUTPUT)]
     pub quiet: bool,
-    /// Progress and result as JSON lines
-    #[arg(long, help_heading = OUTPUT)]
+    /// Print progress and results as JSON lines
+    #[arg(hide_short_help = true, long, help_heading = OUTPUT)]
     pub json: bool,
-    /// Keep the code that the scene does not need
-    #[arg(long, help_heading = TESTS)]
+    /// Compile in shader code that the scene does not need
+    #[arg(hide_short_help = true, long, help_heading = TESTS)]
     pub no_skip: bool,
     /// Run-time checks in shaders
-    #[arg(long, default_value = "fast", help_heading = TESTS)]
+    #[arg(hide_short_help = true, long, default_value = "fast", help_heading = TESTS)]
     pub shader_checks: ShaderChecks,
     #[command(flatten)]
     pub faults: FaultOptions,
@@ -173,9 +167,18 @@ impl RunOptions {
         false
     }
 
-    /// The balance asked for, or the one that --ratios imply.
+    /// Returns the policy that is asked for, or the one that --ratios imply.
     pub fn balance(&self) -> Balance {
-        self.balance.unwrap_or(if self.ratios.is_empty() { Balance::Measured } else { Balance::Static })
+        self.balances()[0]
+    }
+
+    /// Returns all policies that are asked for, each once, at least one.
+    pub fn balances(&self) -> Vec<Balance> {
+        match &self.balance[..] {
+            [] if self.ratios.is_empty() => vec![Balance::Measured],
+            [] => vec![Balance::Static],
+            asked => once(asked.iter().copied()),
+        }
     }
 
     /// What clap cannot see.
@@ -184,6 +187,7 @@ impl RunOptions {
         if let Some(clamp) = self.clamp {
             anyhow::ensure!(clamp.is_finite() && clamp > 0.0, "--clamp {clamp} is not a radiance above 0");
         }
+        anyhow::ensure!(self.balances().len() == 1, "--balance: give one policy; `diptych scale` compares several");
         anyhow::ensure!(
             self.balance() != Balance::Static || !self.ratios.is_empty(),
             "--balance static needs --ratios"
@@ -204,26 +208,31 @@ pub struct RenderOptions {
     /// Samples per pixel
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..), help_heading = QUALITY)]
     pub spp: u32,
-    /// Reflections that light takes to the eye; direct light is always there, so 0 and 1 are alike
+    /// Maximum bounces
+    ///
+    /// Direct light is always included, so 0 and 1 are equivalent.
     #[arg(long, default_value_t = 6, value_parser = clap::value_parser!(u32).range(0..=1024), help_heading = QUALITY)]
     pub bounces: u32,
-    /// Render scale, of the image's edges: paths are traced for its square's share of the pixels, and the denoiser brings
-    /// light to the others
-    #[arg(long = "render-scale", default_value_t = 1.0, value_name = "F", value_parser = render_scale, help_heading = QUALITY)]
+    /// Per-axis render scale, 0.1 to 1
+    ///
+    /// F² of the pixels are path traced and the denoiser fills in the rest.
+    #[arg(long = "render-scale", alias = "scale", default_value_t = 1.0, value_name = "F", value_parser = render_scale, help_heading = QUALITY)]
     pub scale: f64,
-    #[arg(long, default_value = "svgf", value_parser = Denoiser::value_parser(), help_heading = QUALITY)]
+    /// Denoiser
+    #[arg(long, default_value = "svgf", value_parser = denoiser_parser(), help_heading = QUALITY)]
     pub denoiser: DenoiserChoice,
     #[command(flatten)]
     pub foveated: FoveationOptions,
+    /// Frames to render
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1_000_000), help_heading = SCENE)]
     pub frames: u32,
     /// Frames per second of the camera path
     #[arg(long, default_value_t = 72.0, help_heading = SCENE)]
     pub fps: f64,
-    /// Frames on the devices at a time: more keep them busy, and each takes longer
-    #[arg(long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=3), help_heading = DEVICES)]
+    /// Frames in flight, 1 to 3: more throughput, more latency
+    #[arg(hide_short_help = true, long, default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u8).range(1..=3), help_heading = DEVICES)]
     pub frames_in_flight: u8,
-    /// Auxiliary images to write
+    /// Auxiliary images to write, as albedo,normal
     #[arg(long, value_delimiter = ',', value_name = "LIST", help_heading = OUTPUT)]
     pub aov: Vec<Aov>,
     /// Whether frames are shown from another pose than they are rendered at.

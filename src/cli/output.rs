@@ -2,25 +2,25 @@
 
 use std::collections::BTreeSet;
 use std::io::Write;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::Context;
 
-use diptych::exec::{Renderer, Stereo};
-use diptych::graph::Resource;
-use diptych::image::display::{DisplayImage, write_png};
-use diptych::image::exr::{self, Tags};
-use diptych::image::file::atomic_write;
-use diptych::image::key::{Entry, with_key};
-use diptych::image::{Extent, Image, RgbImage, sheet, stereo};
-use diptych::metrics::heatmap::number_colour;
-use diptych::passes::Aov;
-use diptych::passes::aov_image;
-use diptych::passes::tonemap::{DISPLAY, LINEAR};
-use diptych::report::record::Unfinished;
-use diptych::scene::optics::Optics;
-use diptych::scene::rig::{Eye, Rig};
-use diptych::stages::{Foveation, Polar};
+use crate::exec::{Renderer, Stereo};
+use crate::graph::Resource;
+use crate::image::display::{DisplayImage, write_png};
+use crate::image::exr::{self, Tags};
+use crate::image::file::atomic_write;
+use crate::image::key::{Entry, with_key};
+use crate::image::{Extent, Image, RgbImage, sheet, stereo};
+use crate::metrics::heatmap::number_colour;
+use crate::passes::Aov;
+use crate::passes::aov_image;
+use crate::passes::tonemap::{DISPLAY, LINEAR};
+use crate::report::record::Unfinished;
+use crate::scene::optics::Optics;
+use crate::scene::rig::{Eye, Rig};
+use crate::stages::{Foveation, Polar};
 
 use super::failure::Failure;
 
@@ -90,7 +90,7 @@ pub struct FrameImages {
     pub linear: Stereo<RgbImage>,
     pub display: Stereo<DisplayImage>,
     pub aovs: Vec<(Aov, Stereo<Vec<Vec<f32>>>)>,
-    /// [`diptych::exec::FrameReport::pixel_centre`], where there are auxiliary images.
+    /// [`crate::exec::FrameReport::pixel_centre`], where there are auxiliary images.
     pub pixel_centre: [f32; 2],
 }
 
@@ -202,10 +202,20 @@ impl FrameImages {
         }
     }
 
-    /// Writes everything; `number` names the frame of a sequence.
-    pub fn write(&self, dir: &Path, number: Option<u32>, anaglyph: bool, tags: &Stereo<Tags>) -> Result<(), Failure> {
+    /// Writes all images of a frame and returns the names of the files. `number` is the frame's in a sequence.
+    pub fn write(
+        &self,
+        dir: &Path,
+        number: Option<u32>,
+        anaglyph: bool,
+        tags: &Stereo<Tags>,
+    ) -> Result<Vec<String>, Failure> {
         let _span = tracing::info_span!("write files").entered();
-        let name = |stem: &str, extension: &str| named(dir, stem, number, extension);
+        let mut names = Vec::new();
+        let mut name = |stem: &str, extension: &str| {
+            names.push(named(stem, number, extension));
+            dir.join(&names[names.len() - 1])
+        };
         exr::write_tagged_rgb(&name("left", "exr"), &self.linear.left, &tags.left)?;
         exr::write_tagged_rgb(&name("right", "exr"), &self.linear.right, &tags.right)?;
         let extent = self.linear.left.extent;
@@ -227,7 +237,7 @@ impl FrameImages {
         if anaglyph {
             write_png(&name("anaglyph", "png"), &stereo::anaglyph(&self.display.left, &self.display.right)?)?;
         }
-        Ok(())
+        Ok(names)
     }
 }
 
@@ -260,10 +270,10 @@ fn colours(aov: Aov, images: &[&[f32]; 2]) -> (impl Fn(f32) -> [u8; 3] + use<>, 
     (colour, key)
 }
 
-/// `left.exr`, or `left.0007.exr` in a sequence.
-fn named(dir: &Path, stem: &str, number: Option<u32>, extension: &str) -> PathBuf {
-    dir.join(match number {
+/// Returns `left.exr`, or `left.0007.exr` in a sequence.
+fn named(stem: &str, number: Option<u32>, extension: &str) -> String {
+    match number {
         Some(n) => format!("{stem}.{n:04}.{extension}"),
         None => format!("{stem}.{extension}"),
-    })
+    }
 }

@@ -4,18 +4,18 @@ use std::path::Path;
 
 use anyhow::Context;
 
-use diptych::exec::Stereo;
-use diptych::image::RgbImage;
-use diptych::report::Table;
-use diptych::report::html::{Section, page};
-use diptych::report::lanes::{LaneFrame, lanes};
-use diptych::report::pictures::{Group, viewer};
-use diptych::report::run::SceneSummary;
+use crate::exec::Stereo;
+use crate::image::RgbImage;
+use crate::loaded::LoadedScene;
+use crate::report::Table;
+use crate::report::html::{Section, page};
+use crate::report::lanes::{LaneFrame, lanes};
+use crate::report::pictures::{Group, viewer};
+use crate::report::run::SceneSummary;
 
 use super::failure::Failure;
 use super::options::RunOptions;
 use super::output;
-use super::setup::Loaded;
 
 /// The page of this command line.
 pub fn write(dir: &Path, title: &str, sections: &[Section]) -> Result<(), Failure> {
@@ -33,7 +33,7 @@ pub fn against(
     name: String,
     linear: &Stereo<RgbImage>,
     reference: &Stereo<RgbImage>,
-    loaded: &Loaded,
+    loaded: &LoadedScene,
 ) -> Result<Group, Failure> {
     let frame = Group::against(name, linear, reference, loaded.shot.exposure_ev);
     Ok(frame.context("cannot compare the pictures of the page")?)
@@ -43,7 +43,7 @@ const VIEWER_NOTE: &str =
     "Choose what is left and right of the line, and drag the line or move it with the arrow keys.";
 
 /// What the maps of FLIP show, and of what.
-pub fn flip_note(loaded: &Loaded) -> String {
+pub fn flip_note(loaded: &LoadedScene) -> String {
     format!(
         "FLIP is of these pictures, tonemapped at {} EV, at 67 pixels per degree, in the colours of magma: black is 0, \
          pale yellow is 1.",
@@ -68,7 +68,7 @@ pub fn swimlanes(note: String, frames: &[LaneFrame<'_>], shown: usize) -> Result
 }
 
 /// The scene in numbers.
-pub fn scene(options: &RunOptions, loaded: &Loaded) -> Section {
+pub fn scene(options: &RunOptions, loaded: &LoadedScene) -> Section {
     let summary = SceneSummary::of(&loaded.scene, loaded.needs, !options.no_skip);
     let mut table = Table::of_fields(&summary);
     table.rows.retain(|row| row.first().is_none_or(|name| !["needs", "warnings", "skipped"].contains(&name.as_str())));

@@ -8,55 +8,57 @@ mod options;
 mod pace;
 mod page;
 mod path;
+mod prepared;
 mod session;
 
-use diptych::passes::tonemap::{DISPLAY, LINEAR};
-use diptych::quality::Denoiser;
-use diptych::report::record::{FrameRecord, SpooledRows};
-use diptych::report::run::RunReport;
-use diptych::report::samples::FrameSamples;
-use diptych::scene::head::Recording;
-use diptych::scene::rig::Rig;
+use crate::loaded::LoadedScene;
+use crate::passes::tonemap::{DISPLAY, LINEAR};
+use crate::quality::Denoiser;
+use crate::report::record::{FrameRecord, SpooledRows};
+use crate::report::run::RunReport;
+use crate::report::samples::FrameSamples;
+use crate::scene::head::Recording;
+use crate::scene::rig::Rig;
 
 use super::failure::Failure;
 use super::interrupt;
 use super::options::RenderOptions;
 use super::output::{self, FrameImages};
 use super::page::and_page;
+use super::pictures::Pictures;
 use super::progress::Progress;
-use super::setup::{self, Loaded, Tracing};
-use super::stale::Stale;
+use super::setup::{self, Tracing};
 use disturb::{Disturbance, Disturbances};
-pub use options::{LoopOptions, Prepared};
+pub use options::LoopOptions;
 pub use pace::Pace;
 use page::Last;
 pub use path::CameraPath;
+pub use prepared::Prepared;
 pub use session::Session;
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     #[command(flatten)]
     pub options: LoopOptions,
+    /// Frames to render
     #[arg(long, default_value_t = 600, value_parser = clap::value_parser!(u32).range(1..=1_000_000), help_heading = crate::cli::options::SCENE)]
     frames: u32,
-    /// Where not even the cheapest rung fits the budget at --size, play at a smaller one of the same shape where it does
+    /// If nothing fits the budget at --size, play at a smaller size
     #[arg(long, help_heading = crate::cli::options::SCENE)]
     fit: bool,
-    /// Also write every Kth frame. Only the last one is written otherwise, as files take longer than frames; the clock
-    /// stands still meanwhile
+    /// Also write every Kth frame; the clock stops meanwhile
     #[arg(long, value_name = "K", value_parser = clap::value_parser!(u32).range(1..), help_heading = crate::cli::options::OUTPUT)]
     save_every: Option<u32>,
-    /// Disturb the run: slow:devI@FROM..TO runs a device's work twice in these frames, scene-cut@FRAME makes the camera
-    /// jump
+    /// Disturb the run: slow:devI@FROM..TO or scene-cut@FRAME
     #[arg(long, value_name = "WHAT@WHEN", help_heading = crate::cli::options::TESTS)]
     disturb: Vec<Disturbance>,
-    /// Also write report.html: the last picture beside a reference, frame times, rungs, and swimlanes of each frame
+    /// Also write report.html
     #[arg(long, help_heading = crate::cli::options::OUTPUT)]
     report: bool,
-    /// Each task in run.json as well, beside the sums per stage, view and device
+    /// Also write each task to run.json
     #[arg(long, help_heading = crate::cli::options::OUTPUT)]
     details: bool,
-    /// With --report: samples per pixel of the reference [default: what 10 seconds allow]
+    /// With --report: samples of the reference [default: 10 seconds of them]
     #[arg(long, value_name = "N", requires = "report", value_parser = clap::value_parser!(u32).range(1..=1 << 24), help_heading = crate::cli::options::OUTPUT)]
     report_spp: Option<u32>,
 }
@@ -79,34 +81,36 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let session = Session::start(&mut prepared, &loaded, gpus, tracing, progress)?;
     let options = &prepared.render;
     if !options.quiet && !options.json {
-        let rungs = session.ladder.rungs().len();
+        let rungs = session.ladder().rungs().len();
         session.progress.tell(&format!(
             "{} at {}, denoiser {}, {rungs} rung{}; ladder: {}; ready after {:.1} s",
             options.shot,
             options.size,
             Denoiser::name_of(prepared.choice.denoiser),
             if rungs == 1 { "" } else { "s" },
-            args.options.ladder_name(&session.ladder),
+            args.options.ladder_name(session.ladder()),
             session.warm_up_s
         ));
     }
     let path = CameraPath::new(&loaded.shot.rig);
-    let (stale, samples) = (Stale::find(&options.out), args.report.then(FrameSamples::default));
+    let (pictures, samples) = (Pictures::of_folder(&options.out), args.report.then(FrameSamples::default));
     let motion = args.options.recording(loaded.space, &session.progress)?;
     let record = session.record(&options.out)?;
-    let mut run = Run { args, options, loaded: &loaded, session, path, motion, record, samples, newest: None, stale };
+    let mut run =
+        Run { args, options, loaded: &loaded, session, path, motion, record, samples, newest: None, pictures };
     run.frames()?;
     let last = if args.report { Last::of(&mut run)? } else { None };
-    let Run { session, motion, record, samples, stale, .. } = run;
+    let Run { session, motion, record, samples, pictures, .. } = run;
     motion.map_or(Ok(()), Recording::finish)?;
     session.progress.finish();
-    let report = session.report(&prepared, &loaded, &record);
+    let mut report = session.report(&prepared, &loaded, &record);
+    report.pictures = pictures.names();
     report.write(&options.out.join("run.json"))?;
     record.finish()?;
-    stale.remove(options.quiet)?;
-    session.ladder.write(&options.out.join("ladder.toml")).map_err(anyhow::Error::from)?;
+    pictures.remove_earlier(options.quiet)?;
+    session.ladder().write(&options.out.join("ladder.toml")).map_err(anyhow::Error::from)?;
     session.tracing.finish()?;
-    drop(session.renderer);
+    drop(session.inner);
     if let (Some(last), Some(samples)) = (&last, &samples) {
         // The page has one camera, that of the last frame.
         loaded.shot.rig = last.rig.clone();
@@ -120,7 +124,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 struct Run<'a> {
     args: &'a Args,
     options: &'a RenderOptions,
-    loaded: &'a Loaded,
+    loaded: &'a LoadedScene,
     session: Session,
     path: CameraPath,
     motion: Option<Recording>,
@@ -129,7 +133,7 @@ struct Run<'a> {
     samples: Option<FrameSamples>,
     /// The number and the instant of the newest frame.
     newest: Option<(u32, f64)>,
-    stale: Stale,
+    pictures: Pictures,
 }
 
 impl Run<'_> {
@@ -196,8 +200,8 @@ impl Run<'_> {
         let Some((index, time_s)) = self.newest else { return Ok(()) };
         let exposure_ev = self.loaded.shot.exposure_ev;
         let tags = output::tags(&self.rig(index), exposure_ev, self.options.size, time_s, index);
-        FrameImages::read(&mut self.session.renderer, &[])?.write(&self.options.out, number, false, &tags)?;
-        self.stale.wrote(number, &[], false);
+        let images = FrameImages::read(&mut self.session.renderer, &[])?;
+        self.pictures.add(images.write(&self.options.out, number, false, &tags)?);
         Ok(())
     }
 }

@@ -1,27 +1,28 @@
 //! Several processes that render together, as `mpirun` starts them: rank 0 runs the command, the others serve it with
 //! their devices.
 
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 use std::time::Instant;
 
-use diptych::device::GpuDevice;
-use diptych::exec::ranks::{Host, Load, Node};
-use diptych::scene::folder::Source;
-use diptych::stages::SceneTables;
-use diptych::trace::HostSpans;
+use crate::device::GpuDevice;
+use crate::exec::ranks::{Host, Load};
+use crate::passes::Declarations;
+use crate::scene::folder::Source;
+use crate::stages::SceneTables;
+use crate::trace::HostSpans;
 
 use super::failure::Failure;
 use super::interrupt;
+use super::node::NODE;
 use super::options::RunOptions;
+use super::registry::registered;
 use super::setup;
-
-static NODE: OnceLock<Arc<Node>> = OnceLock::new();
 
 /// Joins the other processes that were started together with this one, if any were.
 pub fn join() -> Result<(), Failure> {
     #[cfg(feature = "mpi")]
-    if diptych::exec::ranks::started_as().is_some() {
-        let node = Node::join(diptych::exec::ranks::MpiLink::new, interrupt::raise);
+    if crate::exec::ranks::started_as().is_some() {
+        let node = Node::join(crate::exec::ranks::MpiLink::new, interrupt::raise);
         let node = node.map_err(|what| Failure::Run(anyhow::anyhow!("cannot join the other ranks: {what}")))?;
         let node = NODE.get_or_init(|| node);
         if node.rank() == 0 {
@@ -34,7 +35,7 @@ pub fn join() -> Result<(), Failure> {
 /// A program without MPI cannot share its work out: each of several processes would write the same files.
 #[cfg(not(feature = "mpi"))]
 pub fn check_alone() -> Result<(), Failure> {
-    let Some(number) = diptych::exec::ranks::started_as() else { return Ok(()) };
+    let Some(number) = crate::exec::ranks::started_as() else { return Ok(()) };
     // One of them says it, and the others end with it.
     if number > 0 {
         std::thread::sleep(std::time::Duration::from_secs(1));
@@ -54,16 +55,11 @@ pub fn serves() -> bool {
     NODE.get().is_some_and(|node| node.rank() > 0)
 }
 
-/// What leads from rank 0 to others, if there are any.
-pub fn others() -> Option<&'static Arc<Node>> {
-    NODE.get().filter(|node| node.rank() == 0 && node.ranks() > 1)
-}
-
 /// Serves rank 0 until it ends; returns its exit status.
 pub fn serve(options: Option<&RunOptions>) -> Result<u8, Failure> {
     let Some(node) = NODE.get() else { return Ok(0) };
     interrupt::watch()?;
-    match diptych::exec::ranks::serve(node, &mut Here { options, spans: None }) {
+    match crate::exec::ranks::serve(node, &mut Here { options, spans: None }) {
         Ok(status) => Ok(status),
         Err(lost) => {
             // One rank says it, and the others end with it.
@@ -112,6 +108,10 @@ impl Host for Here<'_> {
 
     fn recorded(&mut self) -> Vec<u8> {
         self.spans.as_mut().map_or_else(Vec::new, HostSpans::take)
+    }
+
+    fn passes(&self) -> Declarations {
+        registered().passes.clone()
     }
 
     fn interrupted(&self) -> Option<i32> {

@@ -3,12 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use diptych::accumulation::{Accumulation, Checkpoint, Done, Fingerprint, Job, Subject, accumulate};
-use diptych::device::Traversal;
-use diptych::exec::{FrameReport, Renderer, Stereo};
-use diptych::image::display::{DisplayImage, tonemap, write_png};
-use diptych::image::stereo;
-use diptych::report::run::{ReferenceRow, aov_ms};
+use crate::accumulation::{Accumulation, Checkpoint, Done, Fingerprint, Job, Subject, accumulate};
+use crate::device::Traversal;
+use crate::exec::{FrameReport, Renderer, Stereo};
+use crate::image::display::{DisplayImage, tonemap, write_png};
+use crate::image::stereo;
+use crate::loaded::LoadedScene;
+use crate::report::run::{ReferenceRow, aov_ms};
 
 use super::failure::Failure;
 use super::foveation::FoveationOptions;
@@ -17,7 +18,7 @@ use super::options::{RenderOptions, RunOptions, Switch};
 use super::output;
 use super::progress::Progress;
 use super::settings::Given;
-use super::setup::{self, Loaded, Tracing};
+use super::setup::{self, Tracing};
 
 /// Samples of a pass unless asked otherwise: few enough that a slow device stops in time, enough that reading the pass
 /// back costs a fast one little.
@@ -26,14 +27,14 @@ pub const PASS_SPP: u32 = 8;
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = super::options::QUALITY)]
 pub struct PassOptions {
-    /// Seconds of accumulating per frame: no pass is begun that would probably end later; at least one is made
-    #[arg(long, value_name = "S", requires = "reference", value_parser = seconds)]
+    /// With --reference: seconds per frame; at least one pass is made
+    #[arg(hide_short_help = true, long, value_name = "S", requires = "reference", value_parser = seconds)]
     pub time_limit: Option<Duration>,
-    /// Keep the accumulation here after each pass and go on from what is there
-    #[arg(long, value_name = "DIR", requires = "reference")]
+    /// With --reference: keep the accumulation in DIR and resume from it
+    #[arg(hide_short_help = true, long, value_name = "DIR", requires = "reference")]
     pub passes_out: Option<PathBuf>,
-    /// Samples of a pass of --reference: a power of two
-    #[arg(long, value_name = "N", requires = "reference", default_value_t = PASS_SPP, value_parser = pass_spp)]
+    /// With --reference: samples per pass, a power of two
+    #[arg(hide_short_help = true, long, value_name = "N", requires = "reference", default_value_t = PASS_SPP, value_parser = pass_spp)]
     pub pass_spp: u32,
 }
 
@@ -129,7 +130,7 @@ impl Plan {
     }
 
     /// Keeps checkpoints in a folder of their own below `folder`.
-    pub fn keep_below(&mut self, folder: &Path, loaded: &Loaded) -> PathBuf {
+    pub fn keep_below(&mut self, folder: &Path, loaded: &LoadedScene) -> PathBuf {
         let folder = folder.join(self.fingerprint(loaded, 0).key());
         self.folder = Some(folder.clone());
         folder
@@ -140,7 +141,7 @@ impl Plan {
     }
 
     /// What a frame's samples are of.
-    pub fn fingerprint(&self, loaded: &Loaded, frame: u32) -> Fingerprint {
+    pub fn fingerprint(&self, loaded: &LoadedScene, frame: u32) -> Fingerprint {
         let options = &self.options;
         Fingerprint::of(&Subject {
             scene: &loaded.at(self.time_s(frame)),
@@ -156,7 +157,7 @@ impl Plan {
         })
     }
 
-    fn checkpoint(&self, loaded: &Loaded, frame: u32) -> Option<Checkpoint> {
+    fn checkpoint(&self, loaded: &LoadedScene, frame: u32) -> Option<Checkpoint> {
         let folder = self.folder.as_ref()?;
         let name = match self.options.frames {
             1 => "reference.state".to_owned(),
@@ -168,13 +169,13 @@ impl Plan {
 
     /// Makes the folder of the checkpoints, which `option` names, and refuses those that cannot be gone on from before
     /// anything is rendered.
-    pub fn prepare(&self, loaded: &Loaded, option: &str) -> Result<(), Failure> {
+    pub fn prepare(&self, loaded: &LoadedScene, option: &str) -> Result<(), Failure> {
         self.folder.as_ref().map_or(Ok(()), |folder| output::prepare(folder, option))?;
         (0..self.options.frames).try_for_each(|i| self.begun(loaded, i).map(drop))
     }
 
     /// What is there of a frame.
-    pub fn begun(&self, loaded: &Loaded, frame: u32) -> Result<Accumulation, Failure> {
+    pub fn begun(&self, loaded: &LoadedScene, frame: u32) -> Result<Accumulation, Failure> {
         let there = self.checkpoint(loaded, frame).map_or(Ok(None), |c| c.load())?;
         Ok(there.unwrap_or_else(|| Accumulation::new(self.options.size)))
     }
@@ -183,7 +184,7 @@ impl Plan {
     pub fn accumulate(
         &self,
         renderer: &mut Renderer,
-        loaded: &Loaded,
+        loaded: &LoadedScene,
         frame: u32,
         begun: Accumulation,
         tracing: &Tracing,

@@ -2,59 +2,63 @@
 
 use std::time::Instant;
 
-use diptych::exec::{FrameReport, Renderer, Stereo};
-use diptych::image::RgbImage;
-use diptych::passes::Aov;
-use diptych::quality::{Denoiser, Quality};
-use diptych::report::frames::FrameLine;
-use diptych::report::rectified::RectifiedFrame;
-use diptych::report::run::{FrameRow, ReferenceRow, RunReport};
-use diptych::scene::rig::Rig;
-use diptych::trace::frames::record_devices;
+use crate::exec::{FrameReport, Renderer, Stereo};
+use crate::image::RgbImage;
+use crate::loaded::LoadedScene;
+use crate::passes::Aov;
+use crate::quality::{Denoiser, Quality};
+use crate::report::frames::FrameLine;
+use crate::report::rectified::RectifiedFrame;
+use crate::report::run::{FrameRow, ReferenceRow, RunReport};
+use crate::scene::rig::Rig;
+use crate::trace::frames::record_devices;
 
 use super::failure::Failure;
 use super::faults::FaultLog;
 use super::foveation::Preset;
 use super::interrupt;
 use super::options::{self, RenderOptions};
-use super::output::{self, FrameImages, Sheet};
+use super::output::{self, FrameImages, SHEET, Sheet};
+use super::pictures::Pictures;
 use super::progress::Progress;
 use super::reference::{self, PassOptions, Plan};
 use super::settings;
-use super::setup::{self, Loaded, Tracing};
-use super::stale::Stale;
+use super::setup::{self, Tracing};
 
 #[derive(clap::Args, Clone, Debug)]
 pub struct Args {
     #[command(flatten)]
     pub options: RenderOptions,
-    /// Virtual devices on each chosen adapter
+    /// Virtual devices on each adapter
     #[arg(long = "virtual", default_value_t = 1, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     virtual_devices: u16,
-    /// Unbiased: no denoiser, no reprojection; samples are accumulated in passes, any number of them [--spp is then 256
-    /// unless given]
+    /// Render an unbiased reference, without denoiser and reprojection
+    ///
+    /// Samples are accumulated in passes, any number of them; --spp is then 256 unless given.
     #[arg(long, help_heading = options::QUALITY)]
     reference: bool,
     #[command(flatten)]
     passes: PassOptions,
-    /// Each task in run.json as well, beside the sums per stage, view and device
-    #[arg(long, help_heading = options::OUTPUT)]
+    /// Also write each task to run.json
+    #[arg(hide_short_help = true, long, help_heading = options::OUTPUT)]
     details: bool,
-    /// Also write both eyes as a red-cyan anaglyph
-    #[arg(long, help_heading = options::OUTPUT)]
+    /// Also write a red-cyan anaglyph
+    #[arg(hide_short_help = true, long, help_heading = options::OUTPUT)]
     anaglyph: bool,
-    /// Also write the left eye's frames in rows of four as one picture, sheet.png, each reduced to at most 480 columns
+    /// Also write the left eye's frames as a contact sheet, sheet.png
     #[arg(long, conflicts_with = "reference", help_heading = options::OUTPUT)]
     sheet: bool,
-    /// A configuration of Peres: samples, foveation and denoiser together
-    #[arg(long = "peres", conflicts_with_all = ["spp", "scale", "foveation", "iterations", "denoiser", "reference"], help_heading = options::QUALITY)]
+    /// Use a configuration of Peres: samples, foveation and denoiser
+    #[arg(hide_short_help = true, long = "peres", alias = "preset", conflicts_with_all = ["spp", "scale", "foveation", "iterations", "denoiser", "reference"], help_heading = options::QUALITY)]
     preset: Option<Preset>,
-    /// Frames before the first one kept, at its instant, for their history [default: of a single frame with svgf or bmfr, as many
-    /// as give each pixel 16 samples; else 0]
+    /// Frames of history before the first frame [default: up to 16 samples per pixel]
+    ///
+    /// A single frame of svgf or bmfr gets as many frames at its instant as give each pixel 16 samples; all else gets
+    /// none.
     #[arg(long, value_name = "N", conflicts_with = "reference", value_parser = clap::value_parser!(u32).range(0..=1000), help_heading = options::SCENE)]
     warm_up: Option<u32>,
-    /// Draw the stripes and the layers around the gaze on stereo.png
-    #[arg(long, help_heading = options::OUTPUT)]
+    /// Draw stripes and foveal layers on stereo.png
+    #[arg(hide_short_help = true, long, help_heading = options::OUTPUT)]
     overlay: bool,
 }
 
@@ -130,19 +134,20 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     record_devices(&tracing.recorder, renderer.devices());
     for before in (1..=warm_up_frames).rev() {
         interrupt::check()?;
-        let frame = renderer.render(&loaded.shot.rig, time_s(options, 0), 0u32.wrapping_sub(before))?;
+        let params = renderer.frame(&loaded.shot.rig, time_s(options, 0), 0u32.wrapping_sub(before));
+        let frame = renderer.render(&params)?;
         let event = serde_json::json!({ "event": "warm_up_frame", "makespan_ms": frame.makespan_ms });
         progress.step(format!("history {:.1} ms", frame.makespan_ms), &event);
     }
     let warm_up_s = warm_up.elapsed().as_secs_f64();
-    let (rows, stale) = (Rows::default(), Stale::find(&options.out));
-    let mut run = Run { args, loaded: &loaded, renderer, tracing: &tracing, progress, begun: 0, rows, stale };
+    let (rows, pictures) = (Rows::default(), Pictures::of_folder(&options.out));
+    let mut run = Run { args, loaded: &loaded, renderer, tracing: &tracing, progress, begun: 0, rows, pictures };
     match &plan {
         None => run.frames()?,
         Some(plan) => run.references(plan)?,
     }
     run.progress.finish();
-    let Run { renderer, rows, stale, .. } = run;
+    let Run { renderer, rows, pictures, .. } = run;
     let devices = renderer.devices();
     let mut settings = settings::in_force(options, loaded.exposure_ev(), devices);
     settings.options.insert("warm_up".to_owned(), warm_up_frames.into());
@@ -154,10 +159,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     report.warm_up_frames = warm_up_frames;
     report.references = rows.references;
     report.faults = renderer.faults().to_vec();
+    report.pictures = pictures.names();
     report.rectified = renderer.rectified().map(|frame| RectifiedFrame::new(frame, options.size));
     FrameLine::csv_of(&report.frames).write(&options.out.join("frames.csv"))?;
     report.write(&options.out.join("run.json"))?;
-    stale.remove(options.quiet)?;
+    pictures.remove_earlier(options.quiet)?;
     tracing.finish()?;
     conclude(options, &report);
     interrupt::check()
@@ -166,14 +172,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 /// A run in the making.
 struct Run<'a> {
     args: &'a Args,
-    loaded: &'a Loaded,
+    loaded: &'a LoadedScene,
     renderer: Renderer,
     tracing: &'a Tracing,
     progress: Progress,
     /// Frames handed to the devices.
     begun: u32,
     rows: Rows,
-    stale: Stale,
+    pictures: Pictures,
 }
 
 impl Run<'_> {
@@ -205,8 +211,7 @@ impl Run<'_> {
             let tags = output::tags(&shot.rig, shot.exposure_ev, options.size, time_s, frame.index);
             images.pixel_centre = frame.pixel_centre;
             let number = (options.frames > 1).then_some(frame.index);
-            images.write(&options.out, number, self.args.anaglyph, &tags)?;
-            self.stale.wrote(number, &options.aovs(), self.args.anaglyph);
+            self.pictures.add(images.write(&options.out, number, self.args.anaglyph, &tags)?);
             if self.args.sheet {
                 sheet.add(&images);
             }
@@ -219,7 +224,7 @@ impl Run<'_> {
         }
         if self.args.sheet {
             sheet.write(&options.out)?;
-            self.stale.wrote_sheet();
+            self.pictures.add([SHEET.to_owned()]);
         }
         Ok(())
     }
@@ -251,7 +256,8 @@ impl Run<'_> {
         let reads = if most > 1 { FrameImages::on_devices(&options.aovs()) } else { Vec::new() };
         while self.begun < options.frames && self.renderer.in_flight() < most && !interrupt::is_set() {
             let at_s = time_s(options, self.begun);
-            self.renderer.begin(&self.loaded.shot.rig, at_s, self.begun, &reads)?;
+            let params = self.renderer.frame(&self.loaded.shot.rig, at_s, self.begun);
+            self.renderer.begin(&params, &reads)?;
             self.begun += 1;
         }
         Ok(())
@@ -264,9 +270,8 @@ impl Run<'_> {
             if interrupt::is_set() {
                 break;
             }
-            reference_frame(self.args, plan, self.loaded, &mut self.renderer, i, self.tracing, &mut self.rows)?;
-            let number = (plan.options.frames > 1).then_some(i);
-            self.stale.wrote(number, &plan.options.aovs(), self.args.anaglyph);
+            let (renderer, rows) = (&mut self.renderer, &mut self.rows);
+            self.pictures.add(reference_frame(self.args, plan, self.loaded, renderer, i, self.tracing, rows)?);
             faults.say_new(&self.renderer, self.tracing, &self.progress);
         }
         Ok(())
@@ -290,16 +295,17 @@ fn time_s(options: &RenderOptions, frame: u32) -> f64 {
     options.time + f64::from(frame) / options.fps
 }
 
-/// Auxiliary images are those of the first pass, whatever was there before.
+/// Renders a reference and returns the names of its pictures. Auxiliary images are those of the first pass, whatever was
+/// there before.
 fn reference_frame(
     args: &Args,
     plan: &Plan,
-    loaded: &Loaded,
+    loaded: &LoadedScene,
     renderer: &mut Renderer,
     index: u32,
     tracing: &Tracing,
     rows: &mut Rows,
-) -> Result<(), Failure> {
+) -> Result<Vec<String>, Failure> {
     let (options, shot) = (&plan.options, &loaded.shot);
     let begun = plan.begun(loaded, index)?;
     let done = plan.accumulate(renderer, loaded, index, begun, tracing)?;
@@ -310,7 +316,8 @@ fn reference_frame(
         pixel_centre: [0.5; 2],
     };
     if !options.aov.is_empty() {
-        images.pixel_centre = renderer.render(&shot.rig, plan.time_s(index), index)?.pixel_centre;
+        let params = renderer.frame(&shot.rig, plan.time_s(index), index);
+        images.pixel_centre = renderer.render(&params)?.pixel_centre;
         images.aovs = FrameImages::read(renderer, &options.aovs())?.aovs;
         for (_, spp) in images.aovs.iter_mut().filter(|(aov, _)| *aov == Aov::Spp) {
             spp.left.iter_mut().chain(&mut spp.right).for_each(|plane| plane.fill(done.row.spp as f32));
@@ -325,9 +332,8 @@ fn reference_frame(
         rows.frames.push(args.row(&report, &quality, &shot.rig, plan.time_s(index)));
     }
     let tags = output::tags(&shot.rig, shot.exposure_ev, options.size, plan.time_s(index), index);
-    images.write(&options.out, (options.frames > 1).then_some(index), args.anaglyph, &tags)?;
     rows.references.push(done.row);
-    Ok(())
+    images.write(&options.out, (options.frames > 1).then_some(index), args.anaglyph, &tags)
 }
 
 /// Says where things are.

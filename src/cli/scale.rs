@@ -5,31 +5,33 @@ use std::time::Instant;
 
 use anyhow::Context;
 
-use diptych::device::DeviceInfo;
-use diptych::exec::ranks::Devices;
-use diptych::exec::{FrameReport, Renderer, Stereo};
-use diptych::image::RgbImage;
-use diptych::passes::tonemap::LINEAR;
-use diptych::report::Table;
-use diptych::report::frames::FrameLine;
-use diptych::report::html::Section;
-use diptych::report::lanes::{LaneFrame, median_frame};
-use diptych::report::pictures::Group;
-use diptych::report::run::{FrameRow, RunReport, aov_ms};
-use diptych::report::scale::{Row, scale_csv, scale_sections, scale_svg, scale_table};
-use diptych::report::simulation::{self, enough_nodes, simulation_csv, simulation_svg, simulation_table};
-use diptych::schedule::{CostModel, Network};
-use diptych::trace::frames::record_devices;
+use crate::device::DeviceInfo;
+use crate::exec::ranks::Devices;
+use crate::exec::{FrameReport, Renderer, Stereo};
+use crate::image::RgbImage;
+use crate::loaded::LoadedScene;
+use crate::passes::tonemap::LINEAR;
+use crate::report::frames::FrameLine;
+use crate::report::html::Section;
+use crate::report::lanes::{LaneFrame, median_frame};
+use crate::report::pictures::Group;
+use crate::report::run::{FrameRow, RunReport, aov_ms};
+use crate::report::scale::{Row, scale_csv, scale_sections, scale_svg, scale_table};
+use crate::report::simulation::{self, enough_nodes, simulation_csv, simulation_svg, simulation_table};
+use crate::report::{Csv, Table};
+use crate::schedule::{CostModel, Network};
+use crate::trace::frames::record_devices;
 
+use super::balance::Balance;
 use super::failure::Failure;
 use super::faults::refuse_faults;
 use super::interrupt;
-use super::options::{self, Balance, RenderOptions};
+use super::options::{self, RenderOptions};
 use super::output::{self, same_bits};
 use super::page::{self, and_page};
 use super::progress::Progress;
 use super::settings;
-use super::setup::{self, Loaded, Tracing};
+use super::setup::{self, Tracing};
 use super::simulate;
 
 #[derive(clap::Args, Debug)]
@@ -37,15 +39,15 @@ use super::simulate;
 pub struct Args {
     #[command(flatten)]
     pub options: RenderOptions,
-    /// Device counts: virtual devices on each chosen adapter. One device is always measured, as the base of speed-ups
+    /// Virtual devices on each adapter; one device is always measured
     #[arg(long, value_delimiter = ',', default_value = "1,2", value_name = "N,N,…", value_parser = clap::value_parser!(u16).range(1..=64), help_heading = options::DEVICES)]
     counts: Vec<u16>,
-    /// Frames before those that are timed: drivers compile, stripes settle
+    /// Frames before the timed ones
     #[arg(long, default_value_t = 3, help_heading = options::SCENE)]
     warm_up: u32,
     #[command(flatten)]
     simulation: simulate::Args,
-    /// Also write report.html: the picture, speed-up, what limits it, and swimlanes of a frame of each count
+    /// Also write report.html
     #[arg(long, help_heading = options::OUTPUT)]
     report: bool,
 }
@@ -59,7 +61,7 @@ impl Args {
 
 pub fn run(args: &Args) -> Result<(), Failure> {
     let options = &args.options;
-    options.check().map_err(Failure::Input)?;
+    let policies = of_policies(options)?;
     args.simulation.check(options)?;
     output::prepare(&options.out, "--out")?;
     interrupt::watch()?;
@@ -69,22 +71,25 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if let Some(warning) = setup::beyond_path(&loaded.shot.rig, options.time, last_s) {
         eprintln!("warning: {warning}");
     }
-    let one = of_one(options);
+    let one = of_one(&policies[0]);
     let mut gpus = setup::open_devices(&one, 1)?;
     let counts = counts(&args.counts, gpus.len());
     gpus.truncate(1);
-    let steps = (1 + counts.len()) as u64 * u64::from(args.warm_up + options.frames + followers(options));
+    let steps =
+        (1 + counts.len() * policies.len()) as u64 * u64::from(args.warm_up + options.frames + followers(options));
     let progress = Progress::new(steps, options.quiet, options.json);
     let measuring = Measuring { args, loaded: &loaded, progress: &progress, tracing: &tracing };
     let mut found = Found::default();
     let mut model = found.add(args, &loaded, measuring.run(&one, gpus, None)?)?;
     for count in counts {
-        let gpus = setup::open_devices(options, count)?;
-        let measured = measuring.run(options, gpus, found.rows.first())?;
-        let oversubscribed = measured.row.oversubscribed;
-        let costs = found.add(args, &loaded, measured)?;
-        if !oversubscribed {
-            model = costs;
+        for options in &policies {
+            let gpus = setup::open_devices(options, count)?;
+            let measured = measuring.run(options, gpus, found.rows.first())?;
+            let oversubscribed = measured.row.oversubscribed;
+            let costs = found.add(args, &loaded, measured)?;
+            if !oversubscribed {
+                model = costs;
+            }
         }
     }
     progress.finish();
@@ -93,8 +98,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let mut files = "scale.csv, scale.svg, frames.csv and run.json";
     if args.simulation.is_wanted() {
         files = "scale.csv, scale.svg, simulate.csv, frames.csv and run.json";
-        let measured: Vec<_> = found.rows.iter().map(|r| (r.devices, r.makespan_ms)).collect();
-        found.simulated = args.simulation.run(options, &model, &measured)?;
+        for options in &policies {
+            let own = |r: &&Row| r.devices == r.base_devices || r.policy == options.balance().name();
+            let measured: Vec<_> = found.rows.iter().filter(own).map(|r| (r.devices, r.makespan_ms)).collect();
+            found.simulated.extend(args.simulation.run(options, &model, &measured)?);
+        }
         simulation_csv(&found.simulated).write(&options.out.join("simulate.csv"))?;
     }
     found.write_run(options, &loaded)?;
@@ -117,11 +125,28 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         }
         if !simulated.is_empty() {
             say!("{}", simulation_table(simulated).text().trim_end());
-            enough_nodes(simulated).iter().for_each(|said| say!("{said}"));
+            for rows in simulated.chunk_by(|a, b| a.policy == b.policy) {
+                enough_nodes(rows).iter().for_each(|said| say!("{said}"));
+            }
         }
         say!("{}{files}: {}", and_page(args.report), options.out.display());
     }
     Ok(())
+}
+
+/// Returns the options with each of their policies alone.
+fn of_policies(options: &RenderOptions) -> Result<Vec<RenderOptions>, Failure> {
+    let policies = options.balances();
+    let with = |policy: &Balance| {
+        let mut one = options.clone();
+        one.run.balance = vec![*policy];
+        if *policy != Balance::Static && policies.contains(&Balance::Static) {
+            one.run.ratios.clear();
+        }
+        one.check().map_err(Failure::Input)?;
+        Ok(one)
+    };
+    policies.iter().map(with).collect()
 }
 
 /// Those asked for, each once and from the fewest, but one device in all, which is measured before them.
@@ -138,7 +163,7 @@ fn of_one(options: &RenderOptions) -> RenderOptions {
     run.faults.slowdown.truncate(1);
     run.faults.injections.retain(|injection| injection.device == 0);
     if run.balance() == Balance::Static {
-        run.balance = Some(Balance::Even);
+        run.balance = vec![Balance::Even];
         run.ratios.clear();
     }
     one
@@ -153,7 +178,7 @@ fn followers(options: &RenderOptions) -> u32 {
 /// What all counts have in common.
 struct Measuring<'a> {
     args: &'a Args,
-    loaded: &'a Loaded,
+    loaded: &'a LoadedScene,
     progress: &'a Progress,
     tracing: &'a Tracing,
 }
@@ -167,6 +192,12 @@ struct Measured {
 }
 
 impl Measuring<'_> {
+    /// Returns the place of the options' policy among those that are asked for.
+    fn place(&self, options: &RenderOptions) -> u32 {
+        let policies = self.args.options.balances();
+        policies.iter().position(|policy| *policy == options.balance()).unwrap_or_default() as u32
+    }
+
     /// On these devices; `base` is the row that speed-up is over, none for itself.
     fn run(&self, options: &RenderOptions, gpus: Devices, base: Option<&Row>) -> Result<Measured, Failure> {
         let Self { args, loaded, progress, tracing } = self;
@@ -189,7 +220,7 @@ impl Measuring<'_> {
                 begun += 1;
                 let is_last = begun == timed.end + followers(options);
                 let reads = if args.report && is_last { &[LINEAR][..] } else { &[] };
-                renderer.begin(&loaded.shot.rig, time_s, begun - 1, reads)?;
+                renderer.begin(&renderer.frame(&loaded.shot.rig, time_s, begun - 1), reads)?;
             }
             let Some(frame) = renderer.finish()? else { break };
             refuse_faults(&renderer)?;
@@ -198,14 +229,15 @@ impl Measuring<'_> {
             let event = serde_json::json!({ "event": "frame", "devices": devices, "makespan_ms": makespan_ms });
             progress.step(format!("{devices} device(s) {makespan_ms:.1} ms"), &event);
             if timed.contains(&frame.index) {
-                // Each count's frames get numbers of their own in the trace.
-                let shown = FrameReport { index: frame.index + devices as u32 * 1_000_000, ..frame.clone() };
+                // The frames of each count and policy get numbers of their own in the trace.
+                let series = devices as u32 + 100 * self.place(options);
+                let shown = FrameReport { index: frame.index + series * 1_000_000, ..frame.clone() };
                 tracing.record(&options.quality(), None, &shown);
                 frames.push(frame);
             }
         }
         let oversubscribed = threads > std::thread::available_parallelism().map_or(1, usize::from);
-        let row = Row::new(devices, &frames, oversubscribed, base);
+        let row = Row { policy: renderer.policy_name().to_owned(), ..Row::new(devices, &frames, oversubscribed, base) };
         Ok(Measured { row, renderer, warm_up_s, frames })
     }
 }
@@ -217,8 +249,9 @@ struct Found {
     /// Of each row.
     devices: Vec<Vec<DeviceInfo>>,
     warm_up_s: f64,
-    /// Those that were timed, of all counts.
+    /// The frames that were timed, of all counts, and the policy of each.
     frames: Vec<FrameRow>,
+    policies: Vec<String>,
     simulated: Vec<simulation::Row>,
     seen: Seen,
 }
@@ -243,7 +276,7 @@ impl Seen {
         }
     }
 
-    fn pictures(&self, loaded: &Loaded) -> Result<Option<Section>, Failure> {
+    fn pictures(&self, loaded: &LoadedScene) -> Result<Option<Section>, Failure> {
         let Some(picture) = &self.picture else { return Ok(None) };
         let bytes = match &self.same_bytes[..] {
             [] => "Only one count was measured.",
@@ -256,7 +289,7 @@ impl Seen {
     }
 
     fn swimlanes(&self, rows: &[Row]) -> Result<Section, Failure> {
-        let name = |row: &Row| format!("{} device(s)", row.devices);
+        let name = |row: &Row| format!("{} device(s), {}", row.devices, row.policy);
         let frames = rows.iter().zip(&self.frames);
         let frames: Vec<LaneFrame> = frames.map(|(row, frame)| LaneFrame::new(name(row), frame)).collect();
         let note = "Of each count a frame of median makespan.";
@@ -266,7 +299,7 @@ impl Seen {
 
 impl Found {
     /// Takes a count in; returns what frames cost there.
-    fn add(&mut self, args: &Args, loaded: &Loaded, measured: Measured) -> Result<CostModel, Failure> {
+    fn add(&mut self, args: &Args, loaded: &LoadedScene, measured: Measured) -> Result<CostModel, Failure> {
         let Measured { row, mut renderer, warm_up_s, frames } = measured;
         let options = &args.options;
         let quality = options.quality();
@@ -275,6 +308,7 @@ impl Found {
             FrameRow { index: f.index - args.warm_up, ..row }
         };
         self.frames.extend(frames.iter().map(row_of));
+        self.policies.extend(frames.iter().map(|_| row.policy.clone()));
         self.rows.push(row);
         self.devices.push(renderer.devices().to_vec());
         self.warm_up_s += warm_up_s;
@@ -287,13 +321,17 @@ impl Found {
     }
 
     /// All timed frames, and what they ran on: the devices of the largest count, of which smaller ones are a part.
-    fn write_run(&mut self, options: &RenderOptions, loaded: &Loaded) -> Result<(), Failure> {
+    fn write_run(&mut self, options: &RenderOptions, loaded: &LoadedScene) -> Result<(), Failure> {
         let settings = settings::in_force(options, loaded.exposure_ev(), &[]);
         let devices = self.devices.last().map_or(&[][..], Vec::as_slice);
         let frames = std::mem::take(&mut self.frames);
         let mut report = RunReport::new(settings, devices, &loaded.scene, loaded.needs, !options.no_skip, frames);
         report.warm_up_s = self.warm_up_s;
-        FrameLine::csv_of(&report.frames).write(&options.out.join("frames.csv"))?;
+        let mut csv = FrameLine::csv_of(&report.frames);
+        if options.balances().len() > 1 {
+            csv = csv.beside(Csv::new(&[("policy", |policy: &String| policy.clone())], &self.policies));
+        }
+        csv.write(&options.out.join("frames.csv"))?;
         Ok(report.write(&options.out.join("run.json"))?)
     }
 
@@ -306,7 +344,7 @@ impl Found {
         Ok(figure)
     }
 
-    fn write_page(&self, args: &Args, loaded: &Loaded, figure: String) -> Result<(), Failure> {
+    fn write_page(&self, args: &Args, loaded: &LoadedScene, figure: String) -> Result<(), Failure> {
         let options = &args.options;
         let title = format!("{} at {} over device counts", options.shot, options.size);
         let mut sections: Vec<Section> = self.seen.pictures(loaded)?.into_iter().collect();

@@ -2,55 +2,57 @@
 
 use clap::Args;
 use glam::DVec3;
+use sysinfo::{MemoryRefreshKind, RefreshKind, System};
 
-use diptych::scene::budget::{Budget, ByteSize};
-use diptych::scene::complete::Overrides;
-use diptych::scene::folder::{Access, Source};
-use diptych::scene::load::load_shot_within;
-use diptych::scene::motion::play::Choice;
-use diptych::scene::shot::allowed::{ANY, Allowed, NOT_NEGATIVE, STOPS, YFOV};
-use diptych::scene::shot::{Shot, ShotEnvironment, Sky};
-use diptych::scene::{Scene, SceneError};
+use crate::scene::budget::{Budget, ByteSize};
+use crate::scene::complete::Overrides;
+use crate::scene::folder::{Access, Source};
+use crate::scene::load::load_shot_within;
+use crate::scene::motion::play::Choice;
+use crate::scene::shot::allowed::{ANY, Allowed, NOT_NEGATIVE, STOPS, YFOV};
+use crate::scene::shot::{Shot, ShotEnvironment, Sky};
+use crate::scene::{Scene, SceneError};
 
 #[derive(Args, Clone, Debug)]
-#[command(next_help_heading = super::options::SCENE)]
+#[command(next_help_heading = super::headings::SCENE)]
 pub struct SceneOptions {
-    /// Where the eyes stay, in scene units [default: as the shot or the file's camera says; without either, where there
-    /// is something to see]
+    /// Position of the eyes, scene units [default: the camera]
+    ///
+    /// Without a camera in the shot or the file, diptych looks for a place with a view.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
     pub position: Option<DVec3>,
-    /// What the eyes look at, in scene units
+    /// Point that the eyes look at, scene units
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
     pub target: Option<DVec3>,
-    /// The camera of this number in the scene's file, from 0 [default: the shot's, else the first]
-    #[arg(long, value_name = "N")]
+    /// Camera of the scene file, from 0 [default: the first one]
+    #[arg(hide_short_help = true, long, value_name = "N")]
     pub camera: Option<usize>,
-    /// Vertical field of view of each eye, degrees [default: the shot's or the camera's]
+    /// Vertical field of view, degrees [default: the camera's]
     #[arg(long, value_name = "DEG", value_parser = |text: &str| number(text, &YFOV))]
     pub yfov: Option<f64>,
-    /// Distance between the eyes, metres; 0 gives both the same view [default: the shot's, else 0.064]
-    #[arg(long, value_name = "M", value_parser = |text: &str| number(text, &NOT_NEGATIVE))]
+    /// Interpupillary distance, metres [default: the shot's, else 0.064]
+    #[arg(hide_short_help = true, long, value_name = "M", value_parser = |text: &str| number(text, &NOT_NEGATIVE))]
     pub baseline: Option<f64>,
-    /// Stops by which pictures are exposed; EXR files are not [default: the shot's, else 0]
+    /// Exposure of pictures in stops; EXR files are not exposed [default: the shot's]
     #[arg(long, value_name = "EV", value_parser = |text: &str| number(text, &STOPS), allow_hyphen_values = true)]
     pub exposure: Option<f64>,
-    /// What is all around: an .hdr or .exr in latitude and longitude, or a radiance [default: the shot's]
-    #[arg(long, value_name = "FILE|R,G,B", value_parser = environment)]
+    /// Environment: an .hdr or .exr in latitude-longitude, or a radiance R,G,B
+    #[arg(hide_short_help = true, long, value_name = "FILE|R,G,B", value_parser = environment)]
     pub environment: Option<ShotEnvironment>,
-    /// Which of the scene file's animations are played: all, none, or a name [default: the shot's, else all]
-    #[arg(long, value_name = "NAME", value_parser = animation)]
+    /// Animations to play: all, none, or a name [default: the shot's, else all]
+    #[arg(hide_short_help = true, long, value_name = "NAME", value_parser = animation)]
     pub animation: Option<Choice>,
-    /// Memory that the scene may take on the host, as 4GiB or 800MB [default: half of what is there]
-    #[arg(long, value_name = "SIZE")]
+    /// Most host memory for the scene, as 4GiB [default: half of the memory]
+    #[arg(hide_short_help = true, long, value_name = "SIZE")]
     pub max_scene_memory: Option<ByteSize>,
-    /// Shots and scenes may name files outside their own folders
-    #[arg(long)]
+    /// Allow shots and scenes to name files outside their folders
+    #[arg(hide_short_help = true, long)]
     pub allow_outside: bool,
 }
 
 impl SceneOptions {
     pub fn budget(&self) -> Budget {
-        self.max_scene_memory.map_or_else(Budget::of_host, Budget::new)
+        Budget::new(self.max_scene_memory.unwrap_or_else(|| ByteSize(host_memory() / 2)))
     }
 
     /// The shot and its scene, whose cameras are taken as they are at `time_s`.
@@ -78,6 +80,19 @@ impl SceneOptions {
             time_s,
         };
         load_shot_within(shot, &overrides, Access { budget, allow_outside: self.allow_outside, source })
+    }
+}
+
+/// Returns the bytes of memory that this machine has, or the container that the program is in.
+fn host_memory() -> u64 {
+    /// Bytes, where no system says how many there are.
+    const UNKNOWN: u64 = 8 << 30;
+    let ram = RefreshKind::nothing().with_memory(MemoryRefreshKind::nothing().with_ram());
+    let system = System::new_with_specifics(ram);
+    let container = system.cgroup_limits().map_or(u64::MAX, |limits| limits.total_memory);
+    match system.total_memory().min(container) {
+        0 => UNKNOWN,
+        bytes => bytes,
     }
 }
 
@@ -121,6 +136,11 @@ mod tests {
         for wrong in ["", "1", "1,2", "1,2,-3", "1,2,nan", "1,2,1e39", "sky.png"] {
             assert!(sky(wrong).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn the_host_has_memory() {
+        assert!((1 << 27..1 << 51).contains(&host_memory()), "{}", host_memory());
     }
 
     #[test]

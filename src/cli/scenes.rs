@@ -2,17 +2,17 @@
 
 use serde_json::json;
 
-use diptych::scene::builtin::BUILTINS;
-use diptych::scene::motion::Moves;
+use crate::scene::builtin::BUILTINS;
+use crate::scene::motion::Moves;
 
 use super::failure::Failure;
 use super::scene_options::SceneOptions;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// A shot (.toml), a .gltf/.glb, or builtin:NAME: says what it is made of and what of it moves
+    /// Shot (.toml), .gltf/.glb or builtin:NAME to describe
     shot: Option<String>,
-    /// As JSON
+    /// Print JSON
     #[arg(long)]
     json: bool,
     #[command(flatten)]

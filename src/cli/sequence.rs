@@ -3,12 +3,12 @@
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
+use crate::exec::Stereo;
+use crate::image::{RgbImage, exr};
+use crate::metrics::temporal::{Change, Surfaces};
+use crate::metrics::{MEASURES, Pair};
+use crate::report::study::{SequenceRow, sequence_table};
 use anyhow::{Context, bail, ensure};
-use diptych::exec::Stereo;
-use diptych::image::{RgbImage, exr};
-use diptych::metrics::temporal::{Change, Surfaces};
-use diptych::metrics::{MEASURES, Pair};
-use diptych::report::study::{SequenceRow, sequence_table};
 
 use super::compare::{Said, differences, source_note};
 use super::failure::Failure;

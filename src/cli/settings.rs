@@ -6,15 +6,15 @@ use std::path::PathBuf;
 use std::sync::OnceLock;
 
 use clap::parser::ValueSource;
-use clap::{Arg, ArgAction, ArgMatches, Command, CommandFactory};
+use clap::{Arg, ArgAction, ArgMatches, Command};
 use serde_json::{Map, Value, json};
 
-use diptych::device::DeviceInfo;
-use diptych::quality::{Denoiser, Quality};
-use diptych::report::once;
-use diptych::report::run::RunSettings;
+use crate::device::DeviceInfo;
+use crate::quality::{Denoiser, Quality};
+use crate::report::once;
+use crate::report::run::RunSettings;
 
-use super::Cli;
+use super::balance::Balance;
 use super::foveation::FoveationMode;
 use super::options::RenderOptions;
 use super::setup::name;
@@ -27,9 +27,9 @@ pub struct Given {
 
 static HERE: OnceLock<Given> = OnceLock::new();
 
-/// Keeps the options that this process was started with.
-pub fn keep(matches: &ArgMatches) {
-    if let Some(given) = Given::of(matches) {
+/// Keeps the options that this process was started with. `command` is the definition of all commands.
+pub fn keep(command: &Command, matches: &ArgMatches) {
+    if let Some(given) = Given::of(command, matches) {
         HERE.get_or_init(|| given);
     }
 }
@@ -40,9 +40,9 @@ impl Given {
         HERE.get()
     }
 
-    fn of(matches: &ArgMatches) -> Option<Self> {
+    fn of(command: &Command, matches: &ArgMatches) -> Option<Self> {
         let (name, matches) = matches.subcommand()?;
-        Some(Self { command: Cli::command().find_subcommand(name)?.clone(), matches: matches.clone() })
+        Some(Self { command: command.find_subcommand(name)?.clone(), matches: matches.clone() })
     }
 
     /// An option with its dashes, or `SHOT`, if it was typed rather than left at its default; `id` is the name of its
@@ -113,6 +113,14 @@ pub fn of_command_line(exposure_ev: f64, known: impl IntoIterator<Item = (&'stat
     settings
 }
 
+/// The policy, or a list of several.
+pub fn balance(policies: &[Balance]) -> Value {
+    match policies {
+        [one] => json!(one.name()),
+        several => json!(several.iter().map(|policy| policy.name()).collect::<Vec<_>>()),
+    }
+}
+
 /// The same with what presets, references and other options make of them, in frames that are rendered with `options` on
 /// these devices, where they are the same for all frames.
 pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo]) -> RunSettings {
@@ -127,7 +135,7 @@ pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo
         ("iterations", if is_layered { json!(iterations) } else { json!(iterations[0]) }),
         ("foveation", json!(name(&options.foveated.foveation))),
         ("reproject", json!(name(&options.reproject))),
-        ("balance", json!(name(&options.balance()))),
+        ("balance", balance(&options.balances())),
         ("fps", json!(options.fps)),
     ];
     if !devices.is_empty() {
@@ -142,9 +150,11 @@ pub fn in_force(options: &RenderOptions, exposure_ev: f64, devices: &[DeviceInfo
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::cli::commands::command;
 
     fn given(args: &[&str]) -> Given {
-        Given::of(&Cli::command().try_get_matches_from(["diptych"].iter().chain(args)).unwrap()).unwrap()
+        let command = command();
+        Given::of(&command, &command.clone().try_get_matches_from(["diptych"].iter().chain(args)).unwrap()).unwrap()
     }
 
     #[test]

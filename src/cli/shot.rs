@@ -6,18 +6,18 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context, anyhow};
 use pathdiff::diff_paths;
 
-use diptych::image::file::atomic_write;
-use diptych::scene::shot::{SceneSource, Sky};
+use crate::image::file::atomic_write;
+use crate::scene::shot::{SceneSource, Sky};
 
 use super::failure::Failure;
 use super::scene_options::SceneOptions;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// A .gltf/.glb, builtin:NAME, or a shot (.toml)
+    /// Scene: .gltf/.glb, builtin:NAME or a shot (.toml)
     #[arg(value_name = "SCENE")]
     scene_file: String,
-    /// The shot to write; one that is there already is left alone
+    /// Shot file to write; an existing file is kept
     #[arg(long, value_name = "FILE.toml")]
     out: PathBuf,
     #[command(flatten)]

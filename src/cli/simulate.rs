@@ -2,9 +2,9 @@
 
 use std::str::FromStr;
 
-use diptych::graph::FrameGraph;
-use diptych::report::simulation::Row;
-use diptych::schedule::{CostModel, Network, Prediction, simulate};
+use crate::graph::FrameGraph;
+use crate::report::simulation::Row;
+use crate::schedule::{CostModel, Network, Prediction, simulate};
 
 use super::failure::Failure;
 use super::options::RenderOptions;
@@ -13,18 +13,17 @@ use super::setup;
 #[derive(clap::Args, Debug)]
 #[command(next_help_heading = super::options::DEVICES)]
 pub struct Args {
-    /// Predict these device counts as well, from costs measured on the most devices that fit the cores; 2x4 are two
-    /// nodes of four devices each
+    /// Predict these device counts from measured costs; 2x4 is two nodes of four
     #[arg(long, value_delimiter = ',', value_name = "N,MxN,…")]
     simulate: Vec<Nodes>,
-    /// Speeds of simulated devices, 1: as measured; repeated for as many as there are
+    /// Relative speeds of simulated devices, repeated as needed
     #[arg(long, value_delimiter = ',', value_name = "S,S,…", default_value = "1", requires = "simulate")]
     speeds: Vec<f64>,
-    /// What a message takes from node to node, microseconds [default: as measured between ranks, else 2]
-    #[arg(long, value_name = "US", requires = "simulate")]
+    /// Latency between nodes, microseconds [default: as measured, else 2]
+    #[arg(hide_short_help = true, long, value_name = "US", requires = "simulate")]
     network_us: Option<f64>,
-    /// Gigabits a second that go from node to node [default: as measured between ranks, else 100]
-    #[arg(long, value_name = "GBPS", requires = "simulate")]
+    /// Bandwidth between nodes, Gbit/s [default: as measured, else 100]
+    #[arg(hide_short_help = true, long, value_name = "GBPS", requires = "simulate")]
     network_gbps: Option<f64>,
 }
 
@@ -101,9 +100,13 @@ impl Args {
             let (_, prediction) = predict(options, &simulated)?;
             let is_alike = speeds.iter().all(|&s| s == 1.0);
             // Measured devices are on as many nodes as there are ranks.
-            let is_here = is_alike && nodes == crate::cli::ranks::others().map_or(1, |node| node.ranks());
+            let is_here = is_alike && nodes == crate::cli::node::others().map_or(1, |node| node.ranks());
             let here = measured.iter().find(|(d, _)| is_here && *d == devices);
-            rows.push(Row { nodes, ..Row::new(&prediction, &speeds, one_ms, here.map(|(_, ms)| *ms)) });
+            rows.push(Row {
+                policy: options.balance().name(),
+                nodes,
+                ..Row::new(&prediction, &speeds, one_ms, here.map(|(_, ms)| *ms))
+            });
         }
         Ok(rows)
     }

@@ -2,25 +2,25 @@
 
 use std::path::{Path, PathBuf};
 
-use diptych::report::trace::{comparison_text, frame_text, summary_text};
-use diptych::trace::TraceError;
-use diptych::trace::compare::Comparison;
-use diptych::trace::read::read;
-use diptych::trace::summary::{FrameDetail, Summary};
+use crate::report::trace::{comparison_text, frame_text, summary_text};
+use crate::trace::TraceError;
+use crate::trace::compare::Comparison;
+use crate::trace::read::read;
+use crate::trace::summary::{FrameDetail, Summary};
 use serde::Serialize;
 
 use super::failure::Failure;
 
 #[derive(clap::Args)]
 pub struct Args {
-    /// A trace-file (Chrome trace events), whole or cut off where a run died
+    /// Trace file (Chrome trace events), complete or truncated
     file: PathBuf,
-    /// Another one, to be compared with the first: medians over frames, what changed most first
+    /// Second trace, to compare with the first
     other: Option<PathBuf>,
-    /// One frame in detail, its critical path step by step
+    /// Print one frame and its critical path step by step
     #[arg(long, value_name = "N", conflicts_with = "other")]
     frame: Option<u64>,
-    /// As JSON
+    /// Print JSON
     #[arg(long)]
     json: bool,
 }

@@ -7,6 +7,7 @@ mod camera;
 #[cfg(feature = "xr")]
 mod headset;
 mod layout;
+mod look;
 mod overlay;
 mod present;
 mod renderer;
@@ -25,36 +26,36 @@ use super::options::RunOptions;
 use super::play::{LoopOptions, Prepared};
 use super::progress::Progress;
 use super::setup::{self, Tracing};
+use look::Look;
 use renderer::Start;
 use shared::Shared;
-use window::{App, Look, Wake};
+use window::{App, Wake};
 
 /// A window writes no files but those that options name.
-const OUT: &str = "With --xr: where run.json and frames.csv go; made if it is not there";
+const OUT: &str = "With --xr: folder for run.json and frames.csv; created if missing";
 
 #[derive(clap::Args, Clone, Debug)]
 #[command(mut_arg("out", |out| out.required(false).default_value(".").hide(!cfg!(feature = "xr")).help(OUT)))]
 pub struct Args {
     #[command(flatten)]
     options: LoopOptions,
-    /// Close after so many frames
+    /// Close after this number of frames
     #[arg(long, help_heading = super::options::SCENE, value_parser = clap::value_parser!(u32).range(1..))]
     frames: Option<u32>,
-    /// Into a headset, by the system's OpenXR runtime, instead of a window. Frames are of the instants and poses that it
-    /// predicts, --size is what it recommends and the budget the period of its display, unless they are given [needs a
-    /// program built with `--features xr`]
+    /// Render into a headset through OpenXR [needs the feature `xr`]
+    ///
+    /// The runtime sets the time and pose of frames; --size and --budget-ms default to what it recommends.
     #[arg(long, help_heading = super::options::SCENE)]
     xr: bool,
-    /// With --xr: degrees that are rendered on all sides beside what is shown, so that a frame can be corrected, by the depth of
-    /// surfaces, to where the head is when all else of it is done; 0: frames are shown from where they are rendered
+    /// With --xr: overscan for late reprojection, degrees; 0 turns it off
     #[cfg(feature = "xr")]
     #[arg(long, requires = "xr", default_value_t = 2.0, value_name = "DEG", value_parser = late_border, help_heading = super::options::SCENE)]
     late_border: f64,
-    /// With --xr: show frame times and settings on a panel from the start; a button shows and hides it
+    /// With --xr: show the panel with frame times from the start
     #[cfg(feature = "xr")]
     #[arg(long, requires = "xr", help_heading = super::options::SCENE)]
     panel: bool,
-    /// Write what was shown last as a PNG
+    /// Write the last picture as a PNG
     #[arg(long, value_name = "FILE", help_heading = super::options::OUTPUT)]
     screenshot: Option<PathBuf>,
 }
@@ -103,7 +104,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     events.run_app(&mut app).context("the window's system failed")?;
     let screenshot = app.end(args.screenshot.is_some())?;
     if let (Some(path), Some(picture)) = (&args.screenshot, screenshot) {
-        diptych::image::display::write_png(path, &picture)?;
+        crate::image::display::write_png(path, &picture)?;
     }
     interrupt::check()
 }

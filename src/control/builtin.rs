@@ -64,20 +64,13 @@ fn sampled_share(quality: &Quality) -> f64 {
 
 /// The FLIP that a setting is expected to have at this many rows. `missing_light` is the share of the light that
 /// further bounces would bring. The error combines noise, which samples average down, blur, and missing light.
-/// For SVGF after some frames it follows measurements of three scenes at 64 and 180 rows, shown at [`ESTIMATES_EV`]; for
-/// BMFR it is as much more as the mean of six scenes at 180 rows and one sample.
-/// Without history, samples and iterations are assumed to matter more.
+/// Denoisers estimate the first two, for pictures shown at [`ESTIMATES_EV`].
 pub fn guessed_error(quality: &Quality, missing_light: f64, rows: u32) -> f64 {
     let samples = f64::from(quality.spp) * sampled_share(quality);
     let iterations = quality.most_iterations();
-    let unfiltered = 0.5f64.powi(iterations as i32 - 1);
-    // Blur by the filter's reach.
-    let blur = 1.0 + 0.35 * (2f64.powi(iterations as i32) - 1.0) / f64::from(rows.max(1));
-    let noise = match (quality.denoiser, iterations) {
-        (Some(Denoiser::Svgf), _) => blur * (0.97 + 0.06 * unfiltered) * (0.055 + 0.022 * samples.powf(-0.65)),
-        (Some(Denoiser::Bmfr | Denoiser::BmfrNoise), _) => 1.13 * (0.055 + 0.022 * samples.powf(-0.65)),
-        (_, 0) => 0.3 * samples.powf(-0.35),
-        _ => (0.55 + 0.45 * unfiltered) * 0.18 * samples.powf(-0.35),
+    let noise = match quality.denoiser {
+        Some(denoiser) if iterations > 0 => denoiser.method().estimated_flip(samples, iterations, rows),
+        _ => 0.3 * samples.powf(-0.35),
     };
     let dark = 1.55 * missing_light.powf(0.78);
     noise.hypot(dark).min(1.0)
@@ -116,7 +109,7 @@ mod tests {
     use super::*;
 
     fn rung(spp: u32, bounces: u32, path_ms: Option<f64>) -> Rung {
-        let denoiser = Some(Denoiser::Svgf);
+        let denoiser = Some(Denoiser::SVGF);
         let quality = Quality { spp, bounces, denoiser, iterations: [3; 3], fovea: None, polar: None, scale: 1.0 };
         let stage_ms = path_ms.map(|ms| ("path_trace".to_owned(), ms)).into_iter().collect();
         let (flip, flicker, relmse, is_estimated) = (None, None, None, true);
@@ -125,7 +118,7 @@ mod tests {
 
     #[test]
     fn more_light_is_guessed_to_be_better_and_a_flip_that_files_may_have() {
-        let svgf = Some(Denoiser::Svgf);
+        let svgf = Some(Denoiser::SVGF);
         for (all, count) in [(candidates(svgf, false), 375), (candidates(svgf, true), 1125)] {
             assert_eq!(all.len(), count);
             for a in &all {
@@ -141,7 +134,7 @@ mod tests {
                 assert!(all.iter().filter(more).all(|b| error(b) < error(a)), "{a:?}");
             }
         }
-        let fitted = candidates(Some(Denoiser::Bmfr), true);
+        let fitted = candidates(Some(Denoiser::BMFR), true);
         assert!(fitted.len() == 225 && fitted.iter().all(|q| q.iterations == [1; 3] && q.check().is_ok()));
         assert!(candidates(None, false).iter().all(|q| q.iterations == [0; 3] && q.scale == 1.0));
     }

@@ -123,7 +123,7 @@ impl Ladder {
         let slowest = all.iter().map(|p| p.0).fold(0.0, f64::max);
         let worst = all.iter().map(|p| p.1).fold(0.0, f64::max);
         let mut ladders: Vec<(f64, Self)> = Vec::new();
-        for denoiser in Denoiser::CHOICES {
+        for denoiser in Denoiser::choices() {
             let own: Vec<Rung> = measured.iter().filter(|r| r.quality.denoiser == denoiser).cloned().collect();
             if let Ok(ladder) = Self::of_measured(origin.clone(), &own) {
                 ladders.push((mean_error(&points(&own), [fastest, slowest], worst), ladder));

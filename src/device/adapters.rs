@@ -1,9 +1,8 @@
 //! Which adapters there are, and which of them devices are to be opened on.
 
-use std::sync::PoisonError;
+use std::sync::{Mutex, PoisonError};
 
 use super::choice::by_default;
-use super::opening::OPENING;
 use super::{DeviceError, Quirks, Traversal, TraversalChoice};
 
 pub(super) const INSTALL_HINT: &str = "install a Vulkan driver (Debian or Ubuntu: `apt-get install mesa-vulkan-drivers`, \
@@ -87,6 +86,31 @@ pub struct Selection {
     /// Drivers that read it from the environment need [`super::set_environment_hook`]; none then leaves it to them.
     pub threads_per_device: Option<Vec<usize>>,
     pub traversal: TraversalChoice,
+}
+
+/// Held while a device is made or adapters are listed: a device may change the environment, which drivers read.
+pub(super) static OPENING: Mutex<()> = Mutex::new(());
+
+impl TraversalChoice {
+    /// What it comes to on these adapters.
+    ///
+    /// # Errors
+    /// [`DeviceError::NoRayQueries`] if hardware is asked for and an adapter has none.
+    pub(super) fn on(self, adapters: &[&AdapterReport]) -> Result<Traversal, DeviceError> {
+        let lacking = adapters.iter().find(|a| !a.ray_queries);
+        match (self, lacking) {
+            (Self::Compute, _) => Ok(Traversal::Compute),
+            (Self::Hardware, None) => Ok(Traversal::Hardware),
+            (Self::Hardware, Some(a)) => {
+                Err(DeviceError::NoRayQueries { index: a.index, name: a.name.clone(), driver: a.driver.clone() })
+            }
+            // Software drivers walk their structures no faster than our shaders walk ours, Mesa's five times slower.
+            (Self::Auto, lacking) => {
+                let is_fast = lacking.is_none() && adapters.iter().all(|a| a.kind.ends_with("GPU"));
+                Ok(if is_fast { Traversal::Hardware } else { Traversal::Compute })
+            }
+        }
+    }
 }
 
 pub(super) fn new_instance() -> wgpu::Instance {

@@ -12,8 +12,8 @@ use openxr::vulkan::SessionCreateInfo;
 use openxr::{FrameStream, FrameWaiter, Session, Swapchain, SystemId, Vulkan};
 use wgpu::hal;
 
-use super::adapters::instance_flags;
-use super::opening::{OPENING, Wanted};
+use super::adapters::{OPENING, instance_flags};
+use super::opening::Wanted;
 use super::screen::watched_screen;
 use super::{DeviceError, GpuDevice};
 

@@ -4,13 +4,10 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::adapters::{
-    AdapterReport, DeviceInfo, IMMEDIATE_BYTES, MAX_DEVICES, Selection, adapters, choose, enumerate, new_instance,
-    traversal_of,
+    AdapterReport, DeviceInfo, IMMEDIATE_BYTES, MAX_DEVICES, OPENING, Selection, adapters, choose, enumerate,
+    new_instance, traversal_of,
 };
 use super::{DeviceError, DeviceFailure, FailureKind, GpuDevice, Quirks, Traversal, environment};
-
-/// Held while a device is made or adapters are listed: a device may change the environment, which drivers read.
-pub(super) static OPENING: Mutex<()> = Mutex::new(());
 
 /// Opens the selected devices, one after another: drivers have crashed on concurrent creation.
 pub fn open(selection: &Selection) -> Result<Vec<GpuDevice>, DeviceError> {

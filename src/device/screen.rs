@@ -2,8 +2,8 @@
 
 use std::sync::PoisonError;
 
-use super::adapters::{DeviceInfo, driver_name, kind_name, new_instance};
-use super::opening::{OPENING, watched};
+use super::adapters::{DeviceInfo, OPENING, driver_name, kind_name, new_instance};
+use super::opening::watched;
 use super::{DeviceError, GpuDevice, Quirks, Traversal, environment};
 
 /// Takes as little as it can from the devices that render: an integrated GPU is preferred, and on a software adapter it

@@ -1,7 +1,5 @@
 //! Who walks the trees that rays are followed through: shaders, or the device's own ray queries.
 
-use super::{AdapterReport, DeviceError};
-
 /// How a device follows rays.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
@@ -44,7 +42,8 @@ impl Traversal {
 }
 
 /// Which [`Traversal`] devices are opened for. Those of one run have the same: the two do not give the same bytes.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
 pub enum TraversalChoice {
     /// Hardware if every device is a GPU with ray queries, else compute
@@ -56,31 +55,10 @@ pub enum TraversalChoice {
     Hardware,
 }
 
-impl TraversalChoice {
-    /// What it comes to on these adapters.
-    ///
-    /// # Errors
-    /// [`DeviceError::NoRayQueries`] if hardware is asked for and an adapter has none.
-    pub(super) fn on(self, adapters: &[&AdapterReport]) -> Result<Traversal, DeviceError> {
-        let lacking = adapters.iter().find(|a| !a.ray_queries);
-        match (self, lacking) {
-            (Self::Compute, _) => Ok(Traversal::Compute),
-            (Self::Hardware, None) => Ok(Traversal::Hardware),
-            (Self::Hardware, Some(a)) => {
-                Err(DeviceError::NoRayQueries { index: a.index, name: a.name.clone(), driver: a.driver.clone() })
-            }
-            // Software drivers walk their structures no faster than our shaders walk ours, Mesa's five times slower.
-            (Self::Auto, lacking) => {
-                let is_fast = lacking.is_none() && adapters.iter().all(|a| a.kind.ends_with("GPU"));
-                Ok(if is_fast { Traversal::Hardware } else { Traversal::Compute })
-            }
-        }
-    }
-}
-
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
+    use crate::device::AdapterReport;
 
     pub fn adapter(kind: &str, ray_queries: bool) -> AdapterReport {
         AdapterReport {

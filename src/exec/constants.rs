@@ -4,9 +4,8 @@ use std::ops::Range;
 
 use glam::{DMat3, DVec3};
 
-use super::RenderSettings;
+use super::{FrameParams, RenderSettings};
 use crate::image::Extent;
-use crate::quality::Quality;
 use crate::scene::optics::Optics;
 use crate::scene::rig::{Eye, Rig};
 use crate::stages::{SceneTables, StageSettings, layout};
@@ -19,21 +18,19 @@ pub enum Samples {
     Own(Range<u32>),
 }
 
-/// Constants of the frame that the rig sees at `time_s`. They name no history.
+/// Returns the constants of a frame. They name no history.
 pub fn constants(
     settings: &RenderSettings,
-    quality: &Quality,
+    params: &FrameParams,
     tables: &SceneTables,
-    rig: &Rig,
-    time_s: f64,
-    index: u32,
     samples: &Samples,
 ) -> layout::Frame {
+    let FrameParams { time_s, index, seed, ref quality, ref gaze, .. } = *params;
     let stages = &settings.stages;
     let aspect = f64::from(stages.extent.width) / f64::from(stages.extent.height);
     let Extent { width, height } = stages.grid();
-    let rig = rig.at(time_s).relative_to(tables.origin());
-    let later = settings.later.as_ref().map_or(rig.clone(), |later| later.relative_to(tables.origin()));
+    let rig = params.rig.at(time_s).relative_to(tables.origin());
+    let later = params.shown_from.as_ref().map_or(rig.clone(), |later| later.relative_to(tables.origin()));
     let (samples, curve_shift) = match samples {
         Samples::First(spp) => (0..*spp, curve_shift(stages.grid(), *spp)),
         Samples::Own(samples) => (samples.clone(), layout::NO_CURVE),
@@ -42,14 +39,17 @@ pub fn constants(
     let screen = stages.screen();
     let optics = rig.optics.as_ref().filter(|_| stages.rectified.is_some());
     let rectified = optics.map(|optics| (optics, screen));
-    let layers = stages.foveation.as_ref().map(|f| f.describe(stages.extent, time_s, quality.fovea, rectified));
+    let layers = stages.foveation.as_ref().map(|layers| {
+        let layers = gaze.map_or(layers.clone(), |eyes| layers.looking(eyes));
+        layers.describe(stages.extent, time_s, quality.fovea, rectified)
+    });
     let view = |eye: Eye| {
         let mut view = layout::View::new(&rig.view(time_s, eye), aspect);
         if let Some(optics) = optics {
             [view.tan_half_x, view.tan_half_y] = optics.rendered_tan_half(screen).map(|tan| tan as f32);
         }
         let Some(polar) = &stages.polar else { return view };
-        let gaze = polar.gaze[eye as usize].at(time_s);
+        let gaze = gaze.map_or_else(|| polar.gaze[eye as usize].at(time_s), |eyes| eyes[eye as usize]);
         polar.look_at(optics.map_or(gaze, |optics| on_screen(optics, eye, stages, gaze)), view, screen)
     };
     let mut frame = layout::Frame {
@@ -66,7 +66,7 @@ pub fn constants(
         },
         sampling: layout::Sampling {
             index,
-            seed: settings.seed,
+            seed,
             spp,
             sample_base: samples.start,
             curve_shift,
@@ -80,7 +80,7 @@ pub fn constants(
         },
         foveation: layout::Foveation { layer_iterations: quality.iterations.into(), ..layers.unwrap_or_default() },
         history: layout::History::new(None, 0..0),
-        display: layout::Display { exposure: settings.exposure_ev.exp2(), ..Default::default() },
+        display: layout::Display { exposure: params.exposure_ev.exp2(), ..Default::default() },
         ..Default::default()
     };
     tables.describe(&mut frame);

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use glam::DVec3;
 
-use super::Renderer;
 use super::constants::shown_later;
+use super::{FrameParams, Renderer};
 use crate::image::Extent;
 use crate::scene::rig::Rig;
 use crate::stages::layout;
@@ -53,25 +53,20 @@ impl Late {
 }
 
 impl Renderer {
-    /// Has frames that are begun from here on shown from where this rig is at `time_s`; none: from where they are rendered.
-    /// Of use with [`crate::stages::StageSettings::is_late`].
-    pub fn set_later(&mut self, later: Option<(&Rig, f64)>) {
-        self.settings.later = later.map(|(rig, time_s)| rig.at(time_s));
-    }
-
     /// Has frames that are begun from here on shown from a pose that the source is asked for when all else of them is done,
     /// by the primary, which then resamples them alone. [`super::FrameReport::shown_from`] has it. Where the source knows
-    /// none, or the primary is on another rank, it is as [`Self::set_later`] says. Of use with
+    /// none, or the primary is on another rank, it is [`FrameParams::shown_from`]. Of use with
     /// [`crate::stages::StageSettings::is_late`].
     pub fn set_pose_source(&mut self, source: Option<Arc<PoseSource>>) {
         self.pose_source = source;
     }
 
-    /// What a frame that the rig sees at `time_s` asks, if there is a source.
-    pub(super) fn late(&self, rig: &Rig, time_s: f64, index: u32) -> Option<Late> {
+    /// Returns what a frame asks the source, if there is one.
+    pub(super) fn late(&self, params: &FrameParams) -> Option<Late> {
+        let FrameParams { rig, time_s, index, .. } = params;
         let stages = &self.settings.stages;
         let source = self.pose_source.as_ref().filter(|_| stages.is_late)?;
-        Some(Late::new(source, index, &rig.at(time_s), self.tables.origin(), [stages.extent, stages.screen()]))
+        Some(Late::new(source, *index, &rig.at(*time_s), self.tables.origin(), [stages.extent, stages.screen()]))
     }
 }
 

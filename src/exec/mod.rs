@@ -2,6 +2,7 @@
 //! memory, and the whole images end up on the primary, the first device that is left. README.md beside this file has
 //! the protocol.
 
+mod builder;
 mod channels;
 mod constants;
 mod costs;
@@ -12,6 +13,7 @@ mod late;
 mod ledger;
 mod messages;
 mod output;
+mod params;
 mod planner;
 mod quality;
 pub mod ranks;
@@ -34,18 +36,21 @@ pub mod protocol {
     pub use super::worker::script::{Outgoing, Script, Step};
 }
 
+pub use builder::{BuildError, Builder};
 pub use faults::{Fault, InjectedFaults, InjectedKind, Injection};
 pub use late::{PoseSource, SampledPose};
+pub use params::FrameParams;
 pub use renderer::Renderer;
 pub use report::{FrameReport, RightEye, Stereo, Tally, TaskTiming, TimedTask};
 
 use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
+use crate::loaded::LoadedScene;
 use crate::passes::{FrameSpec, Views};
+use crate::quality::Envelope;
 use crate::scene::Scene;
 use crate::scene::needs::SceneNeeds;
-use crate::scene::rig::Rig;
-use crate::stages::{SceneTables, StageError, StageSettings};
+use crate::stages::{Foveation, Polar, SceneTables, StageError, StageSettings};
 
 #[derive(Debug, thiserror::Error)]
 pub enum ExecError {
@@ -78,18 +83,15 @@ pub struct RenderSettings {
     pub seam: Seam,
     /// Whether the halo plan follows what it costs; else it stays as `seam` has it.
     pub adapts_halo: bool,
+    /// The seed of frames by default.
     pub seed: u32,
-    /// Light reaches the eye through at most max(bounces, 1) reflections.
+    /// The bounces of frames by default. Light reaches the eye through at most max(bounces, 1) reflections.
     pub bounces: u32,
     /// Of the image's edges, as in [`crate::quality::Quality::scale`].
     pub scale: f64,
     /// Upper bound of indirect radiance; 0: none.
     pub indirect_clamp: f32,
     pub exposure_ev: f32,
-    /// Where the head is when frames are shown, as a rig of one key; none: where it is when they are rendered. Of use with
-    /// [`StageSettings::is_late`], and not sent to other ranks, which get what follows from it with each frame.
-    #[serde(skip)]
-    pub later: Option<Rig>,
     /// How long a submission may be predicted to take; none: as long as each device's kind may.
     pub max_dispatch_ms: Option<f64>,
 }
@@ -108,9 +110,32 @@ impl RenderSettings {
             scale: 1.0,
             indirect_clamp: 0.0,
             exposure_ev: 0.0,
-            later: None,
             max_dispatch_ms: None,
         }
+    }
+
+    /// Returns the settings of frames within these bounds, with a reprojected right eye. `extent` is the size of each eye's
+    /// image.
+    ///
+    /// # Errors
+    /// A sentence, if eyes with optics of their own would take too large a rectified frame.
+    pub fn for_envelope(scene: &LoadedScene, extent: Extent, envelope: &Envelope) -> Result<Self, String> {
+        let Envelope { most: quality, mixes_spp } = envelope;
+        let settings = Self::new(extent, &scene.scene, &scene.tables);
+        let of_layers = || Foveation::new(scene.gaze.clone(), quality.iterations);
+        let stages = StageSettings {
+            spp: quality.spp,
+            mixes_spp: *mixes_spp,
+            filter: quality.denoiser,
+            iterations: quality.most_iterations(),
+            sparse: quality.scale < 1.0,
+            foveation: quality.fovea.map(|radii| Foveation { radii, ..of_layers() }),
+            polar: quality.polar.map(|space| Polar { gaze: scene.gaze.clone(), space }),
+            rectified: scene.shot.rig.optics.as_ref().map(|optics| optics.rectified(extent)).transpose()?,
+            ..settings.stages
+        };
+        let (bounces, scale, exposure_ev) = (quality.bounces, quality.scale, scene.shot.exposure_ev);
+        Ok(Self { stages, bounces, scale, exposure_ev, ..settings })
     }
 
     /// What frames must do on so many devices, with a history; `has_surfaces`: of the scene, whether anything reflects.

@@ -196,7 +196,7 @@ mod tests {
 
     fn graphs(capacity: usize) -> Graphs {
         let frame = FrameSpec::new(Extent::new(16, 12), 2);
-        let spec = FrameSpec { filter: Some(Denoiser::Atrous), iterations: 3, seam: Seam::None, ..frame };
+        let spec = FrameSpec { filter: Some(Denoiser::ATROUS), iterations: 3, seam: Seam::None, ..frame };
         Graphs::new(spec, Declarations::default(), capacity).unwrap()
     }
 

@@ -1,7 +1,7 @@
 //! What may differ from frame to frame, and what a frame would take with it.
 
 use super::planner::Plan;
-use super::{ExecError, RenderSettings, Renderer};
+use super::{RenderSettings, Renderer};
 use crate::quality::{Denoiser, Quality};
 use crate::schedule::{Effort, simulate_at};
 
@@ -20,7 +20,7 @@ fn denoiser(settings: &RenderSettings) -> Option<Denoiser> {
     settings.stages.filter.filter(|_| settings.stages.iterations > 0)
 }
 
-fn check(quality: &Quality, settings: &RenderSettings) -> Result<(), String> {
+pub(super) fn check(quality: &Quality, settings: &RenderSettings) -> Result<(), String> {
     let stages = &settings.stages;
     let (iterations, denoiser) = (quality.most_iterations(), denoiser(settings));
     if quality.spp == 0 || quality.spp > stages.spp {
@@ -50,19 +50,6 @@ fn check(quality: &Quality, settings: &RenderSettings) -> Result<(), String> {
 }
 
 impl Renderer {
-    /// Sets the quality of frames that are begun from here on; `effort` is what their stages cost, held against other
-    /// qualities.
-    ///
-    /// # Errors
-    /// [`ExecError::Quality`] for what the settings have no pipelines for: more samples or iterations, another denoiser,
-    /// no iteration of it, one sample without [`crate::stages::StageSettings::mixes_spp`], fewer pixels without
-    /// [`crate::stages::StageSettings::sparse`], layers without foveation.
-    pub fn set_quality(&mut self, quality: Quality, effort: Effort) -> Result<(), ExecError> {
-        check(&quality, &self.settings).map_err(ExecError::Quality)?;
-        (self.quality, self.effort) = (quality, effort);
-        Ok(())
-    }
-
     /// The makespan that the cost model predicts for a frame of this quality and effort on the stripes of the last one,
     /// milliseconds; none before it has learned from a frame.
     pub fn predicted_ms(&self, quality: &Quality, effort: &Effort) -> Option<f64> {

@@ -12,23 +12,19 @@ use super::output::Output;
 use super::planner::{Graphs, History, Plan, Planner};
 use super::ranks::Devices;
 use super::worker_pool::WorkerPool;
-use super::{ExecError, Fault, FrameReport, InjectedFaults, RenderSettings, costs, quality};
+use super::{ExecError, Fault, FrameParams, FrameReport, InjectedFaults, RenderSettings, costs, quality};
 use crate::device::{DeviceFailure, DeviceInfo, Traversal};
 use crate::graph::{FrameGraph, Resource};
 use crate::image::Extent;
-use crate::quality::Quality;
 use crate::scene::rig::Rig;
-use crate::scene::shot::Gaze;
 use crate::schedule::{CostModel, Effort, FrameCosts, Policy, cuts, simulate};
 use crate::stages::{Foveation, Place, Polar, SceneTables, StageError, layout};
 
 /// Renders frames on a set of devices.
 pub struct Renderer {
     pub(super) settings: RenderSettings,
-    /// Of the frames that are begun.
-    pub(super) quality: Quality,
-    /// What stages of that quality cost, held against other qualities.
-    pub(super) effort: Effort,
+    /// The relative cost of the stages of frames that are begun.
+    effort: Effort,
     pub(super) tables: Arc<SceneTables>,
     devices: Vec<DeviceInfo>,
     /// How long a submission of each may be predicted to take.
@@ -79,7 +75,6 @@ impl Renderer {
         let max_dispatch_ms = bounds_ms.map(|bound_ms| settings.max_dispatch_ms.or(bound_ms)).collect();
         let (workers, devices) = WorkerPool::start(devices, &settings, &tables, &graphs, origin)?;
         Ok(Self {
-            quality: quality::of(&settings),
             effort: Effort::default(),
             settings,
             tables,
@@ -152,15 +147,10 @@ impl Renderer {
         self.settings.stages.rectified
     }
 
-    /// Where the left and the right eye look from the next frame on, fractions of each one's image from the top left. Of no use
-    /// without foveation.
-    pub fn set_gaze(&mut self, eyes: [[f64; 2]; 2]) {
-        let stages = &mut self.settings.stages;
-        let of_layers = stages.foveation.as_mut().map(|layers| &mut layers.gaze);
-        let of_polar = stages.polar.as_mut().map(|polar| &mut polar.gaze);
-        for gaze in of_layers.into_iter().chain(of_polar) {
-            *gaze = eyes.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] });
-        }
+    /// Sets the relative cost of the stages of frames that are begun from here on, by which the cost model tells frames of
+    /// different quality apart.
+    pub fn set_effort(&mut self, effort: Effort) {
+        self.effort = effort;
     }
 
     /// The devices that were taken out, in order.
@@ -182,12 +172,30 @@ impl Renderer {
         self.planner.policy_name()
     }
 
-    /// Renders the frame that the rig sees at `time_s`. `index` keys its random numbers.
+    /// Returns the parameters of the frame that a camera sees at a time in seconds, with the quality, seed and exposure of the
+    /// settings. `index` keys its random numbers.
+    pub fn frame(&self, rig: &Rig, time_s: f64, index: u32) -> FrameParams {
+        let (rig, quality) = (rig.clone(), quality::of(&self.settings));
+        let RenderSettings { seed, exposure_ev, .. } = self.settings;
+        FrameParams { rig, time_s, index, seed, quality, gaze: None, shown_from: None, exposure_ev }
+    }
+
+    /// Checks whether a frame can have these parameters.
     ///
     /// # Errors
-    /// Those of [`Self::finish`].
-    pub fn render(&mut self, rig: &Rig, time_s: f64, index: u32) -> Result<FrameReport, ExecError> {
-        self.begin(rig, time_s, index, &[])?;
+    /// [`ExecError::Quality`] if the settings have no pipelines for its quality: more samples or iterations, another denoiser,
+    /// no iteration of it, one sample without [`crate::stages::StageSettings::mixes_spp`], fewer pixels without
+    /// [`crate::stages::StageSettings::sparse`], layers without foveation.
+    pub fn check(&self, params: &FrameParams) -> Result<(), ExecError> {
+        quality::check(&params.quality, &self.settings).map_err(ExecError::Quality)
+    }
+
+    /// Renders a frame.
+    ///
+    /// # Errors
+    /// Those of [`Self::check`] and [`Self::finish`].
+    pub fn render(&mut self, params: &FrameParams) -> Result<FrameReport, ExecError> {
+        self.begin(params, &[])?;
         self.finish_last()
     }
 
@@ -196,14 +204,8 @@ impl Renderer {
     ///
     /// # Errors
     /// Those of [`Self::finish`].
-    pub fn render_samples(
-        &mut self,
-        rig: &Rig,
-        time_s: f64,
-        index: u32,
-        samples: Range<u32>,
-    ) -> Result<FrameReport, ExecError> {
-        self.begin_with(rig, time_s, index, &Samples::Own(samples), &[])?;
+    pub fn render_samples(&mut self, params: &FrameParams, samples: Range<u32>) -> Result<FrameReport, ExecError> {
+        self.begin_with(params, &Samples::Own(samples), &[])?;
         self.finish_last()
     }
 
@@ -212,20 +214,15 @@ impl Renderer {
     /// oldest first, whose report is lost. `reads` are the images that can be read while frames are in flight.
     ///
     /// # Errors
-    /// Those of [`Self::finish`], if the oldest frame is finished first.
-    pub fn begin(&mut self, rig: &Rig, time_s: f64, index: u32, reads: &[Resource]) -> Result<(), ExecError> {
-        self.begin_with(rig, time_s, index, &Samples::First(self.quality.spp), reads)
+    /// Those of [`Self::check`], and of [`Self::finish`] if the oldest frame is finished first.
+    pub fn begin(&mut self, params: &FrameParams, reads: &[Resource]) -> Result<(), ExecError> {
+        self.check(params)?;
+        self.begin_with(params, &Samples::First(params.quality.spp), reads)
     }
 
-    fn begin_with(
-        &mut self,
-        rig: &Rig,
-        time_s: f64,
-        index: u32,
-        samples: &Samples,
-        reads: &[Resource],
-    ) -> Result<(), ExecError> {
-        let mut constants = constants(&self.settings, &self.quality, &self.tables, rig, time_s, index, samples);
+    fn begin_with(&mut self, params: &FrameParams, samples: &Samples, reads: &[Resource]) -> Result<(), ExecError> {
+        let FrameParams { time_s, quality, .. } = *params;
+        let mut constants = constants(&self.settings, params, &self.tables, samples);
         if self.frames.is_full() {
             self.finish()?;
         }
@@ -235,9 +232,9 @@ impl Renderer {
         let place = Place::of(self.begun, self.settings.stages.frames_in_flight);
         self.begun += 1;
         let reads: Arc<[Output]> = reads.iter().map(|image| Output::from(*image)).collect();
-        let (quality, effort) = (self.quality, self.effort.clone());
+        let effort = self.effort.clone();
         let outputs = self.outputs.as_ref().map(|outputs| outputs.iter().chain(&*reads).cloned().collect());
-        let late = self.late(rig, time_s, index);
+        let late = self.late(params);
         let inputs =
             Inputs { constants, quality, effort, previous, update, moved, time_s, place, reads, outputs, late };
         self.last = Some(inputs.clone());

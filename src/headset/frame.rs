@@ -4,9 +4,9 @@ use openxr::Time;
 
 use super::drawing::Pixels;
 use super::input::Input;
-use super::late::HeadSample;
 use super::pacing::{between_ms, shown_at};
 use super::panel::Panel;
+use super::sample::HeadSample;
 use crate::exec::Stereo;
 use crate::scene::head::HeadPose;
 use crate::scene::optics::HeadEyes;

@@ -7,7 +7,7 @@ use openxr::{Instance, Space, Time};
 use super::frame::HeadsetFrame;
 use super::pacing::shown_at;
 use super::pose::head_pose;
-use crate::scene::head::HeadPose;
+pub use super::sample::HeadSample;
 
 /// The spaces that poses are told in.
 pub struct Spaces {
@@ -23,13 +23,6 @@ pub struct Locator {
     pub(super) spaces: Arc<Spaces>,
     /// If it tells the time.
     pub(super) clock: Option<Instance>,
-}
-
-/// Where the head will be, as it was told at a time.
-#[derive(Clone, Copy, Debug)]
-pub struct HeadSample {
-    pub head: HeadPose,
-    pub(super) at: Option<Time>,
 }
 
 impl Locator {

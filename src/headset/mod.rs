@@ -15,6 +15,7 @@ mod pacing;
 mod panel;
 mod pose;
 mod runtime;
+mod sample;
 mod session;
 mod walk;
 

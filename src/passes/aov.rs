@@ -81,9 +81,9 @@ fn pass(view: Eye, index: u8, aov: Aov, target: Resource, screen: Extent) -> Pas
 }
 
 /// An auxiliary image: the surface behind the pixel's centre, or how the pixel was made.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, clap::ValueEnum, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, serde::Serialize, serde::Deserialize)]
 #[serde(rename_all = "snake_case")]
-#[value(rename_all = "snake_case")]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum), value(rename_all = "snake_case"))]
 #[repr(u32)]
 pub enum Aov {
     /// The albedo by which radiance is divided before it is filtered, linear RGB: the share of uniform light from all

@@ -28,7 +28,7 @@ fn ragged(devices: usize) -> Assignment {
 fn with_history(spec: FrameSpec, rows: u32) -> (FrameSpec, Assignment) {
     let mut before = ragged(spec.devices);
     before.set(CUT, Eye::Left, Stripes::even(180, spec.devices));
-    (FrameSpec { filter: Some(Denoiser::Svgf), history_rows: Some(rows), ..spec }, before)
+    (FrameSpec { filter: Some(Denoiser::SVGF), history_rows: Some(rows), ..spec }, before)
 }
 
 /// Replays a graph in key order and checks that every read finds the newest version of its rows on its device.
@@ -141,7 +141,7 @@ fn equal_stripes_reproject_without_any_transfer() {
 fn history_crosses_by_as_many_rows_as_it_may_have_moved() {
     let stripes = Assignment::uniform(Stripes::even(180, 2));
     let spec =
-        FrameSpec { filter: Some(Denoiser::Svgf), history_rows: Some(8), ..spec(2, Seam::Halo(HaloPlan::RECOMPUTE)) };
+        FrameSpec { filter: Some(Denoiser::SVGF), history_rows: Some(8), ..spec(2, Seam::Halo(HaloPlan::RECOMPUTE)) };
     let built = graph(&spec, &stripes, Some(&stripes));
     let mut rows: HashMap<_, u32> = HashMap::new();
     for task in built.dag.node_weights() {

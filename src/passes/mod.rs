@@ -27,9 +27,8 @@ pub use tally::{HoleReason, ROW_TALLY, RowTally, SKIPPED};
 
 use crate::graph::{CutGroup, Kernel, Pass, Program, ProgramError, Resource, Seam, Stage};
 use crate::image::Extent;
-use crate::quality::Denoiser;
 use crate::scene::rig::Eye;
-use denoise::Light;
+use denoise::{Denoiser, Light};
 
 /// Constants of the frame before, which the host sets.
 pub const PREVIOUS: Resource = Resource::constants("previous frame", 240);
@@ -77,7 +76,7 @@ pub fn declare(spec: &FrameSpec) -> Declared {
         }
     }
     let denoiser = denoise::of(spec.denoiser());
-    let mut views = Eye::ALL.map(|view| denoise::Denoised::new(&*denoiser, spec, view));
+    let mut views = Eye::ALL.map(|view| denoise::Denoised::new(denoiser, spec, view));
     views.iter_mut().for_each(|view| frame.passes.append(&mut view.before));
     let links = views[0].filter.len();
     let runs = match spec.seam {
@@ -89,7 +88,7 @@ pub fn declare(spec: &FrameSpec) -> Declared {
         for view in &mut views {
             frame.passes.extend(view.filter.drain(..run.len()));
             if run.end == links {
-                finish(spec, &*denoiser, view.view, &mut view.light, &mut frame);
+                finish(spec, denoiser, view.view, &mut view.light, &mut frame);
             }
         }
     }
@@ -167,7 +166,7 @@ impl Declarations {
 fn all_passes() -> impl Iterator<Item = Pass> {
     let other = Some(Extent::new(1, 1));
     let ways = [(None, None, false), (other, None, false), (None, other, false), (None, other, true)];
-    let kinds = Denoiser::CHOICES.into_iter().flat_map(move |filter| ways.map(|way| (filter, way)));
+    let kinds = Denoiser::choices().into_iter().flat_map(move |filter| ways.map(|way| (filter, way)));
     kinds.flat_map(|(filter, (screen, shown, is_late))| {
         let (seam, aovs) = (Seam::Filter, vec![Aov::Albedo]);
         let moving = Some(Moving { triangles: 1, nodes: 1, levels: vec![1], ..Moving::default() });

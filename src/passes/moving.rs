@@ -1,12 +1,12 @@
 //! What moves: bodies that change their shape are brought to where they are, with the trees over them, and surfaces are
 //! followed back to the frame before.
 
+use super::denoise::Denoiser;
 use super::gbuffer::{CUT, GUIDE, HIT};
 use super::{Declared, FrameSpec};
 use crate::accel::{COLUMNS, Node, SKINNED_BYTES, SkinMorph, SkinTriangle, SkinVertex, Skins};
 use crate::graph::{Grid, Kernel, Launch, Life, Pass, Resource, Size, Stage, Use};
 use crate::image::Extent;
-use crate::quality::Denoiser;
 use crate::scene::rig::Eye;
 use crate::wgsl::constants;
 

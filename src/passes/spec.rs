@@ -1,9 +1,9 @@
 //! What a frame must do.
 
+use super::denoise::Denoiser;
 use super::{Aov, Moving};
 use crate::graph::{HaloPlan, Seam};
 use crate::image::Extent;
-use crate::quality::Denoiser;
 
 /// How the two eyes are rendered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,7 +59,7 @@ impl FrameSpec {
             devices,
             views: Views::Reprojected,
             sparse: false,
-            filter: Some(Denoiser::Svgf),
+            filter: Some(Denoiser::SVGF),
             iterations: Denoiser::DEFAULT_ITERATIONS,
             history_rows: None,
             seam: Seam::Halo(HaloPlan::RECOMPUTE),

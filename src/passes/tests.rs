@@ -4,13 +4,13 @@ use crate::graph::{Assignment, FrameGraph, HaloPlan, Scope, Stripes, Task};
 /// A frame of 64x180 with à-trous, reprojection and an auxiliary image.
 pub fn spec(devices: usize, seam: Seam) -> FrameSpec {
     let frame = FrameSpec::new(Extent::new(64, 180), devices);
-    FrameSpec { filter: Some(Denoiser::Atrous), seam, aovs: vec![Aov::Albedo], ..frame }
+    FrameSpec { filter: Some(Denoiser::ATROUS), seam, aovs: vec![Aov::Albedo], ..frame }
 }
 
 /// Frames that together have every pass.
 pub fn all_specs() -> Vec<FrameSpec> {
     let mut specs = Vec::new();
-    for filter in Denoiser::CHOICES {
+    for filter in Denoiser::choices() {
         for views in [Views::Reprojected, Views::Traced] {
             for (sparse, seam) in [(false, Seam::Halo(HaloPlan::EXCHANGE)), (true, Seam::Filter), (true, Seam::None)] {
                 for history_rows in [None, Some(4)] {
@@ -68,7 +68,7 @@ fn what_moves_is_brought_first_and_followed_where_history_is_kept() {
         let of_motion = ["skin", "refit", "motion", "gradient", "gradient_smooth"];
         all(frame).into_iter().filter(|stage| of_motion.contains(stage)).collect()
     };
-    let still = FrameSpec { filter: Some(Denoiser::Svgf), ..spec(2, Seam::Filter) };
+    let still = FrameSpec { filter: Some(Denoiser::SVGF), ..spec(2, Seam::Filter) };
     assert_eq!(passes(&still), [""; 0]);
     let why = declare(&still).left_out;
     for stage in ["skin", "refit", "motion"] {
@@ -80,7 +80,7 @@ fn what_moves_is_brought_first_and_followed_where_history_is_kept() {
     let deforming = FrameSpec { moving: Some(deforming), ..still };
     assert_eq!(passes(&deforming), ["skin", "refit", "motion", "motion", "gradient", "gradient_smooth"]);
     assert_eq!(all(&deforming)[..3], ["skin", "refit", "gbuffer"]);
-    let unfiltered = FrameSpec { filter: Some(Denoiser::Atrous), ..deforming };
+    let unfiltered = FrameSpec { filter: Some(Denoiser::ATROUS), ..deforming };
     assert_eq!(passes(&unfiltered), ["skin", "refit"]);
 }
 
@@ -107,7 +107,7 @@ fn groups_are_those_that_can_be_named() {
     let names: Vec<&str> = cut_groups().iter().map(|g| g.0).collect();
     assert_eq!(
         names,
-        ["gbuffer", "path_trace", "reproject", "tonemap", "to_screen", "to_eye", "to_later_eye", "atrous"]
+        ["gbuffer", "path_trace", "reproject", "tonemap", "to_screen", "to_eye", "to_later_eye", "denoise"]
     );
 }
 
@@ -183,7 +183,7 @@ fn polar_images_are_mapped_to_the_screen() {
 #[test]
 fn blocks_are_fitted_on_all_devices_that_have_rows_of_them() {
     let halo = Seam::Halo(HaloPlan::RECOMPUTE);
-    let frame = FrameSpec { filter: Some(Denoiser::Bmfr), history_rows: Some(3), aovs: Vec::new(), ..spec(2, halo) };
+    let frame = FrameSpec { filter: Some(Denoiser::BMFR), history_rows: Some(3), aovs: Vec::new(), ..spec(2, halo) };
     let program = Declarations::default().program(&frame);
     let of = |stage| program.passes().iter().find(|linked| linked.pass.stage == Stage(stage)).unwrap();
     assert_eq!((of("fit").pass.halo_rows(), of("fit").margin_rows), (31, 1));
@@ -203,8 +203,8 @@ fn tracing_and_filter_are_cut_apart() {
         Declarations::default().program(spec).cut_sets().iter().map(names).collect::<Vec<_>>()
     };
     let halo = Seam::Halo(HaloPlan::RECOMPUTE);
-    let cut = [vec!["gbuffer", "path_trace", "reproject"], vec!["atrous", "tonemap"]];
-    for filter in [Denoiser::Atrous, Denoiser::Svgf, Denoiser::Bmfr] {
+    let cut = [vec!["gbuffer", "path_trace", "reproject"], vec!["denoise", "tonemap"]];
+    for filter in [Denoiser::ATROUS, Denoiser::SVGF, Denoiser::BMFR] {
         assert_eq!(sets(&FrameSpec { filter: Some(filter), ..spec(2, halo) }), cut);
     }
     let one = [vec!["gbuffer", "path_trace", "reproject", "tonemap"]];

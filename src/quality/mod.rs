@@ -1,6 +1,6 @@
 //! The quality of a frame, shared by ladders, reports, traces, the grid of `bench` and the renderer.
 
-mod denoiser;
+mod envelope;
 mod polar;
 
 use std::fmt::{self, Display};
@@ -8,7 +8,10 @@ use std::ops::RangeInclusive;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 
-pub use denoiser::Denoiser;
+use crate::passes::denoise;
+
+pub use crate::passes::denoise::Denoiser;
+pub use envelope::Envelope;
 pub use polar::{LogPolar, PolarSpace};
 
 /// The settings that decide how good a frame is. A ladder's file has them as `knobs`.
@@ -19,11 +22,11 @@ pub struct Quality {
     pub spp: u32,
     /// Light reaches the eye through at most max(bounces, 1) reflections.
     pub bounces: u32,
-    #[serde(serialize_with = "denoiser::serialize", deserialize_with = "denoiser::deserialize")]
+    #[serde(serialize_with = "denoise::serialize", deserialize_with = "denoise::deserialize")]
     pub denoiser: Option<Denoiser>,
-    /// Iterations of the denoiser in the inner, middle and outer foveal layer, 0 without a denoiser. Files have the
-    /// number of the layer with most, and reading gives that number to all layers.
-    #[serde(serialize_with = "serialize_most", deserialize_with = "deserialize_alike")]
+    /// Iterations of the denoiser in the inner, middle and outer foveal layer, 0 without a denoiser. Files have one number
+    /// if all layers have the same.
+    #[serde(serialize_with = "serialize_iterations", deserialize_with = "deserialize_iterations")]
     pub iterations: [u32; 3],
     /// Radii at which the inner and the middle foveal layer end, as rising shares of the eye's width. Without them, the
     /// whole image belongs to the inner layer.
@@ -35,6 +38,14 @@ pub struct Quality {
     /// Render scale of each side of the image, within [`Self::SCALES`]. Paths are traced for its square's share of the
     /// pixels, and the denoiser brings light to the others, guided by surfaces at full size.
     pub scale: f64,
+}
+
+impl Default for Quality {
+    /// Returns the quality of `diptych render` by default: 1 sample, 6 bounces, and svgf with 5 iterations.
+    fn default() -> Self {
+        let (denoiser, iterations) = (Some(Denoiser::SVGF), [Denoiser::DEFAULT_ITERATIONS; 3]);
+        Self { spp: 1, bounces: 6, denoiser, iterations, fovea: None, polar: None, scale: 1.0 }
+    }
 }
 
 impl Quality {
@@ -84,12 +95,25 @@ impl Display for Quality {
     }
 }
 
-fn serialize_most<S: Serializer>(layers: &[u32; 3], serializer: S) -> Result<S::Ok, S::Error> {
-    layers.iter().max().copied().unwrap_or(0).serialize(serializer)
+/// The form of iterations in files.
+#[derive(Serialize, Deserialize)]
+#[serde(untagged)]
+enum FileIterations {
+    Alike(u32),
+    Layers([u32; 3]),
 }
 
-fn deserialize_alike<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[u32; 3], D::Error> {
-    u32::deserialize(deserializer).map(|all| [all; 3])
+fn serialize_iterations<S: Serializer>(layers: &[u32; 3], serializer: S) -> Result<S::Ok, S::Error> {
+    let [inner, middle, outer] = *layers;
+    let is_alike = inner == middle && middle == outer;
+    if is_alike { FileIterations::Alike(inner) } else { FileIterations::Layers(*layers) }.serialize(serializer)
+}
+
+fn deserialize_iterations<'de, D: Deserializer<'de>>(deserializer: D) -> Result<[u32; 3], D::Error> {
+    FileIterations::deserialize(deserializer).map(|iterations| match iterations {
+        FileIterations::Alike(all) => [all; 3],
+        FileIterations::Layers(layers) => layers,
+    })
 }
 
 /// The part of [`Quality`] that `run.json`, `frames.csv` and journals have for each frame. It leaves out the denoiser and
@@ -143,14 +167,17 @@ mod tests {
     use super::*;
 
     #[test]
-    fn files_have_the_most_iterations_of_any_layer() {
-        let (denoiser, iterations, fovea) = (Some(Denoiser::Svgf), [2, 3, 5], Some([0.15, 0.3]));
-        let quality = Quality { spp: 2, bounces: 6, denoiser, iterations, fovea, polar: None, scale: 0.5 };
+    fn files_have_one_number_of_iterations_where_layers_are_alike() {
+        let (denoiser, fovea) = (Some(Denoiser::SVGF), Some([0.15, 0.3]));
+        let quality = Quality { spp: 2, denoiser, iterations: [5; 3], fovea, scale: 0.5, ..Quality::default() };
         let text = r#"{"spp":2,"bounces":6,"denoiser":"svgf","iterations":5,"fovea":[0.15,0.3],"scale":0.5}"#;
         assert_eq!(serde_json::to_string(&quality).unwrap(), text);
-        let read: Quality = serde_json::from_str(text).unwrap();
-        assert_eq!(read, Quality { iterations: [5; 3], ..quality });
-        assert_eq!(FrameQuality::from(&read), FrameQuality::from(&quality));
+        assert_eq!(serde_json::from_str::<Quality>(text).unwrap(), quality);
+        let layers = Quality { iterations: [2, 3, 5], ..quality };
+        let text = text.replace(":5,", ":[2,3,5],");
+        assert_eq!(serde_json::to_string(&layers).unwrap(), text);
+        assert_eq!(serde_json::from_str::<Quality>(&text).unwrap(), layers);
+        assert_eq!(FrameQuality::from(&quality), FrameQuality::from(&layers));
         assert_eq!(quality.to_string(), "svgf x5, 6 bounces, 2 spp, scale 0.5, layers to 0.15 and 0.3");
     }
 }

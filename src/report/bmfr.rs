@@ -10,7 +10,7 @@ use super::study::{cell, table};
 use crate::quality::Denoiser;
 
 /// What is held against one another.
-pub const DENOISERS: [Denoiser; 3] = [Denoiser::Svgf, Denoiser::Bmfr, Denoiser::BmfrNoise];
+pub const DENOISERS: [Denoiser; 3] = [Denoiser::SVGF, Denoiser::BMFR, Denoiser::BMFR_NOISE];
 
 const PATHS: [&str; 2] = ["path_trace", "hole_fill"];
 /// The fit, or what `svgf` has in its place.
@@ -76,8 +76,8 @@ impl Row {
 pub fn cited() -> [Row; 2] {
     let (path_ms, filter_ms, filter_share) = (Some(7.08), Some(6.42), Some(0.427));
     [
-        Row::cited(Denoiser::Bmfr, 78.0),
-        Row { path_ms, filter_ms, filter_share, ..Row::cited(Denoiser::BmfrNoise, 71.0) },
+        Row::cited(Denoiser::BMFR, 78.0),
+        Row { path_ms, filter_ms, filter_share, ..Row::cited(Denoiser::BMFR_NOISE, 71.0) },
     ]
 }
 
@@ -156,7 +156,7 @@ mod tests {
         let paths = [("path_trace", 6.0), ("hole_fill", 2.0), ("accumulate", 4.0)];
         let fitted = measured(stages(&[&paths[..], &[("fit", 4.0)]].concat()));
         let svgf = measured(stages(&[&paths[..], &[("variance", 1.0), ("svgf", 3.0)]].concat()));
-        for (denoiser, of) in [(Denoiser::Bmfr, &fitted), (Denoiser::Svgf, &svgf)] {
+        for (denoiser, of) in [(Denoiser::BMFR, &fitted), (Denoiser::SVGF, &svgf)] {
             let rows = [Row::measured("builtin:cornell".to_owned(), denoiser, of)];
             let csv = bmfr_csv(&rows);
             let found = ["denoiser", "frames_per_s", "path_ms", "filter_ms", "filter_share", "flip", "flicker"];

@@ -7,7 +7,6 @@ pub mod csv;
 pub mod frames;
 pub mod headset;
 pub mod html;
-mod json;
 pub mod koskela;
 pub mod lanes;
 pub mod late;

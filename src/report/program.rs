@@ -130,7 +130,7 @@ mod tests {
     #[test]
     fn tables_and_graph_say_what_a_frame_does() {
         let seam = Seam::Halo(HaloPlan::EXCHANGE);
-        let spec = FrameSpec { filter: Some(Denoiser::Svgf), iterations: 2, history_rows: Some(4), ..spec(2, seam) };
+        let spec = FrameSpec { filter: Some(Denoiser::SVGF), iterations: 2, history_rows: Some(4), ..spec(2, seam) };
         let stripes = Assignment::uniform(Stripes::even(180, 2));
         let graph = graph(&spec, &stripes, Some(&stripes));
         let passes = passes_table(&graph.program).rows;

@@ -4,13 +4,13 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
-use serde::ser::{Serialize, SerializeSeq, Serializer};
+use serde::ser::{Error, SerializeSeq, Serializer};
+use serde_json::value::RawValue;
 
 use super::frames::FrameLine;
 use super::headset::HeadsetTally;
-use super::json::Text;
 use super::play::PlayTally;
-use super::run::FrameRow;
+use super::run::{FrameRow, FrameRows};
 use crate::image::ImageError;
 use crate::image::file::{LineFile, count_lines, keep_unfinished};
 
@@ -64,7 +64,7 @@ impl FrameRecord {
     }
 }
 
-/// Rows of frames in a file, a line of JSON each. They serialize as a list.
+/// Rows of frames in a file, a line of JSON each.
 pub struct SpooledRows(LineFile);
 
 impl SpooledRows {
@@ -80,17 +80,20 @@ impl SpooledRows {
     }
 }
 
-impl Serialize for SpooledRows {
+impl FrameRows for &SpooledRows {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         /// An error of reading the file, or of the serializer.
         struct Failed<E>(E);
-        impl<E: serde::ser::Error> From<io::Error> for Failed<E> {
+        impl<E: Error> From<io::Error> for Failed<E> {
             fn from(error: io::Error) -> Self {
                 Self(E::custom(error))
             }
         }
         let mut list = serializer.serialize_seq(None)?;
-        let element = |line: &[u8]| list.serialize_element(&Text(line)).map_err(Failed);
+        let element = |line: &[u8]| {
+            let row: &RawValue = serde_json::from_slice(line).map_err(|error| Failed(S::Error::custom(error)))?;
+            list.serialize_element(row).map_err(Failed)
+        };
         self.0.each_line(element).map_err(|Failed(error)| error)?;
         list.end()
     }

@@ -6,7 +6,7 @@ use std::io::Write;
 use std::path::Path;
 
 use serde::Serialize;
-use serde_json::Serializer;
+use serde::ser::{Error, SerializeSeq, Serializer};
 
 use crate::accumulation::Noise;
 use crate::device::DeviceInfo;
@@ -25,14 +25,10 @@ use crate::scene::rig::{Eye, Rig};
 use crate::trace::intervals;
 
 use super::headset::{HeadsetRow, HeadsetSummary};
-use super::json::Lines;
 use super::lanes::round;
 use super::play::{ControlRow, PlaySummary};
 use super::rectified::RectifiedFrame;
 use super::{median, median_of, once};
-
-/// The depth in the file of a frame's sums and tasks, each of which has a line.
-const FRAME_DEPTH: usize = 4;
 
 /// The settings of a run.
 #[derive(Clone, Debug, Serialize)]
@@ -285,11 +281,28 @@ impl FrameRow {
     }
 }
 
-/// What was run, on which devices, and what each frame took.
-// `Rows` of frames are in memory, or in a file that is still to be read.
+/// The rows of frames, in memory or in a file.
+pub trait FrameRows {
+    /// Serializes the rows as a list, each on one line: a frame has hundreds of numbers.
+    ///
+    /// # Errors
+    /// Those of the serializer and of reading the file.
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error>;
+}
+
+impl FrameRows for Vec<FrameRow> {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        let line = |row| serde_json::value::to_raw_value(row).map_err(S::Error::custom);
+        let mut list = serializer.serialize_seq(Some(self.len()))?;
+        self.iter().try_for_each(|row: &FrameRow| list.serialize_element(&line(row)?))?;
+        list.end()
+    }
+}
+
+/// The settings, devices and scene of a run, and what each of its frames took.
 #[derive(Clone, Debug, Serialize)]
 #[cfg_attr(test, derive(schemars::JsonSchema))]
-pub struct RunReport<Rows = Vec<FrameRow>> {
+pub struct RunReport<Rows: FrameRows = Vec<FrameRow>> {
     pub version: &'static str,
     pub command: String,
     pub settings: RunSettings,
@@ -302,9 +315,13 @@ pub struct RunReport<Rows = Vec<FrameRow>> {
     pub warm_up_s: f64,
     /// The number of frames before the first one that is kept.
     pub warm_up_frames: u32,
+    #[serde(serialize_with = "FrameRows::serialize")]
     pub frames: Rows,
-    /// Devices that were taken out.
+    /// Devices that were dropped.
     pub faults: Vec<Fault>,
+    /// The names of the pictures of the run, which are in the folder of this file.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub pictures: Vec<String>,
     /// The progress of frames that were accumulated.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub references: Vec<ReferenceRow>,
@@ -319,7 +336,7 @@ pub struct RunReport<Rows = Vec<FrameRow>> {
     pub headset: Option<HeadsetSummary>,
 }
 
-impl<Rows: Serialize> RunReport<Rows> {
+impl<Rows: FrameRows> RunReport<Rows> {
     pub fn new(
         settings: RunSettings,
         devices: &[DeviceInfo],
@@ -339,6 +356,7 @@ impl<Rows: Serialize> RunReport<Rows> {
             warm_up_frames: 0,
             frames,
             faults: Vec::new(),
+            pictures: Vec::new(),
             references: Vec::new(),
             play: None,
             rectified: None,
@@ -348,7 +366,7 @@ impl<Rows: Serialize> RunReport<Rows> {
 
     pub fn write(&self, path: &Path) -> Result<(), ImageError> {
         atomic_write(path, |file| {
-            self.serialize(&mut Serializer::with_formatter(&mut *file, Lines::new(FRAME_DEPTH)))?;
+            serde_json::to_writer_pretty(&mut *file, self)?;
             file.write_all(b"\n")
         })
     }

@@ -6,7 +6,7 @@ use super::csv::{Column, Csv, number};
 use super::html::Section;
 use super::plot::{Axis, Chart, Series, line_chart_svg};
 use super::run::aov_ms;
-use super::{ReportError, Table, imbalance, median_of, shares_text};
+use super::{ReportError, Table, imbalance, median_of, once, shares_text};
 use crate::exec::{FrameReport, TimedTask};
 use crate::schedule::LOSS_SHARE;
 use crate::trace::frames::trace_from;
@@ -17,6 +17,8 @@ use crate::trace::summary::Summary;
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Row {
     pub devices: usize,
+    /// The name of the policy that divided the rows.
+    pub policy: String,
     /// The number of frames that were timed.
     pub frames: usize,
     pub makespan_ms: f64,
@@ -177,7 +179,7 @@ fn interquartile_range(mut values: Vec<f64>) -> f64 {
     quantile(0.75).zip(quantile(0.25)).map_or(0.0, |(upper, lower)| upper - lower)
 }
 
-const COLUMNS: [Column<Row>; 18] = [
+const COLUMNS: [Column<Row>; 19] = [
     ("devices", |r| r.devices.to_string()),
     ("makespan_ms", |r| format!("{:.4}", r.makespan_ms)),
     ("makespan_ms_min", |r| format!("{:.4}", r.makespan_ms_min)),
@@ -196,7 +198,22 @@ const COLUMNS: [Column<Row>; 18] = [
     ("speedup_error", |r| format!("{:.5}", r.speedup_error)),
     ("bytes_per_frame", |r| format!("{:.0}", r.bytes_per_frame)),
     ("prediction_error", |r| number(r.prediction_error, 5)),
+    ("policy", |r| r.policy.clone()),
 ];
+
+/// Returns the names of the rows' policies, each once.
+fn policies(rows: &[Row]) -> Vec<&str> {
+    once(rows.iter().map(|r| r.policy.as_str()))
+}
+
+/// Adds the rows' policies as the second column, if there are several.
+fn with_policies(mut table: Table, rows: &[Row]) -> Table {
+    if policies(rows).len() > 1 {
+        table.headers.insert(1, "policy");
+        table.rows.iter_mut().zip(rows).for_each(|(cells, row)| cells.insert(1, row.policy.clone()));
+    }
+    table
+}
 
 /// The contents of `scale.csv`.
 pub fn scale_csv(rows: &[Row]) -> Csv {
@@ -236,7 +253,7 @@ pub fn scale_table(rows: &[Row]) -> Table {
             r.note().to_owned(),
         ]
     };
-    Table { headers, rows: rows.iter().map(cells).collect() }
+    with_policies(Table { headers, rows: rows.iter().map(cells).collect() }, rows)
 }
 
 /// A table of what limits the speed-up of each count.
@@ -258,7 +275,7 @@ fn limits_table(rows: &[Row]) -> Table {
         cells.extend([shares.limit().to_owned(), r.critical_path.clone()]);
         cells
     };
-    Table { headers, rows: rows.iter().map(cells).collect() }
+    with_policies(Table { headers, rows: rows.iter().map(cells).collect() }, rows)
 }
 
 fn percent(share: f64) -> String {
@@ -275,13 +292,18 @@ pub fn scale_svg(title: String, rows: &[Row]) -> Result<String, ReportError> {
         x: Axis { label: "devices".into(), log: false },
         y: Axis { label: "speed-up".into(), log: false },
     };
-    let points = |of: &dyn Fn(&Row) -> f64| rows.iter().map(|r| (r.devices as f64, of(r))).collect();
     let first = rows.first().map_or(1.0, |r| r.devices as f64);
-    let band = rows.iter().map(|r| (r.speedup - r.speedup_error, r.speedup + r.speedup_error)).collect();
-    let series = [
-        Series { name: "ideal".into(), points: points(&|r| r.devices as f64 / first), band: None, guide: true },
-        Series { name: "measured".into(), points: points(&|r| r.speedup), band: Some(band), guide: false },
-    ];
+    let guide = rows.iter().map(|r| (r.devices as f64, r.devices as f64 / first)).collect();
+    let mut series = vec![Series { name: "ideal".into(), points: guide, band: None, guide: true }];
+    let policies = policies(rows);
+    for policy in &policies {
+        // The base is the first point of each policy's line.
+        let own = || rows.iter().enumerate().filter(|(i, r)| *i == 0 || r.policy == *policy).map(|(_, row)| row);
+        let name = if policies.len() > 1 { (*policy).to_owned() } else { "measured".to_owned() };
+        let points = own().map(|r| (r.devices as f64, r.speedup)).collect();
+        let band = own().map(|r| (r.speedup - r.speedup_error, r.speedup + r.speedup_error)).collect();
+        series.push(Series { name, points, band: Some(band), guide: false });
+    }
     line_chart_svg(&chart, &series)
 }
 
@@ -331,6 +353,18 @@ mod tests {
         let found = ["devices", "makespan_ms", "speedup", "efficiency", "base_devices", "makespan_ms_iqr"];
         assert_eq!(found.map(|name| table.value(0, name)), ["2", "50.0000", "1.6000", "0.8000", "1", "4.5000"]);
         assert_eq!(table.value(0, "prediction_error"), "");
+    }
+
+    #[test]
+    fn policies_have_a_column_where_there_are_several() {
+        let of = |devices, policy: &str| Row { policy: policy.to_owned(), ..row(devices, 50.0, 0.0, 1.0) };
+        let rows = [of(1, "even"), of(2, "even"), of(2, "mine")];
+        let table = scale_table(&rows);
+        assert_eq!((table.headers[1], table.rows[2][1].as_str()), ("policy", "mine"));
+        assert_eq!(scale_table(&rows[..2]).headers[1], "makespan ms");
+        assert_eq!(scale_csv(&rows).value(2, "policy"), "mine");
+        let figure = scale_svg("two policies".to_owned(), &rows).unwrap();
+        assert!(figure.contains("mine") && figure.contains("even"));
     }
 
     #[test]

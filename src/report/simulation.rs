@@ -10,6 +10,8 @@ use crate::schedule::{Prediction, StepKind};
 /// One row of `simulate.csv`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
+    /// The name of the policy that divides the rows.
+    pub policy: &'static str,
     /// Machines, which share the devices evenly.
     pub nodes: usize,
     /// Of all machines.
@@ -55,6 +57,7 @@ impl Row {
             }
         }
         Self {
+            policy: "",
             nodes: 1,
             devices,
             predicted_ms: prediction.makespan_ms,
@@ -124,7 +127,12 @@ pub fn simulation_csv(rows: &[Row]) -> Csv {
         columns: parts.iter().map(|what| format!("critical_{what}_share")).collect(),
         lines: rows.iter().map(|r| parts.iter().map(|what| format!("{:.5}", share(r, what))).collect()).collect(),
     };
-    Csv::new(&COLUMNS, rows).beside(shares)
+    Csv::new(&COLUMNS, rows).beside(shares).beside(Csv::new(&[("policy", |r: &Row| r.policy.to_owned())], rows))
+}
+
+/// Returns the names of the rows' policies, each once.
+fn policies(rows: &[Row]) -> Vec<&'static str> {
+    once(rows.iter().map(|r| r.policy))
 }
 
 pub fn simulation_table(rows: &[Row]) -> Table {
@@ -150,7 +158,12 @@ pub fn simulation_table(rows: &[Row]) -> Table {
             r.critical_path_text(),
         ]
     };
-    Table { headers, rows: rows.iter().map(cells).collect() }
+    let mut table = Table { headers, rows: rows.iter().map(cells).collect() };
+    if policies(rows).len() > 1 {
+        table.headers.insert(1, "policy");
+        table.rows.iter_mut().zip(rows).for_each(|(cells, row)| cells.insert(1, row.policy.to_owned()));
+    }
+    table
 }
 
 /// Speed-up over device counts, with the measured ones where there are any.
@@ -163,18 +176,20 @@ pub fn simulation_svg(title: String, rows: &[Row]) -> Result<String, ReportError
         x: Axis { label: "devices".into(), log: false },
         y: Axis { label: "speed-up over one simulated device".into(), log: false },
     };
-    let points = |of: fn(&Row) -> Option<f64>| {
-        let mut points: Vec<_> = rows.iter().filter_map(|r| Some((r.devices as f64, of(r)?))).collect();
+    let line = |name: String, policy: Option<&str>, of: fn(&Row) -> Option<f64>, guide| {
+        let own = rows.iter().filter(|r| policy.is_none_or(|policy| r.policy == policy));
+        let mut points: Vec<_> = own.filter_map(|r| Some((r.devices as f64, of(r)?))).collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0));
-        points
+        Series { name, points, band: None, guide }
     };
-    let line = |name: &str, points: Vec<(f64, f64)>, guide| Series { name: name.into(), points, band: None, guide };
-    let mut series = vec![
-        line("ideal", points(|r| Some(r.speedup / r.efficiency)), true),
-        line("simulated", points(|r| Some(r.speedup)), false),
-    ];
-    if rows.iter().any(|r| r.measured_ms.is_some()) {
-        series.push(line("measured", points(Row::measured_speedup), false));
+    let mut series = vec![line("ideal".to_owned(), None, |r| Some(r.speedup / r.efficiency), true)];
+    let policies = policies(rows);
+    for policy in &policies {
+        let name = |what: &str| if policies.len() > 1 { format!("{what}, {policy}") } else { what.to_owned() };
+        series.push(line(name("simulated"), Some(policy), |r| Some(r.speedup), false));
+        if rows.iter().any(|r| r.policy == *policy && r.measured_ms.is_some()) {
+            series.push(line(name("measured"), Some(policy), Row::measured_speedup, false));
+        }
     }
     line_chart_svg(&chart, &series)
 }

@@ -7,8 +7,6 @@ use std::mem;
 use std::ops::Deref;
 use std::str::FromStr;
 
-use sysinfo::{MemoryRefreshKind, RefreshKind, System};
-
 /// A number of bytes as options and messages say it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct ByteSize(pub u64);
@@ -62,19 +60,6 @@ pub struct Exceeded {
     pub limit: ByteSize,
 }
 
-/// What is there of memory, bytes.
-fn host_memory() -> u64 {
-    /// Where no system says how much there is.
-    const UNKNOWN: u64 = 8 << 30;
-    let ram = RefreshKind::nothing().with_memory(MemoryRefreshKind::nothing().with_ram());
-    let system = System::new_with_specifics(ram);
-    let container = system.cgroup_limits().map_or(u64::MAX, |limits| limits.total_memory);
-    match system.total_memory().min(container) {
-        0 => UNKNOWN,
-        bytes => bytes,
-    }
-}
-
 /// What is left of the memory that one scene may take on the host.
 #[derive(Debug)]
 pub struct Budget {
@@ -82,14 +67,16 @@ pub struct Budget {
     left: Cell<u64>,
 }
 
+impl Default for Budget {
+    /// Returns a budget of 8 GiB.
+    fn default() -> Self {
+        Self::new(ByteSize(8 << 30))
+    }
+}
+
 impl Budget {
     pub fn new(limit: ByteSize) -> Self {
         Self { limit, left: Cell::new(limit.0) }
-    }
-
-    /// Half of the memory that this machine, or the container that the program is in, has.
-    pub fn of_host() -> Self {
-        Self::new(ByteSize(host_memory() / 2))
     }
 
     pub fn unlimited() -> Self {
@@ -195,11 +182,5 @@ mod tests {
         assert_eq!(budget.left(), 90);
         second.keep();
         assert_eq!(budget.left(), 90);
-    }
-
-    #[test]
-    fn the_host_gives_half_of_its_memory() {
-        let share = Budget::of_host().left();
-        assert!((1 << 26..1 << 50).contains(&share), "{share}");
     }
 }

@@ -15,12 +15,12 @@ use super::motion::play::{Choice, Move, Moved, Play};
 use super::shot::{Draft, SceneSource, Shot, ShotEnvironment, Sky};
 use super::{Environment, Material, Scene, SceneError, builtin, gltf};
 
-/// [`load_shot_within`] half of the host's memory and the folders of the files, with nothing asked for besides.
+/// Loads a shot as [`load_shot_within`] does, within the default [`Budget`] and the folders of the files, without overrides.
 ///
 /// # Errors
 /// [`SceneError`], naming the file.
 pub fn load_shot(arg: &str) -> Result<(Shot, Scene), SceneError> {
-    load_shot_within(arg, &Overrides::default(), Access::of(&Budget::of_host()))
+    load_shot_within(arg, &Overrides::default(), Access::of(&Budget::default()))
 }
 
 /// Loads `builtin:NAME`, a `.toml` shot, or a `.gltf`/`.glb`. [`complete`] says what becomes of what a shot leaves open,

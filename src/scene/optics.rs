@@ -8,7 +8,7 @@
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 use serde::{Deserialize, Serialize};
 
-use super::rig::{Eye, Rig};
+use super::eye::Eye;
 use crate::image::Extent;
 
 /// The angles at which a field of view ends, radians from the eye's axis, to the right and upwards above 0: those of
@@ -41,7 +41,7 @@ pub struct HeadEyes {
 }
 
 /// What an eye shows.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Lens {
     /// The eye's right, up and forward vectors as columns, in those of its rig.
     pub axes: DMat3,
@@ -50,7 +50,7 @@ pub struct Lens {
 }
 
 /// The eyes of a rig that shows other images than it renders.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Optics {
     pub lenses: [Lens; 2],
     /// Tangents of half the rectified frame's field of view, across and up.
@@ -171,7 +171,7 @@ impl Lens {
     }
 
     /// The directions [`Self::ray`] of points (x, y, 1).
-    fn rays(&self, size: Extent) -> DMat3 {
+    pub(super) fn rays(&self, size: Extent) -> DMat3 {
         let at = |x, y| self.ray([x, y], size);
         let corner = at(0.0, 0.0);
         DMat3::from_cols(at(1.0, 0.0) - corner, at(0.0, 1.0) - corner, corner)
@@ -224,6 +224,16 @@ impl Optics {
         Ok(Extent::new(pixels[0] as u32, pixels[1] as u32))
     }
 
+    /// Returns the size of the rectified frame of eyes that show images of this size, at 1.25 times their density.
+    ///
+    /// # Errors
+    /// Those of [`Self::grid`].
+    pub fn rectified(&self, size: Extent) -> Result<Extent, String> {
+        /// Pixels of the rectified frame over those of the eyes, along each axis, where these look straight ahead.
+        const DENSITY: f64 = 1.25;
+        self.grid(size, DENSITY)
+    }
+
     /// Tangents of half the field of view of the frame that is rendered, its margin included.
     pub fn rendered_tan_half(&self, grid: Extent) -> [f64; 2] {
         let sides = [grid.width, grid.height].map(f64::from);
@@ -245,15 +255,6 @@ impl Optics {
         is_square && self.lenses.iter().all(sees_all)
     }
 
-    /// Of a rig without optics, whose images have this size: they are rendered with so many degrees more on all sides, which
-    /// are there to be shown when the head turns.
-    pub fn with_border(rig: &Rig, size: Extent, border_deg: f64) -> Self {
-        let tan_y = (rig.yfov_rad / 2.0).tan();
-        let tan = [tan_y * f64::from(size.width) / f64::from(size.height), tan_y];
-        let lens = Lens { axes: DMat3::IDENTITY, tan: Fov { left: -tan[0], right: tan[0], up: tan[1], down: -tan[1] } };
-        Self { lenses: [lens; 2], tan_half: tan }.widened(border_deg)
-    }
-
     /// With so many degrees more on all sides, as far as a plane holds them.
     pub fn widened(self, border_deg: f64) -> Self {
         let wider = |tan: f64| (tan.atan() + border_deg.to_radians()).min(WIDEST_DEG.to_radians()).tan().max(tan);
@@ -264,22 +265,6 @@ impl Optics {
     /// in pixels from the top left; z is the distance along the rig's forward of what is 1 away along the eye's.
     pub fn homography(&self, eye: Eye, size: Extent, grid: Extent) -> DMat3 {
         self.rectified_points(grid) * self.lenses[eye as usize].rays(size)
-    }
-
-    /// The same from what the eye shows when the rig has moved on from `rendered` to `later`, each of one key; and where the
-    /// later eye itself is, times its distance: a point that is t away along the later eye's axis is t times the first plus
-    /// the second.
-    pub fn later_homography(
-        &self,
-        eye: Eye,
-        [size, grid]: [Extent; 2],
-        [rendered, later]: [&Rig; 2],
-    ) -> (DMat3, DVec3) {
-        let [(from, before), (to, now)] = [rendered, later].map(|rig| rig.pose(0.0, eye));
-        let rendered_from_world = DMat3::from_cols(before[0], before[1], before[2]).transpose();
-        let turned = rendered_from_world * DMat3::from_cols(now[0], now[1], now[2]);
-        let points = self.rectified_points(grid);
-        (points * turned * self.lenses[eye as usize].rays(size), points * (rendered_from_world * (to - from)))
     }
 
     /// Where the rectified image has a point of the image of an eye, both in pixels from the top left, and how many pixels it

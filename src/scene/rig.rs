@@ -3,11 +3,10 @@
 //! Both eyes share one orientation and one projection and sit half a baseline to each side along the rig's
 //! right vector, so a surface point lies on the same image row in both.
 
-use std::fmt;
-
 use glam::{DMat3, DQuat, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
+pub use super::eye::Eye;
 use super::optics::Optics;
 use super::{Bounds, Camera};
 use crate::image::Extent;
@@ -21,37 +20,8 @@ pub const DEFAULT_YFOV_DEG: f64 = 70.0;
 /// Smallest sine of the angle between the view vector and up that still gives an orientation.
 const MIN_SIN_VIEW_UP: f64 = 1e-6;
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
-#[serde(rename_all = "lowercase")]
-#[cfg_attr(test, derive(schemars::JsonSchema))]
-pub enum Eye {
-    Left,
-    Right,
-}
-
-impl Eye {
-    pub const ALL: [Eye; 2] = [Eye::Left, Eye::Right];
-
-    /// Side along the rig's right vector.
-    fn side(self) -> f64 {
-        match self {
-            Eye::Left => -1.0,
-            Eye::Right => 1.0,
-        }
-    }
-}
-
-impl fmt::Display for Eye {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Eye::Left => "left",
-            Eye::Right => "right",
-        })
-    }
-}
-
 /// The point between the eyes at one time, scene units.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct RigKey {
     pub time_s: f64,
     pub position: DVec3,
@@ -107,7 +77,7 @@ impl RigKey {
 }
 
 /// How a rig turns from one key to the next. Positions go in straight lines.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub enum Turning {
     /// Targets and ups go in straight lines as well.
     #[default]
@@ -116,7 +86,7 @@ pub enum Turning {
     Spherical,
 }
 
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Rig {
     /// Vertical field of view of each eye, above 0 and below π.
     pub yfov_rad: f64,

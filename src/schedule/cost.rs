@@ -4,7 +4,7 @@
 //! last one. Other passes count rows. The time per unit of a device is learned from its own stripes, so devices of
 //! different speed need no description.
 
-mod stripes;
+pub mod stripes;
 
 use std::borrow::Cow;
 use std::ops::Range;
@@ -16,7 +16,6 @@ use super::network::Network;
 use crate::graph::{Pass, Program, Seam, Stage, Work};
 use crate::passes::{Declarations, FrameSpec};
 use crate::scene::rig::Eye;
-pub use stripes::StripeCosts;
 
 /// The cost of one task of a stage to one device in a frame.
 #[derive(Clone, Debug, PartialEq)]

@@ -1,6 +1,7 @@
 //! Finds contiguous stripes of even predicted cost, and moves edges towards them in small steps.
 
-use super::cost::{CostModel, StripeCosts};
+use super::cost::CostModel;
+use super::cost::stripes::StripeCosts;
 use crate::graph::{Assignment, Stripes};
 use crate::scene::rig::Eye;
 

@@ -201,7 +201,7 @@ mod tests {
     use crate::quality::Denoiser;
 
     fn filters() -> [(Denoiser, u32); 2] {
-        [(Denoiser::Atrous, 6), (Denoiser::Svgf, 5)]
+        [(Denoiser::ATROUS, 6), (Denoiser::SVGF, 5)]
     }
 
     fn program(plan: HaloPlan, (filter, iterations): (Denoiser, u32)) -> std::sync::Arc<Program> {

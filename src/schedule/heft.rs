@@ -11,7 +11,8 @@
 
 use std::collections::VecDeque;
 
-use super::cost::{CostModel, StripeCosts};
+use super::cost::CostModel;
+use super::cost::stripes::StripeCosts;
 use super::cut::{MovingStripes, cut};
 use super::policy::Policy;
 use crate::graph::{Assignment, Program, Stripes};

@@ -16,7 +16,8 @@ mod network;
 mod policy;
 mod simulate;
 
-pub use cost::{CostModel, FrameCosts, StageCost, StripeCosts, TransferCost};
+pub use cost::stripes::StripeCosts;
+pub use cost::{CostModel, FrameCosts, StageCost, TransferCost};
 pub use cut::step_rows;
 pub use cuts::{Cut, Position, cuts, parts};
 pub use effort::Effort;

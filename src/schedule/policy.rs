@@ -4,7 +4,7 @@ use std::str::FromStr;
 
 use super::cost::CostModel;
 use crate::graph::{Assignment, CutGroup, Stripes, StripesError};
-use crate::passes::cut_groups;
+use crate::passes::{cut_groups, denoise};
 use crate::scene::rig::Eye;
 
 /// Cuts frames into stripes.
@@ -44,7 +44,7 @@ impl Policy for Even {
     }
 }
 
-/// The ratios of one rule, as in `5,1,2`. They may be of a group of passes and a view, as in `atrous=1,1,2` and
+/// The ratios of one rule, as in `5,1,2`. They may be of a group of passes and a view, as in `denoise=1,1,2` and
 /// `path_trace.left=5,1,2`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RatioRule {
@@ -73,7 +73,13 @@ impl FromStr for RatioRule {
     }
 }
 
+/// Former names of groups, which are still understood.
+const FORMER: [(&str, CutGroup); 1] = [("atrous", denoise::CUT)];
+
 fn parse_group(name: &str) -> Result<CutGroup, String> {
+    if let Some((_, group)) = FORMER.iter().find(|(former, _)| *former == name) {
+        return Ok(*group);
+    }
     let known = cut_groups();
     known.iter().find(|g| g.0 == name).copied().ok_or_else(|| {
         let known: Vec<_> = known.iter().map(|g| g.0).collect();

@@ -15,7 +15,7 @@ const WIDTH: u32 = 64;
 
 fn spec(height: u32, devices: usize, iterations: u32, seam: Seam) -> FrameSpec {
     let frame = FrameSpec::new(Extent::new(WIDTH, height), devices);
-    FrameSpec { filter: Some(Denoiser::Atrous), iterations, seam, ..frame }
+    FrameSpec { filter: Some(Denoiser::ATROUS), iterations, seam, ..frame }
 }
 
 /// A scene and devices whose true costs are known.

@@ -31,6 +31,11 @@ impl Foveation {
         Self { gaze, radii: Self::RADII, unsampled_share: 0.5, iterations }
     }
 
+    /// Returns the same layers around a gaze that does not move.
+    pub fn looking(&self, eyes: [[f64; 2]; 2]) -> Self {
+        Self { gaze: eyes.map(|[x, y]| Gaze { path: vec![[0.0, x, y]] }), ..self.clone() }
+    }
+
     /// The [`Self::unsampled_share`] with which this share of the left eye's pixels at `time_s` is sampled, as far as that
     /// is from 0 to 1.
     pub fn unsampled_share_for(&self, sampled: f64, time_s: f64, extent: Extent) -> f64 {

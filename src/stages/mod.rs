@@ -39,7 +39,8 @@ use crate::quality::{Denoiser, PolarSpace};
 use crate::scene::needs::SceneNeeds;
 
 /// How random numbers are drawn.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, clap::ValueEnum, serde::Serialize, serde::Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize, serde::Deserialize)]
+#[cfg_attr(feature = "cli", derive(clap::ValueEnum))]
 #[serde(rename_all = "snake_case")]
 pub enum Sampler {
     /// Owen-scrambled Sobol'.
@@ -80,7 +81,8 @@ pub struct StageSettings {
     pub aovs: Vec<Aov>,
     /// What of the scene moves, if anything does, as its tables say.
     pub moving: Option<Moving>,
-    /// What says which passes frames have. Where settings are sent, the renderer's own take its place.
+    /// The declarations of the passes of frames. They are not sent to other ranks, which have them from their
+    /// [`Host`](crate::exec::ranks::Host).
     #[serde(skip)]
     pub declarations: Declarations,
     /// Frames that may be on the devices at a time, 1 at least.
@@ -97,7 +99,7 @@ impl StageSettings {
             sampler: Sampler::default(),
             spp: 1,
             mixes_spp: false,
-            filter: Some(Denoiser::Svgf),
+            filter: Some(Denoiser::SVGF),
             iterations: Denoiser::DEFAULT_ITERATIONS,
             reproject: true,
             sparse: false,
@@ -165,7 +167,7 @@ impl StageSettings {
 
     /// Whether the filter knows variances, and gloss apart from matte light.
     fn is_guided_by_variance(&self) -> bool {
-        self.filter == Some(Denoiser::Svgf) && self.iterations > 0
+        self.filter.is_some_and(|denoiser| denoiser.method().needs_variance()) && self.iterations > 0
     }
 
     fn constants(&self, jitter: bool) -> Vec<(&'static str, bool)> {

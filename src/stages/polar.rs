@@ -3,6 +3,7 @@
 //! grow with their distance from the gaze.
 
 mod log;
+mod place;
 mod visual;
 
 use super::layout::{self, View};
@@ -11,6 +12,7 @@ use crate::quality::PolarSpace;
 use crate::scene::rig::{self, Eye};
 use crate::scene::shot::Gaze;
 
+pub use place::PolarPlace;
 pub use visual::{FOVEA_DEG, acuity};
 
 /// Images around the gaze, which may move with every frame.
@@ -19,15 +21,6 @@ pub struct Polar {
     /// Of the left and the right eye.
     pub gaze: [Gaze; 2],
     pub space: PolarSpace,
-}
-
-/// Where a pixel of the screen is in an image.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PolarPlace {
-    /// In rows from the first, which is the gaze's.
-    pub row: f64,
-    /// Pixels of the image in a pixel of the screen.
-    pub density: f64,
 }
 
 impl Polar {

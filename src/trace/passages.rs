@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::intervals::Interval;
-use super::summary::median;
+use super::median::median;
 
 /// What a thread of a rank was at.
 pub struct HostSpan {

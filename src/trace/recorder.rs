@@ -7,7 +7,7 @@ use std::time::Instant;
 use serde_json::{Map, Value};
 
 use super::event::{Args, Event, FlowStep, Kind, Track, args_from};
-use super::file::Document;
+use super::growing::GrowingDocument;
 use super::host::{HostSpans, Spans};
 use super::{FIRST_DEVICE_PID, FIRST_RANK_PID, FRAMES_NAME, FRAMES_TRACK, FRAMES_TRACKS, HOST_PID, Lane, TraceError};
 
@@ -25,7 +25,7 @@ pub struct Recorder {
 #[derive(Default)]
 pub(super) struct Log {
     /// None before the trace begins and once it is finished: nothing is taken down then.
-    document: Option<Document>,
+    document: Option<GrowingDocument>,
     events: Vec<Event>,
     host: Option<HostSpans>,
     /// Of this process and of other ranks, by process.
@@ -49,7 +49,7 @@ impl Recorder {
     }
 
     /// Begins the trace, with the spans of the host where they are recorded.
-    pub(super) fn open(&self, document: Document, host: Option<HostSpans>) {
+    pub(super) fn open(&self, document: GrowingDocument, host: Option<HostSpans>) {
         let Some(mut log) = self.lock() else { return };
         (log.document, log.host) = (Some(document), host);
         log.push(Event::process_name(HOST_PID, "host"));

@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 
 use super::critical::{What, critical_path};
 use super::intervals::{Interval, length, length_in_two_or_more, shared_length, union};
+pub use super::median::median;
 use super::passages::PassageSummary;
 use super::work::{Device, Frame, FrameTime, Trace, extent};
 use super::{Lane, TraceError};
@@ -296,11 +297,4 @@ impl Lanes<'_> {
             clock_residual_us: self.device.clock_residual_us,
         }
     }
-}
-
-/// The middle value, of an even number the mean of the two in the middle; none of none.
-pub fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    let upper = *values.get(values.len() / 2)?;
-    Some((upper + values[(values.len() - 1) / 2]) / 2.0)
 }

@@ -212,7 +212,7 @@ fn the_ladder_rises_in_time_falls_in_error_and_is_of_what_was_measured() {
     }
     // Each denoiser has a ladder of its own, and one of them is the best: which, depends on the machine's times. Those that
     // fit blocks are measured only where they are asked for.
-    let others = [None, Some(Denoiser::Atrous), Some(Denoiser::Svgf)].map(|denoiser| {
+    let others = [None, Some(Denoiser::ATROUS), Some(Denoiser::SVGF)].map(|denoiser| {
         let name = Denoiser::name_of(denoiser);
         let ladder = Ladder::read(&folder.path().join(format!("ladder.{name}.toml"))).unwrap();
         assert!(ladder.rungs().iter().all(|r| r.quality.denoiser == denoiser), "{ladder:?}");

@@ -143,7 +143,7 @@ fn a_scaling_shows_a_frame_of_each_count() {
     stands_alone(&page);
     let lanes = data(&page, "lanes");
     lanes_are_sound(&lanes, 2);
-    assert_eq!((&lanes["frames"][1]["name"], &lanes["shown"]), (&"2 device(s)".into(), &1.into()));
+    assert_eq!((&lanes["frames"][1]["name"], &lanes["shown"]), (&"2 device(s), measured".into(), &1.into()));
     assert!(page.contains("All counts gave the same bytes.") && page.matches("<img").count() == 2);
     browse(run.folder());
 }

@@ -12,7 +12,7 @@ use clap::ValueEnum;
 use diptych::accel::{Accel, Layout};
 use diptych::device::{self, GpuDevice, Selection, Traversal, TraversalChoice};
 use diptych::exec::ranks::Devices;
-use diptych::exec::{ExecError, FrameReport, RenderSettings, Renderer, Stereo};
+use diptych::exec::{ExecError, FrameParams, FrameReport, RenderSettings, Renderer, Stereo};
 use diptych::graph::{Life, Pass};
 use diptych::image::{Extent, Image, RgbImage};
 use diptych::passes::tonemap::LINEAR;
@@ -59,7 +59,7 @@ impl Subject {
         let stages = &mut settings.stages;
         stages.needs = if is_thorough() { self.needs } else { shared_shaders(self.needs) };
         stages.reproject = false;
-        (stages.filter, stages.iterations) = (Some(Denoiser::Atrous), 0);
+        (stages.filter, stages.iterations) = (Some(Denoiser::ATROUS), 0);
         settings
     }
 
@@ -80,7 +80,7 @@ impl Subject {
     /// [`Self::denoised`] over frames.
     pub fn accumulated(&self, width: u32, height: u32) -> RenderSettings {
         let mut settings = self.denoised(width, height);
-        settings.stages.filter = Some(Denoiser::Svgf);
+        settings.stages.filter = Some(Denoiser::SVGF);
         settings
     }
 }
@@ -182,6 +182,7 @@ pub struct Stage<'a> {
     renderer: Option<Renderer>,
     devices: usize,
     frames_in_flight: usize,
+    change: Box<dyn Fn(&mut FrameParams) + 'a>,
 }
 
 impl<'a> Stage<'a> {
@@ -215,7 +216,8 @@ impl<'a> Stage<'a> {
             // Slower than a device is given before the first frame.
             renderer.set_watchdog(Duration::from_secs(600));
         }
-        Self { subject, renderer: Some(renderer), devices, frames_in_flight: settings.stages.frames_in_flight }
+        let frames_in_flight = settings.stages.frames_in_flight;
+        Self { subject, renderer: Some(renderer), devices, frames_in_flight, change: Box::new(|_| ()) }
     }
 
     /// Its devices, which go back to no other test.
@@ -238,9 +240,22 @@ impl<'a> Stage<'a> {
         frame
     }
 
-    fn render(&mut self, time_s: f64, index: u32) -> Frame {
+    /// Changes the parameters of all frames from here on.
+    pub fn set(&mut self, change: impl Fn(&mut FrameParams) + 'a) {
+        self.change = Box::new(change);
+    }
+
+    /// The parameters of a frame of the subject's camera, with the changes of [`Self::set`].
+    pub fn params(&mut self, time_s: f64, index: u32) -> FrameParams {
         let rig = &self.subject.rig;
-        let report = self.renderer().render(rig, time_s, index).unwrap_or_else(|e| panic!("{self}: {e}"));
+        let mut params = self.renderer().frame(rig, time_s, index);
+        (self.change)(&mut params);
+        params
+    }
+
+    fn render(&mut self, time_s: f64, index: u32) -> Frame {
+        let params = self.params(time_s, index);
+        let report = self.renderer().render(&params).unwrap_or_else(|e| panic!("{self}: {e}"));
         let linear = self.renderer().read_linear().unwrap_or_else(|e| panic!("{self}: {e}"));
         Frame { linear, report }
     }
@@ -253,9 +268,8 @@ impl<'a> Stage<'a> {
             while self.renderer().in_flight() < self.frames_in_flight
                 && let Some((index, &time_s)) = times.next()
             {
-                let linear = [LINEAR];
-                let rig = &self.subject.rig;
-                self.renderer().begin(rig, time_s, index, &linear).unwrap_or_else(|e| panic!("{e}"));
+                let params = self.params(time_s, index);
+                self.renderer().begin(&params, &[LINEAR]).unwrap_or_else(|e| panic!("{e}"));
             }
             let Some(report) = self.renderer().finish().unwrap_or_else(|e| panic!("{e}")) else { return frames };
             let linear = self.renderer().read_linear().unwrap_or_else(|e| panic!("{self}: {e}"));

@@ -8,7 +8,7 @@ use diptych::quality::FrameQuality;
 use diptych::report::headset::HeadsetRow;
 use diptych::report::play::{ControlRow, Excursion, Play, PlayTally, SETTLING_FRAMES};
 use diptych::report::record::{FrameRecord, Unfinished};
-use diptych::report::run::{FrameRow, StageSum};
+use diptych::report::run::{FrameRow, FrameRows, StageSum};
 use diptych::report::samples::FrameSamples;
 use diptych::scene::projection::Matrices;
 use diptych::scene::rig::{Eye, Rig};
@@ -114,7 +114,8 @@ fn an_hour_of_frames_takes_the_memory_of_its_first_minutes() {
         samples.add(&row, vec![task(0), task(1)]);
         drop(row);
         if index == 20_000 {
-            serde_json::to_writer(Probe(memory::held() + 65_536), record.rows()).unwrap();
+            let writer = Probe(memory::held() + 65_536);
+            record.rows().serialize(&mut serde_json::Serializer::new(writer)).unwrap();
         }
         match index {
             // The page's frames are halved whenever there are 4096, and each time has as many at most.
@@ -233,7 +234,9 @@ fn rows_in_a_file_are_the_rows() {
         .map(|row| FrameRow { predicted_ms: None, makespan_ms: 1.0 / 3.0, rays: u64::MAX, ..row })
         .collect();
     rows.iter().for_each(|row| record.add(row).unwrap());
-    assert_eq!(serde_json::to_string(record.rows()).unwrap(), serde_json::to_string(&rows).unwrap());
+    let mut text = Vec::new();
+    record.rows().serialize(&mut serde_json::Serializer::new(&mut text)).unwrap();
+    assert_eq!(text, serde_json::to_vec(&rows).unwrap());
     // A run that is killed here leaves them to the next one, which keeps them.
     drop(record);
     let Unfinished { frames, kept } = Unfinished::keep(folder.path()).unwrap().unwrap();

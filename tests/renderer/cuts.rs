@@ -53,7 +53,7 @@ fn frames_in_small_portions_have_the_bytes_of_whole_ones() {
     if is_thorough() {
         hold_cut_frames_against_whole_ones("in flight", &subject, &settings);
     }
-    (settings.stages.filter, settings.stages.iterations) = (Some(Denoiser::Bmfr), 1);
+    (settings.stages.filter, settings.stages.iterations) = (Some(Denoiser::BMFR), 1);
     hold_cut_frames_against_whole_ones("fitted in flight", &subject, &settings);
 }
 

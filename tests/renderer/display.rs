@@ -115,7 +115,10 @@ fn only_what_is_read_crosses_to_the_primary() {
     let subject = Subject::load("builtin:cornell");
     let settings = RenderSettings { adapts_halo: false, ..subject.denoised(96, 54) };
     let mut two = Stage::even(&subject, &settings, 2);
-    let render = |two: &mut Stage| two.renderer().render(&subject.rig, 0.0, 0).unwrap().uploaded_bytes();
+    let render = |two: &mut Stage| {
+        let params = two.params(0.0, 0);
+        two.renderer().render(&params).unwrap().uploaded_bytes()
+    };
     let all = render(&mut two);
     let shown = two.display();
     two.renderer().set_outputs(&[DISPLAY]);

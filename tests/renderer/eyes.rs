@@ -148,7 +148,7 @@ const LOG_POLAR: PolarSpace = PolarSpace::Log(LogPolar::COMPOSITE);
 #[test]
 fn what_eyes_show_is_of_one_device_on_any_number() {
     let (subject, mut settings) = shown("builtin:cornell", 40, 1);
-    settings.stages.filter = Some(Denoiser::Svgf);
+    settings.stages.filter = Some(Denoiser::SVGF);
     (settings.stages.reproject, settings.stages.iterations) = (true, 3);
     let kinds: [(_, fn(&mut StageSettings)); 4] = [
         ("layers", |stages| stages.foveation = Some(Foveation::new(gaze(), [1, 2, 3]))),

@@ -50,7 +50,8 @@ fn frames_keep_their_bytes_until_no_device_is_left() {
     let expected = [(1, 0, FailureKind::Loss, 2), (2, 2, FailureKind::Oom, 2), (3, 1, FailureKind::Hang, 2)];
     assert_eq!(seen, expected, "{faults:?}");
     assert!(faults.iter().all(|f| f.recovery_ms > 0.0), "{faults:?}");
-    match four.renderer().render(&subject.rig, 0.0, 5) {
+    let params = four.params(0.0, 5);
+    match four.renderer().render(&params) {
         Err(ExecError::NoneLeft { device: 3, what }) => assert!(what.contains("lost"), "{what}"),
         other => panic!("{other:?}"),
     }

@@ -116,7 +116,7 @@ fn foveation_that_skips_nothing_changes_no_byte_and_traces_every_pixel_once() {
 #[test]
 fn a_render_scale_samples_its_square_of_all_pixels_and_keeps_the_mean() {
     let subject = Subject::load("builtin:cornell");
-    for filter in [Denoiser::Svgf, Denoiser::Atrous].map(Some) {
+    for filter in [Denoiser::SVGF, Denoiser::ATROUS].map(Some) {
         let render = |scale: f64| {
             let mut settings = RenderSettings { scale, ..subject.denoised(WIDTH, HEIGHT) };
             (settings.stages.filter, settings.stages.sparse, settings.stages.aovs) = (filter, true, vec![Aov::Spp]);
@@ -179,7 +179,7 @@ fn block_means(image: &RgbImage, size: usize) -> Vec<f64> {
 #[test]
 fn a_full_render_scale_changes_no_byte_where_others_are_possible() {
     let subject = Subject::load("builtin:checker");
-    for filter in [Denoiser::Svgf, Denoiser::Atrous].map(Some) {
+    for filter in [Denoiser::SVGF, Denoiser::ATROUS].map(Some) {
         let render = |sparse: bool| {
             let mut settings = subject.denoised(WIDTH, HEIGHT);
             (settings.stages.filter, settings.stages.sparse) = (filter, sparse);
@@ -222,7 +222,7 @@ fn where_nothing_is_sampled_the_filter_leaves_no_hole_and_no_nan() {
 #[test]
 fn a_mask_that_turns_samples_every_pixel_in_three_frames() {
     let subject = Subject::load("builtin:cornell");
-    for filter in [Denoiser::Svgf, Denoiser::Atrous].map(Some) {
+    for filter in [Denoiser::SVGF, Denoiser::ATROUS].map(Some) {
         let mut settings = settings(&subject, Foveation::new(towards(0.5, 0.5), [1; 3]));
         (settings.stages.filter, settings.stages.iterations) = (filter, 1);
         let mut stage = Stage::alone(&subject, &settings);
@@ -232,7 +232,7 @@ fn a_mask_that_turns_samples_every_pixel_in_three_frames() {
             sampled.iter_mut().zip(&stage.aov(0).left[0]).for_each(|(sum, spp)| *sum += spp);
         }
         let never = sampled.iter().filter(|s| **s == 0.0).count();
-        assert_eq!(never == 0, filter == Some(Denoiser::Svgf), "{never} pixels were never sampled");
+        assert_eq!(never == 0, filter == Some(Denoiser::SVGF), "{never} pixels were never sampled");
     }
 }
 
@@ -242,7 +242,7 @@ fn a_gaze_that_is_set_is_each_eyes_own() {
     let subject = Subject::load("builtin:cornell");
     let sampled = |at_first, later: Option<[[f64; 2]; 2]>| {
         let mut stage = Stage::alone(&subject, &settings(&subject, Foveation::new(at_first, [0; 3])));
-        later.into_iter().for_each(|eyes| stage.renderer().set_gaze(eyes));
+        stage.set(move |params| params.gaze = later);
         stage.frame(0);
         let spp = stage.aov(0);
         [spp.left, spp.right]

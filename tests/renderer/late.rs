@@ -40,7 +40,7 @@ fn shown_from(
     (subject, settings): &(Subject, RenderSettings),
 ) -> Stereo<RgbImage> {
     let mut stage = Stage::even(subject, settings, devices);
-    stage.renderer().set_later(Some((&subject.rig, later_s)));
+    stage.set(|params| params.shown_from = Some(subject.rig.at(later_s)));
     stage.frame(index).linear
 }
 
@@ -113,7 +113,8 @@ fn the_last_pose_is_the_one_that_frames_are_shown_from() {
         let (source, tell) = told();
         stage.renderer().set_pose_source(Some(source));
         for (later_s, expected) in [(0.7, &known[1]), (0.0, &known[0])] {
-            stage.renderer().begin(&subject.rig, 0.0, 0, &[]).unwrap();
+            let params = stage.params(0.0, 0);
+            stage.renderer().begin(&params, &[]).unwrap();
             let pose = subject.rig.at(later_s);
             tell.send(Some(pose.clone())).unwrap();
             let report = stage.renderer().finish().unwrap().unwrap();
@@ -130,7 +131,7 @@ fn the_last_pose_is_the_one_that_frames_are_shown_from() {
             assert!(showing.clone().count() == 2 && showing.clone().all(|task| task.device == 0));
         }
         // Nothing newer is known than what it began with.
-        stage.renderer().set_later(Some((&subject.rig, 0.7)));
+        stage.set(|params| params.shown_from = Some(subject.rig.at(0.7)));
         tell.send(None).unwrap();
         let frame = stage.frame(0);
         assert!(frame.linear == known[1] && frame.report.pose_age_ms().is_none(), "{devices} devices");
@@ -170,7 +171,8 @@ fn a_frame_that_is_made_again_asks_again() {
     let (source, tell) = told();
     stage.renderer().set_pose_source(Some(source));
     [0.3, 0.7].into_iter().for_each(|later_s| tell.send(Some(subject.rig.at(later_s))).unwrap());
-    stage.renderer().render(&subject.rig, 0.0, 0).unwrap();
+    let params = stage.params(0.0, 0);
+    stage.renderer().render(&params).unwrap();
     let injections = vec!["loss:dev0@frame0".parse().unwrap()];
     stage.renderer().set_injected_faults(InjectedFaults { injections, slowdown: Vec::new() });
     assert!(stage.renderer().read_linear().unwrap() == known);

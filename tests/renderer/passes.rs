@@ -66,7 +66,7 @@ fn check(
     };
     let mut settings = subject.settings(WIDTH, HEIGHT);
     // For the frame before to be known.
-    (settings.stages.filter, settings.stages.iterations) = (Some(Denoiser::Svgf), 1);
+    (settings.stages.filter, settings.stages.iterations) = (Some(Denoiser::SVGF), 1);
     settings.stages.declarations = Declarations::new(move |spec| {
         let passes = declare(spec);
         passes.iter().for_each(|p| verify(p).unwrap_or_else(|e| panic!("{}: {e}", p.stage.name())));
@@ -75,7 +75,8 @@ fn check(
     for devices in [1, 2, 4] {
         let mut bench = Bench::with(&subject, &settings, devices, Box::new(Ragged { devices, frame: 0 }));
         for frame in 0..frames {
-            bench.renderer().render(&subject.rig, 0.0, frame).unwrap();
+            let params = bench.params(0.0, frame);
+            bench.renderer().render(&params).unwrap();
             let found = bench.renderer().read_output(OUT).unwrap();
             for (eye, bytes) in [(0, found.left), (1, found.right)] {
                 let found: &[u32] = bytemuck::cast_slice(&bytes);

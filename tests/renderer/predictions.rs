@@ -60,7 +60,8 @@ fn frames_are_predicted_by_the_costs_of_those_before_and_their_own_work() {
         let mut stage = Stage::with(&subject, &settings, DEVICES, policy);
         for (index, factor) in [3.0, 2.0, 0.5, 1.0].into_iter().enumerate() {
             let effort = work(factor);
-            stage.renderer().set_quality(quality, effort.clone()).unwrap();
+            stage.set(move |params| params.quality = quality);
+            stage.renderer().set_effort(effort.clone());
             let before = stage.renderer().costs().clone();
             let report = stage.frame(index as u32).report;
             let graph = FrameGraph::build(&report.program, &report.assignment, None);

@@ -165,7 +165,7 @@ fn cases<'a>(checker: &'a Subject, moving: &'a Subject) -> Vec<(&'static str, &'
     let mut layers = checker.accumulated(WIDTH, HEIGHT);
     layers.stages.foveation = Some(Foveation::new([Gaze::default(), Gaze::default()], [2, 3, 5]));
     let mut bmfr = checker.accumulated(WIDTH, HEIGHT);
-    bmfr.stages.filter = Some(Denoiser::Bmfr);
+    bmfr.stages.filter = Some(Denoiser::BMFR);
     bmfr.stages.iterations = 1;
     let mut all = vec![
         ("a scene that moves", moving, moving.accumulated(WIDTH, HEIGHT), 2),

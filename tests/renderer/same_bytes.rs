@@ -10,7 +10,7 @@ use diptych::graph::{Assignment, HaloPlan, Seam};
 use diptych::image::RgbImage;
 use diptych::quality::{Denoiser, LogPolar, PolarSpace, Quality};
 use diptych::scene::shot::Gaze;
-use diptych::schedule::{CostModel, Effort, Even, Heft, Measured, Policy, Static};
+use diptych::schedule::{CostModel, Even, Heft, Measured, Policy, Static};
 use diptych::stages::{Foveation, Polar, Sampler};
 
 pub const WIDTH: u32 = 64;
@@ -69,10 +69,10 @@ fn polar_images_are_those_of_one_device_while_the_gaze_moves() {
     let visual = |denoiser| (PolarSpace::Visual, denoiser);
     let composite = |denoiser| (PolarSpace::Log(LogPolar::COMPOSITE), denoiser);
     let all = [
-        ("builtin:atrium", visual(Denoiser::Svgf), true, 3),
-        ("builtin:checker", composite(Denoiser::Bmfr), false, 2),
-        ("builtin:checker", visual(Denoiser::Bmfr), false, 2),
-        ("builtin:atrium", composite(Denoiser::Svgf), true, 3),
+        ("builtin:atrium", visual(Denoiser::SVGF), true, 3),
+        ("builtin:checker", composite(Denoiser::BMFR), false, 2),
+        ("builtin:checker", visual(Denoiser::BMFR), false, 2),
+        ("builtin:atrium", composite(Denoiser::SVGF), true, 3),
     ];
     let count = if is_thorough() { all.len() } else { 2 };
     for (shot, (space, denoiser), reproject, devices) in all.into_iter().take(count) {
@@ -190,7 +190,7 @@ fn history_that_crosses_stripes_gives_the_bytes_of_one_device() {
     for (name, gloss) in [("builtin:atrium", true), ("builtin:cornell", false)] {
         let subject = Subject::load(name);
         assert_eq!(subject.needs.gloss, gloss, "{name}");
-        hold_history_against_one_device(&subject, Denoiser::Svgf);
+        hold_history_against_one_device(&subject, Denoiser::SVGF);
     }
 }
 
@@ -198,7 +198,7 @@ fn history_that_crosses_stripes_gives_the_bytes_of_one_device() {
 #[test]
 fn blocks_that_straddle_stripes_give_the_bytes_of_one_device() {
     let subject = Subject::load("builtin:cornell");
-    for denoiser in [Denoiser::Bmfr, Denoiser::BmfrNoise] {
+    for denoiser in [Denoiser::BMFR, Denoiser::BMFR_NOISE] {
         hold_history_against_one_device(&subject, denoiser);
     }
 }

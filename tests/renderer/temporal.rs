@@ -12,7 +12,6 @@ use diptych::quality::Quality;
 use diptych::scene::load::load_shot;
 use diptych::scene::rig::{Rig, RigKey};
 use diptych::scene::{Light, LightKind};
-use diptych::schedule::Effort;
 use glam::{DVec3, Vec3};
 
 const WIDTH: u32 = 96;
@@ -100,7 +99,7 @@ fn frames_of_fewer_samples_keep_their_history() {
         for i in 0..FRAMES {
             let spp = spp_of(i);
             let quality = Quality { spp, bounces: 6, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
-            stage.renderer().set_quality(quality, Effort::default()).unwrap();
+            stage.set(move |params| params.quality = quality);
             stage.frame(i);
         }
         let moments = stage.renderer().read_output(Resource::image("moments", 16)).unwrap().left;

@@ -66,7 +66,7 @@ def measure_flip(options, drivers):
         rows.append(row)
     yield "flip", {
         "title": "FLIP of one sample per pixel",
-        "readme": "### Render",
+        "readme": None,
         "note": f"FLIP (0 is best) at {options.size} per eye and 1 sample per pixel, at one instant, against "
         f"{options.reference_spp} samples; means of both eyes. Mean ratio and the denoiser's part of the stages' time "
         f"are those of the {FRAMES}th frame.",
@@ -102,7 +102,7 @@ def measure_play(options, drivers):
             rows.append(row | {"least": runs[0]["in_band_share"], "most": runs[-1]["in_band_share"]})
     yield "play", {
         "title": "Frames within a budget of 11 to 20 ms",
-        "readme": "### Play inside a frame budget",
+        "readme": None,
         "note": f"`play --virtual 2 --threads-per-device 1 --fit --budget-ms 11..20 --frames {options.play_frames}`: "
         f"the median of {options.plays} runs by frames within the budget, with the least and the most of all. Frames in "
         "which the control loop settles do not count.",
@@ -138,7 +138,7 @@ def measure_scale(options, drivers):
         frames = driver.report()["settings"]["frames"]
     yield "scale", {
         "title": "Speed-up over device counts",
-        "readme": "### Scale over device counts",
+        "readme": None,
         "note": f"builtin:atrium at {options.scale_size} per eye, 1 sample per pixel, devices of one thread, medians "
         f"of {frames} warm frames; speed-up over one device.",
         "columns": [
@@ -176,7 +176,7 @@ def measure_drivers(options, drivers):
             rows.append({"scene": name, "driver": driver.name} | times)
     yield "drivers", {
         "title": "Frames under drivers",
-        "readme": "## Numbers",
+        "readme": None,
         "note": f"{options.size} per eye, 1 sample per pixel, one device; mean of the medians of {FRAMES} warm frames "
         f"in each of {options.turns} turns, with the least and the most of these medians.",
         "columns": [

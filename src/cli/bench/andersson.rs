@@ -3,25 +3,26 @@
 
 use anyhow::Context;
 
-use diptych::device::DeviceInfo;
-use diptych::quality::{Denoiser, LogPolar, PolarSpace, Quality};
-use diptych::report::Table;
-use diptych::report::andersson::{
+use crate::device::DeviceInfo;
+use crate::loaded::LoadedScene;
+use crate::quality::{Denoiser, LogPolar, PolarSpace, Quality};
+use crate::report::Table;
+use crate::report::andersson::{
     CAMERAS, MODES, NOTE, RINGS, Row, andersson_csv, andersson_table, cited, measured, viewing,
 };
-use diptych::report::csv::{Column, Csv};
-use diptych::report::frames::FrameLine;
-use diptych::report::pictures::Group;
-use diptych::report::rings::{self, FrameRings, RingRow, over_frames, ring_charts, ring_csv, ring_table};
-use diptych::scene::rig::{Eye, RigKey};
-use diptych::scene::shot::Gaze;
-use diptych::stages::Polar;
+use crate::report::csv::{Column, Csv};
+use crate::report::frames::FrameLine;
+use crate::report::pictures::Group;
+use crate::report::rings::{self, FrameRings, RingRow, over_frames, ring_charts, ring_csv, ring_table};
+use crate::scene::rig::{Eye, RigKey};
+use crate::scene::shot::Gaze;
+use crate::stages::Polar;
 
 use super::Args;
 use super::findings::{Findings, section};
 use super::grid::FPS;
 use super::judge::{Judge, pairs};
-use super::preset::over_shots;
+use super::over_shots::over_shots;
 use super::reference::{Reference, own};
 use super::turns::Turns;
 use crate::cli::failure::Failure;
@@ -29,7 +30,7 @@ use crate::cli::interrupt;
 use crate::cli::options::{RenderOptions, RunOptions};
 use crate::cli::page;
 use crate::cli::progress::Progress;
-use crate::cli::setup::{self, Loaded, Tracing};
+use crate::cli::setup::{self, Tracing};
 
 pub const REFUSES: &[&str] = &["size_factor", "frames", "simulate", "fresh"];
 
@@ -37,7 +38,7 @@ pub const REFUSES: &[&str] = &["size_factor", "frames", "simulate", "fresh"];
 const BASIC: Quality = Quality {
     spp: 1,
     bounces: 6,
-    denoiser: Some(Denoiser::Svgf),
+    denoiser: Some(Denoiser::SVGF),
     iterations: [Denoiser::DEFAULT_ITERATIONS; 3],
     fovea: None,
     polar: None,
@@ -125,7 +126,7 @@ impl Found {
     fn measure_views(
         &mut self,
         args: &Args,
-        loaded: &Loaded,
+        loaded: &LoadedScene,
         turns: &mut Turns,
         begun: &mut u32,
         camera: &'static str,
@@ -212,7 +213,7 @@ impl Found {
 }
 
 /// Pixels of the left eye's image over those of its screen.
-fn dispatched(quality: &Quality, loaded: &Loaded, options: &RunOptions) -> f64 {
+fn dispatched(quality: &Quality, loaded: &LoadedScene, options: &RunOptions) -> f64 {
     let polar = |space| Polar { gaze: [0, 1].map(|_| loaded.shot.gaze.clone()), space };
     let view = loaded.shot.rig.view(options.time, Eye::Left);
     quality.polar.map_or(1.0, |space| polar(space).share(Eye::Left, options.time, &view, options.size))

@@ -1,17 +1,17 @@
 //! `diptych bench --preset bmfr`: dependent features left out of the fit beside noise on all of them, and beside `svgf`.
 //! Their renderers take turns.
 
-use diptych::device::DeviceInfo;
-use diptych::quality::{Denoiser, Quality};
-use diptych::report::Table;
-use diptych::report::bmfr::{DENOISERS, NOTE, Row, bmfr_csv, bmfr_table, cited};
-use diptych::report::csv::{Column, Csv};
-use diptych::report::frames::FrameLine;
+use crate::device::DeviceInfo;
+use crate::quality::{Denoiser, Quality};
+use crate::report::Table;
+use crate::report::bmfr::{DENOISERS, NOTE, Row, bmfr_csv, bmfr_table, cited};
+use crate::report::csv::{Column, Csv};
+use crate::report::frames::FrameLine;
 
 use super::Args;
 use super::findings::{Findings, section};
 use super::judge::Judge;
-use super::preset::over_shots;
+use super::over_shots::over_shots;
 use super::reference::own;
 use super::turns::Turns;
 use crate::cli::failure::Failure;
@@ -60,7 +60,7 @@ impl Found {
         }
         let mut judges = DENOISERS.map(|_| Judge::new(&loaded, &reference, options.time));
         // All of these denoisers keep a history, so that they have as many frames before those that are judged.
-        let of_all = quality(Denoiser::Svgf);
+        let of_all = quality(Denoiser::SVGF);
         for i in 0..args.frames_of(&of_all) {
             let time_s = args.time_s(&of_all, i);
             let frames = turns.render(time_s, i)?;

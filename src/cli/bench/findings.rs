@@ -2,9 +2,9 @@
 
 use serde::Serialize;
 
-use diptych::report::html::Section;
-use diptych::report::run::RunReport;
-use diptych::report::{Csv, Table};
+use crate::report::html::Section;
+use crate::report::run::RunReport;
+use crate::report::{Csv, Table};
 
 use super::Args;
 use crate::cli::failure::Failure;

@@ -5,15 +5,16 @@ use std::time::Instant;
 
 use serde_json::{Value, json};
 
-use diptych::exec::ranks::Devices;
-use diptych::exec::{FrameReport, Renderer, Stereo};
-use diptych::image::RgbImage;
-use diptych::quality::{Denoiser, Quality};
-use diptych::report::bench::{Measured, Row};
-use diptych::report::once;
-use diptych::report::run::FrameRow;
-use diptych::stages::Foveation;
-use diptych::trace::frames::record_devices;
+use crate::exec::ranks::Devices;
+use crate::exec::{FrameReport, Renderer, Stereo};
+use crate::image::RgbImage;
+use crate::loaded::LoadedScene;
+use crate::quality::{Denoiser, Quality};
+use crate::report::bench::{Measured, Row};
+use crate::report::once;
+use crate::report::run::FrameRow;
+use crate::stages::Foveation;
+use crate::trace::frames::record_devices;
 
 use super::Args;
 use super::journal::Journal;
@@ -25,14 +26,15 @@ use crate::cli::foveation::FoveationMode;
 use crate::cli::interrupt;
 use crate::cli::options::{DenoiserChoice, RenderOptions};
 use crate::cli::progress::Progress;
-use crate::cli::setup::{self, Loaded, Tracing};
+use crate::cli::settings;
+use crate::cli::setup::{self, Tracing};
 
 /// Frames per second of the camera on its way to the instant that is compared, and how many of them at least history takes.
 pub const FPS: f64 = 72.0;
 const HISTORY_FRAMES: u32 = 15;
 
 /// Denoisers that are measured unless others are asked for.
-const MEASURED: [DenoiserChoice; 3] = [None, Some(Denoiser::Atrous), Some(Denoiser::Svgf)];
+const MEASURED: [DenoiserChoice; 3] = [None, Some(Denoiser::ATROUS), Some(Denoiser::SVGF)];
 
 /// More than the frames of a setting can be.
 pub const FRAMES_MAX: u32 = 10_000;
@@ -63,7 +65,7 @@ impl Args {
     }
 
     /// What is measured, by the names of the options' fields.
-    pub fn measured(&self) -> [(&'static str, Value); 6] {
+    pub fn measured(&self) -> [(&'static str, Value); 7] {
         [
             ("spp", json!(self.spp())),
             ("bounces", json!(self.bounces())),
@@ -71,6 +73,7 @@ impl Args {
             ("denoiser", json!(self.denoisers().into_iter().map(Denoiser::name_of).collect::<Vec<_>>())),
             ("foveation", json!(self.foveations().iter().map(setup::name).collect::<Vec<_>>())),
             ("scale", json!(self.scales())),
+            ("balance", settings::balance(&self.options.balances())),
         ]
     }
 
@@ -152,7 +155,7 @@ fn work(quality: &Quality) -> u64 {
 /// What all settings have in common.
 pub struct Grid<'a> {
     args: &'a Args,
-    loaded: &'a Loaded,
+    loaded: &'a LoadedScene,
     reference: &'a Reference,
     tracing: &'a Tracing,
     /// Those of all settings, but while one is measured.
@@ -163,7 +166,7 @@ pub struct Grid<'a> {
 impl<'a> Grid<'a> {
     pub fn new(
         args: &'a Args,
-        loaded: &'a Loaded,
+        loaded: &'a LoadedScene,
         reference: &'a Reference,
         tracing: &'a Tracing,
         gpus: Devices,
@@ -231,7 +234,7 @@ impl<'a> Grid<'a> {
 
     /// The `i`th frame of a setting, its warm-up counted.
     fn frame(&self, renderer: &mut Renderer, setting: &Quality, i: u32) -> Result<FrameReport, Failure> {
-        let frame = renderer.render(&self.loaded.shot.rig, self.args.time_s(setting, i), i)?;
+        let frame = renderer.render(&renderer.frame(&self.loaded.shot.rig, self.args.time_s(setting, i), i))?;
         refuse_faults(renderer)?;
         interrupt::check()?;
         Ok(frame)

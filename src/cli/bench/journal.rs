@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use serde::{Deserialize, Serialize};
 
-use diptych::quality::Quality;
-use diptych::report::bench::Measured;
+use crate::quality::Quality;
+use crate::report::bench::Measured;
 
 use crate::cli::failure::Failure;
 

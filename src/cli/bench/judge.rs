@@ -1,27 +1,27 @@
 //! A setting judged by what a viewer sees: frames that follow one another while the camera rests, against a reference.
 
-use diptych::exec::{FrameReport, Stereo};
-use diptych::image::RgbImage;
-use diptych::metrics::Pair;
-use diptych::metrics::rings::Viewing;
-use diptych::metrics::temporal::Change;
-use diptych::report::bench::{Measured, Repeat, SeenErrors};
-use diptych::report::frames::FrameLine;
-use diptych::report::run::FrameRow;
-use diptych::scene::shot::Shot;
+use crate::exec::{FrameReport, Stereo};
+use crate::image::RgbImage;
+use crate::loaded::LoadedScene;
+use crate::metrics::Pair;
+use crate::metrics::rings::Viewing;
+use crate::metrics::temporal::Change;
+use crate::report::bench::{Measured, Repeat, SeenErrors};
+use crate::report::frames::FrameLine;
+use crate::report::run::FrameRow;
+use crate::scene::shot::Shot;
 
 use super::reference::Reference;
 use crate::cli::failure::Failure;
-use crate::cli::setup::Loaded;
 
 /// Each eye's picture with what it is held against.
-pub fn pairs(loaded: &Loaded, right: &Stereo<RgbImage>, image: &Stereo<RgbImage>) -> Result<[Pair; 2], Failure> {
+pub fn pairs(loaded: &LoadedScene, right: &Stereo<RgbImage>, image: &Stereo<RgbImage>) -> Result<[Pair; 2], Failure> {
     let exposure_ev = loaded.shot.exposure_ev;
     Ok([Pair::new(&right.left, &image.left, exposure_ev)?, Pair::new(&right.right, &image.right, exposure_ev)?])
 }
 
 pub struct Judge<'a> {
-    loaded: &'a Loaded,
+    loaded: &'a LoadedScene,
     reference: &'a Reference,
     viewing: Viewing,
     repeats: Vec<Repeat>,
@@ -32,7 +32,7 @@ pub struct Judge<'a> {
 
 impl<'a> Judge<'a> {
     /// Of frames at `time_s`.
-    pub fn new(loaded: &'a Loaded, reference: &'a Reference, time_s: f64) -> Self {
+    pub fn new(loaded: &'a LoadedScene, reference: &'a Reference, time_s: f64) -> Self {
         let Shot { gaze, rig, .. } = &loaded.shot;
         let viewing = Viewing { gaze: gaze.at(time_s), yfov_deg: rig.yfov_rad.to_degrees() };
         Self { loaded, reference, viewing, repeats: Vec::new(), changes: Default::default(), before: None }

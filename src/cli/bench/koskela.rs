@@ -1,27 +1,28 @@
 //! `diptych bench --preset koskela`: visual-polar images beside every pixel of the screen, and beside other ways to spend as
 //! many samples, log-polar images among them. Their renderers take turns.
 
-use diptych::device::DeviceInfo;
-use diptych::metrics::Pair;
-use diptych::metrics::rings::Viewing;
-use diptych::metrics::temporal::{Change, TemporalError};
-use diptych::quality::{Denoiser, LogPolar, PolarSpace, Quality};
-use diptych::report::Table;
-use diptych::report::csv::{Column, Csv};
-use diptych::report::frames::FrameLine;
-use diptych::report::koskela::{
+use crate::device::DeviceInfo;
+use crate::loaded::LoadedScene;
+use crate::metrics::Pair;
+use crate::metrics::rings::Viewing;
+use crate::metrics::temporal::{Change, TemporalError};
+use crate::quality::{Denoiser, LogPolar, PolarSpace, Quality};
+use crate::report::Table;
+use crate::report::csv::{Column, Csv};
+use crate::report::frames::FrameLine;
+use crate::report::koskela::{
     ARRANGEMENTS, Beside, FALLOFF_DEG, GAZE_DEG_PER_S, LOG_POLAR_ALPHA, NEAR_DEG, NOTE, Row, cited, koskela_csv,
     koskela_table, measured,
 };
-use diptych::report::pictures::Group;
-use diptych::scene::rig::Eye;
-use diptych::stages::{Foveation, Polar};
+use crate::report::pictures::Group;
+use crate::scene::rig::Eye;
+use crate::stages::{Foveation, Polar};
 
 use super::Args;
 use super::findings::{Findings, section};
 use super::grid::FPS;
 use super::judge::{Judge, pairs};
-use super::preset::over_shots;
+use super::over_shots::over_shots;
 use super::reference::{Reference, own};
 use super::turns::Turns;
 use crate::cli::failure::Failure;
@@ -29,7 +30,7 @@ use crate::cli::interrupt;
 use crate::cli::options::{RenderOptions, RunOptions};
 use crate::cli::page;
 use crate::cli::progress::Progress;
-use crate::cli::setup::{self, Loaded, Tracing};
+use crate::cli::setup::{self, Tracing};
 
 pub const REFUSES: &[&str] = &["size_factor", "instants", "frames", "simulate", "fresh"];
 
@@ -40,7 +41,7 @@ const ITERATIONS: [u32; 3] = [Denoiser::DEFAULT_ITERATIONS; 3];
 const FULL: Quality = Quality {
     spp: 1,
     bounces: 6,
-    denoiser: Some(Denoiser::Svgf),
+    denoiser: Some(Denoiser::SVGF),
     iterations: ITERATIONS,
     fovea: None,
     polar: None,
@@ -54,7 +55,7 @@ const SWEEP_DEG: f64 = 10.0;
 type Arranged = (RenderOptions, Option<f64>, Option<f64>);
 
 /// [`ARRANGEMENTS`].
-fn arrangements(run: &RunOptions, loaded: &Loaded) -> [Arranged; ARRANGEMENTS.len()] {
+fn arrangements(run: &RunOptions, loaded: &LoadedScene) -> [Arranged; ARRANGEMENTS.len()] {
     let gaze = || [0, 1].map(|_| loaded.shot.gaze.clone());
     let view = loaded.shot.rig.view(run.time, Eye::Left);
     let share = Polar { gaze: gaze(), space: PolarSpace::Visual }.share(Eye::Left, run.time, &view, run.size).min(1.0);
@@ -80,7 +81,7 @@ fn arrangements(run: &RunOptions, loaded: &Loaded) -> [Arranged; ARRANGEMENTS.le
 }
 
 /// Log-polar images of which as many pixels are traced. They are as 1 / σ², but for a margin beside the screen.
-fn log_polar(share: f64, run: &RunOptions, loaded: &Loaded) -> LogPolar {
+fn log_polar(share: f64, run: &RunOptions, loaded: &LoadedScene) -> LogPolar {
     let aspect = f64::from(run.size.width) / f64::from(run.size.height);
     let mut map = LogPolar { sigma: 1.0, alpha: LOG_POLAR_ALPHA, gaze: 0.0, aspect, blur: true };
     let view = loaded.shot.rig.view(run.time, Eye::Left);
@@ -92,7 +93,7 @@ fn log_polar(share: f64, run: &RunOptions, loaded: &Loaded) -> LogPolar {
 }
 
 /// Tangents of half the horizontal and half the vertical field of view.
-fn tan_half(loaded: &Loaded, run: &RunOptions) -> [f64; 2] {
+fn tan_half(loaded: &LoadedScene, run: &RunOptions) -> [f64; 2] {
     let vertical = (loaded.shot.rig.yfov_rad / 2.0).tan();
     [vertical * f64::from(run.size.width) / f64::from(run.size.height), vertical]
 }
@@ -205,7 +206,7 @@ impl Found {
 /// of both eyes. As many frames as a history takes come before those that are compared.
 fn with_moving_gaze(
     args: &Args,
-    loaded: &Loaded,
+    loaded: &LoadedScene,
     reference: &Reference,
     turns: &mut Turns,
 ) -> Result<Vec<[Option<f64>; 2]>, Failure> {
@@ -217,7 +218,7 @@ fn with_moving_gaze(
     let mut before: [Option<([Pair; 2], Viewing)>; ARRANGEMENTS.len()] = Default::default();
     for i in 0..all {
         let gaze = turned(from, tan_half(loaded, options), GAZE_DEG_PER_S * f64::from(i + 1) / FPS);
-        turns.renderers.iter_mut().for_each(|renderer| renderer.set_gaze([gaze; 2]));
+        turns.gaze = Some([gaze; 2]);
         turns.render(options.time, all + i)?;
         if i < warm_up {
             continue;

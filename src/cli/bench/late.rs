@@ -1,27 +1,28 @@
 //! `diptych bench --preset late`: frames that are shown later than their pose was taken, with and without a correction,
 //! beside those of the true pose.
 
+use crate::device::DeviceInfo;
+use crate::exec::{FrameParams, Renderer, Stereo};
+use crate::image::RgbImage;
+use crate::loaded::LoadedScene;
+use crate::metrics::Pair;
+use crate::quality::Quality;
+use crate::report::Table;
+use crate::report::late::{BORDER_DEG, Instant, LATENCIES, NOTE, Row, late_csv, late_table};
+use crate::report::rectified::RectifiedFrame;
+use crate::scene::optics::Optics;
+use crate::scene::rig::{Eye, Rig};
 use anyhow::{anyhow, ensure};
-use diptych::device::DeviceInfo;
-use diptych::exec::{Renderer, Stereo};
-use diptych::image::RgbImage;
-use diptych::metrics::Pair;
-use diptych::quality::Quality;
-use diptych::report::Table;
-use diptych::report::late::{BORDER_DEG, Instant, LATENCIES, NOTE, Row, late_csv, late_table};
-use diptych::report::rectified::RectifiedFrame;
-use diptych::scene::optics::Optics;
-use diptych::scene::rig::{Eye, Rig};
 
 use super::Args;
 use super::findings::{Findings, section};
 use super::grid::FPS;
-use super::preset::over_shots;
+use super::over_shots::over_shots;
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
 use crate::cli::options::RenderOptions;
 use crate::cli::progress::Progress;
-use crate::cli::setup::{self, Loaded, Tracing};
+use crate::cli::setup::{self, Tracing};
 
 pub const REFUSES: &[&str] = &["size_factor", "frames", "simulate", "fresh", "repeats", "warm_up"];
 
@@ -65,9 +66,10 @@ impl Found {
             let mut number = begin;
             let mut image = |at_s: f64, later_s: Option<f64>| {
                 interrupt::check()?;
-                renderer.set_later(later_s.map(|later_s| (&loaded.shot.rig, later_s)));
                 renderer.begin_anew();
-                let frame = renderer.render(&loaded.shot.rig, at_s, number)?;
+                let shown_from = later_s.map(|later_s| loaded.shot.rig.at(later_s));
+                let params = FrameParams { shown_from, ..renderer.frame(&loaded.shot.rig, at_s, number) };
+                let frame = renderer.render(&params)?;
                 number += 1;
                 let event = serde_json::json!({ "event": "frame", "time_s": at_s, "makespan_ms": frame.makespan_ms });
                 progress.step(format!("{:.1} ms", frame.makespan_ms), &event);
@@ -116,7 +118,7 @@ fn instants(rig: &Rig, count: u32) -> Result<Vec<f64>, anyhow::Error> {
     Ok((0..count).map(|i| first_s + length_s * (f64::from(i) + 0.5) / f64::from(count)).collect())
 }
 
-fn renderer(args: &Args, loaded: &Loaded, tracing: &Tracing) -> Result<Renderer, Failure> {
+fn renderer(args: &Args, loaded: &LoadedScene, tracing: &Tracing) -> Result<Renderer, Failure> {
     let spp = args.reference_spp.unwrap_or(SPP);
     let quality = Quality { spp, bounces: 6, denoiser: None, iterations: [0; 3], fovea: None, polar: None, scale: 1.0 };
     let options = RenderOptions { is_late: true, ..RenderOptions::single(args.options.clone(), &quality) };
@@ -125,7 +127,7 @@ fn renderer(args: &Args, loaded: &Loaded, tracing: &Tracing) -> Result<Renderer,
 }
 
 /// Of both eyes.
-fn flips(right: &Stereo<RgbImage>, image: &Stereo<RgbImage>, loaded: &Loaded) -> Result<[f64; 2], Failure> {
+fn flips(right: &Stereo<RgbImage>, image: &Stereo<RgbImage>, loaded: &LoadedScene) -> Result<[f64; 2], Failure> {
     let ev = loaded.shot.exposure_ev;
     let flip = |right, image| Ok::<_, Failure>(Pair::new(right, image, ev)?.errors().flip);
     Ok([flip(&right.left, &image.left)?, flip(&right.right, &image.right)?])

@@ -3,33 +3,35 @@
 
 use anyhow::{Context, anyhow};
 
-use diptych::exec::FrameReport;
-use diptych::passes::{cut_groups, gbuffer, path_trace};
-use diptych::quality::{Denoiser, Quality};
-use diptych::report::csv::Column;
-use diptych::report::frames::FrameLine;
-use diptych::report::html::Section;
-use diptych::report::lanes::{LaneFrame, median_frame};
-use diptych::report::leria::{
+use crate::exec::FrameReport;
+use crate::loaded::LoadedScene;
+use crate::passes::{cut_groups, gbuffer, path_trace};
+use crate::quality::{Denoiser, Quality};
+use crate::report::csv::Column;
+use crate::report::frames::FrameLine;
+use crate::report::html::Section;
+use crate::report::lanes::{LaneFrame, median_frame};
+use crate::report::leria::{
     ARRANGEMENTS, FrameTimes, MAKESPAN_NOTE, Run, STAGE_NOTE, leria_csv, makespan_table, rows, stage_table,
 };
-use diptych::report::pictures::Group;
-use diptych::report::run::{FrameRow, RunReport};
-use diptych::report::{Csv, Table};
-use diptych::scene::rig::Eye;
-use diptych::schedule::{CostModel, RatioRule};
+use crate::report::pictures::Group;
+use crate::report::run::{FrameRow, RunReport};
+use crate::report::{Csv, Table};
+use crate::scene::rig::Eye;
+use crate::schedule::{CostModel, RatioRule};
 
 use super::Args;
 use super::findings::{Findings, section};
 use super::turns::Turns;
+use crate::cli::balance::Balance;
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
-use crate::cli::options::{Balance, RenderOptions, RunOptions};
+use crate::cli::options::{RenderOptions, RunOptions};
 use crate::cli::output::{self, same_bits};
 use crate::cli::page;
 use crate::cli::progress::Progress;
 use crate::cli::settings;
-use crate::cli::setup::{self, Loaded, Tracing};
+use crate::cli::setup::{self, Tracing};
 use crate::cli::simulate::predict;
 
 pub const REFUSES: &[&str] = &[
@@ -50,10 +52,10 @@ const FPS: f64 = 72.0;
 /// The proposed arrangement: in even stripes, as the paper's, unless asked otherwise.
 fn proposed(args: &Args) -> RenderOptions {
     let mut run: RunOptions = args.options.clone();
-    if run.balance.is_none() && run.ratios.is_empty() {
-        run.balance = Some(Balance::Even);
+    if run.balance.is_empty() && run.ratios.is_empty() {
+        run.balance = vec![Balance::Even];
     }
-    let denoiser = Some(Denoiser::Svgf);
+    let denoiser = Some(Denoiser::SVGF);
     let iterations = [Denoiser::DEFAULT_ITERATIONS; 3];
     let quality = Quality { spp: 1, bounces: 6, denoiser, iterations, fovea: None, polar: None, scale: 1.0 };
     RenderOptions { frames: args.warm_up + args.preset.frames, fps: FPS, ..RenderOptions::single(run, &quality) }
@@ -64,7 +66,7 @@ fn proposed(args: &Args) -> RenderOptions {
 fn baseline(proposed: &RenderOptions, devices: usize) -> RenderOptions {
     let mut options = proposed.clone();
     let run = &mut options.run;
-    run.balance = Some(Balance::Static);
+    run.balance = vec![Balance::Static];
     let on_primary: Vec<f64> = (0..devices).map(|device| if device == 0 { 1.0 } else { 0.0 }).collect();
     for group in cut_groups() {
         for view in Eye::ALL {
@@ -120,7 +122,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 struct Study<'a> {
     args: &'a Args,
     options: &'a RenderOptions,
-    loaded: &'a Loaded,
+    loaded: &'a LoadedScene,
     turns: Turns<'a>,
 }
 

@@ -2,26 +2,26 @@
 
 use anyhow::Context;
 
-use diptych::control::Ladder;
-use diptych::device::DeviceInfo;
-use diptych::exec::{FrameReport, Stereo};
-use diptych::image::RgbImage;
-use diptych::quality::Denoiser;
-use diptych::report::Table;
-use diptych::report::bench::{
+use crate::control::Ladder;
+use crate::device::DeviceInfo;
+use crate::exec::{FrameReport, Stereo};
+use crate::image::RgbImage;
+use crate::loaded::LoadedScene;
+use crate::quality::Denoiser;
+use crate::report::Table;
+use crate::report::bench::{
     ERROR_NOTE, Regret, Row, Shared, Slope, exposure_note, ladder_svg, ladder_table, regret_table, table,
 };
-use diptych::report::html::Section;
-use diptych::report::lanes::LaneFrame;
-use diptych::report::peers::{self, Peer};
-use diptych::report::pictures::Group;
+use crate::report::html::Section;
+use crate::report::lanes::LaneFrame;
+use crate::report::peers::{self, Peer};
+use crate::report::pictures::Group;
 
 use super::Args;
 use super::grid::Grid;
 use super::reference::Reference;
 use crate::cli::failure::Failure;
 use crate::cli::page;
-use crate::cli::setup::Loaded;
 
 /// A setting of the front, rendered once more for its picture and its tasks.
 struct Seen {
@@ -33,7 +33,7 @@ struct Seen {
 /// What the page is made of.
 pub struct Page<'a> {
     pub args: &'a Args,
-    pub loaded: &'a Loaded,
+    pub loaded: &'a LoadedScene,
     pub reference: &'a Reference,
     pub devices: &'a [DeviceInfo],
     pub peers: &'a [Peer],

@@ -3,18 +3,18 @@
 use anyhow::anyhow;
 use clap::ValueEnum;
 
-use diptych::exec::Stereo;
-use diptych::image::{Extent, RgbImage};
-use diptych::metrics::Pair;
-use diptych::quality::{Denoiser, Quality};
-use diptych::report::csv::{Column, Csv};
-use diptych::report::frames::FrameLine;
-use diptych::report::peres::{
+use crate::exec::Stereo;
+use crate::image::{Extent, RgbImage};
+use crate::metrics::Pair;
+use crate::quality::{Denoiser, Quality};
+use crate::report::csv::{Column, Csv};
+use crate::report::frames::FrameLine;
+use crate::report::peres::{
     CONFIGURATIONS, Found, ImageErrors, QUALITY_NOTE, RESOLUTIONS, Resolution, Row, SCENES, TIME_NOTE, over_instants,
     peres_csv, quality_table, time_table,
 };
-use diptych::report::study::quartiles;
-use diptych::scene::rig::Rig;
+use crate::report::study::quartiles;
+use crate::scene::rig::Rig;
 
 use super::Args;
 use super::findings::{Findings, section};
@@ -35,7 +35,7 @@ const SHOTS: [&str; 3] = ["builtin:checker", "builtin:atrium", "builtin:forest"]
 
 /// One frame of a configuration whose layers end at these radii, if it has any.
 fn options(run: &RunOptions, preset: Preset, radii: [f64; 2]) -> RenderOptions {
-    let (spp, denoiser, (foveation, iterations)) = (Preset::SPP, Some(Denoiser::Atrous), preset.layers());
+    let (spp, denoiser, (foveation, iterations)) = (Preset::SPP, Some(Denoiser::ATROUS), preset.layers());
     let fovea = foveation.radii().map(|_| radii);
     let quality = Quality { spp, bounces: 6, denoiser, iterations, fovea, polar: None, scale: 1.0 };
     let mut options = RenderOptions::single(run.clone(), &quality);
@@ -194,7 +194,7 @@ fn judge(frames: &[Stereo<RgbImage>], reference: &Stereo<RgbImage>, exposure_ev:
 mod tests {
     use glam::DVec3;
 
-    use diptych::scene::rig::RigKey;
+    use crate::scene::rig::RigKey;
 
     use super::*;
 

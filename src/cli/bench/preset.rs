@@ -7,13 +7,9 @@ use clap::ValueEnum;
 
 use super::{Args, andersson, bmfr, koskela, late, leria, peres};
 use crate::cli::failure::Failure;
-use crate::cli::interrupt;
-use crate::cli::options::RunOptions;
-use crate::cli::output;
-use crate::cli::progress::Progress;
 use crate::cli::settings::Given;
-use crate::cli::setup::{self, Tracing};
-use diptych::report::{leria::FRAMES, once};
+use crate::cli::setup;
+use crate::report::{leria::FRAMES, once};
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 enum Experiment {
@@ -59,23 +55,25 @@ impl Experiment {
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = crate::cli::options::QUALITY)]
 pub struct PresetOptions {
-    /// Repeat a published experiment instead of measuring the grid
+    /// Repeat a published experiment instead of the grid
     #[arg(long, value_name = "NAME", conflicts_with_all = ["seams", "spp", "bounces", "denoiser", "iterations", "reference"])]
     preset: Option<Experiment>,
-    /// With --preset bmfr, koskela, andersson or late: several shots; with peres what stands for the thesis's scenes, in their order: Pink Room, Sponza,
-    /// Forest [default: of peres builtin:checker,builtin:atrium,builtin:forest]
+    /// With --preset bmfr, koskela, andersson, peres or late: several shots
+    ///
+    /// With peres they stand for the scenes of the thesis: Pink Room, Sponza, Forest [default: builtin:checker,
+    /// builtin:atrium and builtin:forest].
     #[arg(long, value_name = "SHOT,…", value_delimiter = ',', requires = "preset")]
     pub shots: Vec<String>,
-    /// With --preset peres: factor on the thesis's widths and heights
+    /// With --preset peres: factor on the thesis's resolutions
     #[arg(long, value_name = "F", requires = "preset", default_value_t = 0.25, value_parser = size_factor)]
     pub size_factor: f64,
-    /// With --preset peres, andersson or late: instants along each shot's path or the motion
+    /// With --preset peres, andersson or late: instants along the path
     #[arg(long, value_name = "N", requires = "preset", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pub instants: u32,
-    /// With --preset leria: frames along the shot's path
+    /// With --preset leria: frames along the path
     #[arg(long, value_name = "N", requires = "preset", default_value_t = FRAMES, value_parser = clap::value_parser!(u32).range(1..=5000))]
     pub frames: u32,
-    /// With --preset leria: predict these device counts as well, from costs measured on the devices that are here
+    /// With --preset leria: also predict these device counts
     #[arg(long, value_delimiter = ',', value_name = "N,N,…", requires = "preset", default_value = "4", value_parser = clap::value_parser!(u16).range(2..=64))]
     simulate: Vec<u16>,
 }
@@ -90,27 +88,6 @@ impl PresetOptions {
     pub fn simulated(&self) -> Vec<usize> {
         once(self.simulate.iter().copied().map(usize::from))
     }
-}
-
-/// Has each shot measured that the options name, `frames` of each.
-pub fn over_shots(
-    args: &Args,
-    frames: u64,
-    mut measure: impl FnMut(&Args, &Progress, &Tracing) -> Result<(), Failure>,
-) -> Result<(), Failure> {
-    let options = &args.options;
-    options.check().map_err(Failure::Input)?;
-    output::prepare(&options.out, "--out")?;
-    interrupt::watch()?;
-    let tracing = Tracing::start(options)?;
-    let shots = if args.preset.shots.is_empty() { vec![options.shot.clone()] } else { once(args.preset.shots.clone()) };
-    let progress = Progress::new(shots.len() as u64 * frames, options.quiet, options.json);
-    for shot in shots {
-        let run = RunOptions { shot, ..options.clone() };
-        measure(&Args { options: run, ..args.clone() }, &progress, &tracing)?;
-    }
-    progress.finish();
-    tracing.finish()
 }
 
 /// The experiment that the options name, if they name one.

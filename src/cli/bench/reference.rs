@@ -2,10 +2,11 @@
 
 use std::path::Path;
 
-use diptych::accumulation::{Noise, hash_of};
-use diptych::exec::Stereo;
-use diptych::image::{Extent, RgbImage, exr};
-use diptych::quality::Quality;
+use crate::accumulation::{Noise, hash_of};
+use crate::exec::Stereo;
+use crate::image::{Extent, RgbImage, exr};
+use crate::loaded::LoadedScene;
+use crate::quality::Quality;
 
 use super::Args;
 use super::journal::Journal;
@@ -13,7 +14,7 @@ use crate::cli::failure::Failure;
 use crate::cli::options::{RenderOptions, RunOptions};
 use crate::cli::output;
 use crate::cli::reference::{PASS_SPP, PassOptions, Plan};
-use crate::cli::setup::{self, Loaded, Tracing};
+use crate::cli::setup::{self, Tracing};
 
 /// The seed of references, so that they share no random number with what is held against them.
 const SEED: u32 = 0x5eed_0001;
@@ -38,7 +39,7 @@ impl Reference {
 }
 
 /// The one that the options name, or our own.
-pub fn find(args: &Args, loaded: &Loaded, tracing: &Tracing, journal: &Journal) -> Result<Reference, Failure> {
+pub fn find(args: &Args, loaded: &LoadedScene, tracing: &Tracing, journal: &Journal) -> Result<Reference, Failure> {
     match &args.reference {
         Some(folder) => given(folder, &args.options),
         None => own(args, loaded, tracing, Some(journal)),
@@ -76,7 +77,12 @@ pub fn plan(args: &Args) -> Result<Plan, Failure> {
 
 /// The reference that is kept for this shot and these settings, made or gone on with where it has too few samples and
 /// nothing was measured against it.
-pub fn own(args: &Args, loaded: &Loaded, tracing: &Tracing, journal: Option<&Journal>) -> Result<Reference, Failure> {
+pub fn own(
+    args: &Args,
+    loaded: &LoadedScene,
+    tracing: &Tracing,
+    journal: Option<&Journal>,
+) -> Result<Reference, Failure> {
     let options = &args.options;
     let mut plan = plan(args)?;
     let kept = args.reference_dir.clone().unwrap_or_else(|| options.out.join("reference"));

@@ -3,41 +3,44 @@
 use anyhow::anyhow;
 use clap::ValueEnum;
 
-use diptych::device::DeviceInfo;
-use diptych::exec::Stereo;
-use diptych::image::{ImageError, RgbImage};
-use diptych::metrics::Pair;
-use diptych::passes::denoise;
-use diptych::quality::{Denoiser, Quality};
-use diptych::report::frames::FrameLine;
-use diptych::report::html::Section;
-use diptych::report::run::{FrameRow, RunReport};
-use diptych::report::study::{
+use crate::device::DeviceInfo;
+use crate::exec::Stereo;
+use crate::image::{ImageError, RgbImage};
+use crate::loaded::LoadedScene;
+use crate::metrics::Pair;
+use crate::passes::denoise;
+use crate::quality::{Denoiser, Quality};
+use crate::report::frames::FrameLine;
+use crate::report::html::Section;
+use crate::report::run::{FrameRow, RunReport};
+use crate::report::study::{
     LERIA_NOTE, ONE_DEVICE, SEAM_NOTE, SeamErrors, SeamRow, leria_table, quartiles, seam_csv, seam_table,
 };
-use diptych::report::{Csv, Table};
-use diptych::scene::rig::Eye;
+use crate::report::{Csv, Table};
+use crate::scene::rig::Eye;
 
 use super::Args;
 use super::reference::{Reference, given, own};
 use super::timed::{Setting, Timed, TimedFrame, Warm};
+use crate::cli::balance::Balance;
 use crate::cli::failure::Failure;
 use crate::cli::interrupt;
-use crate::cli::options::{Balance, RenderOptions, RunOptions, SeamOption};
+use crate::cli::options::{RenderOptions, RunOptions, SeamOption};
 use crate::cli::output::{self, same_bits};
 use crate::cli::page::{self, and_page};
 use crate::cli::progress::Progress;
 use crate::cli::settings;
-use crate::cli::setup::{self, Loaded, Tracing};
+use crate::cli::setup::{self, Tracing};
 
 #[derive(clap::Args, Clone, Debug)]
 #[command(next_help_heading = crate::cli::options::QUALITY)]
 pub struct SeamOptions {
-    /// Measure seams instead of the grid: every seam policy at every count, by the first of --spp, --bounces,
-    /// --denoiser and --iterations
-    #[arg(long = "seam-study", conflicts_with_all = ["virtual_devices", "seam"])]
+    /// Measure seams instead of the grid: every seam policy at every count
+    ///
+    /// Settings are the first of --spp, --bounces, --denoiser and --iterations.
+    #[arg(long = "seam-study", alias = "seams", conflicts_with_all = ["virtual_devices", "seam"])]
     seams: bool,
-    /// With --seam-study: virtual devices on each chosen adapter; one device is always measured
+    /// With --seam-study: virtual devices on each adapter
     #[arg(long, value_delimiter = ',', default_value = "2,3,4", value_name = "N,N,…", requires = "seams", value_parser = clap::value_parser!(u16).range(1..=64))]
     counts: Vec<u16>,
 }
@@ -79,10 +82,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
 /// The picture that is cut into stripes: even ones unless asked for, so that all seams are on the same rows.
 fn settings(args: &Args) -> Result<RenderOptions, Failure> {
     let mut run: RunOptions = args.options.clone();
-    if run.balance.is_none() && run.ratios.is_empty() {
-        run.balance = Some(Balance::Even);
+    if run.balance.is_empty() && run.ratios.is_empty() {
+        run.balance = vec![Balance::Even];
     }
-    let denoiser = args.denoiser.first().copied().unwrap_or(Some(Denoiser::Atrous));
+    let denoiser = args.denoiser.first().copied().unwrap_or(Some(Denoiser::ATROUS));
     let first = |asked: &[u32], default| asked.first().copied().unwrap_or(default);
     let (spp, bounces) = (first(&args.spp, 1), first(&args.bounces, 6));
     let iterations =
@@ -102,7 +105,7 @@ fn settings(args: &Args) -> Result<RenderOptions, Failure> {
 struct Study<'a> {
     options: RenderOptions,
     reference: Reference,
-    loaded: &'a Loaded,
+    loaded: &'a LoadedScene,
 }
 
 /// What there is to tell.
@@ -267,7 +270,7 @@ impl Found<'_> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use diptych::image::Extent;
+    use crate::image::Extent;
 
     /// Grey that is far above white at 0 EV, and middle grey at the exposure.
     #[test]

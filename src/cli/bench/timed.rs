@@ -2,11 +2,12 @@
 
 use std::time::Instant;
 
-use diptych::device::DeviceInfo;
-use diptych::exec::{FrameReport, Stereo};
-use diptych::image::RgbImage;
-use diptych::report::run::FrameRow;
-use diptych::trace::frames::record_devices;
+use crate::device::DeviceInfo;
+use crate::exec::{FrameReport, Stereo};
+use crate::image::RgbImage;
+use crate::loaded::LoadedScene;
+use crate::report::run::FrameRow;
+use crate::trace::frames::record_devices;
 
 use super::Args;
 use super::grid::FRAMES_MAX;
@@ -15,12 +16,12 @@ use crate::cli::faults::refuse_faults;
 use crate::cli::interrupt;
 use crate::cli::options::RenderOptions;
 use crate::cli::progress::Progress;
-use crate::cli::setup::{self, Loaded, Tracing};
+use crate::cli::setup::{self, Tracing};
 
 /// What all settings have in common.
 pub struct Timed<'a> {
     pub args: &'a Args,
-    pub loaded: &'a Loaded,
+    pub loaded: &'a LoadedScene,
     pub progress: &'a Progress,
     pub tracing: &'a Tracing,
 }
@@ -64,7 +65,7 @@ impl Timed<'_> {
         record_devices(&tracing.recorder, renderer.devices());
         let mut frames = Vec::new();
         for i in 0..args.warm_up + args.repeats {
-            let report = renderer.render(&loaded.shot.rig, options.time, i)?;
+            let report = renderer.render(&renderer.frame(&loaded.shot.rig, options.time, i))?;
             refuse_faults(&renderer)?;
             interrupt::check()?;
             let makespan_ms = report.makespan_ms;

@@ -3,11 +3,12 @@
 
 use std::time::Instant;
 
-use diptych::exec::ranks::Devices;
-use diptych::exec::{FrameReport, Renderer};
-use diptych::report::run::FrameRow;
-use diptych::scene::rig::Eye;
-use diptych::trace::frames::record_devices;
+use crate::exec::ranks::Devices;
+use crate::exec::{FrameParams, FrameReport, Renderer};
+use crate::loaded::LoadedScene;
+use crate::report::run::FrameRow;
+use crate::scene::rig::Eye;
+use crate::trace::frames::record_devices;
 
 use super::grid::FRAMES_MAX;
 use crate::cli::failure::Failure;
@@ -16,10 +17,10 @@ use crate::cli::foveation::FoveationMode;
 use crate::cli::interrupt;
 use crate::cli::options::RenderOptions;
 use crate::cli::progress::Progress;
-use crate::cli::setup::{self, Loaded, Tracing};
+use crate::cli::setup::{self, Tracing};
 
 pub struct Turns<'a> {
-    loaded: &'a Loaded,
+    loaded: &'a LoadedScene,
     progress: &'a Progress,
     tracing: &'a Tracing,
     /// How many settings of the run were measured before, on which numbers in the trace depend.
@@ -27,13 +28,24 @@ pub struct Turns<'a> {
     /// In the order in which they were added.
     pub renderers: Vec<Renderer>,
     settings: Vec<(String, RenderOptions)>,
+    /// The gaze of both eyes in frames from here on; none: that of the settings.
+    pub gaze: Option<[[f64; 2]; 2]>,
     /// Until the first frame could begin, in all.
     pub warm_up_s: f64,
 }
 
 impl<'a> Turns<'a> {
-    pub fn new(loaded: &'a Loaded, progress: &'a Progress, tracing: &'a Tracing, first: usize) -> Self {
-        Self { loaded, progress, tracing, first, renderers: Vec::new(), settings: Vec::new(), warm_up_s: 0.0 }
+    pub fn new(loaded: &'a LoadedScene, progress: &'a Progress, tracing: &'a Tracing, first: usize) -> Self {
+        Self {
+            loaded,
+            progress,
+            tracing,
+            first,
+            renderers: Vec::new(),
+            settings: Vec::new(),
+            gaze: None,
+            warm_up_s: 0.0,
+        }
     }
 
     /// Adds a renderer, under a name of its own, with devices that are its alone.
@@ -58,7 +70,8 @@ impl<'a> Turns<'a> {
         let mut frames = Vec::new();
         for which in (0..count).map(|i| (index as usize + i) % count) {
             let renderer = &mut self.renderers[which];
-            let frame = renderer.render(&self.loaded.shot.rig, time_s, index)?;
+            let params = renderer.frame(&self.loaded.shot.rig, time_s, index);
+            let frame = renderer.render(&FrameParams { gaze: self.gaze, ..params })?;
             refuse_faults(renderer)?;
             interrupt::check()?;
             let ((name, _), makespan_ms) = (&self.settings[which], frame.makespan_ms);

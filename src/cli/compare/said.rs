@@ -1,6 +1,6 @@
 //! What options and files say of how images are shown, and in what files contradict each other.
 
-use diptych::image::exr::Tags;
+use crate::image::exr::Tags;
 use serde::Serialize;
 
 /// What a vertical field of view is taken to be where nothing says it, degrees.

@@ -1,8 +1,8 @@
 //! What `compare` prints for people, and its help.
 
-use diptych::metrics::MEASURES;
-use diptych::metrics::rings::Ring;
-use diptych::report::text_table;
+use crate::metrics::MEASURES;
+use crate::metrics::rings::Ring;
+use crate::report::text_table;
 
 use super::{Findings, Source, mean};
 use crate::cli::sequence::SEQUENCE_MEASURES;

@@ -1,9 +1,8 @@
 //! Disturbances that the control loop is tried on.
 
+use crate::cli::failure::Failure;
 use std::ops::Range;
 use std::str::FromStr;
-
-use super::Failure;
 
 /// What happens to a run at some of its frames.
 #[derive(Clone, Debug, PartialEq)]

@@ -3,21 +3,22 @@
 
 use std::time::{Duration, Instant};
 
-use diptych::control::Budget;
-use diptych::exec::Renderer;
-use diptych::exec::ranks::Devices;
-use diptych::image::Extent;
-use diptych::report::median_of;
-use diptych::report::play::SizeFit;
+use crate::control::Budget;
+use crate::exec::Renderer;
+use crate::exec::ranks::Devices;
+use crate::image::Extent;
+use crate::loaded::LoadedScene;
+use crate::report::median_of;
+use crate::report::play::SizeFit;
+use crate::session::FIRST_FRAME;
 
-use super::Failure;
-use super::ladder::FIRST_FRAME;
-use super::options::Prepared;
+use super::prepared::Prepared;
+use crate::cli::failure::Failure;
 use crate::cli::faults::refuse_faults;
 use crate::cli::interrupt;
 use crate::cli::options::{RenderOptions, RunOptions};
 use crate::cli::progress::Progress;
-use crate::cli::setup::{self, Loaded, Tracing};
+use crate::cli::setup::{self, Tracing};
 
 /// Frames that are timed at a size, after a cold one, as long as they take no longer than this in all; one at least.
 const FRAMES: u32 = 5;
@@ -36,7 +37,7 @@ const FAR: f64 = 2.0;
 /// that one if that is wanted: `prepared` then has it. Fails if it is wanted and there is none.
 pub fn start(
     prepared: &mut Prepared,
-    loaded: &Loaded,
+    loaded: &LoadedScene,
     gpus: Devices,
     tracing: &Tracing,
     progress: &Progress,
@@ -44,7 +45,7 @@ pub fn start(
     let of_size = |prepared: &Prepared, size: Extent, gpus: Devices| {
         let run = RunOptions { size, ..prepared.render.run.clone() };
         let options = RenderOptions { run, ..prepared.render.clone() };
-        setup::varying_renderer(&options, loaded, gpus, tracing.recorder.origin(), prepared.choice.mixes_spp())
+        setup::varying_renderer(&options, loaded, gpus, tracing.recorder.origin(), prepared.choice.envelope().mixes_spp)
     };
     let (asked, budget) = (prepared.render.size, prepared.options.budget_ms);
     let mut renderer = of_size(prepared, asked, gpus)?;
@@ -83,9 +84,10 @@ pub fn start(
 }
 
 /// Median makespan of frames of the cheapest rung. The next frame finds no history of theirs.
-fn cheapest_ms(prepared: &Prepared, loaded: &Loaded, renderer: &mut Renderer) -> Result<f64, Failure> {
-    if let Some((quality, effort)) = prepared.choice.cheapest(&prepared.options.foveated) {
-        renderer.set_quality(quality, effort)?;
+fn cheapest_ms(prepared: &Prepared, loaded: &LoadedScene, renderer: &mut Renderer) -> Result<f64, Failure> {
+    let cheapest = prepared.choice.cheapest(&prepared.options.foveated);
+    if let Some((_, effort)) = &cheapest {
+        renderer.set_effort(effort.clone());
     }
     let (begin, mut makespans_ms) = (Instant::now(), Vec::new());
     for i in 0..=FRAMES {
@@ -93,7 +95,9 @@ fn cheapest_ms(prepared: &Prepared, loaded: &Loaded, renderer: &mut Renderer) ->
             break;
         }
         interrupt::check()?;
-        makespans_ms.push(renderer.render(&loaded.shot.rig, prepared.render.time, FIRST_FRAME + i)?.makespan_ms);
+        let mut params = renderer.frame(&loaded.shot.rig, prepared.render.time, FIRST_FRAME + i);
+        params.quality = cheapest.as_ref().map_or(params.quality, |(quality, _)| *quality);
+        makespans_ms.push(renderer.render(&params)?.makespan_ms);
     }
     renderer.begin_anew();
     Ok(median_of(makespans_ms.split_off(1)))

@@ -3,9 +3,9 @@
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 
-use diptych::control::Budget;
-use diptych::device::DeviceInfo;
-use diptych::report::run::FrameRow;
+use crate::control::Budget;
+use crate::device::DeviceInfo;
+use crate::report::run::FrameRow;
 
 use crate::cli::progress::Progress;
 

@@ -4,27 +4,28 @@ use std::time::Duration;
 
 use anyhow::Context;
 
-use diptych::exec::Stereo;
-use diptych::image::RgbImage;
-use diptych::report::Table;
-use diptych::report::html::Section;
-use diptych::report::lanes::{LaneFrame, median_frame};
-use diptych::report::pictures::Group;
-use diptych::report::play::{PlaySummary, SETTLING_FRAMES};
-use diptych::report::record::SpooledRows;
-use diptych::report::run::{ReferenceRow, RunReport};
-use diptych::report::samples::{FrameSamples, SampledFrame};
-use diptych::report::timeline::{Disturbed, timeline};
-use diptych::scene::rig::Rig;
+use crate::exec::Stereo;
+use crate::image::RgbImage;
+use crate::loaded::LoadedScene;
+use crate::report::Table;
+use crate::report::html::Section;
+use crate::report::lanes::{LaneFrame, median_frame};
+use crate::report::pictures::Group;
+use crate::report::play::{PlaySummary, SETTLING_FRAMES};
+use crate::report::record::SpooledRows;
+use crate::report::run::{ReferenceRow, RunReport};
+use crate::report::samples::{FrameSamples, SampledFrame};
+use crate::report::timeline::{Disturbed, timeline};
+use crate::scene::rig::Rig;
 
 use super::disturb::Disturbance;
 use super::{Args, Run};
 use crate::cli::failure::Failure;
-use crate::cli::faults::FaultOptions;
+use crate::cli::fault_options::FaultOptions;
 use crate::cli::options::{RenderOptions, RunOptions};
 use crate::cli::page;
 use crate::cli::reference::{PASS_SPP, PassOptions, Plan};
-use crate::cli::setup::{self, Loaded, Tracing};
+use crate::cli::setup::{self, Tracing};
 
 /// What a reference may take unless its samples are given, and samples beyond which no one sees a difference.
 const TIME_LIMIT: Duration = Duration::from_secs(10);
@@ -50,7 +51,7 @@ impl Last {
         &self,
         args: &Args,
         options: &RenderOptions,
-        loaded: &Loaded,
+        loaded: &LoadedScene,
     ) -> Result<(Stereo<RgbImage>, ReferenceRow), Failure> {
         let faults = FaultOptions { injections: Vec::new(), slowdown: Vec::new(), ..options.faults.clone() };
         let (trace, clamp, time, seed) = (None, None, self.time_s, !options.seed);
@@ -72,7 +73,7 @@ impl Last {
 pub fn write(
     args: &Args,
     options: &RenderOptions,
-    loaded: &Loaded,
+    loaded: &LoadedScene,
     report: &RunReport<&SpooledRows>,
     samples: &FrameSamples,
     last: &Last,
@@ -103,7 +104,7 @@ fn lane_frame(frame: &SampledFrame) -> LaneFrame<'_> {
     LaneFrame { name: format!("frame {index}"), makespan_ms: *makespan_ms, begin_ms: 0.0, tasks }
 }
 
-fn pictures(args: &Args, options: &RenderOptions, loaded: &Loaded, last: &Last) -> Result<Section, Failure> {
+fn pictures(args: &Args, options: &RenderOptions, loaded: &LoadedScene, last: &Last) -> Result<Section, Failure> {
     let (reference, row) = last.reference(args, options, loaded)?;
     let index = last.index;
     let groups = [

@@ -1,6 +1,6 @@
 //! Where the camera is in a frame.
 
-use diptych::scene::rig::Rig;
+use crate::scene::rig::Rig;
 
 /// The camera goes along its path and back again, for as long as frames are asked for. What moves in the scene goes on
 /// meanwhile: its time never runs back.
@@ -49,7 +49,7 @@ impl CameraPath {
 
 #[cfg(test)]
 mod tests {
-    use diptych::scene::rig::{Eye, RigKey};
+    use crate::scene::rig::{Eye, RigKey};
     use glam::DVec3;
 
     use super::*;

@@ -1,62 +1,64 @@
 //! The control loop: decide what a frame is rendered with, render it, take in what it took, tell whoever listens.
 
-use std::cell::RefCell;
-use std::collections::HashMap;
+use std::ops::{Deref, DerefMut};
 use std::path::Path;
 use std::time::Instant;
 
-use diptych::control::{Budget, Controller, Decision, ESTIMATES_EV, Ladder, Measure, Origin};
-use diptych::exec::ranks::Devices;
-use diptych::exec::{FrameReport, Renderer};
-use diptych::quality::{Denoiser, FrameQuality, Quality};
-use diptych::report::play::{ControlRow, Play, SizeFit};
-use diptych::report::record::{FrameRecord, SpooledRows};
-use diptych::report::rectified::RectifiedFrame;
-use diptych::report::run::{FrameRow, RunReport};
-use diptych::scene::rig::Rig;
-use diptych::schedule::Effort;
-use diptych::trace::frames::{FrameControl, record_devices};
+use crate::control::{Decision, ESTIMATES_EV, Ladder, Measure, Origin};
+use crate::exec::ranks::Devices;
+use crate::exec::{FrameReport, Renderer};
+use crate::loaded::LoadedScene;
+use crate::quality::{Denoiser, FrameQuality, Quality};
+use crate::report::play::{ControlRow, Play, SizeFit};
+use crate::report::record::{FrameRecord, SpooledRows};
+use crate::report::rectified::RectifiedFrame;
+use crate::report::run::{FrameRow, RunReport};
+use crate::scene::rig::Rig;
+use crate::session::{self, Decided, View, calibrate};
+use crate::trace::frames::{FrameControl, record_devices};
 
-use super::Failure;
 use super::fit;
-use super::ladder::{Calibration, qualities};
 use super::live::Live;
-use super::options::Prepared;
+use super::prepared::Prepared;
+use crate::cli::failure::Failure;
 use crate::cli::faults::FaultLog;
+use crate::cli::interrupt;
 use crate::cli::progress::Progress;
 use crate::cli::settings;
-use crate::cli::setup::{Loaded, Tracing};
+use crate::cli::setup::Tracing;
 
+/// A session with everything that is said and written of it.
 pub struct Session {
-    pub renderer: Renderer,
-    pub ladder: Ladder,
+    pub inner: session::Session,
     pub tracing: Tracing,
     pub progress: Progress,
     /// Where no rung fits the size that was asked for.
     pub fit: Option<SizeFit>,
     /// How long it took until the first frame could begin.
     pub warm_up_s: f64,
-    qualities: Vec<(Quality, Effort)>,
-    controller: Controller,
-    budget: Budget,
     live: Live,
     faults: FaultLog,
-    /// Devices that were taken out.
-    lost: usize,
 }
 
-/// What the next frame is to be, and how long it took to choose that.
-#[derive(Clone, Copy)]
-pub struct Decided {
-    decision: Decision,
-    decide_ms: f64,
+impl Deref for Session {
+    type Target = session::Session;
+
+    fn deref(&self) -> &session::Session {
+        &self.inner
+    }
+}
+
+impl DerefMut for Session {
+    fn deref_mut(&mut self) -> &mut session::Session {
+        &mut self.inner
+    }
 }
 
 impl Session {
     /// Makes the renderer on these devices, of a smaller size where that is wanted and needed, and finds its ladder.
     pub fn start(
         prepared: &mut Prepared,
-        loaded: &Loaded,
+        loaded: &LoadedScene,
         gpus: Devices,
         tracing: Tracing,
         progress: Progress,
@@ -67,50 +69,32 @@ impl Session {
         record_devices(&tracing.recorder, renderer.devices());
         let ladder = find_ladder(prepared, loaded, &mut renderer, &progress)?;
         let Prepared { options, choice, .. } = prepared;
-        // Timing settings takes frames of any length; the frames that count begin here.
-        renderer.set_budget(options.budget_ms.hi_ms());
         let denoiser = Denoiser::name_of(choice.denoiser);
+        let qualities = ladder.rungs().iter().map(|rung| options.foveated.limit(&rung.quality)).collect();
         Ok(Self {
             fit,
             warm_up_s: begin.elapsed().as_secs_f64(),
-            qualities: qualities(&ladder, &options.foveated),
-            controller: Controller::new(&ladder, options.budget_ms),
             live: Live::new(options.budget_ms, renderer.devices(), denoiser, ladder.rungs().len(), prepared.frames),
-            budget: options.budget_ms,
-            lost: renderer.faults().len(),
-            renderer,
-            ladder,
+            // Timing settings takes frames of any length; the frames that count begin here.
+            inner: session::Session::with_qualities(renderer, ladder, qualities, options.budget_ms),
             tracing,
             progress,
             faults: FaultLog::default(),
         })
     }
 
-    /// The rung of the next frame.
-    pub fn decide(&mut self) -> Decided {
-        let begin = Instant::now();
-        let Self { renderer, qualities, controller, .. } = self;
-        let known = RefCell::new(HashMap::new());
-        let predict = |rung: usize| -> f64 {
-            let (quality, effort) = &qualities[rung];
-            let predicted = || renderer.predicted_ms(quality, effort).unwrap_or(f64::NAN);
-            *known.borrow_mut().entry(rung).or_insert_with(predicted)
-        };
-        let decision = controller.next(&predict);
-        Decided { decision, decide_ms: begin.elapsed().as_secs_f64() * 1e3 }
-    }
-
     /// Where the left and the right eye look in the frame of that time, if that matters.
     pub fn gaze(&self, time_s: f64) -> Option<[[f64; 2]; 2]> {
         let of_layers = self.renderer.foveation().map(|layers| &layers.gaze);
         let of_polar = self.renderer.polar().map(|polar| &polar.gaze);
-        of_layers.or(of_polar).map(|eyes| eyes.each_ref().map(|gaze| gaze.at(time_s)))
+        let of_settings = of_layers.or(of_polar).map(|eyes| eyes.each_ref().map(|gaze| gaze.at(time_s)));
+        of_settings.map(|eyes| self.inner.gaze.unwrap_or(eyes))
     }
 
     /// Radii of the foveal layers that a frame has.
     #[cfg(feature = "view")]
     pub fn fovea(&self, decided: Decided) -> Option<[f64; 2]> {
-        self.qualities[decided.decision.rung].0.fovea
+        self.quality(decided.decision.rung).fovea
     }
 
     /// Renders a frame as decided, `late_ms` after it was due; returns its row and its report.
@@ -122,9 +106,7 @@ impl Session {
         time_s: f64,
         index: u32,
     ) -> Result<(FrameRow, FrameReport), Failure> {
-        let (quality, effort) = self.qualities[decided.decision.rung].clone();
-        self.renderer.set_quality(quality, effort)?;
-        let frame = self.renderer.render(rig, time_s, index)?;
+        let frame = self.inner.render(decided, rig, time_s, index)?;
         Ok((self.take_in(&frame, decided, late_ms, rig, time_s), frame))
     }
 
@@ -134,14 +116,15 @@ impl Session {
     }
 
     fn budget_ms(&self) -> [f64; 2] {
-        [self.budget.lo_ms(), self.budget.hi_ms()]
+        let budget = self.budget();
+        [budget.lo_ms(), budget.hi_ms()]
     }
 
     /// Returns the contents of run.json.
     pub fn report<'a>(
         &self,
         prepared: &Prepared,
-        loaded: &Loaded,
+        loaded: &LoadedScene,
         record: &'a FrameRecord,
     ) -> RunReport<&'a SpooledRows> {
         let Prepared { options, choice, render, .. } = prepared;
@@ -157,9 +140,9 @@ impl Session {
         report.rectified = self.renderer.rectified().map(|frame| RectifiedFrame::new(frame, render.size));
         let play = Play {
             denoiser: Denoiser::name_of(choice.denoiser),
-            ladder: options.ladder_name(&self.ladder),
-            measure: self.ladder.origin().measure,
-            rungs: self.ladder.rungs().to_vec(),
+            ladder: options.ladder_name(self.ladder()),
+            measure: self.ladder().origin().measure,
+            rungs: self.ladder().rungs().to_vec(),
             fps: render.fps,
             fit: self.fit.clone(),
         };
@@ -167,17 +150,12 @@ impl Session {
         report
     }
 
-    /// Tells the controller and the trace; returns the frame's row.
+    /// Records a frame in the trace and returns its row.
     fn take_in(&mut self, frame: &FrameReport, decided: Decided, late_ms: f64, rig: &Rig, time_s: f64) -> FrameRow {
         let Decided { decision: Decision { rung, expected_ms, fits }, decide_ms } = decided;
-        self.controller.observe(rung, frame.makespan_ms);
-        let lost = self.renderer.faults().len();
-        if std::mem::replace(&mut self.lost, lost) != lost {
-            self.controller.devices_changed();
-        }
         let budget_ms = self.budget_ms();
         let in_band = (budget_ms[0]..=budget_ms[1]).contains(&frame.makespan_ms);
-        let (quality, _) = &self.qualities[rung];
+        let quality = self.quality(rung);
         self.tracing.record(quality, Some(FrameControl { rung, budget_ms }), frame);
         let mut row = FrameRow::new(frame, quality, rig, time_s);
         row.control = Some(ControlRow { rung, expected_ms, fits, in_band, late_ms, decide_ms });
@@ -196,13 +174,13 @@ impl Session {
             })
         });
         self.live.observe(row, &frame.busy_ms(), &self.progress);
-        self.faults.say_new(&self.renderer, &self.tracing, &self.progress);
+        self.faults.say_new(&self.inner.renderer, &self.tracing, &self.progress);
     }
 }
 
 fn find_ladder(
     prepared: &Prepared,
-    loaded: &Loaded,
+    loaded: &LoadedScene,
     renderer: &mut Renderer,
     progress: &Progress,
 ) -> Result<Ladder, Failure> {
@@ -219,9 +197,7 @@ fn find_ladder(
         devices: Vec::new(),
         version: env!("CARGO_PKG_VERSION").to_owned(),
     };
-    let (rig, rows) = (&loaded.shot.rig, render.size.height);
-    let ladder = Calibration::new(renderer, rig, render.time, rows, &options.foveated).ladder(choice, origin);
-    // The first frame is not to find what was timed.
-    renderer.begin_anew();
-    ladder
+    let view = View { rig: &loaded.shot.rig, time_s: render.time, rows: render.size.height };
+    let limit = |quality: &Quality| options.foveated.limit(quality);
+    Ok(calibrate(renderer, &view, &choice.qualities, &limit, origin, &interrupt::is_set)?)
 }

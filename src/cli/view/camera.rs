@@ -1,6 +1,6 @@
 //! Where the eyes are: on the shot's path, or wherever keys and mouse have taken them.
 
-use diptych::scene::rig::{Rig, RigKey};
+use crate::scene::rig::{Rig, RigKey};
 use glam::{DQuat, DVec3};
 
 use super::shared::Input;
@@ -100,7 +100,7 @@ impl Pose {
 
 #[cfg(test)]
 mod tests {
-    use diptych::scene::rig::{Eye, degenerate_time};
+    use crate::scene::rig::{Eye, degenerate_time};
 
     use super::*;
 

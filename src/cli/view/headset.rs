@@ -7,28 +7,29 @@ use std::sync::Arc;
 
 use anyhow::anyhow;
 
-use diptych::control::Budget;
-use diptych::exec::Stereo;
-use diptych::graph::Resource;
-use diptych::headset::{Headset, HeadsetError, HeadsetFrame, Next, Picture, Pixels, Runtime, Shown};
-use diptych::image::display::{DisplayImage, write_png};
-use diptych::image::{Image, stereo};
-use diptych::passes::tonemap::DISPLAY;
-use diptych::passes::{Aov, aov_image};
-use diptych::report::headset::{HeadsetRow, HeadsetSummary};
-use diptych::report::record::FrameRecord;
-use diptych::report::rectified::RectifiedFrame;
-use diptych::scene::head::Recording;
+use crate::control::Budget;
+use crate::exec::Stereo;
+use crate::graph::Resource;
+use crate::headset::{Headset, HeadsetError, HeadsetFrame, Next, Picture, Pixels, Runtime, Shown};
+use crate::image::display::{DisplayImage, write_png};
+use crate::image::{Image, stereo};
+use crate::loaded::LoadedScene;
+use crate::passes::tonemap::DISPLAY;
+use crate::passes::{Aov, aov_image};
+use crate::report::headset::{HeadsetRow, HeadsetSummary};
+use crate::report::record::FrameRecord;
+use crate::report::rectified::RectifiedFrame;
+use crate::scene::head::Recording;
 
 use super::Args;
+use super::look::Look;
 use super::renderer::frame_news;
 use super::shared::News;
-use super::window::Look;
 use crate::cli::failure::Failure;
 use crate::cli::play::{Prepared, Session};
 use crate::cli::progress::Progress;
 use crate::cli::settings::Given;
-use crate::cli::setup::{self, Loaded, Tracing};
+use crate::cli::setup::{self, Tracing};
 use crate::cli::{interrupt, output};
 use board::Board;
 use world::{Late, World};
@@ -200,7 +201,7 @@ impl Show {
         let (rig, time_s) = (world.rig_of(frame)?, begin_s + frame.display_s);
         let decided = session.decide();
         if let Some(gaze) = frame.gaze {
-            session.renderer.set_gaze(gaze);
+            session.gaze = Some(gaze);
         }
         let late_ms = f64::from(frame.missed) * frame.period_ms();
         late.begin(index, frame, world);
@@ -217,7 +218,7 @@ impl Show {
             *board = if board.is_none() { Board::open(headset, &frame)? } else { None };
         }
         news.add(frame_news(row.clone()));
-        news.rungs = session.ladder.rungs().len();
+        news.rungs = session.ladder().rungs().len();
         let panel = board.as_mut().map(|board| board.panel(headset, look, news)).transpose()?.flatten();
         let picture = Picture { images, distances, metres_per_unit: rig.metres_per_unit, panel };
         let shown = headset.show(&frame, &picture)?;
@@ -240,7 +241,7 @@ impl Show {
     }
 
     /// Writes what is asked for, and says how it went.
-    fn finish(self, args: &Args, prepared: &Prepared, loaded: &Loaded, period_ms: f64) -> Result<(), Failure> {
+    fn finish(self, args: &Args, prepared: &Prepared, loaded: &LoadedScene, period_ms: f64) -> Result<(), Failure> {
         let Self { mut session, headset, motion, record, .. } = self;
         session.progress.finish();
         let options = &prepared.render;

@@ -1,6 +1,6 @@
 //! Where the eyes' images are in the window.
 
-use diptych::image::Extent;
+use crate::image::Extent;
 
 /// Between the eyes side by side, pixels.
 const GAP: f64 = 4.0;

@@ -6,8 +6,8 @@ use egui::{
 use egui::{TexturesDelta, Ui, Vec2, pos2, vec2};
 
 use super::layout::Placement;
+use super::look::Look;
 use super::shared::{FrameNews, News};
-use super::window::Look;
 
 /// egui's output, ready to be drawn.
 #[derive(Default)]

@@ -3,11 +3,11 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use crate::device::ScreenDevice;
+use crate::exec::Stereo;
+use crate::image::display::DisplayImage;
+use crate::image::{Extent, Image};
 use anyhow::{Context, anyhow};
-use diptych::device::ScreenDevice;
-use diptych::exec::Stereo;
-use diptych::image::display::DisplayImage;
-use diptych::image::{Extent, Image};
 use egui::TexturesDelta;
 use egui_wgpu::{RendererOptions, ScreenDescriptor};
 use winit::window::Window;

@@ -2,11 +2,12 @@
 
 use std::time::Instant;
 
-use diptych::exec::ranks::Devices;
-use diptych::passes::tonemap::DISPLAY;
-use diptych::report::run::FrameRow;
-use diptych::scene::Scene;
-use diptych::scene::head::Recording;
+use crate::exec::ranks::Devices;
+use crate::loaded::LoadedScene;
+use crate::passes::tonemap::DISPLAY;
+use crate::report::run::FrameRow;
+use crate::scene::Scene;
+use crate::scene::head::Recording;
 
 use super::camera::Camera;
 use super::shared::{FrameNews, Shared};
@@ -14,7 +15,7 @@ use crate::cli::failure::Failure;
 use crate::cli::interrupt;
 use crate::cli::play::{Pace, Prepared, Session};
 use crate::cli::progress::Progress;
-use crate::cli::setup::{Loaded, Tracing};
+use crate::cli::setup::Tracing;
 
 /// The time that passes for the camera between two frames is at most this, however long they took.
 const LONGEST_STEP_S: f64 = 0.25;
@@ -22,7 +23,7 @@ const LONGEST_STEP_S: f64 = 0.25;
 /// What it begins with.
 pub struct Start {
     pub prepared: Prepared,
-    pub loaded: Loaded,
+    pub loaded: LoadedScene,
     pub gpus: Devices,
     pub tracing: Tracing,
     pub progress: Progress,
@@ -50,7 +51,7 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
         let passed_s = (now - std::mem::replace(&mut before, now)).as_secs_f64().min(LONGEST_STEP_S);
         let (rig, time_s) = camera.step(&input, passed_s);
         if let Some(gaze) = input.gaze {
-            session.renderer.set_gaze([gaze; 2]);
+            session.gaze = Some([gaze; 2]);
         }
         let (row, report) = session.render(decided, late_ms, &rig, time_s, index)?;
         if let Some(motion) = &mut motion {
@@ -60,11 +61,12 @@ pub fn run(start: Start, shared: &Shared, wake: impl Fn()) -> Result<(), Failure
         let picture = session.renderer.read_display()?;
         let layers = session.renderer.foveation().zip(session.fovea(decided));
         let circles = layers.map(|(foveation, radii)| {
+            let foveation = session.inner.gaze.map_or(foveation.clone(), |eyes| foveation.looking(eyes));
             [0, 1].map(|eye| foveation.circles_of(radii, eye, time_s, options.size.width, options.size.height))
         });
         shared.show(picture, frame_news(row), |news| {
             (news.rungs, news.follows_path, news.circles) =
-                (session.ladder.rungs().len(), camera.follows_path(), circles);
+                (session.ladder().rungs().len(), camera.follows_path(), circles);
         });
         wake();
     }

@@ -5,9 +5,9 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-use diptych::exec::Stereo;
-use diptych::image::Image;
-use diptych::quality::FrameQuality;
+use crate::exec::Stereo;
+use crate::image::Image;
+use crate::quality::FrameQuality;
 
 /// Frames that are remembered for the plot.
 const REMEMBERED: usize = 120;

@@ -5,9 +5,9 @@ use std::sync::Arc;
 use std::thread::JoinHandle;
 use std::time::Instant;
 
+use crate::image::Extent;
+use crate::image::display::DisplayImage;
 use anyhow::{Context, anyhow};
-use diptych::image::Extent;
-use diptych::image::display::DisplayImage;
 use winit::application::ApplicationHandler;
 use winit::dpi::PhysicalSize;
 use winit::event::{ElementState, KeyEvent, MouseButton, WindowEvent};
@@ -16,20 +16,12 @@ use winit::keyboard::{KeyCode, PhysicalKey};
 use winit::window::{Window, WindowId};
 
 use super::layout::Layout;
+use super::look::Look;
 use super::overlay::{Overlay, Parts};
 use super::present::{Drawing, Presenter};
 use super::renderer::{self, Start};
 use super::shared::{News, Shared};
 use crate::cli::failure::Failure;
-
-/// What the window is told before the first frame.
-pub struct Look {
-    pub scene: String,
-    pub eye: Extent,
-    pub band_ms: [f64; 2],
-    pub devices: Vec<String>,
-    pub is_foveated: bool,
-}
 
 /// Why the renderer's thread wakes the window.
 #[derive(Clone, Copy, Debug)]

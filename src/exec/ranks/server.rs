@@ -16,6 +16,7 @@ use crate::exec::planner::Graphs;
 use crate::exec::worker::Worker;
 use crate::exec::worker::device::WorkerDevice;
 use crate::exec::worker_pool::{END_LIMIT, start_worker};
+use crate::passes::Declarations;
 use crate::stages::SceneTables;
 
 /// What a rank needs of its surroundings.
@@ -38,6 +39,11 @@ pub trait Host {
 
     /// What has been recorded since the last call; empty where nothing is recorded.
     fn recorded(&mut self) -> Vec<u8>;
+
+    /// Returns the declarations of passes, which are not sent: those of rank 0 must be the same.
+    fn passes(&self) -> Declarations {
+        Declarations::default()
+    }
 
     /// The signal that told this rank to end.
     fn interrupted(&self) -> Option<i32>;
@@ -152,7 +158,8 @@ impl Server<'_> {
     }
 
     fn start(&mut self, start: Start) -> Result<Response, String> {
-        let Start { crew: number, set, ranks, settings, scene } = start;
+        let Start { crew: number, set, ranks, mut settings, scene } = start;
+        settings.stages.declarations = self.host.passes();
         let tables = self.scenes.iter().find(|(fingerprint, _)| *fingerprint == scene);
         let tables = Arc::clone(&tables.ok_or("its scene is not that of rank 0")?.1);
         let graphs = Graphs::of_settings(&settings, ranks.len(), tables.has_surfaces());

@@ -59,7 +59,7 @@ mod tests {
         let measure = Measure::FlipFlicker;
         let origin = Origin { shot, size, exposure_ev: 0.0, measure, devices: Vec::new(), version };
         let [best, other] = Ladder::by_denoiser(&origin, &rungs).unwrap().try_into().unwrap();
-        assert_eq!((best.denoisers(), other.denoisers()), (vec![(Some(Denoiser::Svgf), 2)], vec![(None, 2)]));
+        assert_eq!((best.denoisers(), other.denoisers()), (vec![(Some(Denoiser::SVGF), 2)], vec![(None, 2)]));
         assert_eq!(other.rungs().iter().map(|r| r.time_ms).collect::<Vec<_>>(), [1.0, 3.0]);
         assert_eq!(other.rungs()[1].stage_ms["atrous"], 0.75);
         assert!(ladder_svg("t".into(), &rows, &[], &other).unwrap().contains("FLIP + flicker"));

@@ -38,6 +38,7 @@ mod tangents;
 mod textures;
 mod topology;
 mod uri;
+mod vertices;
 mod write;
 
 #[cfg(test)]

@@ -8,7 +8,7 @@ use glam::Vec3;
 
 use super::accessor::Elements;
 use super::fault::{Fault, Outcome, Within};
-use super::geometry::Vertices;
+use super::vertices::Vertices;
 use crate::scene::motion::Morph;
 
 const POSITION: &[ComponentType] = &[F32, I8, U8, I16, U16];

@@ -7,8 +7,8 @@ use glam::Affine3A;
 use super::accessor::Elements;
 use super::buffers::Buffers;
 use super::fault::{Fault, Outcome, Warnings, Within, label, lookup};
-use super::geometry::Vertices;
 use super::hierarchy::affine_from_matrix;
+use super::vertices::Vertices;
 use crate::scene::motion::pose::narrow;
 use crate::scene::motion::{Influence, Skin};
 

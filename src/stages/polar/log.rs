@@ -7,7 +7,7 @@
 
 use glam::{DVec2, Vec2};
 
-use super::PolarPlace;
+use super::place::PolarPlace;
 use crate::image::Extent;
 use crate::quality::LogPolar;
 use crate::stages::layout::{self, View};

@@ -10,7 +10,7 @@ use std::f64::consts::PI;
 
 use glam::{DVec3, Vec3};
 
-use super::PolarPlace;
+use super::place::PolarPlace;
 use crate::image::Extent;
 use crate::stages::layout::View;
 

@@ -62,7 +62,7 @@ fn ladders_of_before_are_read_for_what_they_are() {
     let rung = &measured.rungs()[0];
     assert_eq!((measured.origin().measure, rung.error, rung.flip, rung.flicker), (Measure::Flip, 0.4, Some(0.4), None));
     assert!(!rung.is_estimated && rung.relmse == Some(0.3));
-    assert_eq!(measured.denoisers(), [(Some(Denoiser::Svgf), 1), (None, 1)]);
+    assert_eq!(measured.denoisers(), [(Some(Denoiser::SVGF), 1), (None, 1)]);
     let estimated = Ladder::parse(&text("0.1.0; flip is estimated")).unwrap();
     let rung = &estimated.rungs()[1];
     assert_eq!((estimated.origin().measure, rung.error, rung.flip), (Measure::Estimate, 0.2, None));

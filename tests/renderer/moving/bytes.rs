@@ -29,7 +29,7 @@ fn assert_all_same(what: &str, expected: &[Frame], found: &[Frame]) {
 
 #[test]
 fn moving_scenes_have_the_bytes_of_one_device_on_ragged_stripes_that_move() {
-    for denoiser in [Denoiser::Svgf, Denoiser::Bmfr] {
+    for denoiser in [Denoiser::SVGF, Denoiser::BMFR] {
         hold_motion_against_one_device(denoiser);
     }
 }
@@ -130,7 +130,7 @@ fn what_stands_still_has_no_pass_for_what_moves_and_the_light_of_what_could_move
     let moving = frames(could.clone(), |_| {});
     assert!(moving.iter().all(|frame| stages(frame) == ["motion"; 2]), "{:?}", stages(&moving[0]));
     assert_all_same("lights that could move", &still[..1], &moving[..1]);
-    let filter = |settings: &mut RenderSettings| settings.stages.filter = Some(Denoiser::Atrous);
+    let filter = |settings: &mut RenderSettings| settings.stages.filter = Some(Denoiser::ATROUS);
     let unfiltered = frames(could, filter);
     assert_all_same("lights that could move, without history", &frames(scene.at(0.0), filter), &unfiltered);
     assert!(unfiltered.iter().all(|frame| stages(frame).is_empty()), "nothing reads where surfaces were");

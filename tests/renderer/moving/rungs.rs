@@ -4,7 +4,6 @@ use crate::common::{Stage, Subject, with_outputs};
 use crate::reference::scenes::moving;
 use diptych::graph::Resource;
 use diptych::quality::{Denoiser, Quality};
-use diptych::schedule::Effort;
 
 use super::watched;
 
@@ -35,7 +34,7 @@ fn play(subject: &Subject, denoiser: Denoiser, [rung, last]: [Rung; 2], stride: 
     for (i, (spp, bounces, scale)) in (0..).zip([rung; BEFORE].into_iter().chain([last])) {
         let denoiser = Some(denoiser);
         let quality = Quality { spp, bounces, denoiser, iterations, fovea: None, polar: None, scale };
-        stage.renderer().set_quality(quality, Effort::default()).unwrap();
+        stage.set(move |params| params.quality = quality);
         stage.frame_at(0.3 + f64::from(i) / FPS, stride * i);
     }
     let mut read = |name| stage.renderer().read_output(Resource::image(name, 4)).unwrap().left;
@@ -59,7 +58,7 @@ fn a_change_of_bounces_or_scale_changes_no_gradient() {
         ((1, 6, 0.5), USUAL),
         (USUAL, (1, 2, 0.7)),
     ] {
-        let [constant, changed] = [before, after].map(|last| play(&subject, Denoiser::Svgf, [before, last], 1));
+        let [constant, changed] = [before, after].map(|last| play(&subject, Denoiser::SVGF, [before, last], 1));
         println!("{before:?} to {after:?}: drops {:.4} instead of {:.4}", changed.dropped, constant.dropped);
         assert!(constant.gradients.iter().any(|bits| *bits != 0), "there are no gradients");
         assert!(constant.gradients == changed.gradients, "gradients of {before:?} to {after:?}");
@@ -69,7 +68,7 @@ fn a_change_of_bounces_or_scale_changes_no_gradient() {
 #[test]
 fn a_change_of_samples_drops_no_more_history_than_none() {
     let subject = watched(moving::everything());
-    for denoiser in [Denoiser::Svgf, Denoiser::Bmfr] {
+    for denoiser in [Denoiser::SVGF, Denoiser::BMFR] {
         let dropped = |rungs, stride| play(&subject, denoiser, rungs, stride).dropped;
         let many = (3, 6, 1.0);
         let constant = dropped([USUAL; 2], 1);

@@ -1,5 +1,7 @@
 //! Frames whose quality changes.
 
+use diptych::exec::FrameParams;
+
 use super::*;
 
 fn quality(denoiser: Denoiser, (spp, bounces, iterations, scale, fovea): Numbers) -> Quality {
@@ -27,7 +29,8 @@ fn play(subject: &Subject, settings: &RenderSettings, devices: usize) -> Vec<Ste
     let mut stage = Stage::with(subject, &settings, devices, Box::new(Measured::new(HEIGHT, devices)));
     let denoiser = settings.stages.filter.unwrap();
     let frame = |(i, numbers): (usize, &Numbers)| {
-        stage.renderer().set_quality(quality(denoiser, *numbers), Effort::default()).unwrap();
+        let quality = quality(denoiser, *numbers);
+        stage.set(move |params| params.quality = quality);
         stage.frame_at(i as f64 * 0.05, i as u32).linear
     };
     QUALITIES.iter().enumerate().map(frame).collect()
@@ -52,7 +55,7 @@ fn frames_that_change_quality_have_the_bytes_of_runs_that_do_not() {
 fn history_across_changes_of_quality_gives_the_bytes_of_one_device() {
     let subject = Subject::load("builtin:atrium");
     let mut settings = subject.accumulated(WIDTH, HEIGHT);
-    for denoiser in [Denoiser::Svgf, Denoiser::Bmfr] {
+    for denoiser in [Denoiser::SVGF, Denoiser::BMFR] {
         settings.stages.filter = Some(denoiser);
         let (one, three) = (play(&subject, &settings, 1), play(&subject, &settings, 3));
         for (i, (one, three)) in one.iter().zip(&three).enumerate() {
@@ -67,12 +70,33 @@ fn qualities_that_nothing_was_made_ready_for_are_refused() {
     let mut settings = subject.denoised(32, 18);
     (settings.stages.spp, settings.stages.iterations) = (3, 4);
     let mut stage = Stage::even(&subject, &settings, 1);
-    let mut set = |denoiser, numbers| stage.renderer().set_quality(quality(denoiser, numbers), Effort::default());
+    let frame = stage.params(0.0, 0);
+    let mut set = |denoiser, numbers| {
+        stage.renderer().check(&FrameParams { quality: quality(denoiser, numbers), ..frame.clone() })
+    };
     let whole = |(spp, bounces, iterations)| (spp, bounces, iterations, 1.0, None);
     let wrong = [(0, 1, 1), (4, 1, 1), (1, 1, 1), (2, 1, 0), (2, 1, 5)].map(whole);
     for wrong in wrong.into_iter().chain([(2, 1, 1, 0.5, None), (2, 1, 1, 1.0, Some([0.1, 0.2]))]) {
-        assert!(set(Denoiser::Atrous, wrong).is_err(), "{wrong:?}");
+        assert!(set(Denoiser::ATROUS, wrong).is_err(), "{wrong:?}");
     }
-    assert!(set(Denoiser::Svgf, whole((2, 1, 1))).is_err());
-    assert!(set(Denoiser::Atrous, whole((2, 1, 1))).is_ok());
+    assert!(set(Denoiser::SVGF, whole((2, 1, 1))).is_err());
+    assert!(set(Denoiser::ATROUS, whole((2, 1, 1))).is_ok());
+}
+
+#[test]
+fn frames_are_repeated_by_their_parameters() {
+    let subject = Subject::load("builtin:cornell");
+    let settings = subject.denoised(32, 18);
+    let image = |devices: usize, params: &FrameParams| {
+        let mut stage = Stage::even(&subject, &settings, devices);
+        stage.renderer().render(params).unwrap();
+        stage.renderer().read_linear().unwrap()
+    };
+    let params = FrameParams { seed: 5, ..Stage::even(&subject, &settings, 1).params(0.25, 7) };
+    let text = serde_json::to_string(&params).unwrap();
+    let read: FrameParams = serde_json::from_str(&text).unwrap();
+    assert_eq!(read, params);
+    let first = image(2, &params);
+    assert_same("the frame that was read", &image(1, &read), &first);
+    assert!(image(1, &FrameParams { seed: 6, ..params }) != first);
 }

@@ -2,13 +2,13 @@
 
 use std::time::{Duration, Instant};
 
-use diptych::headset::{Headset, HeadsetFrame, Panel};
-use diptych::image::Extent;
+use crate::headset::{Headset, HeadsetFrame, Panel};
+use crate::image::Extent;
 use egui_wgpu::{RendererOptions, ScreenDescriptor};
 
+use super::super::look::Look;
 use super::super::overlay::{Overlay, Painted, Parts};
 use super::super::shared::News;
-use super::super::window::Look;
 use crate::cli::failure::Failure;
 
 /// Pixels, how many of them make a point of text, and how wide it is.

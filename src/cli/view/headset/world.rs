@@ -3,16 +3,16 @@
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
-use diptych::exec::PoseSource;
-use diptych::headset::{HeadSample, HeadsetError, HeadsetFrame, Locator, Walk};
-use diptych::image::Extent;
-use diptych::scene::head::{HeadPose, Space};
-use diptych::scene::optics::{HeadEyes, Optics};
-use diptych::scene::rig::Rig;
+use crate::exec::PoseSource;
+use crate::headset::{HeadSample, HeadsetError, HeadsetFrame, Locator, Walk};
+use crate::image::Extent;
+use crate::loaded::LoadedScene;
+use crate::scene::head::{HeadPose, Space};
+use crate::scene::optics::{HeadEyes, Optics};
+use crate::scene::rig::Rig;
 
 use super::super::renderer::speed_per_s;
 use crate::cli::failure::Failure;
-use crate::cli::setup::Loaded;
 
 /// The time that passes for thumbsticks between two frames is at most this, however long they took.
 const LONGEST_STEP_S: f64 = 0.25;
@@ -35,7 +35,7 @@ pub struct World {
 
 impl World {
     /// Has the shot seen with these eyes.
-    pub fn new(loaded: &mut Loaded, eyes: HeadEyes, size: Extent, border_deg: f64) -> Result<Self, Failure> {
+    pub fn new(loaded: &mut LoadedScene, eyes: HeadEyes, size: Extent, border_deg: f64) -> Result<Self, Failure> {
         let space = loaded.space.with_eyes(eyes).map_err(HeadsetError::Eyes)?;
         let shot = loaded.shot.rig.clone();
         let speed_m_per_s = speed_per_s(&loaded.scene) * shot.metres_per_unit;

@@ -27,6 +27,14 @@ pub(super) fn inverse_sigma2_bits(index: u32) -> u32 {
 pub struct Atrous;
 
 impl Denoise for Atrous {
+    fn name(&self) -> &'static str {
+        "atrous"
+    }
+
+    fn help(&self) -> Option<&'static str> {
+        Some("On each frame alone")
+    }
+
     fn filter(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
         let iteration = |index| {
             let (source, target) = light.advance();

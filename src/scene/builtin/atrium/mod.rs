@@ -12,10 +12,8 @@ use super::assembly::{Assembly, glossy, matte, metal, sheet, textured};
 use super::maths::{quarter_turn_y, shift};
 use super::texels::marble_tiles;
 use glam::Affine3A;
-use orders::Order;
+use orders::{BAY, Order};
 
-/// Distance between columns, metres.
-const BAY: f32 = 3.0;
 /// Bays across and along the court.
 const BAYS: [usize; 2] = [3, 9];
 /// Half the court from column line to column line, across and along.

@@ -3,9 +3,11 @@
 use super::super::geometry::{Outline, Surface};
 use super::super::maths::{sin, sin_cos};
 use super::super::shapes::{arch, block, cuboid, lathe, ribbon, rise, spandrel};
-use super::BAY;
 use glam::{Vec2, Vec3};
 use std::f32::consts::{PI, TAU};
+
+/// Distance between columns, metres.
+pub const BAY: f32 = 3.0;
 
 /// Measures of a storey's arcade, metres.
 #[derive(Clone, Copy)]

@@ -1,0 +1,70 @@
+//! The commands of `diptych` with a denoiser of your own: the mean of neighbours whose surface has the same normal.
+//!
+//! `cargo run --release --example own_denoiser -- bench --denoiser none,atrous,mean --quick --out out/own`
+
+use std::process::ExitCode;
+
+use diptych::cli::{Program, prepare_environment};
+use diptych::graph::{Chain, Kernel, Pass, Stage, Use};
+use diptych::passes::denoise::{CUT, Denoise, Light};
+use diptych::passes::{FrameSpec, gbuffer::GUIDE};
+use diptych::scene::rig::Eye;
+
+/// Rows and columns that are read on each side of a pixel.
+const REACH: u32 = 3;
+
+/// The fourth channel of `guide` is the packed normal. Rows from `valid_begin` to `valid_end` are those that may be read.
+const SHADER: &str = "
+//!include frame grid
+
+@group(1) @binding(0) var<storage, read> guide: array<vec4<u32>>;
+@group(1) @binding(1) var<storage, read> source: array<vec4<f32>>;
+@group(1) @binding(2) var<storage, read_write> filtered: array<vec4<f32>>;
+
+@compute @workgroup_size(8, 8)
+fn main(@builtin(global_invocation_id) id: vec3<u32>) {
+    let pixel = vec2<u32>(id.x, pass_.row_begin + id.y);
+    if pixel.x >= pass_.width || pixel.y >= pass_.row_end {
+        return;
+    }
+    let reach = pass_.args[0];
+    let normal = guide[pixel_index(pixel)].w;
+    var sum = vec4<f32>(0.0);
+    for (var y = max(pixel.y, pass_.valid_begin + reach) - reach; y <= min(pixel.y + reach, pass_.valid_end - 1u); y += 1u) {
+        for (var x = max(pixel.x, reach) - reach; x <= min(pixel.x + reach, pass_.width - 1u); x += 1u) {
+            let tap = pixel_index(vec2<u32>(x, y));
+            sum += select(vec4<f32>(0.0), vec4<f32>(source[tap].rgb, 1.0), guide[tap].w == normal);
+        }
+    }
+    filtered[pixel_index(pixel)] = vec4<f32>(sum.rgb / sum.w, 1.0);
+}";
+
+struct Mean;
+
+impl Denoise for Mean {
+    fn name(&self) -> &'static str {
+        "mean"
+    }
+
+    fn help(&self) -> Option<&'static str> {
+        Some("Mean of neighbours with the same normal")
+    }
+
+    /// The passes of the filter. The graph transfers the rows of their halos where stripes meet.
+    fn filter(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
+        let iteration = |index| {
+            let (source, target) = light.advance();
+            let halo = spec.halo(REACH);
+            let pass = Pass::new(Stage("mean"), view, CUT, Kernel::from_text("mean", SHADER)).index(index);
+            let uses = [Use::read(GUIDE).halo(halo), Use::read(source).halo(halo), Use::write(target)];
+            pass.uses(uses).args([REACH, 0, 0]).chain(Chain::Planned)
+        };
+        (0..spec.iterations).map(iteration).collect()
+    }
+}
+
+pub fn main() -> ExitCode {
+    // SAFETY: the program has no other thread yet.
+    unsafe { prepare_environment() };
+    Program::new().denoiser(&Mean).run()
+}

@@ -1,0 +1,79 @@
+//! The policies that `--balance` chooses from: the library's own, and those that a [`Program`](super::Program) registers.
+
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
+
+use super::failure::Failure;
+use super::registry::registered;
+use crate::schedule::{Even, Heft, Measured, Policy, RatioRule, Static};
+
+/// A policy that divides rows among devices.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Balance {
+    Even,
+    Static,
+    Measured,
+    Heft,
+    /// The one at this place among those that the program registered.
+    Registered(usize),
+}
+
+/// The library's policies, with their names and help.
+pub const BUILT_IN: [(Balance, &str, &str); 4] = [
+    (Balance::Even, "even", "The same rows for every device"),
+    (Balance::Static, "static", "By --ratios"),
+    (Balance::Measured, "measured", "By the measured cost of past frames"),
+    (Balance::Heft, "heft", "By list scheduling of blocks of rows, at measured cost"),
+];
+
+impl Balance {
+    /// Returns the parser of a policy's name, for an option. Its help lists all names.
+    pub fn value_parser() -> impl TypedValueParser<Value = Self> {
+        let built_in = BUILT_IN.map(|(_, name, help)| (name, help)).into_iter();
+        let all = built_in.chain(registered().policies.iter().map(|policy| (policy.name, policy.help)));
+        let values: Vec<PossibleValue> = all.map(|(name, help)| PossibleValue::new(name).help(help)).collect();
+        PossibleValuesParser::new(values)
+            .try_map(|name| Self::from_name(&name).ok_or_else(|| format!("there is no policy {name}")))
+    }
+
+    fn from_name(name: &str) -> Option<Self> {
+        let built_in = BUILT_IN.iter().find(|(_, own, _)| *own == name).map(|(balance, ..)| *balance);
+        built_in.or_else(|| registered().policies.iter().position(|p| p.name == name).map(Self::Registered))
+    }
+
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Even => "even",
+            Self::Static => "static",
+            Self::Measured => "measured",
+            Self::Heft => "heft",
+            Self::Registered(place) => registered().policies[place].name,
+        }
+    }
+
+    /// Returns a new policy of this kind, for images of so many rows.
+    pub fn policy(self, rows: u32, devices: usize, ratios: &[RatioRule]) -> Result<Box<dyn Policy>, Failure> {
+        Ok(match self {
+            Self::Even => Box::new(Even::new(rows, devices)),
+            Self::Static => Box::new(Static::new(rows, devices, ratios)?),
+            Self::Measured => Box::new(Measured::new(rows, devices)),
+            Self::Heft => Box::new(Heft::new(rows, devices)),
+            Self::Registered(place) => (registered().policies[place].make)(rows, devices),
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_policy_has_one_name_everywhere() {
+        for (balance, name, _) in BUILT_IN {
+            assert_eq!((balance.name(), Balance::from_name(name)), (name, Some(balance)));
+            if balance != Balance::Static {
+                assert_eq!(balance.policy(8, 2, &[]).ok().map(|policy| policy.name()), Some(name));
+            }
+        }
+        assert_eq!(Balance::from_name("fair"), None);
+    }
+}

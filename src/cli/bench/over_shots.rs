@@ -1,0 +1,31 @@
+//! Experiments on several shots.
+
+use super::Args;
+use crate::cli::failure::Failure;
+use crate::cli::interrupt;
+use crate::cli::options::RunOptions;
+use crate::cli::output;
+use crate::cli::progress::Progress;
+use crate::cli::setup::Tracing;
+use crate::report::once;
+
+/// Has each shot measured that the options name, `frames` of each.
+pub fn over_shots(
+    args: &Args,
+    frames: u64,
+    mut measure: impl FnMut(&Args, &Progress, &Tracing) -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    let options = &args.options;
+    options.check().map_err(Failure::Input)?;
+    output::prepare(&options.out, "--out")?;
+    interrupt::watch()?;
+    let tracing = Tracing::start(options)?;
+    let shots = if args.preset.shots.is_empty() { vec![options.shot.clone()] } else { once(args.preset.shots.clone()) };
+    let progress = Progress::new(shots.len() as u64 * frames, options.quiet, options.json);
+    for shot in shots {
+        let run = RunOptions { shot, ..options.clone() };
+        measure(&Args { options: run, ..args.clone() }, &progress, &tracing)?;
+    }
+    progress.finish();
+    tracing.finish()
+}

@@ -1,0 +1,180 @@
+//! The command line: one subcommand per file.
+
+use std::process::ExitCode;
+
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand};
+
+use super::failure::Failure;
+use super::options::RunOptions;
+use super::{
+    bench, compare, devices, export, graph, manual, play, ranks, render, scale, scenes, settings, shot, trace, view,
+};
+
+/// Real-time stereoscopic path tracing for virtual reality, image-parallel over several GPUs.
+#[derive(Parser)]
+#[command(name = "diptych", version, about, max_term_width = 110)]
+pub struct Cli {
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Subcommand)]
+pub enum Command {
+    /// Render frames at fixed quality
+    Render(render::Args),
+    /// Render a sequence inside a frame budget
+    Play(play::Args),
+    /// Look around in a window or a headset [needs the feature `view`]
+    View(view::Args),
+    /// Render the same frames at several device counts and policies
+    Scale(scale::Args),
+    /// Measure run time against error over a grid of settings
+    Bench(bench::Args),
+    /// Compare images or sequences with a reference: RMSE, PSNR, SSIM, FLIP, …
+    Compare(compare::Args),
+    /// Summarise a trace file, or compare two
+    Trace(trace::Args),
+    /// Print the passes of a frame, their images and transfers
+    Graph(graph::Args),
+    /// List adapters, drivers and limits
+    Devices(devices::Args),
+    /// List the built-in scenes, or describe one scene
+    Scenes(scenes::Args),
+    /// Write a commented shot file for a scene, to edit
+    Shot(shot::Args),
+    /// Export a shot as plain glTF for other programs
+    Export(export::Args),
+    /// Print shell completions
+    Completions(manual::CompletionArgs),
+    /// Write manual pages
+    Man(manual::ManArgs),
+}
+
+/// The command line's definition.
+pub fn command() -> clap::Command {
+    Cli::command()
+}
+
+impl Command {
+    /// Of commands that render.
+    fn run_options(&self) -> Option<&RunOptions> {
+        match self {
+            Self::Render(args) => Some(&args.options),
+            Self::Play(args) => Some(&args.options.run),
+            Self::View(args) => args.run_options(),
+            Self::Scale(args) => Some(&args.options),
+            Self::Bench(args) => Some(&args.options),
+            _ => None,
+        }
+    }
+
+    fn run(&self) -> Result<(), Failure> {
+        match self {
+            Self::Render(args) => render::run(args),
+            Self::Play(args) => play::run(args),
+            Self::View(args) => view::run(args),
+            Self::Scale(args) => scale::run(args),
+            Self::Bench(args) => bench::run(args),
+            Self::Compare(args) => compare::run(args),
+            Self::Trace(args) => trace::run(args),
+            Self::Graph(args) => graph::run(args),
+            Self::Devices(args) => devices::run(args),
+            Self::Scenes(args) => scenes::run(args),
+            Self::Shot(args) => shot::run(args),
+            Self::Export(args) => export::run(args),
+            Self::Completions(args) => manual::completions(args, command()),
+            Self::Man(args) => manual::man(args, command()),
+        }
+    }
+}
+
+/// Runs the command that this process was started with and returns its exit status.
+pub fn run_registered() -> ExitCode {
+    let result = ranks::join().and_then(|()| if ranks::serves() { serve() } else { Ok(run_command()) });
+    let status = result.unwrap_or_else(|failure| {
+        eprint!("{}", failure.message());
+        failure.exit_status()
+    });
+    ranks::end(status);
+    ExitCode::from(status)
+}
+
+/// Reads the command line.
+fn parse() -> Result<Cli, clap::Error> {
+    let command = command();
+    let matches = command.clone().try_get_matches()?;
+    settings::keep(&command, &matches);
+    Cli::from_arg_matches(&matches)
+}
+
+/// Returns the exit status.
+fn run_command() -> u8 {
+    let cli = match parse() {
+        Ok(cli) => cli,
+        Err(error) => {
+            // Nobody may be there to read it.
+            let _ = error.print();
+            return error.exit_code() as u8;
+        }
+    };
+    let checked = cli.command.run_options().map_or(Ok(()), |_| ranks::check_alone());
+    checked.and_then(|()| cli.command.run()).map_or_else(
+        |failure| {
+            eprint!("{}", failure.message());
+            failure.exit_status()
+        },
+        |()| 0,
+    )
+}
+
+/// Serves rank 0, which runs the command; returns its exit status.
+fn serve() -> Result<u8, Failure> {
+    ranks::serve(parse().ok().as_ref().and_then(|cli| cli.command.run_options()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn short_help_fits_on_a_line() {
+        let command = command();
+        for sub in command.get_subcommands() {
+            let about = (sub.get_name().to_owned(), sub.get_about().map(ToString::to_string).unwrap_or_default());
+            let options = sub.get_arguments().map(|arg| {
+                let name = format!("{} {}", sub.get_name(), arg.get_long().unwrap_or(arg.get_id().as_str()));
+                (name, arg.get_help().map(ToString::to_string).unwrap_or_default())
+            });
+            for (name, help) in options.chain([about]) {
+                assert!((1..=80).contains(&help.chars().count()), "{name}: '{help}'");
+            }
+        }
+    }
+
+    #[test]
+    fn the_short_help_of_render_fits_on_two_screens() {
+        let mut command = command().term_width(100);
+        command.build();
+        let render = command.find_subcommand_mut("render").expect("there is such a command");
+        let text = render.render_help().to_string();
+        assert!(text.lines().count() <= 60, "{} lines: {text}", text.lines().count());
+    }
+
+    /// Names of former versions, which stay out of the help.
+    #[test]
+    fn former_names_are_understood() {
+        for line in [
+            "render x --out o --scale 0.5",
+            "render x --out o --preset base",
+            "scale x --out o --scale 0.5",
+            "bench x --out o --seams --counts 2",
+            "bench x --out o --reference d --scale 0.5",
+            "bench x --out o --reference-dir d",
+            "compare a b --seams 4",
+        ] {
+            let args = ["diptych"].into_iter().chain(line.split(' '));
+            let result = command().try_get_matches_from(args);
+            assert!(result.is_ok(), "{line}: {}", result.unwrap_err());
+        }
+    }
+}

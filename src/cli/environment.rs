@@ -1,0 +1,27 @@
+//! The environment of the process, by which drivers and loaders take settings.
+
+use crate::device;
+
+/// Sets the environment variables that drivers and loaders read, and lets the library set those that a device reads while it
+/// is opened: without it, `--threads-per-device` is an error on Mesa's software driver. Call it at the beginning of `main`.
+///
+/// # Safety
+/// The process must have no other thread yet. Threads that it starts later may read the environment only through
+/// [`std::env`].
+pub unsafe fn prepare_environment() {
+    // SAFETY: there is no other thread, as the caller promises.
+    let set = |name: &str, value: &str| unsafe { std::env::set_var(name, value) };
+    // Mesa's layer that chooses among GPUs asks the Wayland server and complains on every start where there is none, as in
+    // containers: the layer is left out there.
+    if cfg!(target_os = "linux") && std::env::var_os("XDG_RUNTIME_DIR").is_none() {
+        set("NODEVICE_SELECT", "1");
+    }
+    // Our own errors say what OpenXR's loader would write to stderr.
+    const LOADER_LOG: &str = "XR_LOADER_DEBUG";
+    if cfg!(feature = "xr") && std::env::var_os(LOADER_LOG).is_none() {
+        set(LOADER_LOG, "none");
+    }
+    // SAFETY: while the library opens a device, other threads read the environment only through `std::env`, as the caller
+    // promises.
+    unsafe { device::set_environment_hook(|name, value| std::env::set_var(name, value)) };
+}

@@ -1,0 +1,60 @@
+//! Options of a session, and everything that follows from them before a device is opened.
+
+use std::path::Path;
+
+use anyhow::ensure;
+
+use super::ladder::Choice;
+use super::options::LoopOptions;
+use crate::cli::failure::Failure;
+use crate::cli::foveation::FoveationOptions;
+use crate::cli::options::RenderOptions;
+use crate::quality::Quality;
+
+impl LoopOptions {
+    /// Options with the most that any frame has.
+    fn render_options(&self, choice: &Choice, frames: u32) -> RenderOptions {
+        let most = self.foveated.limit(&Quality { fovea: self.foveated.radii(), ..choice.envelope().most });
+        RenderOptions {
+            foveated: FoveationOptions { iterations: Some(most.iterations), ..self.foveated.clone() },
+            frames,
+            fps: self.fps.unwrap_or(1e3 / self.budget_ms.hi_ms()),
+            ..RenderOptions::single(self.run.clone(), &most)
+        }
+    }
+
+    /// What clap cannot see.
+    fn check(&self, choice: &Choice, options: &RenderOptions) -> Result<(), anyhow::Error> {
+        self.foveated.check(choice.denoiser)?;
+        let (is_asked, filters) = (choice.denoiser.is_some(), options.quality().denoiser.is_some());
+        ensure!(filters || !is_asked, "--iterations 0 filters nothing: choose --denoiser none");
+        let what = "--foveation layers leaves pixels to a denoiser: choose another than none";
+        ensure!(filters || !self.foveated.is_on(), what);
+        if let Some(path) = &self.record_motion {
+            let folder = path.parent().filter(|folder| !folder.as_os_str().is_empty());
+            let is_file = path.file_name().is_some() && !path.is_dir() && folder.is_none_or(Path::is_dir);
+            ensure!(is_file, "--record-motion: there can be no file {}", path.display());
+        }
+        options.check()
+    }
+}
+
+/// Options that are known to go together.
+pub struct Prepared {
+    pub options: LoopOptions,
+    pub choice: Choice,
+    pub render: RenderOptions,
+    /// Whether a smaller size is taken where no rung fits the budget; none: the command has no such option.
+    pub fits_size: Option<bool>,
+    /// How many there are to be; none: until it is ended.
+    pub frames: Option<u32>,
+}
+
+impl Prepared {
+    pub fn new(options: &LoopOptions, frames: Option<u32>) -> Result<Self, Failure> {
+        let choice = Choice::new(options)?;
+        let render = options.render_options(&choice, frames.unwrap_or(u32::MAX));
+        options.check(&choice, &render).map_err(Failure::Input)?;
+        Ok(Self { options: options.clone(), choice, render, fits_size: None, frames })
+    }
+}

@@ -1,0 +1,34 @@
+//! Policies and passes that the running program has registered.
+
+use std::sync::OnceLock;
+
+use crate::passes::Declarations;
+use crate::schedule::Policy;
+
+#[derive(Default)]
+pub struct Registry {
+    pub policies: Vec<NewPolicy>,
+    pub passes: Declarations,
+}
+
+type Make = dyn Fn(u32, usize) -> Box<dyn Policy> + Send + Sync;
+
+/// A policy that a program registers.
+pub struct NewPolicy {
+    pub name: &'static str,
+    pub help: &'static str,
+    /// Takes the rows of an image and the number of devices.
+    pub make: Box<Make>,
+}
+
+static REGISTERED: OnceLock<Registry> = OnceLock::new();
+
+/// Returns what the program that runs has registered.
+pub fn registered() -> &'static Registry {
+    REGISTERED.get_or_init(Registry::default)
+}
+
+/// Sets what is registered, unless something is already.
+pub fn register(registry: Registry) {
+    let _ = REGISTERED.set(registry);
+}

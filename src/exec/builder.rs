@@ -1,0 +1,157 @@
+//! Makes renderers.
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use super::ranks::Devices;
+use super::{ExecError, RenderSettings, Renderer};
+use crate::device::{self, DeviceError, Selection};
+use crate::image::Extent;
+use crate::loaded::LoadedScene;
+use crate::quality::{Envelope, Quality};
+use crate::scene::rig::Rig;
+use crate::schedule::{Measured, Policy};
+
+/// An error of [`Builder::build`].
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum BuildError {
+    /// The rectified frame of eyes with optics of their own would be too large.
+    #[error("{0}")]
+    Optics(String),
+    #[error(transparent)]
+    Device(#[from] DeviceError),
+    #[error(transparent)]
+    Exec(#[from] ExecError),
+}
+
+type NewPolicy<'a> = dyn FnOnce(u32, usize) -> Box<dyn Policy> + 'a;
+type Change<'a> = dyn FnOnce(&mut RenderSettings) + 'a;
+
+/// Makes a [`Renderer`]. What you leave out is as the command `diptych render` has it by default.
+#[must_use]
+pub struct Builder<'a> {
+    scene: &'a LoadedScene,
+    extent: Extent,
+    envelope: Envelope,
+    settings: Option<RenderSettings>,
+    changes: Vec<Box<Change<'a>>>,
+    selection: Selection,
+    devices: Option<Devices>,
+    policy: Box<NewPolicy<'a>>,
+    origin: Instant,
+}
+
+impl Renderer {
+    /// Begins a renderer of this scene.
+    ///
+    /// ```no_run
+    /// use diptych::{LoadedScene, Renderer};
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// let scene = LoadedScene::load("builtin:cornell")?;
+    /// let mut renderer = Renderer::builder(&scene).size(640, 360).devices(2).build()?;
+    /// let report = renderer.render(&renderer.frame(&scene.shot.rig, 0.0, 0))?;
+    /// println!("{:.1} ms", report.makespan_ms);
+    /// # Ok(())
+    /// # }
+    /// ```
+    pub fn builder(scene: &LoadedScene) -> Builder<'_> {
+        Builder {
+            scene,
+            extent: Extent::new(640, 360),
+            envelope: Quality::default().into(),
+            settings: None,
+            changes: Vec::new(),
+            selection: Selection::default(),
+            devices: None,
+            policy: Box::new(|rows: u32, devices: usize| -> Box<dyn Policy> { Box::new(Measured::new(rows, devices)) }),
+            origin: Instant::now(),
+        }
+    }
+}
+
+impl<'a> Builder<'a> {
+    /// Sets the size of each eye's image, in pixels.
+    pub fn size(mut self, width: u32, height: u32) -> Self {
+        self.extent = Extent::new(width, height);
+        self
+    }
+
+    /// Sets the quality of frames. Frames may have less of it, see [`FrameParams`](super::FrameParams).
+    pub fn quality(self, quality: Quality) -> Self {
+        self.envelope(quality.into())
+    }
+
+    /// Sets the bounds of the qualities that frames may have.
+    pub fn envelope(mut self, envelope: Envelope) -> Self {
+        self.envelope = envelope;
+        self
+    }
+
+    /// Returns the camera of the scene's shot.
+    pub(crate) fn rig(&self) -> &Rig {
+        &self.scene.shot.rig
+    }
+
+    /// Returns the size of each eye's image.
+    pub(crate) fn extent(&self) -> Extent {
+        self.settings.as_ref().map_or(self.extent, |settings| settings.stages.extent)
+    }
+
+    /// Opens so many virtual devices on each adapter.
+    pub fn devices(mut self, count: usize) -> Self {
+        self.selection.virtual_devices = count;
+        self
+    }
+
+    /// Opens these devices.
+    pub fn select(mut self, selection: Selection) -> Self {
+        self.selection = selection;
+        self
+    }
+
+    /// Takes devices that are open already.
+    pub fn on(mut self, devices: impl Into<Devices>) -> Self {
+        self.devices = Some(devices.into());
+        self
+    }
+
+    /// Sets the policy that divides the rows of a frame. `make` takes the rows of an image and the number of devices.
+    pub fn policy(mut self, make: impl FnOnce(u32, usize) -> Box<dyn Policy> + 'a) -> Self {
+        self.policy = Box::new(make);
+        self
+    }
+
+    /// Sets all settings, in place of those that follow from [`Self::size`] and [`Self::quality`].
+    pub fn settings(mut self, settings: RenderSettings) -> Self {
+        self.settings = Some(settings);
+        self
+    }
+
+    /// Changes single settings after all others are set.
+    pub fn configure(mut self, change: impl FnOnce(&mut RenderSettings) + 'a) -> Self {
+        self.changes.push(Box::new(change));
+        self
+    }
+
+    /// Sets the zero of times in reports. It is the time of [`Renderer::builder`] otherwise.
+    pub fn origin(mut self, origin: Instant) -> Self {
+        self.origin = origin;
+        self
+    }
+
+    /// Opens the devices, unless they are open, and compiles all pipelines.
+    ///
+    /// # Errors
+    /// [`BuildError`]
+    pub fn build(self) -> Result<Renderer, BuildError> {
+        let Self { scene, extent, envelope, settings, changes, selection, devices, policy, origin } = self;
+        let settings = settings.map_or_else(|| RenderSettings::for_envelope(scene, extent, &envelope), Ok);
+        let mut settings = settings.map_err(BuildError::Optics)?;
+        changes.into_iter().for_each(|change| change(&mut settings));
+        let devices = devices.map_or_else(|| device::open(&selection).map(Devices::from), Ok)?;
+        let policy = policy(settings.stages.grid().height, devices.len());
+        Ok(Renderer::new(devices, Arc::clone(&scene.tables), settings, policy, origin)?)
+    }
+}

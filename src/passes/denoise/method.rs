@@ -1,0 +1,88 @@
+//! The interface of a denoiser, and the image that carries light through its passes.
+
+use crate::graph::{Image, Pass, Resource};
+use crate::passes::path_trace::RADIANCE;
+use crate::passes::{FrameSpec, tonemap};
+use crate::scene::rig::Eye;
+
+/// The most iterations that can be asked for.
+pub const MAX_ITERATIONS: u32 = 10;
+
+const FILTERED: Resource = Resource::image("filtered", 16);
+
+/// The image that holds light, on its way through passes that each read one image and write the next. Light is
+/// demodulated: it is reflected light over albedo.
+#[derive(Clone, Copy, Debug)]
+pub struct Light {
+    current: Image,
+    /// The version of the filtered image that was written last.
+    filtered: Image,
+}
+
+impl Light {
+    pub(super) fn traced() -> Self {
+        Self { current: RADIANCE.into(), filtered: FILTERED.into() }
+    }
+
+    /// The image that holds light now.
+    pub fn image(self) -> Image {
+        self.current
+    }
+
+    /// The image that a pass reads light from, and the one that it writes it to.
+    pub fn advance(&mut self) -> (Image, Image) {
+        self.filtered = self.filtered.next();
+        self.advance_to(self.filtered)
+    }
+
+    /// Like [`Self::advance`], but the pass writes to `target`.
+    pub fn advance_to(&mut self, target: Image) -> (Image, Image) {
+        (std::mem::replace(&mut self.current, target), target)
+    }
+}
+
+/// A denoiser: its properties, and its passes on one view.
+pub trait Denoise: Sync {
+    /// Returns the name in files and on the command line, which never changes.
+    fn name(&self) -> &'static str;
+
+    /// Returns one line for `--help`. A denoiser without one is left out there.
+    fn help(&self) -> Option<&'static str>;
+
+    /// Returns true if frames build on those before them.
+    fn keeps_history(&self) -> bool {
+        false
+    }
+
+    /// Returns true if the filter needs the variance of samples, and specular apart from diffuse radiance.
+    fn needs_variance(&self) -> bool {
+        false
+    }
+
+    /// Returns the most iterations that a frame can have.
+    fn most_iterations(&self) -> u32 {
+        MAX_ITERATIONS
+    }
+
+    /// Estimates the FLIP that noise and blur leave at this number of samples per pixel, for the built-in ladder. `rows` are
+    /// those of an eye's image. By default it is that of a filter on each frame alone.
+    fn estimated_flip(&self, samples: f64, iterations: u32, _rows: u32) -> f64 {
+        (0.55 + 0.45 * 0.5f64.powi(iterations as i32 - 1)) * 0.18 * samples.powf(-0.35)
+    }
+
+    /// The passes before the filter.
+    fn before(&self, _spec: &FrameSpec, _view: Eye, _light: &mut Light) -> Vec<Pass> {
+        Vec::new()
+    }
+
+    /// The passes of the filter. Each reads rows around its own from what the one before wrote, and the halo plan says
+    /// before which of them rows are received.
+    fn filter(&self, _spec: &FrameSpec, _view: Eye, _light: &mut Light) -> Vec<Pass> {
+        Vec::new()
+    }
+
+    /// The passes from light to the images that leave the frame.
+    fn finish(&self, spec: &FrameSpec, view: Eye, light: &mut Light) -> Vec<Pass> {
+        vec![tonemap::pass(spec, view, light.image())]
+    }
+}

@@ -1,0 +1,53 @@
+//! The range of qualities of a run, which decides what is compiled and allocated.
+
+use super::{Denoiser, Quality};
+
+/// The bounds of the qualities that the frames of a run may have.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Envelope {
+    /// The most samples, bounces and iterations, and the least render scale. Its denoiser and polar images are those of all
+    /// frames.
+    pub most: Quality,
+    /// Whether some frames have one sample per pixel, which goes through its centre, and others several.
+    pub mixes_spp: bool,
+}
+
+impl Envelope {
+    /// Returns the bounds of these qualities, which have the same denoiser; of none, those of [`Quality::default`].
+    pub fn of(qualities: &[Quality]) -> Self {
+        let Some(first) = qualities.first() else { return Self::from(Quality::default()) };
+        let most = |number: fn(&Quality) -> u32| qualities.iter().map(number).fold(0, u32::max);
+        let most = Quality {
+            spp: most(|q| q.spp),
+            bounces: most(|q| q.bounces),
+            denoiser: qualities.iter().fold(first.denoiser, |denoiser: Option<Denoiser>, q| denoiser.or(q.denoiser)),
+            iterations: [most(Quality::most_iterations); 3],
+            fovea: qualities.iter().find_map(|q| q.fovea),
+            polar: qualities.iter().find_map(|q| q.polar),
+            scale: qualities.iter().map(|q| q.scale).fold(1.0, f64::min),
+        };
+        let mixes_spp = qualities.iter().any(|q| q.spp == 1) && most.spp > 1;
+        Self { most, mixes_spp }
+    }
+}
+
+impl From<Quality> for Envelope {
+    fn from(most: Quality) -> Self {
+        Self { most, mixes_spp: false }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_envelope_holds_its_qualities() {
+        let basic = Quality::default();
+        let all = [Quality { spp: 4, iterations: [2, 3, 4], ..basic }, Quality { scale: 0.5, bounces: 2, ..basic }];
+        let Envelope { most, mixes_spp } = Envelope::of(&all);
+        assert_eq!((most.spp, most.bounces, most.iterations, most.scale, mixes_spp), (4, 6, [5; 3], 0.5, true));
+        assert!(!Envelope::of(&all[..1]).mixes_spp);
+        assert_eq!(Envelope::of(&[]), Envelope::from(basic));
+    }
+}

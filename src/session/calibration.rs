@@ -1,0 +1,202 @@
+//! The built-in ladder: a few qualities are timed, and their times tell those of the others.
+
+use std::collections::{BTreeMap, HashMap};
+use std::time::{Duration, Instant};
+
+use crate::control::{
+    BOUNCES, Ladder, LadderError, Origin, Rung, TRACING, efforts, guessed_effort, guessed_error, guessed_paths,
+};
+use crate::exec::{ExecError, FrameParams, FrameReport, Renderer, Stereo};
+use crate::graph::Stage;
+use crate::image::RgbImage;
+use crate::passes::gbuffer;
+use crate::quality::Quality;
+use crate::scene::rig::Rig;
+
+/// The time after which no further quality is timed, but those without which nothing is known.
+const TIME_LIMIT: Duration = Duration::from_secs(2);
+/// Frames of each quality. The least busy times count, as others were disturbed.
+const FRAMES: u32 = 3;
+/// Frames before the first, of which everything is cold.
+const WARM_UP: u32 = 2;
+/// The number of the first frame, beyond those of any run.
+pub const FIRST_FRAME: u32 = 1 << 24;
+
+/// The frames that are timed: a camera, a time in seconds, and the rows of an eye's image.
+pub struct View<'a> {
+    pub rig: &'a Rig,
+    pub time_s: f64,
+    pub rows: u32,
+}
+
+/// An error of [`calibrate`].
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CalibrationError {
+    #[error(transparent)]
+    Exec(#[from] ExecError),
+    #[error("no setting could be timed")]
+    Ladder(#[from] LadderError),
+    /// `stop` returned true.
+    #[error("interrupted")]
+    Stopped,
+}
+
+/// Makes the built-in ladder of some qualities. A few of them are timed on the renderer; the times of the others follow, as
+/// does the light that bounces bring; noise is estimated. `limit` turns a quality into the one that frames have, and `stop`
+/// ends it before the next frame.
+///
+/// # Errors
+/// [`CalibrationError`]
+pub fn calibrate(
+    renderer: &mut Renderer,
+    view: &View,
+    qualities: &[Quality],
+    limit: &dyn Fn(&Quality) -> Quality,
+    origin: Origin,
+    stop: &dyn Fn() -> bool,
+) -> Result<Ladder, CalibrationError> {
+    let (begin, timed) = (Instant::now(), HashMap::new());
+    let calibration = Calibration { renderer: &mut *renderer, view, limit, stop, begin, frames: 0, timed };
+    let ladder = calibration.ladder(qualities, origin);
+    // The first frame must not find the history of those that were timed.
+    renderer.begin_anew();
+    ladder
+}
+
+struct Calibration<'a> {
+    renderer: &'a mut Renderer,
+    view: &'a View<'a>,
+    limit: &'a dyn Fn(&Quality) -> Quality,
+    stop: &'a dyn Fn() -> bool,
+    begin: Instant,
+    frames: u32,
+    /// By samples per pixel and bounces.
+    timed: HashMap<(u32, u32), Timed>,
+}
+
+/// The measurements of a quality.
+struct Timed {
+    quality: Quality,
+    /// The least busy times by stage.
+    stage_ms: BTreeMap<String, f64>,
+    /// Mean radiance of both eyes.
+    light: f64,
+}
+
+impl Calibration<'_> {
+    fn ladder(mut self, qualities: &[Quality], mut origin: Origin) -> Result<Ladder, CalibrationError> {
+        let quality = |spp, bounces| qualities.iter().find(|q| (q.spp, q.bounces, q.scale) == (spp, bounces, 1.0));
+        let [few, most] = [BOUNCES[0], BOUNCES[BOUNCES.len() - 1]];
+        let between = BOUNCES[1..BOUNCES.len() - 1].iter().flat_map(|&b| [(2, b), (1, b)]);
+        for (spp, bounces) in [(2, most), (1, most)].into_iter().chain(between).chain([(2, few), (1, few)]) {
+            if self.begin.elapsed() < TIME_LIMIT || bounces == few {
+                self.time(quality(spp, bounces))?;
+            }
+        }
+        let missing = self.missing_light();
+        let mut rungs: Vec<Rung> = qualities.iter().map(|q| self.rung(q, missing[&q.bounces])).collect();
+        let efforts = efforts(&rungs);
+        // Efforts are told apart from here on by what was measured: a frame more puts what the next ones are held against
+        // into their terms.
+        if let Some((quality, effort)) = qualities.first().zip(efforts.first()) {
+            self.renderer.set_effort(effort.clone());
+            self.render(quality)?;
+        }
+        for (rung, effort) in rungs.iter_mut().zip(efforts) {
+            let quality = (self.limit)(&rung.quality);
+            rung.time_ms = self.renderer.predicted_ms(&quality, &effort).unwrap_or(f64::NAN);
+        }
+        origin.devices = self.renderer.devices().iter().map(|d| d.name.clone()).collect();
+        Ok(Ladder::of_measured(origin, &rungs)?)
+    }
+
+    fn time(&mut self, quality: Option<&Quality>) -> Result<(), CalibrationError> {
+        let Some(quality) = quality else { return Ok(()) };
+        let warm_up = if self.frames == 0 { WARM_UP } else { 0 };
+        self.renderer.set_effort(guessed_effort(quality));
+        self.renderer.begin_anew();
+        let mut least: BTreeMap<String, f64> = BTreeMap::new();
+        for i in 0..warm_up + FRAMES {
+            let frame = self.render(quality)?;
+            if i >= warm_up {
+                for (stage, ms) in frame.stage_ms() {
+                    least.entry(stage).and_modify(|least| *least = least.min(ms)).or_insert(ms);
+                }
+            }
+        }
+        let light = mean_light(&self.renderer.read_linear()?);
+        self.timed.insert((quality.spp, quality.bounces), Timed { quality: *quality, stage_ms: least, light });
+        Ok(())
+    }
+
+    fn render(&mut self, quality: &Quality) -> Result<FrameReport, CalibrationError> {
+        if (self.stop)() {
+            return Err(CalibrationError::Stopped);
+        }
+        let frame = self.renderer.frame(self.view.rig, self.view.time_s, FIRST_FRAME + self.frames);
+        let frame = self.renderer.render(&FrameParams { quality: (self.limit)(quality), ..frame })?;
+        self.frames += 1;
+        Ok(frame)
+    }
+
+    /// By bounces, the share of the light that more of them bring. Where it was not measured, it halves with each.
+    fn missing_light(&self) -> HashMap<u32, f64> {
+        let light = |bounces: u32| {
+            let of = self.timed.iter().filter(|((_, b), _)| *b == bounces);
+            let sums =
+                of.fold([0.0; 2], |[sum, spp], ((s, _), t)| [sum + f64::from(*s) * t.light, spp + f64::from(*s)]);
+            (sums[1] > 0.0).then(|| sums[0] / sums[1])
+        };
+        let [few, most] = [BOUNCES[0], BOUNCES[BOUNCES.len() - 1]];
+        let all = light(most).filter(|all| *all > 0.0);
+        let share = |bounces: u32| Some((1.0 - light(bounces)? / all?).max(0.0));
+        let mut missing = HashMap::new();
+        let mut least: f64 = 0.0;
+        for bounces in BOUNCES.into_iter().rev() {
+            let halved = || share(few).unwrap_or(0.0) * 0.5f64.powi((bounces - few) as i32);
+            // Noise must not make more light of fewer bounces.
+            least = least.max(share(bounces).unwrap_or_else(halved));
+            missing.insert(bounces, least);
+        }
+        missing
+    }
+
+    /// A candidate with what its stages are taken to cost; its own time is not known yet.
+    fn rung(&self, quality: &Quality, missing_light: f64) -> Rung {
+        let error = guessed_error(quality, missing_light, self.view.rows);
+        let (quality, stage_ms, time_ms) = (*quality, self.stage_ms(quality), f64::NAN);
+        Rung { time_ms, error, flip: None, flicker: None, relmse: None, is_estimated: true, quality, stage_ms }
+    }
+
+    /// Path tracing goes with the samples, from the same number of bounces if they were timed. The G-buffer takes a ray
+    /// more for each sample where it averages.
+    fn stage_ms(&self, quality: &Quality) -> BTreeMap<String, f64> {
+        let spp = quality.spp.min(2);
+        let near = [quality.bounces, BOUNCES[0]].into_iter().find_map(|b| self.timed.get(&(spp, b)));
+        let Some(Timed { quality: near, stage_ms: timed, .. }) = near else { return BTreeMap::new() };
+        let paths = guessed_paths(quality) / guessed_paths(near);
+        let centre_ms = self.timed.get(&(1, near.bounces)).and_then(|t| t.stage_ms.get(gbuffer::STAGE.name())).copied();
+        let ms = |stage: Stage| {
+            let ms = *timed.get(stage.name())?;
+            Some((
+                stage.name().to_owned(),
+                match stage {
+                    gbuffer::STAGE => {
+                        let centre_ms = centre_ms.unwrap_or(ms).min(ms);
+                        centre_ms + (ms - centre_ms) * f64::from(quality.spp) / f64::from(spp)
+                    }
+                    _ => ms * paths,
+                },
+            ))
+        };
+        TRACING.into_iter().filter_map(ms).collect()
+    }
+}
+
+/// Mean of both eyes' radiance.
+fn mean_light(images: &Stereo<RgbImage>) -> f64 {
+    let pixels = images.left.pixels.iter().chain(&images.right.pixels);
+    let sum: f64 = pixels.flatten().filter(|c| c.is_finite()).map(|c| f64::from(*c)).sum();
+    sum / (images.left.pixels.len() + images.right.pixels.len()).max(1) as f64
+}

@@ -1,0 +1,168 @@
+//! Frames inside a budget: a renderer, and a controller that picks the quality of each frame from a ladder.
+
+mod calibration;
+
+use std::cell::RefCell;
+use std::collections::HashMap;
+use std::time::Instant;
+
+pub use calibration::{CalibrationError, FIRST_FRAME, View, calibrate};
+
+use crate::control::{Budget, Controller, Decision, ESTIMATES_EV, Ladder, Measure, Origin, candidates, efforts};
+use crate::exec::{BuildError, Builder, ExecError, FrameParams, FrameReport, Renderer};
+use crate::quality::{Denoiser, Envelope, Quality};
+use crate::scene::rig::Rig;
+use crate::schedule::Effort;
+
+/// Renders frames inside a budget.
+///
+/// ```no_run
+/// use diptych::{LoadedScene, Renderer, Session};
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// let scene = LoadedScene::load("builtin:cornell")?;
+/// let mut session = Session::start(Renderer::builder(&scene).size(96, 54), "11..20".parse()?)?;
+/// for index in 0..100 {
+///     let frame = session.render_next(&scene.shot.rig, f64::from(index) / 72.0, index)?;
+///     println!("{:.1} ms: {}", frame.report.makespan_ms, session.quality(frame.decision.rung));
+/// }
+/// # Ok(())
+/// # }
+/// ```
+pub struct Session {
+    pub renderer: Renderer,
+    /// The gaze of both eyes in frames that are rendered from here on, see [`FrameParams::gaze`].
+    pub gaze: Option<[[f64; 2]; 2]>,
+    ladder: Ladder,
+    /// The quality and the relative cost of each rung.
+    qualities: Vec<(Quality, Effort)>,
+    controller: Controller,
+    budget: Budget,
+    /// The number of devices that were dropped.
+    dropped: usize,
+}
+
+/// An error of [`Session::start`].
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum StartError {
+    #[error(transparent)]
+    Build(#[from] BuildError),
+    #[error(transparent)]
+    Calibration(#[from] CalibrationError),
+}
+
+/// The rung of the next frame, and the time in milliseconds that it took to choose it.
+#[derive(Clone, Copy, Debug)]
+pub struct Decided {
+    pub decision: Decision,
+    pub decide_ms: f64,
+}
+
+/// A frame of a session.
+#[derive(Clone, Debug)]
+pub struct SessionFrame {
+    pub report: FrameReport,
+    pub decision: Decision,
+}
+
+impl Session {
+    /// Makes a renderer and the built-in ladder of svgf for it: some qualities are timed, for two seconds, and errors are
+    /// estimated.
+    ///
+    /// # Errors
+    /// [`StartError`]
+    pub fn start(builder: Builder, budget: Budget) -> Result<Self, StartError> {
+        let qualities = candidates(Some(Denoiser::SVGF), false);
+        let (rig, size) = (builder.rig().clone(), builder.extent());
+        let mut renderer = builder.envelope(Envelope::of(&qualities)).build()?;
+        let time_s = rig.keys.first().map_or(0.0, |key| key.time_s);
+        let origin = Origin {
+            shot: String::new(),
+            size: size.to_string(),
+            exposure_ev: ESTIMATES_EV,
+            measure: Measure::Estimate,
+            devices: Vec::new(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+        };
+        let view = View { rig: &rig, time_s, rows: size.height };
+        let ladder = calibrate(&mut renderer, &view, &qualities, &|quality: &Quality| *quality, origin, &|| false)?;
+        Ok(Self::new(renderer, ladder, budget))
+    }
+
+    /// Begins a session on a renderer that has the pipelines of all rungs, see [`Builder::envelope`].
+    pub fn new(renderer: Renderer, ladder: Ladder, budget: Budget) -> Self {
+        let qualities = ladder.rungs().iter().map(|rung| rung.quality).collect();
+        Self::with_qualities(renderer, ladder, qualities, budget)
+    }
+
+    /// Begins a session whose frames have other qualities than the rungs say, one for each rung.
+    pub fn with_qualities(mut renderer: Renderer, ladder: Ladder, qualities: Vec<Quality>, budget: Budget) -> Self {
+        renderer.set_budget(budget.hi_ms());
+        Self {
+            qualities: qualities.into_iter().zip(efforts(ladder.rungs())).collect(),
+            controller: Controller::new(&ladder, budget),
+            budget,
+            dropped: renderer.faults().len(),
+            renderer,
+            gaze: None,
+            ladder,
+        }
+    }
+
+    pub fn ladder(&self) -> &Ladder {
+        &self.ladder
+    }
+
+    /// Returns the budget of a frame's makespan.
+    pub fn budget(&self) -> Budget {
+        self.budget
+    }
+
+    /// Returns the quality of frames on a rung.
+    pub fn quality(&self, rung: usize) -> &Quality {
+        &self.qualities[rung].0
+    }
+
+    /// Chooses the rung of the next frame.
+    pub fn decide(&mut self) -> Decided {
+        let begin = Instant::now();
+        let Self { renderer, qualities, controller, .. } = self;
+        let known = RefCell::new(HashMap::new());
+        let predict = |rung: usize| -> f64 {
+            let (quality, effort) = &qualities[rung];
+            let predicted = || renderer.predicted_ms(quality, effort).unwrap_or(f64::NAN);
+            *known.borrow_mut().entry(rung).or_insert_with(predicted)
+        };
+        let decision = controller.next(&predict);
+        Decided { decision, decide_ms: begin.elapsed().as_secs_f64() * 1e3 }
+    }
+
+    /// Renders a frame on the rung that was chosen, as [`Renderer::render`] does, and tells the controller of its makespan.
+    ///
+    /// # Errors
+    /// Those of [`Renderer::render`].
+    pub fn render(&mut self, decided: Decided, rig: &Rig, time_s: f64, index: u32) -> Result<FrameReport, ExecError> {
+        let rung = decided.decision.rung;
+        let (quality, effort) = self.qualities[rung].clone();
+        self.renderer.set_effort(effort);
+        let params = FrameParams { quality, gaze: self.gaze, ..self.renderer.frame(rig, time_s, index) };
+        let frame = self.renderer.render(&params)?;
+        self.controller.observe(rung, frame.makespan_ms);
+        let dropped = self.renderer.faults().len();
+        if std::mem::replace(&mut self.dropped, dropped) != dropped {
+            self.controller.devices_changed();
+        }
+        Ok(frame)
+    }
+
+    /// Chooses a rung and renders a frame on it.
+    ///
+    /// # Errors
+    /// Those of [`Renderer::render`].
+    pub fn render_next(&mut self, rig: &Rig, time_s: f64, index: u32) -> Result<SessionFrame, ExecError> {
+        let decided = self.decide();
+        let report = self.render(decided, rig, time_s, index)?;
+        Ok(SessionFrame { report, decision: decided.decision })
+    }
+}
