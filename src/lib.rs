@@ -71,3 +71,12 @@ pub use scene::Scene;
 pub use scene::rig::Rig;
 pub use schedule::{CostModel, Policy};
 pub use session::Session;
+
+/// Programs in documents, which are compiled with those of the documentation.
+#[cfg(doctest)]
+mod documents {
+    #[doc = include_str!("../README.md")]
+    struct Readme;
+    #[doc = include_str!("../docs/library.md")]
+    struct Library;
+}
